@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from modalmotion.classification.features.axis_parts import Parts, parts_of, readable_modes
 from modalmotion.classification.features.centred import CentredMotions
 from modalmotion.classification.features.columns import Column, MotionFeatures
+from modalmotion.classification.features.phases import by_part, from_phase, read_parts
 from modalmotion.errors import ParameterError
 from modalmotion.modes import Modes
 from modalmotion.signature.making import ModalSignature
 
 Vectors = NDArray[np.float64]
-Spectrum = NDArray[np.complex128]
 Direction = tuple[float, float, float]
 
 
@@ -55,18 +55,29 @@ class _Layout(NamedTuple):
         Changes of sign in each reading against the first.
     deforming : (n,) int64
         Modes that do not translate the whole.
-    mixing : (3 modes, parts) complex128
-        Makes parts of harmonics along e1, e2 and e3: those of radial and turning parts before
-        the gauge, those of axial parts, first and second components of parts without a sign.
-    ends : tuple of int
-        Where each of these but the last one ends.
+    cosines, sines : (rings,) int64
+        Modes (p, 1).
+    line : (9,) int64
+        Amplitudes that tell the radial line: see `_radial_line`.
+    mixing : (directions * modes, parts) float64
+        Makes parts of harmonics along the directions of `_directions`: those with a sign, first
+        and second components of those without.
+    order : (values,) int64
+        Places of the features' values: see `read_parts`.
+    n_signed, n_sized : int
+        Numbers of features with and without a sign.
     """
 
     columns: tuple[Column, ...]
     signs: Vectors
     deforming: NDArray[np.int64]
-    mixing: Spectrum
-    ends: tuple[int, ...]
+    cosines: NDArray[np.int64]
+    sines: NDArray[np.int64]
+    line: NDArray[np.int64]
+    mixing: Vectors
+    order: NDArray[np.int64]
+    n_signed: int
+    n_sized: int
 
 
 def axis_features(
@@ -133,47 +144,56 @@ def axis_features(
     feature.
     """
     modes = readable_modes(signature, n_modes)
-    parts, layout = parts_of(modes), _layout(modes, n_signed, n_sized, walls)
+    layout = _layout(modes, n_signed, n_sized, walls)
     motion = (motions or CentredMotions(signature)).of_first(len(modes))
-    frame = _body_frame(motion.amplitudes, parts, None if not walls else _theta_zero(signature))
+    e1, e2, e3 = _body_frame(motion.products, layout, _theta_zero(signature) if walls else None)
+    gauge = _radial_line(motion.products, layout, e1, e2, e3)
+    directions = _directions(e1, e2, e3, gauge, walls=walls)
     count = max(n_signed, n_sized)
-    # Components along e1, e2 and e3.
-    spectrum = (motion.harmonics(count)[:, : len(modes)] @ frame).reshape(count, -1)
-    gauge = _radial_line(motion.amplitudes, parts, frame)
-    signed, x, y = _read(spectrum @ layout.mixing, layout.ends, gauge)
-    values = _values(signed, x, y, n_signed, n_sized, walls)
-    return MotionFeatures(
-        columns=layout.columns,
-        values=values * layout.signs,
-        motion=motion.size(layout.deforming),
-        smooth_share=motion.smooth_share(layout.deforming),
-    )
+    rows = motion.harmonic_rows(count)[:, : 3 * len(modes)]
+    along = (rows.reshape(-1, 3) @ directions).reshape(2 * count, -1)
+    mixed = along @ layout.mixing
+    # At phase 0 the contraction, which is the opposite of "radial 0", is at its height.
+    clock = cmath.phase(-complex(mixed[0, 0], mixed[count, 0]))
+    values = read_parts(from_phase(mixed, clock), layout.order, layout.n_signed, layout.n_sized)
+    size, smooth_share = motion.amount(layout.deforming)
+    return MotionFeatures(layout.columns, values * layout.signs, size, smooth_share)
 
 
-def _body_frame(a: Vectors, parts: Parts, towards: Vectors | None) -> Vectors:
-    """e1, e2 and e3 as columns, (3, 3) float64; e1 is towards the zero of theta where known."""
-    first = parts.first
-    c, s = a[:, parts.cosines[first]].reshape(-1, 3), a[:, parts.sines[first]].reshape(-1, 3)
+def _body_frame(
+    products: Vectors, layout: _Layout, towards: Vectors | None
+) -> tuple[Direction, Direction, Direction]:
+    """Give e1, e2 and e3; e1 is towards the zero of theta where that is known."""
+    n = len(products) // 3
     # The sum of c x s is what is not symmetric in the sum of c s'.
-    m = (c.T @ s).tolist()
+    of_rings = products.reshape(n, 3, n, 3)[layout.cosines, :, layout.sines]
+    m = np.add.reduce(of_rings).tolist()
     e3 = _unit((m[1][2] - m[2][1], m[2][0] - m[0][2], m[0][1] - m[1][0]))
     if towards is None:
         least = min(range(3), key=lambda k: abs(e3[k]))
         start: Direction = (float(least == 0), float(least == 1), float(least == 2))
     else:
-        start = _cross(e3, (float(towards[0]), float(towards[1]), float(towards[2])))
+        start = (float(towards[0]), float(towards[1]), float(towards[2]))
+        start = _cross(e3, start)
     e1 = _unit(_cross(start, e3))
-    return np.array([e1, _cross(e3, e1), e3]).T
+    return e1, _cross(e3, e1), e3
 
 
-def _radial_line(a: Vectors, parts: Parts, frame: Vectors) -> complex:
+def _radial_line(
+    products: Vectors, layout: _Layout, e1: Direction, e2: Direction, e3: Direction
+) -> complex:
     """Give the turn about the axis, of modulus 1, that makes radial motion of (0, 1) real."""
-    k = parts.first[0]
-    some = a[:, [parts.cosines[k], parts.sines[k], parts.unpaired[0]]] @ frame
-    c, s, flat = some.transpose(1, 2, 0)
-    # (w(c) - i w(s)) / 2 but for the half, of the mode (0, 1), as x + i y; and the axial part.
-    three = np.array([c[0] + s[1], c[1] - s[0], flat[2]])
-    (xx, xy, x_axial), (_, yy, y_axial), _ = (three @ three.T).tolist()
+    # (w(c) - i w(s)) / 2 but for the half, of the mode (0, 1), as x + i y: x = c1 + s2,
+    # y = c2 - s1; and the axial part of (1, 0). Their products over time, of c, s and the last.
+    three = np.array(
+        [
+            (*e1, *e2, 0.0, 0.0, 0.0),
+            (*e2, -e1[0], -e1[1], -e1[2], 0.0, 0.0, 0.0),
+            (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, *e3),
+        ]
+    )
+    nine = products[layout.line[:, None], layout.line]
+    (xx, xy, x_axial), (_, yy, y_axial), _ = (three @ nine @ three.T).tolist()
     # The line in the complex plane along which (0, 1) moves most is the radial one.
     gauge = cmath.exp(-0.5j * math.atan2(2.0 * xy, xx - yy))
     # A ring narrows while the axis shortens: (1, 0) is positive at the apex end.
@@ -182,64 +202,70 @@ def _radial_line(a: Vectors, parts: Parts, frame: Vectors) -> complex:
     return gauge
 
 
-def _read(
-    mixed: Spectrum, ends: tuple[int, ...], gauge: complex
-) -> tuple[Spectrum, Spectrum, Spectrum]:
-    """Harmonics of the parts with a sign, and of both components of those without."""
-    rings, turning, signed, real = ends
-    x, y = mixed[:, :rings], mixed[:, rings:turning]
+def _directions(
+    e1: Direction, e2: Direction, e3: Direction, gauge: complex, *, walls: bool
+) -> Vectors:
+    """Give the directions that parts are read along, as columns, (3, 3 or 5) float64.
+
+    e1 and e2 turned about the axis by the gauge, which turns w(v) = v.e1 + i v.e2 by as much,
+    then e3. Lengths are the same in the turned frame; what walls do is not, and is read
+    along e1 and e2 as they are.
+    """
     g, k = gauge.real, gauge.imag
-    with_sign = [x * g - y * k, x * k + y * g, mixed[:, turning:signed]]
-    return np.concatenate(with_sign, axis=1), mixed[:, signed:real], mixed[:, real:]
+    turned = [
+        (g * e1[0] - k * e2[0], g * e1[1] - k * e2[1], g * e1[2] - k * e2[2]),
+        (k * e1[0] + g * e2[0], k * e1[1] + g * e2[1], k * e1[2] + g * e2[2]),
+    ]
+    return np.array([*turned, e3, e1, e2] if walls else [*turned, e3]).T
 
 
-def _mixing(parts: Parts, n_modes: int) -> tuple[Spectrum, tuple[int, ...]]:
-    """Give `mixing` and `ends` of the layout."""
-    one = np.eye(3 * n_modes).reshape(n_modes, 3, -1)
-    # Of each mode the components along e1, e2 and e3, as rows that pick them out.
+def _mixing(parts: Parts, n_modes: int, *, walls: bool) -> tuple[Vectors, int, int]:
+    """Give `mixing` of the layout, and how many parts have a sign and have none."""
+    n_directions = 5 if walls else 3
+    one = np.eye(n_directions * n_modes).reshape(n_modes, n_directions, -1)
+    # Of each mode the components along the directions, as rows that pick them out.
     c, s, flat = (one[k].transpose(1, 0, 2) for k in (parts.cosines, parts.sines, parts.unpaired))
     n_rings = len(parts.first)
-    # (w(c) - i w(s)) / 2 = ((c1 + s2) + i (c2 - s1)) / 2, turned by the gauge where p' = 1;
-    # (w(c) + i w(s)) / 2 = ((c1 - s2) + i (c2 + s1)) / 2 and e3.c - i e3.s
-    x, y = (c[0] + s[1]) / 2, (c[1] - s[0]) / 2
-    real = [flat[0], (c[0] - s[1]) / 2, c[2], x[n_rings:]]
-    imaginary = [flat[1], (c[1] + s[0]) / 2, -s[2], y[n_rings:]]
-    groups = [x[:n_rings], y[:n_rings], flat[2], np.concatenate(real), np.concatenate(imaginary)]
-    ends = np.cumsum([len(group) for group in groups])[:-1].tolist()
-    return np.concatenate(groups).T.astype(np.complex128), tuple(ends)
-
-
-def _values(
-    signed: Spectrum, x: Spectrum, y: Spectrum, n_signed: int, n_sized: int, walls: bool
-) -> Vectors:
-    """Real features, phases counted from the height of the contraction."""
-    # At phase 0 the contraction, which is the opposite of "radial 0", is at its height.
-    clock = cmath.phase(-signed[0, 0])
-    turns = np.exp(-1j * clock * np.arange(1, len(signed) + 1))[:, None]
-    with_sign = _by_part(signed[:n_signed] * turns[:n_signed])
-    u, v = _by_part(x[:n_sized] * turns[:n_sized]), _by_part(y[:n_sized] * turns[:n_sized])
-    without = np.concatenate([u, v], axis=1) if walls else np.sqrt(np.hypot(u, v))
-    # "radial 0 sin 1" is zero by the choice of the clock.
-    return np.concatenate(
-        [with_sign[0, :1], with_sign[0, 2:], with_sign[1:].ravel(), without.ravel()]
-    )
-
-
-def _by_part(z: Spectrum) -> Vectors:
-    """Give cosine and sine of each harmonic, (parts, 2 harmonics), of (harmonics, parts)."""
-    return z.T.copy().view(np.float64)
+    # (w(c) - i w(s)) / 2 = ((c1 + s2) + i (c2 - s1)) / 2 of p' = 1, and e3 of (p, 0)
+    rings = [(c[0] + s[1]) / 2, (c[1] - s[0]) / 2]
+    signed = [*(part[:n_rings] for part in rings), flat[2]]
+    # (w(c) + i w(s)) / 2 = ((c1 - s2) + i (c2 + s1)) / 2 and e3.c - i e3.s; the first of p' > 1
+    i, j = (3, 4) if walls else (0, 1)
+    x = [flat[i], (c[i] - s[j]) / 2, c[2], (c[i] + s[j])[n_rings:] / 2]
+    y = [flat[j], (c[j] + s[i]) / 2, -s[2], (c[j] - s[i])[n_rings:] / 2]
+    n_signed, n_sized = sum(map(len, signed)), sum(map(len, x))
+    return np.concatenate([*signed, *x, *y]).T.copy(), n_signed, n_sized
 
 
 @lru_cache(maxsize=64)
 def _layout(modes: Modes, n_signed: int, n_sized: int, walls: bool) -> _Layout:
     parts = parts_of(modes)
-    mixing, ends = _mixing(parts, len(modes))
+    mixing, with_sign, without = _mixing(parts, len(modes), walls=walls)
+    signed, x, y = (
+        by_part(np.arange(first, first + n), harmonics, with_sign + 2 * without)
+        for first, n, harmonics in (
+            (0, with_sign, n_signed),
+            (with_sign, without, n_sized),
+            (with_sign + without, without, n_sized),
+        )
+    )
+    # "radial 0 sin 1" is zero by the choice of the clock.
+    in_order = [np.delete(signed, 1)]
+    in_order += [np.concatenate([x, y], axis=1).ravel()] if walls else [x.ravel(), y.ravel()]
+    ring, one = parts.first[0], np.arange(3)
+    line = [3 * k + one for k in (parts.cosines[ring], parts.sines[ring], parts.unpaired[0])]
+    order = np.concatenate(in_order)
     return _Layout(
         columns=_columns(parts, n_signed, n_sized, walls),
         signs=np.stack([_signs(parts, reading, n_signed, n_sized, walls) for reading in READINGS]),
         deforming=np.flatnonzero(modes.wavenumbers.any(axis=1)),
+        cosines=parts.cosines[parts.first],
+        sines=parts.sines[parts.first],
+        line=np.concatenate(line),
         mixing=mixing,
-        ends=ends,
+        order=order,
+        n_signed=len(order) if walls else signed.size - 1,
+        n_sized=0 if walls else x.size,
     )
 
 

@@ -12,7 +12,7 @@ from modalmotion.classification.features.temporal import (
     N_SMOOTH,
     cycle_share,
     followed_squares,
-    harmonics,
+    harmonic_rows,
     repeats_first,
     smooth_share_of,
     without_last,
@@ -46,25 +46,34 @@ class CentredMotion:
         a -= np.add.reduce(a) / len(a)
         self.amplitudes: Array = a
         self.share = cycle_share(signature)
-        self._harmonics: dict[int, NDArray[np.complex128]] = {}
+        self._flat: Array = a.reshape(len(a), -1)
+        self._harmonics: dict[int, Array] = {}
 
-    def harmonics(self, count: int) -> NDArray[np.complex128]:
-        """First harmonics of all amplitudes, (count, modes, n) complex128; not to be changed."""
+    def harmonic_rows(self, count: int) -> Array:
+        """First harmonics of all amplitudes, (2 count, modes * n) float64; not to be changed.
+
+        Cosines of all, then sines.
+        """
         found = self._harmonics.get(count)
         if found is None:
-            flat = self.amplitudes.reshape(len(self.amplitudes), -1)
-            found = harmonics(self.share, flat, count).reshape(count, *self.amplitudes.shape[1:])
+            found = harmonic_rows(self.share, self._flat, count)
             self._harmonics[count] = found
         return found
 
-    def size(self, modes: slice | NDArray[np.int64]) -> float:
-        """RMS over time of what some modes move, as a share of the surface's size."""
-        return math.sqrt(self._squares[0, modes].sum() / len(self.amplitudes)) / 100.0
+    @cached_property
+    def products(self) -> Array:
+        """Sums over time of products of all amplitudes, (modes * n, modes * n) float64."""
+        products: Array = self._flat.T @ self._flat
+        return products
 
-    def smooth_share(self, modes: slice | NDArray[np.int64]) -> float:
-        """Smooth share of what some modes move: see the function of this name."""
-        total, followed = self._squares[:, modes].sum(axis=1).tolist()
-        return smooth_share_of(len(self.share), total, followed)
+    def amount(self, modes: slice | NDArray[np.int64]) -> tuple[float, float]:
+        """RMS over time of what some modes move, as a share of the size, and its smooth share.
+
+        See `smooth_share_of`.
+        """
+        total, followed = np.add.reduce(self._squares[:, modes], axis=1).tolist()
+        n = len(self.amplitudes)
+        return math.sqrt(total / n) / 100.0, smooth_share_of(n, total, followed)
 
     @cached_property
     def _squares(self) -> Array:
@@ -72,12 +81,11 @@ class CentredMotion:
 
         Of all, and of what the first harmonics follow.
         """
-        n, n_modes, n_directions = self.amplitudes.shape
-        flat = self.amplitudes.reshape(n, -1)
-        total = np.einsum("ij,ij->j", flat, flat)
-        followed = followed_squares(self.share, flat, N_SMOOTH, is_cycle=True)
-        by_mode = np.stack([total, followed]).reshape(2, n_modes, n_directions)
-        return np.asarray(np.add.reduce(by_mode, axis=2))
+        _, n_modes, n_directions = self.amplitudes.shape
+        by_mode = np.empty((2, n_modes * n_directions))
+        np.einsum("ij,ij->j", self._flat, self._flat, out=by_mode[0])
+        by_mode[1] = followed_squares(self.share, self._flat, N_SMOOTH, is_cycle=True)
+        return np.asarray(np.add.reduce(by_mode.reshape(2, n_modes, n_directions), axis=2))
 
 
 class CentredMotions:

@@ -17,6 +17,7 @@ from modalmotion.classification.features.axis import READINGS
 from modalmotion.classification.features.axis_parts import parts_of, readable_modes
 from modalmotion.classification.features.centred import CentredMotions
 from modalmotion.classification.features.columns import Column, MotionFeatures
+from modalmotion.classification.features.phases import by_part, from_phase, read_parts
 from modalmotion.modes import Modes
 from modalmotion.signature.making import ModalSignature
 
@@ -26,21 +27,24 @@ class _Layout(NamedTuple):
 
     Parameters
     ----------
-    levels : (n,) int64
-        Modes (p, 0).
-    cosines, sines : (m,) int64
-        Modes (p, p'), p' > 0.
+    whole : int
+        Mode (0, 0).
     columns : tuple of Column
     signs : (readings, features) float64
         Changes of sign in each reading against the first: a theta of the other hand turns
         features across its zero round.
+    order : (values,) int64
+        Places of the features' values: see `read_parts`.
+    n_signed, n_sized : int
+        Numbers of features with and without a sign.
     """
 
-    levels: NDArray[np.int64]
-    cosines: NDArray[np.int64]
-    sines: NDArray[np.int64]
+    whole: int
     columns: tuple[Column, ...]
     signs: NDArray[np.float64]
+    order: NDArray[np.int64]
+    n_signed: int
+    n_sized: int
 
 
 def offset_features(
@@ -87,27 +91,13 @@ def offset_features(
     modes = readable_modes(signature, n_modes)
     layout = _layout(modes, n_signed, n_sized, walls)
     motion = (motions or CentredMotions(signature)).of_first(len(modes))
-    spectrum = motion.harmonics(max(n_signed, n_sized))[:, : len(modes), 0]
+    count = max(n_signed, n_sized)
+    rows = motion.harmonic_rows(count)[:, : len(modes)]
     # At phase 0 the narrowing, which is the opposite of "radial 0", is at its height.
-    clock = cmath.phase(-spectrum[0, layout.levels[0]])
-    spectrum = spectrum * np.exp(-1j * clock * np.arange(1, len(spectrum) + 1))[:, None]
-    signed = _by_part(spectrum[:n_signed, layout.levels]).ravel()
-    x, y = (_by_part(spectrum[:n_sized, k]) for k in (layout.cosines, layout.sines))
-    sized = np.concatenate([x, y], axis=1) if walls else np.sqrt(np.hypot(x, y))
-    # "radial 0 sin 1" is zero by the choice of the clock.
-    values = np.concatenate([signed[:1], signed[2:], sized.ravel()])
-    whole = slice(len(modes))
-    return MotionFeatures(
-        columns=layout.columns,
-        values=values * layout.signs,
-        motion=motion.size(whole),
-        smooth_share=motion.smooth_share(whole),
-    )
-
-
-def _by_part(z: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Give cosine and sine of each harmonic, (parts, 2 harmonics), of (harmonics, parts)."""
-    return z.T.copy().view(np.float64)
+    clock = cmath.phase(-complex(rows[0, layout.whole], rows[count, layout.whole]))
+    values = read_parts(from_phase(rows, clock), layout.order, layout.n_signed, layout.n_sized)
+    size, smooth_share = motion.amount(slice(len(modes)))
+    return MotionFeatures(layout.columns, values * layout.signs, size, smooth_share)
 
 
 @lru_cache(maxsize=64)
@@ -135,4 +125,17 @@ def _layout(modes: Modes, n_signed: int, n_sized: int, walls: bool) -> _Layout:
                     across.append(side == " across zero")
     turned = np.where([False] * n_with_sign + across, -1.0, 1.0)
     signs = np.stack([turned if reading.is_mirrored else np.abs(turned) for reading in READINGS])
-    return _Layout(levels, parts.cosines, parts.sines, tuple(columns), signs)
+    signed = by_part(levels, n_signed, len(modes))
+    x, y = (by_part(pair, n_sized, len(modes)) for pair in (parts.cosines, parts.sines))
+    # "radial 0 sin 1" is zero by the choice of the clock.
+    in_order = [np.delete(signed, 1)]
+    in_order += [np.concatenate([x, y], axis=1).ravel()] if walls else [x.ravel(), y.ravel()]
+    order = np.concatenate(in_order)
+    return _Layout(
+        whole=whole,
+        columns=tuple(columns),
+        signs=signs,
+        order=order,
+        n_signed=len(order) if walls else n_with_sign,
+        n_sized=0 if walls else x.size,
+    )

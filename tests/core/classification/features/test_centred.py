@@ -41,12 +41,15 @@ def test_harmonics_size_and_smoothness_are_those_of_the_modes(signature: ModalSi
     a = a - a.mean(axis=0)
     assert motion.amplitudes == pytest.approx(a, abs=1e-9)
     flat = a[:, 2:9].reshape(len(a), -1)
-    found = motion.harmonics(2)[:, 2:9].reshape(2, -1)
-    assert found == pytest.approx(harmonics(motion.share, flat, 2), abs=1e-9)
+    n_directions = a.shape[2]
+    cosines, sines = motion.harmonic_rows(2)[:, 2 * n_directions : 9 * n_directions].reshape(2, 2, -1)
+    assert cosines + 1j * sines == pytest.approx(harmonics(motion.share, flat, 2), abs=1e-9)
+    every = motion.amplitudes.reshape(len(a), -1)
+    assert motion.products == pytest.approx(every.T @ every, rel=1e-9)
     some = slice(2, 9)
-    assert motion.size(some) == pytest.approx(np.sqrt((flat**2).sum() / len(a)) / 100.0)
+    assert motion.amount(some)[0] == pytest.approx(np.sqrt((flat**2).sum() / len(a)) / 100.0)
     expected = smooth_share(motion.share, flat, is_cycle=True)
-    assert motion.smooth_share(some) == pytest.approx(expected, abs=1e-12)
+    assert motion.amount(some)[1] == pytest.approx(expected, abs=1e-12)
     assert 0.5 < expected < 1.0
 
 
