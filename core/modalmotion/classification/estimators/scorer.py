@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,8 @@ from modalmotion.classification.estimators.temperature import softmax
 from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
 
-# Below this a probability is rounding.
-_LEAST: float = 1e-12
+LEAST: Final = 1e-12
+"""Below this a probability is rounding."""
 
 
 @shown()
@@ -48,11 +49,12 @@ class Scorer(FrozenArrays):
     def probabilities(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
         """Probabilities, (cases, classes) float64, of standardised features."""
         if len(self.anchors):
-            z = _gaussian(z, self.anchors, self._anchor_squares, self.gamma)
+            z = _gaussian(z, self.anchors, self.anchor_squares, self.gamma)
         return softmax((z @ self.weights + self.intercepts) / self.temperature)
 
     @cached_property
-    def _anchor_squares(self) -> NDArray[np.float64]:
+    def anchor_squares(self) -> NDArray[np.float64]:
+        """Of the anchors' lengths, (anchors,) float64."""
         return _squares(self.anchors)
 
 
@@ -93,7 +95,7 @@ class Blend(FrozenArrays):
 def blended(shares: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     """Log of the mean of probabilities."""
     mean = sum(shares[1:], shares[0]) / len(shares)
-    logs: NDArray[np.float64] = np.log(np.maximum(mean, _LEAST))
+    logs: NDArray[np.float64] = np.log(np.maximum(mean, LEAST))
     return logs
 
 
@@ -113,13 +115,17 @@ def pooled(logs: Sequence[NDArray[np.float64]], weights: Sequence[float]) -> NDA
     """
     total = np.zeros_like(logs[0])
     for log, weight in zip(logs, weights, strict=True):
-        total += weight * np.maximum(log - _log_sums(log), np.log(_LEAST))
+        total += weight * np.maximum(log - log_sums(log), np.log(LEAST))
     return total
 
 
-def _log_sums(logs: NDArray[np.float64]) -> NDArray[np.float64]:
-    largest = logs.max(axis=1, keepdims=True)
-    sums: NDArray[np.float64] = largest + np.log(np.exp(logs - largest).sum(axis=1, keepdims=True))
+def log_sums(logs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Log of the sum of exponentials along the last axis, which stays, without overflow."""
+    largest = np.maximum.reduce(logs, axis=-1, keepdims=True)
+    sums: NDArray[np.float64] = np.log(
+        np.add.reduce(np.exp(logs - largest), axis=-1, keepdims=True)
+    )
+    sums += largest
     return sums
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.estimators.scorer import pooled
+from modalmotion.classification.estimators.pool import Pool
 from modalmotion.classification.estimators.temperature import softmax
 from modalmotion.classification.features import (
     Column,
@@ -187,12 +187,16 @@ class Model(FrozenArrays):
 
     def log_shares(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """Log probabilities up to a constant, (cases, classes), of features (cases, features)."""
-        if len(self.members) == 1:
+        if self._pool is None:
             return self.members[0].log_shares(features) / self.temperature
-        ends = np.cumsum([len(member.columns) for member in self.members])[:-1]
-        parts = np.split(features, ends, axis=1)
-        logs = [m.log_shares(part) for m, part in zip(self.members, parts, strict=True)]
-        return pooled(logs, [m.weight for m in self.members]) / self.temperature
+        return self._pool.log_shares(features) / self.temperature
+
+    @cached_property
+    def _pool(self) -> Pool | None:
+        """All members side by side; None where one is a machine, which is alone."""
+        if any(member.machine for member in self.members):
+            return None
+        return Pool.of([m.blend for m in self.members], [m.weight for m in self.members])
 
     def probabilities(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """Probabilities, (cases, classes) float64, of features (cases, features)."""
