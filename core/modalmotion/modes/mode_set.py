@@ -6,6 +6,7 @@ those of (7) while waves are long. Equation numbers are those of Nastar (1994).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -231,5 +232,5 @@ class ModeSet(FrozenArrays):
     ) -> float:
         """Geometric mean of the lengths along the coordinates; 1 if one of them is zero."""
         if len(lengths) and min(lengths) > 0:
-            return float(np.exp(np.log(np.array(lengths)).mean()))
+            return math.exp(sum(map(math.log, lengths)) / len(lengths))
         return 1.0

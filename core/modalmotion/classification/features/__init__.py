@@ -3,7 +3,13 @@
 from modalmotion.classification.features.alignment import align, mean_motion
 from modalmotion.classification.features.axis import READINGS, AxisReading, axis_features
 from modalmotion.classification.features.axis_parts import has_axis
-from modalmotion.classification.features.columns import Column, MotionFeatures, kind_of, powers_of
+from modalmotion.classification.features.columns import (
+    Column,
+    MotionFeatures,
+    MotionValues,
+    kind_of,
+    powers_of,
+)
 from modalmotion.classification.features.further import (
     CovariateColumn,
     Further,
@@ -12,13 +18,9 @@ from modalmotion.classification.features.further import (
     further_values,
     has_volume,
 )
-from modalmotion.classification.features.reader import (
-    FeatureReader,
-    KnownFeatures,
-    MotionTerms,
-    motion_of,
-    surface_size,
-)
+from modalmotion.classification.features.known import KnownFeatures
+from modalmotion.classification.features.motion_terms import MotionTerms, surface_size
+from modalmotion.classification.features.reader import FeatureReader, motion_of
 from modalmotion.classification.features.readings import like_most, nearest, right_handed
 
 __all__ = [
@@ -31,6 +33,7 @@ __all__ = [
     "KnownFeatures",
     "MotionFeatures",
     "MotionTerms",
+    "MotionValues",
     "align",
     "axis_features",
     "covariate_columns",

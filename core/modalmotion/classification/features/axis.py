@@ -237,6 +237,11 @@ def _mixing(parts: Parts, n_modes: int, *, walls: bool) -> tuple[Vectors, int, i
     return np.concatenate([*signed, *x, *y]).T.copy(), n_signed, n_sized
 
 
+def axis_columns(modes: Modes, n_signed: int, n_sized: int, *, walls: bool) -> tuple[Column, ...]:
+    """Columns of the values of `axis_features`."""
+    return _layout(modes, n_signed, n_sized, walls).columns
+
+
 @lru_cache(maxsize=64)
 def _layout(modes: Modes, n_signed: int, n_sized: int, walls: bool) -> _Layout:
     parts = parts_of(modes)

@@ -94,15 +94,39 @@ def readable_modes(signature: ModalSignature, n_modes: int = 0) -> Modes:
 
     The first ones, or all for 0.
     """
-    modes, topology = signature.modes, signature.topology
+    modes = signature.modes
     if n_modes:
         modes = first(modes, n_modes)
+    _require_axis(modes, signature.parameters.components)
+    if not min(signature.lengths) > 0:
+        raise TopologyError(
+            f"The surface has the lengths {signature.lengths}, so no size to compare with.",
+            remedy="Choose a reference frame in which the surface is not collapsed.",
+        )
+    if signature.n_frames < 2:
+        raise ShapeError(
+            "One frame has no motion to read.", remedy="Send at least two frames of a beat."
+        )
+    if not _has_parts(modes):
+        raise ModeCountError(
+            f"{len(modes)} modes are too few to read a motion from.",
+            remedy="Fit 7 modes or more.",
+            details={"least": 7},
+        )
+    return modes
+
+
+# Kept, for an answer asks several times, and the modes and components are those of all.
+@lru_cache(maxsize=64)
+def _require_axis(modes: Modes, components: Components) -> None:
+    """Check that the modes are of a surface with an axis; see `readable_modes`."""
+    topology = modes.topology
     if topology is None:
         raise TopologyError(
             "The motion is given in the spring modes of one mesh, which say nothing of others.",
             remedy="Send a cup, a cylinder or a sphere.",
         )
-    if signature.parameters.components != Components.CARTESIAN:
+    if components != Components.CARTESIAN:
         raise ParameterError(
             "The amplitudes are radial, tangential and axial; features are read from Cartesian "
             "ones, and find these directions themselves.",
@@ -113,20 +137,8 @@ def readable_modes(signature: ModalSignature, n_modes: int = 0) -> Modes:
             f"The motion of a {topology} has no axis to be read about.",
             remedy="Send a cup, a cylinder or a sphere.",
         )
-    if not min(signature.lengths) > 0:
-        raise TopologyError(
-            f"The surface has the lengths {signature.lengths}, so no size to compare with.",
-            remedy="Choose a reference frame in which the surface is not collapsed.",
-        )
-    if signature.n_frames < 2:
-        raise ShapeError(
-            "One frame has no motion to read.", remedy="Send at least two frames of a beat."
-        )
+
+
+def _has_parts(modes: Modes) -> bool:
     parts = parts_of(modes)
-    if not len(parts.unpaired) or not len(parts.first):
-        raise ModeCountError(
-            f"{len(modes)} modes are too few to read a motion from.",
-            remedy="Fit 7 modes or more.",
-            details={"least": 7},
-        )
-    return modes
+    return len(parts.unpaired) > 0 and len(parts.first) > 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,14 @@ class Column:
     name: str
     modes: tuple[int, ...]
     power: float = 1.0
+
+
+class MotionValues(NamedTuple):
+    """`MotionFeatures` without the names."""
+
+    values: NDArray[np.float64]
+    motion: float
+    smooth_share: float
 
 
 @shown()

@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 
 from modalmotion.classification.features.columns import Column
 from modalmotion.classification.features.invariants import Waves, invariant_columns, invariants
+from modalmotion.classification.features.motion_terms import surface_size
+from modalmotion.classification.features.phases import from_phase
 from modalmotion.classification.features.temporal import (
     cosines,
     cycle_share,
     elapsed_share,
-    harmonics,
+    harmonic_rows,
     one_turn,
 )
 from modalmotion.mesh.sequence import MM_PER_UNIT
@@ -28,6 +30,8 @@ Array = NDArray[np.float64]
 
 # Harmonics of a volume curve over one turn, and twice as many cosines of one that ends elsewhere.
 _N_CURVE: Final = 3
+# Cosines, then sines but for the first, which is zero by the choice of the phase.
+_CURVE_PHASES: Final = np.array([0, 2, 4, 3, 5])
 
 
 class Further(StrEnum):
@@ -124,9 +128,9 @@ def rest_shape(signature: ModalSignature, waves: Waves) -> Array:
     shape = signature.reference_amplitudes.copy()
     # Offsets are along normals, not along x, y, z: there the reference itself is read.
     if signature.kind == SignatureKind.MATERIAL:
-        shape += signature.amplitudes.mean(axis=0)
+        shape += np.add.reduce(signature.amplitudes) / signature.n_frames
     shape[0] = 0.0
-    size = float(np.linalg.norm(shape))
+    size = math.sqrt(np.vdot(shape, shape))
     terms = (shape / size if size > 0 else shape)[None].astype(np.complex128)
     values = invariants(terms, waves, is_cycle=False)
     return values[: len(_still(waves))]
@@ -179,11 +183,9 @@ def volume_curve(signature: ModalSignature, *, is_cycle: bool) -> Array:
         share = elapsed_share(signature)
         return cosines(share, relative[:, None], 2 * _N_CURVE)[:, 0]
     turn = one_turn(signature)
-    share = cycle_share(turn)
-    terms = harmonics(share, relative[: turn.n_frames, None], _N_CURVE)[:, 0]
-    phase = float(np.angle(terms[0]))
-    terms = terms * np.exp(-1j * phase * np.arange(1, _N_CURVE + 1))
-    return np.concatenate([terms.real, terms.imag[1:]])
+    rows = harmonic_rows(cycle_share(turn), relative[: turn.n_frames, None], _N_CURVE)
+    clock = math.atan2(rows[_N_CURVE, 0], rows[0, 0])
+    return np.asarray(from_phase(rows, clock)[_CURVE_PHASES, 0])
 
 
 def volume_curve_columns(*, is_cycle: bool) -> tuple[Column, ...]:
@@ -198,16 +200,11 @@ def volume_curve_columns(*, is_cycle: bool) -> tuple[Column, ...]:
 
 
 def further_values(
-    kind: Further,
-    signature: ModalSignature,
-    waves: Waves,
-    size: float,
-    *,
-    is_cycle: bool,
+    kind: Further, signature: ModalSignature, waves: Waves, *, is_cycle: bool
 ) -> Array:
     """Values of one kind of feature, but for covariates, (features,) float64."""
     if kind == Further.SIZE:
-        return log_size(size, signature.unit)
+        return log_size(surface_size(signature), signature.unit)
     if kind == Further.REST_SHAPE:
         return rest_shape(signature, waves)
     if kind == Further.VOLUME:

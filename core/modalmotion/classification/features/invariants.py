@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,40 +24,47 @@ class Waves:
         Indices of the modes; the sine is -1 where there is none, or where theta is fixed.
     turns : (waves, axes) int64
         Waves of the same turns keep their products under a start angle.
+    n_modes : int
+        Of all.
     """
 
     names: tuple[str, ...]
     cosines: NDArray[np.int64]
     sines: NDArray[np.int64]
     turns: NDArray[np.int64]
+    n_modes: int
 
     def modes(self, wave: int) -> tuple[int, ...]:
         """Give the indices of the modes of one wave."""
         both = int(self.cosines[wave]), int(self.sines[wave])
         return both if both[1] >= 0 else both[:1]
 
-    @property
+    @cached_property
     def all_modes(self) -> tuple[int, ...]:
         """Indices of all modes."""
         return tuple(mode for wave in range(len(self.names)) for mode in self.modes(wave))
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=64)
 def waves_of(modes: Modes, *, theta_is_free: bool) -> Waves:
-    """Group modes into waves: each by itself, but pairs together where theta is free."""
+    """Group modes into waves: each by itself, but pairs together where theta is free.
+
+    Only a topology with a closed axis has such an angle.
+    """
     topology = modes.topology
-    if topology is None or not theta_is_free:
+    if topology is None or not topology.closed_axes or not theta_is_free:
         n = len(modes)
         return Waves(
             tuple(map(str, modes.labels)),
             np.arange(n),
             np.full(n, -1),
             np.zeros((n, 1), dtype=np.int64),
+            n,
         )
     cosines, sines = wave_pairs(modes)
     wavenumbers = modes.wavenumbers[cosines]
     names = tuple(f"({', '.join(map(str, p))})" for p in wavenumbers.tolist())
-    return Waves(names, cosines, sines, wavenumbers[:, list(topology.closed_axes)])
+    return Waves(names, cosines, sines, wavenumbers[:, list(topology.closed_axes)], len(modes))
 
 
 def invariants(
@@ -76,24 +84,116 @@ def invariants(
     (features,) float64
         All in the unit of the motion: roots of squares and of products.
     """
-    z = stacked(motion, waves)
-    sizes = np.sqrt((np.abs(z) ** 2).sum(axis=(2, 3)))
-    both = np.concatenate([z.real, z.imag]).reshape(-1, z.shape[3])
-    spread = np.linalg.svd(both, compute_uv=False, full_matrices=False)
+    places = _places(waves)
+    n_terms, n_modes, _ = motion.shape
+    if is_cycle:
+        parts = np.concatenate([motion.real, motion.imag])
+        led = np.concatenate([motion.imag, -motion.real])
+    else:
+        parts = motion.real
+        led = (areas(n_terms) @ parts.reshape(n_terms, -1)).reshape(parts.shape)
+    own, other = (x.transpose(1, 0, 2).reshape(n_modes, -1) for x in (parts, led))
+    # Of each mode with each: what moves together, and how far the first is ahead.
+    products = np.empty((2, n_modes, n_modes))
+    np.matmul(own, own.T, out=products[0])
+    np.matmul(own, other.T, out=products[1])
+    flat = products.ravel()
+    found = flat.take(places.first)
+    if places.second is not None:
+        found += places.signs * flat.take(places.second)
+    rooted = signed_root(found)
+    squares, spread = sizes(motion, waves, is_cycle=is_cycle)
+    n = places.n_together
+    return np.concatenate([np.sqrt(squares).T.ravel(), rooted[:n], spread, rooted[n:]])
+
+
+def sizes(
+    motion: NDArray[np.complex128], waves: Waves, *, is_cycle: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Squares of the terms of each wave, and how far the motion spreads in each direction.
+
+    Returns
+    -------
+    squares : (terms, waves) float64
+        Sums over the wave's modes and all directions.
+    spread : (directions,) float64
+        Singular values of all terms together.
+    """
+    places = _places(waves)
+    # A course has real terms.
+    parts = np.concatenate([motion.real, motion.imag]) if is_cycle else motion.real
+    by_mode = np.add.reduce(np.square(parts), axis=2)
+    if is_cycle:
+        by_mode = by_mode[: len(motion)] + by_mode[len(motion) :]
+    if not places.is_whole:
+        parts = parts[:, list(waves.all_modes)]
+    n_directions = parts.shape[2]
+    spread = np.linalg.svd(parts.reshape(-1, n_directions), compute_uv=False)
+    if len(spread) < n_directions:
+        spread = np.append(spread, np.zeros(n_directions - len(spread)))
+    return np.asarray(by_mode @ places.members), np.asarray(spread, dtype=np.float64)
+
+
+class _Places(NamedTuple):
+    """Where modes and their products lie, which features are made of.
+
+    Parameters
+    ----------
+    members : (modes, waves) float64
+        1 for the modes of each wave.
+    is_whole : bool
+        Whether each mode is in a wave.
+    first : (features,) int64
+        Products of two modes in two tables, flattened: moving together, and one ahead.
+    second : (features,) int64 or None
+        Products that are added; None where waves are of one mode each.
+    signs : (features,) float64
+        1, -1 where they are taken off, and 0 where there is nothing to add.
+    n_together : int
+        Features that say what moves together, which come first.
+    """
+
+    members: NDArray[np.float64]
+    is_whole: bool
+    first: NDArray[np.int64]
+    second: NDArray[np.int64] | None
+    signs: NDArray[np.float64]
+    n_together: int
+
+
+@lru_cache(maxsize=64)
+def _places(waves: Waves) -> _Places:
+    n = waves.n_modes
+    every = waves.all_modes
+    members = np.zeros((n, len(waves.names)))
+    for wave in range(len(waves.names)):
+        members[list(waves.modes(wave)), wave] = 1.0
+    c, s, has_sine = waves.cosines, waves.sines, waves.sines >= 0
     i, j = _pairs(waves)
-    ahead = _cycle_lead if is_cycle else _course_lead
-    parts = [sizes.T.ravel(), signed_root(_together(z[:, i], z[:, j]))]
-    parts += [spread, signed_root(ahead(z[:, i], z[:, j]))]
-    has_sine = waves.sines >= 0
+
+    def product(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
+        return a * n + b
+
+    both = has_sine[i] & has_sine[j]
+    of_sines = np.where(both, product(s[i], s[j]), 0)
+    # Of two pairs turning both by one angle keeps c.c' + s.s' and c.s' - s.c'.
+    beside = product(c[i], s[j])[both], product(s[i], c[j])[both]
+    ahead, runs = n * n, product(c, s)[has_sine]
+    first = [product(c[i], c[j]), ahead + product(c[i], c[j])]
+    second = [of_sines, ahead + of_sines]
+    signs = [both.astype(np.float64)] * 2
     if has_sine.any():
-        c, s = z[:, :, :1], z[:, :, 1:]
-        parts.append(signed_root(ahead(c[:, has_sine], s[:, has_sine])))
-        # Of two pairs: turning both by one angle keeps c.c' + s.s' and c.s' - s.c'.
-        k = has_sine[i] & has_sine[j]
-        i, j = i[k], j[k]
-        for product in (_together, ahead):
-            parts.append(signed_root(product(c[:, i], s[:, j]) - product(s[:, i], c[:, j])))
-    return np.concatenate(parts)
+        first += [ahead + runs, beside[0], ahead + beside[0]]
+        second += [runs, beside[1], ahead + beside[1]]
+        signs += [np.zeros(len(runs)), -np.ones(len(beside[0])), -np.ones(len(beside[0]))]
+    return _Places(
+        members=members,
+        is_whole=len(every) == n,
+        first=np.concatenate(first),
+        second=np.concatenate(second) if has_sine.any() else None,
+        signs=np.concatenate(signs),
+        n_together=len(i),
+    )
 
 
 @lru_cache(maxsize=64)
@@ -127,46 +227,23 @@ def invariant_columns(
     return tuple(columns)
 
 
-def _together(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Products of (terms, n, members, directions) over terms, members and directions, (n,)."""
-    products: NDArray[np.float64] = np.einsum("hncd,hncd->n", a.conj(), b).real
-    return products
-
-
-def _cycle_lead(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """How far a is ahead of b: the sine parts of the products of their harmonics, (n,)."""
-    lead: NDArray[np.float64] = np.einsum("hncd,hncd->n", a.conj(), b).imag
-    return lead
-
-
-def _course_lead(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Twice the signed area between the paths of a and b and their chord, (n,).
-
-    int (a db - b da) says which of two moves first, however the time between is stretched
-    (Chen, Integration of paths: a faithful representation of paths by noncommutative formal
-    power series, Trans Am Math Soc, 1958).
-    """
-    area: NDArray[np.float64] = np.einsum("kncd,kl,lncd->n", a.real, _areas(len(a)), b.real)
-    return area
-
-
 @lru_cache(maxsize=32)
-def _areas(n_terms: int) -> NDArray[np.float64]:
-    """int_0^1 (c_k dc_l - c_l dc_k) of c_k = cos(k pi t), k from 1, (terms, terms)."""
+def areas(n_terms: int) -> NDArray[np.float64]:
+    """int_0^1 (c_k dc_l - c_l dc_k) of c_k = cos(k pi t), k from 1, (terms, terms).
+
+    int (a db - b da), twice the signed area between the paths of two modes and their chord, says
+    which of two moves first, however the time between is stretched (Chen, Integration of paths: a
+    faithful representation of paths by noncommutative formal power series, Trans Am Math Soc,
+    1958).
+    """
     k = np.arange(1, n_terms + 1)
     k, m = k[:, None], k[None, :]
     # int c_k dc_l = -2 l^2 / (l^2 - k^2) where k + l is odd; otherwise the ends are equal.
     is_odd = (k + m) % 2 == 1
     apart = np.where(is_odd, k**2 - m**2, 1)
-    areas: NDArray[np.float64] = np.where(is_odd, 2.0 * (k**2 + m**2) / apart, 0.0)
-    areas.setflags(write=False)
-    return areas
-
-
-def stacked(motion: NDArray[np.complex128], waves: Waves) -> NDArray[np.complex128]:
-    """Stack cosine and sine parts of a motion, (terms, waves, 2, directions)."""
-    sines = np.where((waves.sines >= 0)[:, None], motion[:, waves.sines], 0.0)
-    return np.stack([motion[:, waves.cosines], sines], axis=2)
+    found: NDArray[np.float64] = np.where(is_odd, 2.0 * (k**2 + m**2) / apart, 0.0)
+    found.setflags(write=False)
+    return found
 
 
 @lru_cache(maxsize=32)
@@ -183,5 +260,5 @@ def _pairs(waves: Waves) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 def signed_root(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Root of the magnitude, with the sign."""
-    rooted: NDArray[np.float64] = np.sign(values) * np.sqrt(np.abs(values))
+    rooted: NDArray[np.float64] = np.copysign(np.sqrt(np.abs(values)), values)
     return rooted

@@ -100,6 +100,11 @@ def offset_features(
     return MotionFeatures(layout.columns, values * layout.signs, size, smooth_share)
 
 
+def offset_columns(modes: Modes, n_signed: int, n_sized: int, *, walls: bool) -> tuple[Column, ...]:
+    """Columns of the values of `offset_features`."""
+    return _layout(modes, n_signed, n_sized, walls).columns
+
+
 @lru_cache(maxsize=64)
 def _layout(modes: Modes, n_signed: int, n_sized: int, walls: bool) -> _Layout:
     parts = parts_of(modes)

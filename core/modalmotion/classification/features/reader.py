@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.features.alignment import align_all
-from modalmotion.classification.features.axis import axis_features
-from modalmotion.classification.features.centred import CentredMotions
-from modalmotion.classification.features.columns import Column, MotionFeatures
+from modalmotion.classification.features.axis import axis_columns, axis_features
+from modalmotion.classification.features.axis_parts import first, readable_modes
+from modalmotion.classification.features.columns import Column, MotionFeatures, MotionValues
 from modalmotion.classification.features.further import (
     CovariateColumn,
     Further,
@@ -26,61 +27,24 @@ from modalmotion.classification.features.invariants import (
     invariants,
     waves_of,
 )
-from modalmotion.classification.features.offset_parts import offset_features
+from modalmotion.classification.features.known import KnownFeatures
+from modalmotion.classification.features.motion_terms import (
+    TERMS_PER_HARMONIC,
+    Motion,
+    MotionTerms,
+)
+from modalmotion.classification.features.offset_parts import offset_columns, offset_features
 from modalmotion.classification.features.patterns import Patterns, pattern_names
 from modalmotion.classification.features.summary import summary, summary_columns
-from modalmotion.classification.features.temporal import (
-    cosines,
-    cycle_share,
-    elapsed_share,
-    harmonics,
-    one_turn,
-    smooth_share,
-)
 from modalmotion.modes import Modes
 from modalmotion.representation import shown
-from modalmotion.signature.first_modes import first_modes
 from modalmotion.signature.making import ModalSignature, SignatureKind
-
-# A course holds what a cycle of twice its length holds.
-TERMS_PER_HARMONIC = 2
 
 # Percent of the size: less motion than this counts as rest.
 _LEAST_TOTAL = 1e-2
 
 
-# Fields that the features of the motion depend on, beside what is learned.
-_OF_MOTION: Final = (
-    "has_axis",
-    "is_cycle",
-    "n_harmonics",
-    "walls",
-    "adds_modes",
-    "is_brief",
-    "n_modes",
-)
-
-_NOTHING: Final = MotionFeatures((), np.zeros((1, 0)), 0.0, 1.0)
-
-
-class KnownFeatures:
-    """What readers have read of the motion of one signature, for other readers of it.
-
-    Attributes
-    ----------
-    features : dict
-        Features of the motion, by all that they depend on.
-    """
-
-    def __init__(self) -> None:
-        self.features: dict[tuple[object, ...], MotionFeatures] = {}
-        self._motions: CentredMotions | None = None
-
-    def motions_of(self, signature: ModalSignature) -> CentredMotions:
-        """Centred motion of the signature, which is always the same one."""
-        if self._motions is None:
-            self._motions = CentredMotions(signature)
-        return self._motions
+_NOTHING: Final = MotionValues(np.zeros((1, 0)), 0.0, 1.0)
 
 
 @shown()
@@ -164,92 +128,153 @@ class FeatureReader:
         signature : ModalSignature
             Of at least two frames.
         known : KnownFeatures, optional
-            Of its motion: what other readers have read, and this one leaves for others.
+            Of it: what other readers have read, and this one leaves for others.
         """
         known = KnownFeatures() if known is None else known
-        features = _NOTHING
-        if self.reads_motion:
-            learned = (id(self.typical), id(self.patterns))
-            key = (*(getattr(self, name) for name in _OF_MOTION), *learned)
-            found = known.features.get(key)
-            features = self._motion(signature, known) if found is None else found
-            known.features[key] = features
-        if not self.further:
-            return features
-        if self.n_modes:
-            signature = first_modes(signature, self.n_modes)
+        motion = self.motion(signature, known)
+        values = _side_by_side([motion.values, *self.beside(signature, known)])
+        columns = self.columns(signature)
+        return MotionFeatures(columns, values, motion.motion, motion.smooth_share)
+
+    def columns(self, signature: ModalSignature) -> tuple[Column, ...]:
+        """Names of the features."""
         waves = self.waves(signature)
-        size = surface_size(signature)
-        values = [
-            further_values(kind, signature, waves, size, is_cycle=self.is_cycle)
-            for kind in self.further
-            if kind != Further.COVARIATES
-        ]
-        if Further.COVARIATES in self.further:
-            values.append(self.covariate_values(signature.facts.covariates))
-        further = MotionFeatures(
-            further_columns(self.further, waves, self.covariates, is_cycle=self.is_cycle),
-            np.concatenate(values)[None],
-            0.0,
-            1.0,
-        )
-        return features.beside(further)
+        columns: tuple[Column, ...] = ()
+        if self.reads_motion and self.has_axis:
+            name = offset_columns if signature.kind == SignatureKind.OFFSET else axis_columns
+            modes = readable_modes(signature, self.n_modes)
+            columns = name(modes, self.n_harmonics, self._n_sized, walls=self.walls)
+        if self.reads_motion and (self.adds_modes or not self.has_axis):
+            n_terms = self.n_harmonics * (1 if self.is_cycle else TERMS_PER_HARMONIC)
+            columns += _columns(
+                self._modes(signature),
+                waves,
+                (n_terms, signature.amplitudes.shape[2]),
+                is_cycle=self.is_cycle,
+                is_brief=self.is_brief,
+                has_terms=self.typical is not None,
+                n_patterns=None if self.patterns is None else len(self.patterns),
+            )
+        if not self.further:
+            return columns
+        beside = further_columns(self.further, waves, self.covariates, is_cycle=self.is_cycle)
+        return columns + beside
+
+    def motion(self, signature: ModalSignature, known: KnownFeatures) -> MotionValues:
+        """Features of the motion, without their names; none where it is not read."""
+        if not self.reads_motion:
+            return _NOTHING
+        found = known.features.get(self.motion_key)
+        if found is None:
+            found = known.features[self.motion_key] = self._motion(signature, known)
+        return found
+
+    def beside(self, signature: ModalSignature, known: KnownFeatures) -> list[NDArray[np.float64]]:
+        """Features beside the motion, without their names: (1, features) float64 of each kind."""
+        values = []
+        for kind in self.further:
+            learned = self.covariates if kind == Further.COVARIATES else ()
+            key = (kind, self.n_modes, self.is_cycle, self.walls, learned)
+            found = known.further.get(key)
+            if found is None:
+                found = known.further[key] = self._further(kind, signature, known)[None]
+            values.append(found)
+        return values
+
+    @cached_property
+    def terms_key(self) -> tuple[object, ...]:
+        """What features of modes depend on, beside the signature and what was learned."""
+        return self.n_modes, self.is_cycle, self.n_harmonics, self.walls, self.is_brief
+
+    @cached_property
+    def motion_key(self) -> tuple[object, ...]:
+        """What features of the motion depend on, beside the signature."""
+        learned = () if self.patterns is None else self.patterns.arrays
+        if self.typical is not None:
+            learned = (*learned, self.typical.real, self.typical.imag)
+        # By content: readers that were stored have arrays of their own.
+        digests = tuple(hashlib.sha256(array.tobytes()).digest() for array in learned)
+        return (self.terms_key, self.has_axis, self.adds_modes, self.typical is None, digests)
 
     def covariate_values(self, covariates: Mapping[str, float | str]) -> NDArray[np.float64]:
         """Numbers of covariates, (features,) float64."""
         return np.array([v for column in self.covariates for v in column.values(covariates)])
 
-    def _motion(self, signature: ModalSignature, known: KnownFeatures) -> MotionFeatures:
+    def _further(
+        self, kind: Further, signature: ModalSignature, known: KnownFeatures
+    ) -> NDArray[np.float64]:
+        if kind == Further.COVARIATES:
+            return self.covariate_values(signature.facts.covariates)
+        few = known.first_modes(signature, self.n_modes)
+        return further_values(kind, few, self.waves(few), is_cycle=self.is_cycle)
+
+    def _motion(self, signature: ModalSignature, known: KnownFeatures) -> MotionValues:
         if not self.has_axis:
-            return self._of_modes(signature)
+            return self._of_modes(signature, known)
         is_offset = signature.kind == SignatureKind.OFFSET
         parts = (offset_features if is_offset else axis_features)(
             signature,
             self.n_harmonics,
-            max(1, self.n_harmonics - 1),
+            self._n_sized,
             walls=self.walls,
             n_modes=self.n_modes,
-            motions=known.motions_of(signature),
+            motions=known.centred(signature),
         )
-        return parts.beside(self._of_modes(signature)) if self.adds_modes else parts
+        values = parts.values
+        if self.adds_modes:
+            values = _side_by_side([values, self._of_modes(signature, known).values])
+        return MotionValues(values, parts.motion, parts.smooth_share)
 
-    def _of_modes(self, signature: ModalSignature) -> MotionFeatures:
-        few = first_modes(signature, self.n_modes) if self.n_modes else signature
-        return self.of(few, motion_of(few, self))
+    @property
+    def _n_sized(self) -> int:
+        """Harmonics of parts without a sign."""
+        return max(1, self.n_harmonics - 1)
 
-    def of(self, signature: ModalSignature, motion: MotionTerms) -> MotionFeatures:
-        """Features of a motion whose terms are known, for surfaces of any topology."""
+    def _of_modes(self, signature: ModalSignature, known: KnownFeatures) -> MotionValues:
+        fitted = known.motion(signature)
+        motion = fitted.terms(self.n_modes, self.n_harmonics, is_cycle=self.is_cycle)
         waves = self.waves(signature)
-        columns = _columns(
-            signature.modes,
-            waves,
-            motion.terms.shape,
-            is_cycle=self.is_cycle,
-            is_brief=self.is_brief,
-            has_terms=self.typical is not None,
-            n_patterns=None if self.patterns is None else len(self.patterns),
-        )
-        values = self.values(waves, motion)[None]
-        return MotionFeatures(columns, values, motion.size, motion.smooth_share)
+        described = None
+        if self.patterns is None:
+            described = known.described.get(self.terms_key)
+            if described is None:
+                described = self._described(waves, motion.shares)
+                known.described[self.terms_key] = described
+        values = self.all_values(waves, [motion], None if described is None else [described])
+        return MotionValues(values[0][None], motion.size, motion.smooth_share)
 
     def values(self, waves: Waves, motion: MotionTerms) -> NDArray[np.float64]:
-        """Values of the features without their names, (features,) float64; see `of`."""
+        """Features of a motion whose terms are known, without names, (features,) float64.
+
+        For surfaces of any topology.
+        """
         return self.all_values(waves, [motion])[0]
 
-    def all_values(self, waves: Waves, motions: Sequence[MotionTerms]) -> list[NDArray[np.float64]]:
-        """Values of the features of several motions, each (features,) float64."""
+    def all_values(
+        self,
+        waves: Waves,
+        motions: Sequence[MotionTerms],
+        described: Sequence[NDArray[np.float64]] | None = None,
+    ) -> list[NDArray[np.float64]]:
+        """Values of the features of several motions, each (features,) float64.
+
+        Parameters
+        ----------
+        waves : Waves
+        motions : sequence of MotionTerms
+        described : sequence of (n,) float64, optional
+            What depends on nothing learned, where it is known.
+        """
         totals = [motion.total for motion in motions]
+        sizes = np.log(np.maximum(totals, _LEAST_TOTAL))
         # How much moves is one feature; the others say what share of it moves how.
-        shares = np.stack([motion.shares for motion in motions])
+        shares = np.array([motion.shares for motion in motions])
         if self.patterns is not None:
-            sizes = np.log(np.maximum(totals, _LEAST_TOTAL))
             found = self.patterns.features(shares.real)
             return list(np.concatenate([sizes[:, None], found], axis=1))
-        describe = summary if self.is_brief else invariants
-        values = [
-            [np.log([max(total, _LEAST_TOTAL)]), describe(terms, waves, is_cycle=self.is_cycle)]
-            for total, terms in zip(totals, shares, strict=True)
-        ]
+        if described is None:
+            described = [self._described(waves, terms) for terms in shares]
+        values = [[size, own] for size, own in zip(sizes[:, None], described, strict=True)]
         if self.typical is not None:
             turned = shares
             if self.typical.any():
@@ -260,83 +285,43 @@ class FeatureReader:
 
     def waves(self, signature: ModalSignature) -> Waves:
         """Modes that the reader takes together."""
-        topology = signature.topology
-        is_free = topology is not None and bool(topology.closed_axes) and not self.walls
-        return waves_of(signature.modes, theta_is_free=is_free)
+        return waves_of(self._modes(signature), theta_is_free=not self.walls)
 
+    def _modes(self, signature: ModalSignature) -> Modes:
+        return first(signature.modes, self.n_modes) if self.n_modes else signature.modes
 
-@shown()
-@dataclass(frozen=True, eq=False)
-class MotionTerms:
-    """First terms of a motion.
-
-    Parameters
-    ----------
-    terms : (terms, modes, n) complex128
-        In percent of the surface's size.
-    size : float
-        RMS of the motion about its mean over time, as a share of the surface's size.
-    smooth_share : float
-        See `smooth_share`.
-    """
-
-    terms: NDArray[np.complex128]
-    size: float
-    smooth_share: float
-
-    @property
-    def total(self) -> float:
-        """Root of the sum of all squares, percent."""
-        return float(np.linalg.norm(self.terms))
-
-    @property
-    def shares(self) -> NDArray[np.complex128]:
-        """Terms over their total, (terms, modes, n); 0 where nothing moves."""
-        total = self.total
-        return self.terms / total if total > 0 else self.terms
+    def _described(self, waves: Waves, shares: NDArray[np.complex128]) -> NDArray[np.float64]:
+        describe = summary if self.is_brief else invariants
+        return describe(shares, waves, is_cycle=self.is_cycle)
 
 
 def motion_of(signature: ModalSignature, reader: FeatureReader) -> MotionTerms:
     """First terms of all amplitudes: harmonics of a cycle, cosines of a course."""
-    if reader.is_cycle:
-        signature = one_turn(signature)
-    a = signature.body_amplitudes / surface_size(signature)
-    a = a - a.mean(axis=0)
-    n_frames = len(a)
-    share = cycle_share(signature) if reader.is_cycle else elapsed_share(signature)
-    flat = a.reshape(n_frames, -1)
-    if reader.is_cycle:
-        terms = harmonics(share, flat, reader.n_harmonics)
-    else:
-        n_terms = TERMS_PER_HARMONIC * reader.n_harmonics
-        terms = cosines(share, flat, n_terms).astype(np.complex128)
-    return MotionTerms(
-        terms=100.0 * terms.reshape(-1, *a.shape[1:]),
-        size=float(np.sqrt((flat**2).sum(axis=1).mean())),
-        smooth_share=smooth_share(share, flat, is_cycle=reader.is_cycle),
-    )
+    return Motion(signature).terms(0, reader.n_harmonics, is_cycle=reader.is_cycle)
 
 
-def surface_size(signature: ModalSignature) -> float:
-    """Length that amplitudes are compared with, in the signature's unit; 1 where there is none.
-
-    The geometric mean of the lengths along the coordinates. A mesh with spring modes has none:
-    there it is the root mean square edge times a constant of the mesh, from the frequencies.
-    """
-    return signature.modes.length_of(
-        signature.lengths, signature.angular_frequencies, signature.parameters.wave_speed
-    )
+def _side_by_side(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Features one after another, (readings, features); what has one reading has it in all."""
+    if len(parts) == 1:
+        return parts[0]
+    n_readings = max(map(len, parts))
+    values = np.empty((n_readings, sum(part.shape[1] for part in parts)))
+    place = 0
+    for part in parts:
+        values[:, place : place + part.shape[1]] = part
+        place += part.shape[1]
+    return values
 
 
 def _flat(terms: NDArray[np.complex128], *, is_cycle: bool) -> NDArray[np.float64]:
     return np.concatenate([terms.real, terms.imag]).ravel() if is_cycle else terms.real.ravel()
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=64)
 def _columns(
     modes: Modes,
     waves: Waves,
-    shape: tuple[int, ...],
+    shape: tuple[int, int],
     *,
     is_cycle: bool,
     is_brief: bool,
@@ -347,7 +332,7 @@ def _columns(
         names = ("motion", *pattern_names(n_patterns))
         return tuple(Column(name, waves.all_modes, 0.0) for name in names)
     name = summary_columns if is_brief else invariant_columns
-    n_terms, _, n_directions = shape
+    n_terms, n_directions = shape
     described = name(waves, n_terms, n_directions, is_cycle=is_cycle)
     columns = [Column("motion", waves.all_modes), *described]
     if has_terms:

@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.features.columns import Column
-from modalmotion.classification.features.invariants import Waves, signed_root, stacked
+from modalmotion.classification.features.invariants import Waves, signed_root, sizes
 
 
 def summary(motion: NDArray[np.complex128], waves: Waves, *, is_cycle: bool) -> NDArray[np.float64]:
     """Values of the columns of `summary_columns`, (features,) float64; see `invariants`."""
-    z = stacked(motion, waves)
-    squares = np.abs(z) ** 2
+    squares, spread = sizes(motion, waves, is_cycle=is_cycle)
     # Over terms, or over everything else.
-    by_wave, by_term = squares.sum(axis=(0, 2, 3)), squares.sum(axis=(1, 2, 3))
-    both = np.concatenate([z.real, z.imag]).reshape(-1, z.shape[3])
-    spread = np.linalg.svd(both, compute_uv=False, full_matrices=False)
+    by_wave, by_term = np.add.reduce(squares), np.add.reduce(squares, axis=1)
     parts = [np.sqrt(by_wave), np.sqrt(by_term), spread]
     if not is_cycle:
         # The start of a course is known, so the signs of its terms to each other say when.
         flat = motion.real.reshape(len(motion), -1)
-        i, j = np.triu_indices(len(motion), 1)
-        parts.append(signed_root((flat @ flat.T)[i, j]))
+        parts.append(signed_root((flat @ flat.T)[_pairs_of_terms(len(motion))]))
     return np.concatenate(parts)
+
+
+@lru_cache(maxsize=32)
+def _pairs_of_terms(n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    i, j = np.triu_indices(n, 1)
+    return i, j
 
 
 def summary_columns(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final
@@ -81,10 +82,10 @@ def repeats_first(amplitudes: NDArray[np.float64]) -> NDArray[np.bool_]:
     if n < 4 or n_modes < 2:
         return repeats
     a = amplitudes[:, 1:]
-    # Most recordings end a step before: there the first of these modes says so for all counts,
-    # for what others add makes the gap no less.
+    # Most recordings end a step before. There the first of these modes says so for all counts:
+    # what others add makes the gap no less, and nothing spreads by more than twice the norm.
     gap_of_first = max(map(abs, (a[-1, 0] - a[0, 0]).tolist()))
-    if gap_of_first >= _REPEATED * float(np.maximum.reduce(a, axis=None) - np.minimum.reduce(a, axis=None)):
+    if gap_of_first >= _REPEATED * 2.0 * math.sqrt(float(np.vdot(amplitudes, amplitudes))):
         return repeats
     steps = np.maximum.reduce(np.abs(a[_ENDS[0]] - a[_ENDS[1]]), axis=2)
     gap, first, last = np.maximum.accumulate(steps, axis=1)

@@ -169,16 +169,15 @@ class Model(FrozenArrays):
         What the domain has read of it, and members read too, is taken from `known`.
         """
         known = KnownFeatures() if known is None else known
-        parts = [member.reader.read(signature, known) for member in self.members]
-        if len(parts) == 1:
-            return replace(parts[0], columns=self.columns)
-        n_readings = max(len(part.values) for part in parts)
-        values = [
-            np.broadcast_to(part.values, (n_readings, part.values.shape[1])) for part in parts
-        ]
-        return MotionFeatures(
-            self.columns, np.concatenate(values, axis=1), parts[0].motion, parts[0].smooth_share
-        )
+        motions = [member.reader.motion(signature, known) for member in self.members]
+        n_readings = max(len(motion.values) for motion in motions)
+        values = np.empty((n_readings, len(self.columns)))
+        place = 0
+        for member, motion in zip(self.members, motions, strict=True):
+            for part in (motion.values, *member.reader.beside(signature, known)):
+                values[:, place : place + part.shape[1]] = part
+                place += part.shape[1]
+        return MotionFeatures(self.columns, values, motions[0].motion, motions[0].smooth_share)
 
     @property
     def signature_parameters(self) -> SignatureParameters:

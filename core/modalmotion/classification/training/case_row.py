@@ -15,11 +15,10 @@ from modalmotion.classification.features import (
     Further,
     KnownFeatures,
     MotionTerms,
+    MotionValues,
     further_values,
     has_axis,
     has_volume,
-    motion_of,
-    surface_size,
 )
 from modalmotion.classification.features.course import measures
 from modalmotion.classification.features.hand import hand_of, readings_of, right_handed
@@ -31,14 +30,6 @@ from modalmotion.modes.order import common_count
 from modalmotion.signature.first_modes import first_modes, whole_count
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template.landmarks import WEAK
-
-
-class AxisValues(NamedTuple):
-    """Values of `MotionFeatures` without the names."""
-
-    values: NDArray[np.float64]
-    motion: float
-    smooth_share: float
 
 
 class TermsKey(NamedTuple):
@@ -90,7 +81,7 @@ class CaseRow:
         Whether the sender says where theta starts, and whether anything does.
     counts : tuple of int
         Numbers of first modes that features may be read of, increasing.
-    axis : mapping of (int, bool) to AxisValues
+    axis : mapping of (int, bool) to MotionValues
         By number of modes and whether walls are told apart: read about an axis; empty where
         there is none, or no zero of theta.
     terms : mapping of TermsKey to MotionTerms
@@ -116,7 +107,7 @@ class CaseRow:
     zero_is_given: bool
     zero_is_known: bool
     counts: tuple[int, ...]
-    axis: Mapping[tuple[int, bool], AxisValues]
+    axis: Mapping[tuple[int, bool], MotionValues]
     terms: Mapping[TermsKey, MotionTerms]
     further: Mapping[FurtherKey, NDArray[np.float64]]
     covariates: Mapping[str, float | str]
@@ -131,22 +122,22 @@ def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
     """Read the features of a case, in right-handed coordinates where it states left-handed ones."""
     signature = right_handed(case.signature)
     landmarks = signature.landmarks
-    axis: dict[tuple[int, bool], AxisValues] = {}
+    axis: dict[tuple[int, bool], MotionValues] = {}
     terms: dict[TermsKey, MotionTerms] = {}
     further: dict[FurtherKey, NDArray[np.float64]] = {}
     counts, known = mode_counts(signature), KnownFeatures()
+    motion = known.motion(signature)
     for n in counts:
         few = first_modes(signature, n)
         if has_axis(few):
             for walls in (False, True) if landmarks is not None else (False,):
                 reader = FeatureReader(True, True, options.harmonics, walls, n_modes=n)
-                found = reader.read(signature, known)
                 # Without the names, which are the same for all cases.
-                axis[n, walls] = AxisValues(found.values, found.motion, found.smooth_share)
+                axis[n, walls] = reader.motion(signature, known)
         for is_cycle in (True, False):
             for n_harmonics in harmonic_counts(options.harmonics, is_cycle=is_cycle):
-                reader = FeatureReader(False, is_cycle, n_harmonics, False)
-                terms[TermsKey(n, is_cycle, n_harmonics)] = motion_of(few, reader)
+                found = motion.terms(n, n_harmonics, is_cycle=is_cycle)
+                terms[TermsKey(n, is_cycle, n_harmonics)] = found
             for walls in (False, True):
                 _add_further(further, few, is_cycle=is_cycle, walls=walls)
     return CaseRow(
@@ -199,7 +190,7 @@ def _add_further(
     waves = FeatureReader(False, is_cycle, 1, walls).waves(signature)
     for kind in kinds:
         further[FurtherKey(kind, len(signature.modes), is_cycle, walls)] = further_values(
-            kind, signature, waves, surface_size(signature), is_cycle=is_cycle
+            kind, signature, waves, is_cycle=is_cycle
         )
 
 

@@ -179,7 +179,7 @@ class CaseTable:
 
     def columns(self, reader: FeatureReader) -> tuple[Column, ...]:
         """Names of the features."""
-        return reader.read(self.example).columns
+        return reader.columns(self.example)
 
     @cached_property
     def sights(self) -> Sights:

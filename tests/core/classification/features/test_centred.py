@@ -41,8 +41,8 @@ def test_harmonics_size_and_smoothness_are_those_of_the_modes(signature: ModalSi
     a = a - a.mean(axis=0)
     assert motion.amplitudes == pytest.approx(a, abs=1e-9)
     flat = a[:, 2:9].reshape(len(a), -1)
-    n_directions = a.shape[2]
-    cosines, sines = motion.harmonic_rows(2)[:, 2 * n_directions : 9 * n_directions].reshape(2, 2, -1)
+    n = a.shape[2]
+    cosines, sines = motion.harmonic_rows(2)[:, 2 * n : 9 * n].reshape(2, 2, -1)
     assert cosines + 1j * sines == pytest.approx(harmonics(motion.share, flat, 2), abs=1e-9)
     every = motion.amplitudes.reshape(len(a), -1)
     assert motion.products == pytest.approx(every.T @ every, rel=1e-9)

@@ -126,7 +126,9 @@ def test_the_first_modes_are_those_of_the_fit_of_all() -> None:
     part = motion_of(few, plain).terms
     assert part == pytest.approx(motion_of(signature, plain).terms[:, :n], rel=1e-12)
     # A reader of the first modes reads them out of more.
-    assert np.array_equal(replace(plain, n_modes=n).read(signature).values, plain.read(few).values)
+    found = replace(plain, n_modes=n).read(signature).values
+    # Roots of what is not there are those of rounding.
+    assert found == pytest.approx(plain.read(few).values, abs=1e-7)
 
 
 def test_further_features_stand_beside_the_motion() -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from modalmotion.classification.features import FeatureReader, MotionTerms, motion_of
+from modalmotion.classification.features import FeatureReader, motion_of
 from modalmotion.classification.features.invariants import (
     Waves,
     invariant_columns,
@@ -172,13 +172,10 @@ def test_no_motion_gives_finite_features(reader: FeatureReader) -> None:
     assert not still.values[0, 1:].any()
 
 
-def test_features_without_names_are_the_same(rng: np.random.Generator) -> None:
+def test_features_without_names_are_the_same() -> None:
     signature = sheet()
     for reader in READERS:
-        motion = motion_of(signature, reader)
-        jitter = rng.standard_normal(motion.terms.shape)
-        moved = MotionTerms(motion.terms + jitter, motion.size, motion.smooth_share)
-        waves = reader.waves(signature)
-        found = reader.of(signature, moved)
-        assert np.array_equal(found.values[0], reader.values(waves, moved))
+        found = reader.read(signature)
+        values = reader.values(reader.waves(signature), motion_of(signature, reader))
+        assert np.array_equal(found.values[0], values)
         assert len(found.columns) == found.values.shape[1]

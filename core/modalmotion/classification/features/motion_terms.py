@@ -1,0 +1,173 @@
+"""First terms of a motion over time, of the modes as they are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.classification.features.axis_parts import first
+from modalmotion.classification.features.temporal import (
+    N_SMOOTH,
+    cosines,
+    cycle_share,
+    elapsed_share,
+    followed_squares,
+    harmonics,
+    repeats_first,
+    smooth_share_of,
+    without_last,
+)
+from modalmotion.representation import shown
+from modalmotion.signature.making import ModalSignature
+
+Array = NDArray[np.float64]
+
+TERMS_PER_HARMONIC = 2
+"""A course holds what a cycle of twice its length holds."""
+
+
+@shown()
+@dataclass(frozen=True, eq=False)
+class MotionTerms:
+    """First terms of a motion.
+
+    Parameters
+    ----------
+    terms : (terms, modes, n) complex128
+        In percent of the surface's size.
+    size : float
+        RMS of the motion about its mean over time, as a share of the surface's size.
+    smooth_share : float
+        See `smooth_share`.
+    """
+
+    terms: NDArray[np.complex128]
+    size: float
+    smooth_share: float
+
+    @property
+    def total(self) -> float:
+        """Root of the sum of all squares, percent."""
+        return float(np.linalg.norm(self.terms))
+
+    @property
+    def shares(self) -> NDArray[np.complex128]:
+        """Terms over their total, (terms, modes, n); 0 where nothing moves."""
+        total = self.total
+        return self.terms / total if total > 0 else self.terms
+
+
+class _Course(NamedTuple):
+    """A motion about its mean, over the size of the surface, by its time.
+
+    Parameters
+    ----------
+    share : (frames,) float64
+        See `elapsed_share` and `cycle_share`.
+    values : (frames, modes * n) float64
+    squares : (2, modes) float64
+        Sums over time, directions and the modes before: of all, and of what the first terms follow.
+    """
+
+    share: Array
+    values: Array
+    squares: Array
+
+
+class Motion:
+    """Motion of a signature, whose first modes are fitted by terms: all at once.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+        Of at least two frames.
+    """
+
+    def __init__(self, signature: ModalSignature) -> None:
+        self._signature = signature
+        self._size = surface_size(signature)
+        self._courses: dict[tuple[bool, bool], _Course] = {}
+        self._fits: dict[tuple[bool, bool, int], NDArray[np.complex128]] = {}
+
+    def terms(self, n_modes: int, n_harmonics: int, *, is_cycle: bool) -> MotionTerms:
+        """First terms of the first modes: harmonics of a cycle, cosines of a course.
+
+        Parameters
+        ----------
+        n_modes : int
+            0 for all.
+        n_harmonics : int
+            A course has `TERMS_PER_HARMONIC` for each.
+        is_cycle : bool
+        """
+        n = n_modes or len(self._signature.modes)
+        # The modes of a reading say by themselves whether the last frame repeats the first.
+        is_longer = is_cycle and bool(self._repeats[n - 1])
+        course, fit = self._course(is_cycle, is_longer), self._fit(is_cycle, is_longer, n_harmonics)
+        total, followed = course.squares[:, n - 1].tolist()
+        # Modes of springs tell the size each time they are counted, up to rounding.
+        ratio = self._size / surface_size(self._signature, n)
+        n_frames = len(course.share)
+        return MotionTerms(
+            terms=fit[:, :n] * (100.0 * ratio),
+            size=math.sqrt(total / n_frames) * ratio,
+            smooth_share=smooth_share_of(n_frames, total, followed),
+        )
+
+    def _course(self, is_cycle: bool, is_longer: bool) -> _Course:
+        found = self._courses.get((is_cycle, is_longer))
+        if found is None:
+            signature = without_last(self._signature) if is_longer else self._signature
+            share = cycle_share(signature) if is_cycle else elapsed_share(signature)
+            a = signature.body_amplitudes / self._size
+            a -= np.add.reduce(a) / len(a)
+            n, n_modes, n_directions = a.shape
+            flat = a.reshape(n, -1)
+            count = N_SMOOTH if is_cycle else 2 * N_SMOOTH
+            squares = np.empty((2, n_modes * n_directions))
+            np.einsum("ij,ij->j", flat, flat, out=squares[0])
+            squares[1] = followed_squares(share, flat, count, is_cycle=is_cycle)
+            by_mode = np.add.reduce(squares.reshape(2, n_modes, n_directions), axis=2)
+            found = _Course(share, flat, np.add.accumulate(by_mode, axis=1))
+            self._courses[is_cycle, is_longer] = found
+        return found
+
+    def _fit(self, is_cycle: bool, is_longer: bool, n_harmonics: int) -> NDArray[np.complex128]:
+        key = (is_cycle, is_longer, n_harmonics)
+        found = self._fits.get(key)
+        if found is None:
+            course = self._course(is_cycle, is_longer)
+            if is_cycle:
+                fit = harmonics(course.share, course.values, n_harmonics)
+            else:
+                n_terms = TERMS_PER_HARMONIC * n_harmonics
+                fit = cosines(course.share, course.values, n_terms).astype(np.complex128)
+            found = self._fits[key] = fit.reshape(len(fit), *self._signature.amplitudes.shape[1:])
+        return found
+
+    @cached_property
+    def _repeats(self) -> NDArray[np.bool_]:
+        return repeats_first(self._signature.amplitudes)
+
+
+def surface_size(signature: ModalSignature, n_modes: int = 0) -> float:
+    """Length that amplitudes are compared with, in the signature's unit; 1 where there is none.
+
+    The geometric mean of the lengths along the coordinates. A mesh with spring modes has none:
+    there it is the root mean square edge times a constant of the mesh, from the frequencies.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    n_modes : int
+        First modes that frequencies are taken of; 0 for all.
+    """
+    modes, frequencies = signature.modes, signature.angular_frequencies
+    if n_modes and modes.topology is None:
+        modes, frequencies = first(modes, n_modes), frequencies[:n_modes]
+    return modes.length_of(signature.lengths, frequencies, signature.parameters.wave_speed)
