@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -25,6 +26,13 @@ LENGTH: Final = 11
 # Steps between the times of a piece: the longest takes all but two times.
 _SPACINGS: Final = (1, 2, 3)
 
+# Where the windows of each spacing lie among those of all.
+_N_PLACES: Final = tuple(_N_TIMES - (LENGTH - 1) * spacing for spacing in _SPACINGS)
+_PLACES: Final = {
+    spacing: slice(stop - n, stop)
+    for spacing, n, stop in zip(_SPACINGS, _N_PLACES, np.cumsum(_N_PLACES).tolist(), strict=True)
+}
+
 # Share of the pieces that are compared in shape alone, each mode in deviations from its mean.
 _SHARE_OF_SHAPES: Final = 0.8
 
@@ -36,8 +44,8 @@ _MOST_LIMIT: Final = 10.0
 # less.
 _REST: Final = 1e-8
 
-# Motions looked at together: some 10 MB.
-_TOGETHER: Final = 256
+# Motions looked at together: some 5 MB.
+_TOGETHER: Final = 32
 
 Array = NDArray[np.float64]
 
@@ -118,11 +126,58 @@ class Patterns(FrozenArrays):
         found = np.empty((len(terms), len(MEASURES), len(self)))
         for start in range(0, len(terms), _TOGETHER):
             some = slice(start, start + _TOGETHER)
-            path = _path(terms[some])
-            for group in _groups(self.spacings, self.is_shape):
-                distances = _distances(path, self.pieces[group.members], group)
-                found[some][:, :, group.members] = _measures(distances, self.limits[group.members])
+            windows = _windows(_path(terms[some]))
+            both = _Rows.of(windows), _Rows.of(_shapes(windows))
+            for sought in self._sought:
+                found[some, :, sought.members] = _measures(_squares(both, sought), sought)
         return found.reshape(len(terms), -1)
+
+    @cached_property
+    def _sought(self) -> tuple[_Sought, ...]:
+        """The pieces of each spacing, as they are looked for."""
+        sought = []
+        for spacing in _SPACINGS:
+            paths, shapes = (
+                np.flatnonzero((self.spacings == spacing) & (self.is_shape == is_shape))
+                for is_shape in (False, True)
+            )
+            members = np.concatenate([paths, shapes])
+            if len(members):
+                width = np.maximum(self.limits[members], _REST)
+                flat = self.pieces.reshape(len(self), -1)
+                sought.append(
+                    _Sought(
+                        members=members,
+                        places=_PLACES[spacing],
+                        pieces=(flat[paths].T.copy(), flat[shapes].T.copy()),
+                        squares=np.einsum("ij,ij->i", flat[members], flat[members]),
+                        factors=-0.5 / width**2,
+                    )
+                )
+        return tuple(sought)
+
+
+class _Sought(NamedTuple):
+    """Pieces of one spacing, as they are looked for.
+
+    Parameters
+    ----------
+    members : (pieces,) int64
+        First those that are compared as they are, then those compared in shape alone.
+    places : slice
+        Of windows of this spacing, among all.
+    pieces : two of (values, n) float64
+        Of both kinds.
+    squares : (pieces,) float64
+    factors : (pieces,) float64
+        -1 / (2 width^2) of each.
+    """
+
+    members: NDArray[np.int64]
+    places: slice
+    pieces: tuple[Array, Array]
+    squares: Array
+    factors: Array
 
 
 class _Group(NamedTuple):
@@ -164,10 +219,10 @@ def learn_patterns(terms: Array, y: NDArray[np.int64], seed: int) -> Patterns:
     pieces, limits = np.empty((n, n_signals, LENGTH)), np.empty(n)
     for group in _groups(spacings, is_shape):
         mine = group.members
-        windows = _windows(_path(terms[sources[mine]]), group)
+        windows = _pieces(_path(terms[sources[mine]]), group)
         at = (starts[mine] * windows.shape[1]).astype(np.int64)
         pieces[mine] = windows[np.arange(len(mine)), at]
-        beside = _windows(_path(terms[others[mine]]), group)
+        beside = _pieces(_path(terms[others[mine]]), group)
         apart = np.sqrt(((beside - pieces[mine][:, None]) ** 2).sum(axis=(2, 3)))
         limits[mine] = [
             np.percentile(own, share) for own, share in zip(apart, percents[mine], strict=True)
@@ -191,47 +246,95 @@ def _other(y: NDArray[np.int64], source: int, rng: np.random.Generator) -> int:
 def _path(terms: Array) -> Array:
     """Motions at evenly spaced times, (motions, signals, times), of their cosine terms."""
     n, n_terms = terms.shape[:2]
-    share = np.linspace(0.0, 1.0, _N_TIMES)
-    cosines = np.cos(np.pi * np.arange(1, n_terms + 1)[:, None] * share)
-    flat = terms.reshape(n, n_terms, -1)
-    path: Array = np.swapaxes(flat, 1, 2) @ cosines
+    path: Array = np.swapaxes(terms.reshape(n, n_terms, -1), 1, 2) @ _cosines(n_terms)
     return path
 
 
-def _windows(path: Array, group: _Group) -> Array:
-    """All pieces of motions, (motions, places, signals, times)."""
-    n_places = _N_TIMES - (LENGTH - 1) * group.spacing
-    times = np.arange(n_places)[:, None] + group.spacing * np.arange(LENGTH)
-    windows: Array = path[:, :, times].transpose(0, 2, 1, 3)
-    if group.is_shape:
-        windows = windows - windows.mean(axis=3, keepdims=True)
-        spread = np.sqrt((windows**2).mean(axis=3, keepdims=True))
-        windows /= np.where(spread > _REST, spread, 1.0)
-    return windows
+@lru_cache(maxsize=16)
+def _cosines(n_terms: int) -> Array:
+    share = np.linspace(0.0, 1.0, _N_TIMES)
+    return np.cos(np.pi * np.arange(1, n_terms + 1)[:, None] * share)
 
 
-def _distances(path: Array, pieces: Array, group: _Group) -> Array:
-    """Distances of pieces from motions at each place, (motions, places, pieces)."""
-    windows = _windows(path, group)
-    n, n_places = windows.shape[:2]
-    flat, wanted = windows.reshape(n * n_places, -1), pieces.reshape(len(pieces), -1)
-    squares = -2.0 * (flat @ wanted.T)
-    squares += np.einsum("ij,ij->i", flat, flat)[:, None]
-    squares += np.einsum("ij,ij->i", wanted, wanted)
-    distances: Array = np.sqrt(np.maximum(squares, 0.0)).reshape(n, n_places, -1)
-    return distances
+def _windows(path: Array) -> Array:
+    """All pieces of motions, one spacing after another, (motions, places, signals, times)."""
+    n, n_signals, _ = path.shape
+    windows = path.reshape(n, -1).take(_times(n_signals), axis=1)
+    return windows.reshape(n, -1, n_signals, LENGTH)
 
 
-def _measures(distances: Array, limits: Array) -> Array:
-    """Say `MEASURES` of distances (motions, places, pieces): (motions, measures, pieces)."""
-    nearest = distances.min(axis=1)
-    width = np.maximum(limits, _REST)
-    excess = 0.5 * (distances - nearest[:, None]) * (distances + nearest[:, None])
-    weights = np.exp(-excess / width**2)
-    total = weights.sum(axis=1)
-    places = np.arange(distances.shape[1], dtype=np.float64)
-    where = np.einsum("ijk,j->ik", weights, places) / total
-    return np.stack([nearest, np.log(total), where], axis=1)
+@lru_cache(maxsize=16)
+def _times(n_signals: int) -> NDArray[np.int64]:
+    """Give the values of a path that each piece has, (places, signals * times)."""
+    starts = [np.arange(places.stop - places.start) for places in _PLACES.values()]
+    times = np.concatenate(
+        [
+            start[:, None] + spacing * np.arange(LENGTH)
+            for spacing, start in zip(_PLACES, starts, strict=True)
+        ]
+    )
+    of_signals = _N_TIMES * np.arange(n_signals)[:, None] + times[:, None]
+    return np.asarray(of_signals.reshape(len(times), -1))
+
+
+def _shapes(windows: Array) -> Array:
+    """Each signal of each piece in deviations from its mean; 0 where it rests."""
+    # A product, for sums over few neighbours cost numpy several times as much.
+    shapes = windows - (windows @ np.full(LENGTH, 1.0 / LENGTH))[..., None]
+    spread = np.sqrt(np.einsum("ijkl,ijkl->ijk", shapes, shapes) / LENGTH)
+    shapes /= np.where(spread > _REST, spread, 1.0)[..., None]
+    return np.asarray(shapes)
+
+
+class _Rows(NamedTuple):
+    """Windows as rows, (motions, places, values), and their squares, (motions, places, 1)."""
+
+    values: Array
+    squares: Array
+
+    @classmethod
+    def of(cls, windows: Array) -> _Rows:
+        rows = windows.reshape(*windows.shape[:2], -1)
+        return cls(rows, np.einsum("ijk,ijk->ij", rows, rows)[..., None])
+
+
+def _squares(both: tuple[_Rows, _Rows], sought: _Sought) -> Array:
+    """Squares of the distances of pieces from motions at each place, (motions, places, pieces)."""
+    n_places = sought.places.stop - sought.places.start
+    squares = np.empty((len(both[0].values), n_places, len(sought.members)))
+    # |w - p|^2 = |w|^2 - 2 w.p + |p|^2, in place: memory that is new costs more than the sums.
+    place = 0
+    for rows, pieces in zip(both, sought.pieces, strict=True):
+        if pieces.shape[1]:
+            own = squares[:, :, place : place + pieces.shape[1]]
+            np.matmul(rows.values[:, sought.places], pieces, out=own)
+            own *= -2.0
+            own += rows.squares[:, sought.places]
+            place += pieces.shape[1]
+    squares += sought.squares
+    return np.maximum(squares, 0.0, out=squares)
+
+
+def _measures(squares: Array, sought: _Sought) -> Array:
+    """Say `MEASURES` of squares of distances: (motions, measures, pieces)."""
+    nearest = np.minimum.reduce(squares, axis=1)
+    squares -= nearest[:, None]
+    squares *= sought.factors
+    weights = np.exp(squares, out=squares)
+    n_places = squares.shape[1]
+    # Their sum, and that of places times weights.
+    sums = np.array([np.ones(n_places), np.arange(n_places)]) @ weights
+    found = np.empty((len(squares), len(MEASURES), squares.shape[2]))
+    np.sqrt(nearest, out=found[:, 0])
+    np.log(sums[:, 0], out=found[:, 1])
+    np.divide(sums[:, 1], sums[:, 0], out=found[:, 2])
+    return found
+
+
+def _pieces(path: Array, group: _Group) -> Array:
+    """Give the windows that pieces of a group may be, (motions, places, signals, times)."""
+    windows = _windows(path)[:, _PLACES[group.spacing]]
+    return _shapes(windows) if group.is_shape else windows
 
 
 def _groups(spacings: NDArray[np.int64], is_shape: NDArray[np.bool_]) -> Iterator[_Group]:
