@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -45,23 +46,23 @@ def align_all(motions: Coefficients, onto: Coefficients, *, is_cycle: bool) -> C
     a reflection is never used. A start t later multiplies harmonic h by exp(i h t). Offsets have
     one direction, outward, and are not turned.
     """
-    n = len(motions)
-    terms = np.arange(1, motions.shape[1] + 1)
-    starts: NDArray[np.float64] = np.zeros((n, 1))
-    if is_cycle:
-        step = 2 * np.pi / _N_STARTS
-        starts = np.tile(np.arange(_N_STARTS) * step, (n, 1))
+    n_terms, _, n_directions = onto.shape
+    if not is_cycle:
+        if n_directions == 1:
+            return motions
+        flat = motions.real.reshape(len(motions), -1, n_directions)
+        R = _rotations(onto.real.reshape(-1, n_directions).T @ flat)
+        return np.asarray(motions @ np.swapaxes(R, 1, 2)[:, None])
     # B_h = onto_h^H motion_h, so each start costs one sum of 3 x 3 matrices.
     B = np.swapaxes(onto.conj(), 1, 2) @ motions
-    start, R = _best(B, starts, terms)
-    if is_cycle:
-        for _ in range(_N_REFINEMENTS):
-            finer = start[:, None] + np.linspace(-step, step, _N_FINER)
-            start, R = _best(B, finer, terms)
-            step *= 2.0 / (_N_FINER - 1)
-    phases = np.exp(1j * terms * start[:, None])
-    turned: Coefficients = (motions * phases[:, :, None, None]) @ np.swapaxes(R, 1, 2)[:, None]
-    return turned
+    start = _first_start(B)
+    for offsets, phases in _finer(n_terms):
+        start = start + offsets[_best(_from(B, start), phases)]
+    begun = _from(motions, start)
+    if n_directions == 1:
+        return begun
+    R = _rotations(np.add.reduce(_from(B, start), axis=1).real)
+    return np.asarray(begun @ np.swapaxes(R, 1, 2)[:, None])
 
 
 def mean_motion(motions: list[Coefficients], *, is_cycle: bool) -> Coefficients:
@@ -86,42 +87,69 @@ def mean_motion(motions: list[Coefficients], *, is_cycle: bool) -> Coefficients:
     return mean
 
 
-def _best(
-    B: Coefficients, starts: NDArray[np.float64], terms: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Start of each motion, among its own, and rotation that give the largest overlap.
+def _from(motions: Coefficients, starts: NDArray[np.float64]) -> Coefficients:
+    """Motions (motions, terms, ...) that start later, each by its own phase."""
+    terms = np.arange(1, motions.shape[1] + 1)
+    phases = np.exp(1j * terms * starts[:, None])
+    begun: Coefficients = motions * phases[:, :, None, None]
+    return begun
 
-    Parameters
-    ----------
-    B : (motions, terms, n, n) complex128
-    starts : (motions, starts) float64
-    terms : (terms,) int64
 
-    Returns
-    -------
-    (motions,) float64, (motions, n, n) float64
-    """
-    phases = np.exp(1j * starts[:, :, None] * terms)
-    n, n_terms, n_directions, _ = B.shape
-    flat = (phases @ B.reshape(n, n_terms, -1)).real
-    if n_directions == 1:
+@lru_cache(maxsize=16)
+def _starts(n_terms: int) -> Coefficients:
+    """Phases of all starts that are tried, (starts, terms)."""
+    starts = np.arange(_N_STARTS) * (2 * np.pi / _N_STARTS)
+    return np.asarray(np.exp(1j * starts[:, None] * np.arange(1, n_terms + 1)))
+
+
+@lru_cache(maxsize=16)
+def _finer(n_terms: int) -> tuple[tuple[NDArray[np.float64], Coefficients], ...]:
+    """Give starts around the best one, and their phases, finer and finer."""
+    step, found = 2 * np.pi / _N_STARTS, []
+    for _ in range(_N_REFINEMENTS):
+        offsets = np.linspace(-step, step, _N_FINER)
+        found.append((offsets, np.exp(1j * offsets[:, None] * np.arange(1, n_terms + 1))))
+        step *= 2.0 / (_N_FINER - 1)
+    return tuple(found)
+
+
+def _sums(B: Coefficients, phases: Coefficients) -> NDArray[np.float64]:
+    """Overlaps before a rotation, (motions, starts, n * n)."""
+    n, n_terms = B.shape[:2]
+    return np.asarray((phases @ B.reshape(n, n_terms, -1)).real)
+
+
+def _first_start(B: Coefficients) -> NDArray[np.float64]:
+    """Give the start of each motion, among some, that overlaps most."""
+    flat = _sums(B, _starts(B.shape[1]))
+    if flat.shape[2] == 1:
         best = flat[:, :, 0].argmax(axis=1)
-        return starts[np.arange(n), best], np.ones((n, 1, 1))
-    C = flat.reshape(n, -1, 3, 3)
-    each = np.arange(n)
-    if C.shape[1] > _N_FINER:
-        # One start of many, to be refined: the rotation of that one alone is needed.
-        best = _overlaps(C).argmax(axis=1)
-        starts, C = starts[each, best][:, None], C[each, best][:, None]
+    else:
+        best = _overlaps(flat.reshape(len(B), -1, 3, 3)).argmax(axis=1)
+    return np.asarray(best * (2 * np.pi / _N_STARTS))
+
+
+def _best(B: Coefficients, phases: Coefficients) -> NDArray[np.int64]:
+    """Which start of each motion overlaps most after the best rotation, (motions,)."""
+    flat = _sums(B, phases)
+    if flat.shape[2] == 1:
+        return np.asarray(flat[:, :, 0].argmax(axis=1))
+    C = flat.reshape(len(B), -1, 3, 3)
     # Largest trace of R C' over rotations: s1 + s2 + sign(det) s3.
-    U, s, Vt = np.linalg.svd(C)
-    sign = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
-    sign[sign == 0] = 1.0
-    best = (s[..., 0] + s[..., 1] + sign * s[..., 2]).argmax(axis=1)
-    U_best = U[each, best]
-    U_best[:, :, 2] *= sign[each, best, None]
-    R: NDArray[np.float64] = U_best @ Vt[each, best]
-    return starts[each, best], R
+    s = np.linalg.svd(C, compute_uv=False)
+    overlaps = s[..., 0] + s[..., 1] + np.where(np.linalg.det(C) < 0, -1.0, 1.0) * s[..., 2]
+    return np.asarray(overlaps.argmax(axis=1))
+
+
+def _rotations(C: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotations R with the largest trace of R C', (motions, 3, 3)."""
+    U, _, Vt = np.linalg.svd(C)
+    R: NDArray[np.float64] = U @ Vt
+    mirrors = np.linalg.det(R) < 0
+    if mirrors.any():
+        U[mirrors, :, 2] *= -1.0
+        R = U @ Vt
+    return R
 
 
 def _overlaps(C: NDArray[np.float64]) -> NDArray[np.float64]:

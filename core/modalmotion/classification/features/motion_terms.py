@@ -31,6 +31,21 @@ TERMS_PER_HARMONIC = 2
 """A course holds what a cycle of twice its length holds."""
 
 
+class Shares(NamedTuple):
+    """How much moves, and what share of it moves how.
+
+    Parameters
+    ----------
+    total : float, percent
+        Root of the sum of the squares of all terms.
+    terms : (terms, modes, n) complex128
+        Over the total; 0 where nothing moves.
+    """
+
+    total: float
+    terms: NDArray[np.complex128]
+
+
 @shown()
 @dataclass(frozen=True, eq=False)
 class MotionTerms:
@@ -53,13 +68,13 @@ class MotionTerms:
     @property
     def total(self) -> float:
         """Root of the sum of all squares, percent."""
-        return float(np.linalg.norm(self.terms))
+        return math.sqrt(np.vdot(self.terms, self.terms).real)
 
     @property
-    def shares(self) -> NDArray[np.complex128]:
-        """Terms over their total, (terms, modes, n); 0 where nothing moves."""
+    def shares(self) -> Shares:
+        """Total, and the terms over it."""
         total = self.total
-        return self.terms / total if total > 0 else self.terms
+        return Shares(total, self.terms / total if total > 0 else self.terms)
 
 
 class _Course(NamedTuple):
@@ -93,6 +108,15 @@ class Motion:
         self._size = surface_size(signature)
         self._courses: dict[tuple[bool, bool], _Course] = {}
         self._fits: dict[tuple[bool, bool, int], NDArray[np.complex128]] = {}
+        self._terms: dict[tuple[bool, int, int], MotionTerms] = {}
+        self._shares: dict[tuple[bool, int, int], Shares] = {}
+
+    def shares(self, n_modes: int, n_harmonics: int, *, is_cycle: bool) -> Shares:
+        """Total and shares of `terms`."""
+        key = (is_cycle, n_modes, n_harmonics)
+        if key not in self._shares:
+            self._shares[key] = self.terms(n_modes, n_harmonics, is_cycle=is_cycle).shares
+        return self._shares[key]
 
     def terms(self, n_modes: int, n_harmonics: int, *, is_cycle: bool) -> MotionTerms:
         """First terms of the first modes: harmonics of a cycle, cosines of a course.
@@ -105,13 +129,21 @@ class Motion:
             A course has `TERMS_PER_HARMONIC` for each.
         is_cycle : bool
         """
+        key = (is_cycle, n_modes, n_harmonics)
+        if key not in self._terms:
+            self._terms[key] = self._first_terms(n_modes, n_harmonics, is_cycle=is_cycle)
+        return self._terms[key]
+
+    def _first_terms(self, n_modes: int, n_harmonics: int, *, is_cycle: bool) -> MotionTerms:
         n = n_modes or len(self._signature.modes)
         # The modes of a reading say by themselves whether the last frame repeats the first.
         is_longer = is_cycle and bool(self._repeats[n - 1])
         course, fit = self._course(is_cycle, is_longer), self._fit(is_cycle, is_longer, n_harmonics)
         total, followed = course.squares[:, n - 1].tolist()
         # Modes of springs tell the size each time they are counted, up to rounding.
-        ratio = self._size / surface_size(self._signature, n)
+        ratio = 1.0
+        if self._signature.topology is None:
+            ratio = self._size / surface_size(self._signature, n)
         n_frames = len(course.share)
         return MotionTerms(
             terms=fit[:, :n] * (100.0 * ratio),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -231,16 +232,16 @@ class FeatureReader:
         return max(1, self.n_harmonics - 1)
 
     def _of_modes(self, signature: ModalSignature, known: KnownFeatures) -> MotionValues:
-        fitted = known.motion(signature)
-        motion = fitted.terms(self.n_modes, self.n_harmonics, is_cycle=self.is_cycle)
-        waves = self.waves(signature)
+        fitted, of = known.motion(signature), (self.n_modes, self.n_harmonics)
+        motion = fitted.terms(*of, is_cycle=self.is_cycle)
+        shares, waves = fitted.shares(*of, is_cycle=self.is_cycle), self.waves(signature)
         described = None
         if self.patterns is None:
             described = known.described.get(self.terms_key)
             if described is None:
-                described = self._described(waves, motion.shares)
+                described = self._described(waves, shares.terms)
                 known.described[self.terms_key] = described
-        values = self.all_values(waves, [motion], None if described is None else [described])
+        values = self._values(waves, [shares.total], shares.terms[None], described)
         return MotionValues(values[0][None], motion.size, motion.smooth_share)
 
     def values(self, waves: Waves, motion: MotionTerms) -> NDArray[np.float64]:
@@ -250,31 +251,28 @@ class FeatureReader:
         """
         return self.all_values(waves, [motion])[0]
 
-    def all_values(
+    def all_values(self, waves: Waves, motions: Sequence[MotionTerms]) -> list[NDArray[np.float64]]:
+        """Values of the features of several motions, each (features,) float64."""
+        totals, shares = zip(*(motion.shares for motion in motions), strict=True)
+        return self._values(waves, totals, np.array(shares))
+
+    def _values(
         self,
         waves: Waves,
-        motions: Sequence[MotionTerms],
-        described: Sequence[NDArray[np.float64]] | None = None,
+        totals: Sequence[float],
+        shares: NDArray[np.complex128],
+        described: NDArray[np.float64] | None = None,
     ) -> list[NDArray[np.float64]]:
-        """Values of the features of several motions, each (features,) float64.
-
-        Parameters
-        ----------
-        waves : Waves
-        motions : sequence of MotionTerms
-        described : sequence of (n,) float64, optional
-            What depends on nothing learned, where it is known.
-        """
-        totals = [motion.total for motion in motions]
-        sizes = np.log(np.maximum(totals, _LEAST_TOTAL))
+        """Values of the features of motions; of one alone what is known of it may be given."""
         # How much moves is one feature; the others say what share of it moves how.
-        shares = np.array([motion.shares for motion in motions])
+        sizes = np.array([[math.log(max(total, _LEAST_TOTAL))] for total in totals])
         if self.patterns is not None:
             found = self.patterns.features(shares.real)
-            return list(np.concatenate([sizes[:, None], found], axis=1))
-        if described is None:
-            described = [self._described(waves, terms) for terms in shares]
-        values = [[size, own] for size, own in zip(sizes[:, None], described, strict=True)]
+            return list(np.concatenate([sizes, found], axis=1))
+        values = [
+            [size, self._described(waves, terms) if described is None else described]
+            for size, terms in zip(sizes, shares, strict=True)
+        ]
         if self.typical is not None:
             turned = shares
             if self.typical.any():

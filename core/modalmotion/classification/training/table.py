@@ -122,7 +122,9 @@ class CaseTable:
             learnt = covariate_columns([self.covariates[i] for i in rows])
             reader = replace(reader, covariates=learnt)
         if reader.patterns is not None:
-            shares = np.stack([self.rows[i].terms[_terms_key(reader)].shares.real for i in rows])
+            shares = np.stack(
+                [self.rows[i].terms[_terms_key(reader)].shares.terms.real for i in rows]
+            )
             reader = replace(reader, patterns=learn_patterns(shares, self.y[rows], seed))
         if reader.typical is None or pose == PoseOf.FIXED:
             return reader
