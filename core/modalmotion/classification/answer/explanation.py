@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.features import Column
+from modalmotion.classification.features import Columns
 from modalmotion.errors import ParameterError
 from modalmotion.modes import Modes
 from modalmotion.representation import shown
@@ -145,7 +145,7 @@ class _Players(NamedTuple):
 
 
 @lru_cache(maxsize=32)
-def _players(columns: tuple[Column, ...], modes: Modes) -> _Players:
+def _players(columns: Columns, modes: Modes) -> _Players:
     # Features of many modes belong to none of them.
     groups = [g for g in dict.fromkeys(column.modes for column in columns) if len(g) <= 2]
     # Cosine and sine of one wave vector.

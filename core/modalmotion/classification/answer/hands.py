@@ -15,7 +15,7 @@ from modalmotion.classification.answer.flags import (
     Flag,
     flags_of,
 )
-from modalmotion.classification.features import READINGS, Column, KnownFeatures, MotionFeatures
+from modalmotion.classification.features import READINGS, Columns, KnownFeatures, MotionFeatures
 from modalmotion.classification.features.course import measures
 from modalmotion.classification.features.hand import (
     hand_of,
@@ -53,7 +53,7 @@ class Reading:
     judgement : Judgement
     values : (features,) float64
         Of the model, in the reading that is nearest to a class.
-    columns : tuple of Column
+    columns : Columns
     """
 
     signature: ModalSignature
@@ -61,7 +61,7 @@ class Reading:
     sights: Sights
     judgement: Judgement
     values: NDArray[np.float64]
-    columns: tuple[Column, ...]
+    columns: Columns
 
     def flags(self, domain: Domain) -> tuple[Flag, ...]:
         """Give what speaks against an answer."""

@@ -29,14 +29,12 @@ class Pool:
     ----------
     centre, scale : (features,) float64
         Of all blends, one after another.
-    feature_firsts, scorer_firsts : (blends,) int64
-        First feature and first scorer of each blend.
+    firsts : (blends,) int64
+        First scorer of each blend.
     kernels : tuple of (slice, (features, anchors) float64)
         Features and anchors of each scorer with a kernel.
-    blend_of : (anchors,) int64
-        Of the anchors of all kernels, one after another.
     anchor_squares, factors : (anchors,) float64
-        Their squares, and -gamma.
+        Of the anchors of all kernels, one after another: their squares, and -gamma.
     scores : tuple of (slice, (n, classes) float64)
         Weights of each scorer, of its features or, after all features, of its kernels.
     intercepts : (scorers, classes) float64
@@ -47,10 +45,8 @@ class Pool:
 
     centre: Array
     scale: Array
-    feature_firsts: NDArray[np.int64]
-    scorer_firsts: NDArray[np.int64]
+    firsts: NDArray[np.int64]
     kernels: tuple[tuple[slice, Array], ...]
-    blend_of: NDArray[np.int64]
     anchor_squares: Array
     factors: Array
     scores: tuple[tuple[slice, Array], ...]
@@ -63,14 +59,13 @@ class Pool:
     @classmethod
     def of(cls, blends: Sequence[Blend], weights: Sequence[float]) -> Pool:
         """Lay blends side by side."""
-        sizes = np.array([len(blend.centre) for blend in blends])
         counts = np.array([len(blend.scorers) for blend in blends])
-        feature_firsts = np.cumsum(sizes) - sizes
         kernels, scores = [], []
-        squares, factors, blend_of = [np.zeros(0)], [np.zeros(0)], [np.zeros(0, dtype=np.int64)]
-        place = int(sizes.sum())
-        for k, blend in enumerate(blends):
-            own = slice(int(feature_firsts[k]), int(feature_firsts[k] + sizes[k]))
+        squares, factors = [np.zeros(0)], [np.zeros(0)]
+        first, place = 0, sum(len(blend.centre) for blend in blends)
+        for blend in blends:
+            own = slice(first, first + len(blend.centre))
+            first = own.stop
             for scorer in blend.scorers:
                 n = len(scorer.anchors)
                 scores.append((slice(place, place + n) if n else own, scorer.weights))
@@ -79,15 +74,12 @@ class Pool:
                     kernels.append((own, scorer.anchors.T))
                     squares.append(scorer.anchor_squares)
                     factors.append(np.full(n, -scorer.gamma))
-                    blend_of.append(np.full(n, k))
         scorers = [scorer for blend in blends for scorer in blend.scorers]
         return cls(
             centre=np.concatenate([blend.centre for blend in blends]),
             scale=np.concatenate([blend.scale for blend in blends]),
-            feature_firsts=feature_firsts,
-            scorer_firsts=np.cumsum(counts) - counts,
+            firsts=np.cumsum(counts) - counts,
             kernels=tuple(kernels),
-            blend_of=np.concatenate(blend_of),
             anchor_squares=np.concatenate(squares),
             factors=np.concatenate(factors),
             scores=tuple(scores),
@@ -132,7 +124,7 @@ class Pool:
             np.matmul(read[:, places], weights, out=shares[:, k])
         shares += self.intercepts
         shares /= self.temperatures
-        logs = np.add.reduceat(softmax(shares), self.scorer_firsts, axis=1)
+        logs = np.add.reduceat(softmax(shares), self.firsts, axis=1)
         logs /= self.counts
         np.log(np.maximum(logs, LEAST, out=logs), out=logs)
         logs /= self.blend_temperatures
@@ -146,14 +138,15 @@ class Pool:
     def _gaussian(self, z: Array, kernels: Array) -> None:
         """Fill kernels, (cases, anchors): see `scorer.kernel`."""
         first = 0
+        # |z - a|^2 = |z|^2 + |a|^2 - 2 z.a, in place: new memory costs more than the sums.
         for places, anchors in self.kernels:
             last = first + anchors.shape[1]
-            np.matmul(z[:, places], anchors, out=kernels[:, first:last])
+            own, squares = z[:, places], kernels[:, first:last]
+            np.matmul(own, anchors, out=squares)
+            squares *= -2.0
+            squares += np.einsum("ij,ij->i", own, own)[:, None]
             first = last
-        # |z - a|^2 = |z|^2 + |a|^2 - 2 z.a
-        kernels *= -2.0
         kernels += self.anchor_squares
-        kernels += np.add.reduceat(z * z, self.feature_firsts, axis=1).take(self.blend_of, axis=1)
         np.maximum(kernels, 0.0, out=kernels)
         kernels *= self.factors
         np.exp(kernels, out=kernels)

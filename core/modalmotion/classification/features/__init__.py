@@ -5,10 +5,10 @@ from modalmotion.classification.features.axis import READINGS, AxisReading, axis
 from modalmotion.classification.features.axis_parts import has_axis
 from modalmotion.classification.features.columns import (
     Column,
+    Columns,
     MotionFeatures,
     MotionValues,
     kind_of,
-    powers_of,
 )
 from modalmotion.classification.features.further import (
     CovariateColumn,
@@ -27,6 +27,7 @@ __all__ = [
     "READINGS",
     "AxisReading",
     "Column",
+    "Columns",
     "CovariateColumn",
     "FeatureReader",
     "Further",
@@ -46,7 +47,6 @@ __all__ = [
     "mean_motion",
     "motion_of",
     "nearest",
-    "powers_of",
     "right_handed",
     "surface_size",
 ]

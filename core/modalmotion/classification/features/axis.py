@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from modalmotion.classification.features.axis_parts import Parts, parts_of, readable_modes
 from modalmotion.classification.features.centred import CentredMotions
-from modalmotion.classification.features.columns import Column, MotionFeatures
+from modalmotion.classification.features.columns import Column, Columns, MotionFeatures
 from modalmotion.classification.features.phases import by_part, from_phase, read_parts
 from modalmotion.errors import ParameterError
 from modalmotion.modes import Modes
@@ -50,7 +50,7 @@ class _Layout(NamedTuple):
 
     Parameters
     ----------
-    columns : tuple of Column
+    columns : Columns
     signs : (readings, features) float64
         Changes of sign in each reading against the first.
     deforming : (n,) int64
@@ -68,7 +68,7 @@ class _Layout(NamedTuple):
         Numbers of features with and without a sign.
     """
 
-    columns: tuple[Column, ...]
+    columns: Columns
     signs: Vectors
     deforming: NDArray[np.int64]
     cosines: NDArray[np.int64]
@@ -237,7 +237,7 @@ def _mixing(parts: Parts, n_modes: int, *, walls: bool) -> tuple[Vectors, int, i
     return np.concatenate([*signed, *x, *y]).T.copy(), n_signed, n_sized
 
 
-def axis_columns(modes: Modes, n_signed: int, n_sized: int, *, walls: bool) -> tuple[Column, ...]:
+def axis_columns(modes: Modes, n_signed: int, n_sized: int, *, walls: bool) -> Columns:
     """Columns of the values of `axis_features`."""
     return _layout(modes, n_signed, n_sized, walls).columns
 
@@ -305,7 +305,7 @@ def _of_harmonics(count: int, later: float) -> Vectors:
     return np.repeat(later ** np.arange(1, count + 1), 2)
 
 
-def _columns(parts: Parts, n_signed: int, n_sized: int, walls: bool) -> tuple[Column, ...]:
+def _columns(parts: Parts, n_signed: int, n_sized: int, walls: bool) -> Columns:
     columns = [
         Column(f"{part.name} {phase} {h}", part.modes)
         for part in parts.signed
@@ -321,7 +321,7 @@ def _columns(parts: Parts, n_signed: int, n_sized: int, walls: bool) -> tuple[Co
         for h in range(1, n_sized + 1)
         for phase in ("cos", "sin")
     ]
-    return tuple(columns)
+    return Columns(columns)
 
 
 def _theta_zero(signature: ModalSignature) -> Vectors:

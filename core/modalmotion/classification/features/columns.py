@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -33,6 +34,28 @@ class Column:
     power: float = 1.0
 
 
+class Columns(tuple[Column, ...]):
+    """Columns of one table, which are the keys of caches: their hash is worked out once."""
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __reduce__(self) -> tuple[type[Columns], tuple[tuple[Column, ...]]]:
+        # Hashes of texts differ from process to process.
+        return Columns, (tuple(self),)
+
+    @cached_property
+    def _hash(self) -> int:
+        return super().__hash__()
+
+    @cached_property
+    def powers(self) -> NDArray[np.float64]:
+        """Powers of all columns, (features,) float64."""
+        powers = np.array([column.power for column in self])
+        powers.setflags(write=False)
+        return powers
+
+
 class MotionValues(NamedTuple):
     """`MotionFeatures` without the names."""
 
@@ -48,7 +71,7 @@ class MotionFeatures:
 
     Parameters
     ----------
-    columns : tuple of Column
+    columns : Columns
     values : (readings, features) float64
         One row for each way in which the motion can be read.
     motion : float
@@ -57,7 +80,7 @@ class MotionFeatures:
         See `smooth_share`.
     """
 
-    columns: tuple[Column, ...]
+    columns: Columns
     values: NDArray[np.float64]
     motion: float
     smooth_share: float
@@ -65,18 +88,12 @@ class MotionFeatures:
     @property
     def kinds(self) -> NDArray[np.float64]:
         """Kind and size of the motion: see `kind_of`, (readings, features + 1)."""
-        return kind_of(self.values, np.array(self.motion), powers_of(self.columns))
+        return kind_of(self.values, np.array(self.motion), self.columns.powers)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the features."""
         return tuple(column.name for column in self.columns)
-
-    def beside(self, other: MotionFeatures) -> MotionFeatures:
-        """Return these features followed by others, which have one reading."""
-        repeated = np.broadcast_to(other.values, (len(self.values), other.values.shape[1]))
-        values = np.concatenate([self.values, repeated], axis=1)
-        return replace(self, columns=self.columns + other.columns, values=values)
 
 
 def kind_of(
@@ -104,9 +121,3 @@ def kind_of(
     kinds[..., :-1] = relative
     kinds[..., -1:] = np.log(m)
     return kinds
-
-
-def powers_of(columns: tuple[Column, ...]) -> NDArray[np.float64]:
-    """Powers of columns, (features,) float64."""
-    # Not kept by the columns: to find these costs more.
-    return np.array([column.power for column in columns])

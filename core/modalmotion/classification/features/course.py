@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.features.temporal import cycle_share, harmonics, one_turn
+from modalmotion.classification.features.temporal import cycle_share, harmonic_rows, one_turn
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.signature.making import ModalSignature
 
@@ -62,7 +62,7 @@ def _steps(a: NDArray[np.float64]) -> tuple[float, float]:
         return math.nan, math.nan
     apart = a - a[np.arange(n) - 1]
     steps = np.sqrt(np.einsum("ij,ij->i", apart, apart))
-    usual = float(np.sqrt(np.mean(steps[1:] ** 2)))
+    usual = math.sqrt(float(np.vdot(steps[1:], steps[1:])) / (n - 1))
     if usual == 0.0:
         return math.nan, math.nan
     beside = 0.5 * (steps[1] + steps[-1]) + _REST * usual
@@ -70,9 +70,13 @@ def _steps(a: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _turns(share: NDArray[np.float64], a: NDArray[np.float64]) -> float:
-    spectrum = harmonics(share, a - a.mean(axis=0), _N_HARMONICS)
-    squares = (np.abs(spectrum) ** 2).sum(axis=1)
-    return 0.5 * _log(float(squares[1:].sum() / squares[0])) if squares[0] > 0 else math.nan
+    rows = harmonic_rows(share, a - np.add.reduce(a) / len(a), _N_HARMONICS)
+    squares = np.einsum("ij,ij->i", rows, rows).tolist()
+    first, *others = (
+        cosine + sine
+        for cosine, sine in zip(squares[:_N_HARMONICS], squares[_N_HARMONICS:], strict=True)
+    )
+    return 0.5 * _log(sum(others) / first) if first > 0 else math.nan
 
 
 def _log(value: float) -> float:

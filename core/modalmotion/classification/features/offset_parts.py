@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from modalmotion.classification.features.axis import READINGS
 from modalmotion.classification.features.axis_parts import parts_of, readable_modes
 from modalmotion.classification.features.centred import CentredMotions
-from modalmotion.classification.features.columns import Column, MotionFeatures
+from modalmotion.classification.features.columns import Column, Columns, MotionFeatures
 from modalmotion.classification.features.phases import by_part, from_phase, read_parts
 from modalmotion.modes import Modes
 from modalmotion.signature.making import ModalSignature
@@ -29,7 +29,7 @@ class _Layout(NamedTuple):
     ----------
     whole : int
         Mode (0, 0).
-    columns : tuple of Column
+    columns : Columns
     signs : (readings, features) float64
         Changes of sign in each reading against the first: a theta of the other hand turns
         features across its zero round.
@@ -40,7 +40,7 @@ class _Layout(NamedTuple):
     """
 
     whole: int
-    columns: tuple[Column, ...]
+    columns: Columns
     signs: NDArray[np.float64]
     order: NDArray[np.int64]
     n_signed: int
@@ -100,7 +100,7 @@ def offset_features(
     return MotionFeatures(layout.columns, values * layout.signs, size, smooth_share)
 
 
-def offset_columns(modes: Modes, n_signed: int, n_sized: int, *, walls: bool) -> tuple[Column, ...]:
+def offset_columns(modes: Modes, n_signed: int, n_sized: int, *, walls: bool) -> Columns:
     """Columns of the values of `offset_features`."""
     return _layout(modes, n_signed, n_sized, walls).columns
 
@@ -138,7 +138,7 @@ def _layout(modes: Modes, n_signed: int, n_sized: int, walls: bool) -> _Layout:
     order = np.concatenate(in_order)
     return _Layout(
         whole=whole,
-        columns=tuple(columns),
+        columns=Columns(columns),
         signs=signs,
         order=order,
         n_signed=len(order) if walls else n_with_sign,

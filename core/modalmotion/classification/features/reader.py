@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 from modalmotion.classification.features.alignment import align_all
 from modalmotion.classification.features.axis import axis_columns, axis_features
 from modalmotion.classification.features.axis_parts import first, readable_modes
-from modalmotion.classification.features.columns import Column, MotionFeatures, MotionValues
+from modalmotion.classification.features.columns import (
+    Column,
+    Columns,
+    MotionFeatures,
+    MotionValues,
+)
 from modalmotion.classification.features.further import (
     CovariateColumn,
     Further,
@@ -137,17 +142,17 @@ class FeatureReader:
         columns = self.columns(signature)
         return MotionFeatures(columns, values, motion.motion, motion.smooth_share)
 
-    def columns(self, signature: ModalSignature) -> tuple[Column, ...]:
+    def columns(self, signature: ModalSignature) -> Columns:
         """Names of the features."""
         waves = self.waves(signature)
-        columns: tuple[Column, ...] = ()
+        parts: list[tuple[Column, ...]] = []
         if self.reads_motion and self.has_axis:
             name = offset_columns if signature.kind == SignatureKind.OFFSET else axis_columns
             modes = readable_modes(signature, self.n_modes)
-            columns = name(modes, self.n_harmonics, self._n_sized, walls=self.walls)
+            parts.append(name(modes, self.n_harmonics, self._n_sized, walls=self.walls))
         if self.reads_motion and (self.adds_modes or not self.has_axis):
             n_terms = self.n_harmonics * (1 if self.is_cycle else TERMS_PER_HARMONIC)
-            columns += _columns(
+            own = _columns(
                 self._modes(signature),
                 waves,
                 (n_terms, signature.amplitudes.shape[2]),
@@ -156,10 +161,13 @@ class FeatureReader:
                 has_terms=self.typical is not None,
                 n_patterns=None if self.patterns is None else len(self.patterns),
             )
-        if not self.further:
-            return columns
-        beside = further_columns(self.further, waves, self.covariates, is_cycle=self.is_cycle)
-        return columns + beside
+            parts.append(own)
+        if self.further:
+            beside = further_columns(self.further, waves, self.covariates, is_cycle=self.is_cycle)
+            parts.append(beside)
+        if len(parts) == 1 and isinstance(parts[0], Columns):
+            return parts[0]
+        return Columns(column for part in parts for column in part)
 
     def motion(self, signature: ModalSignature, known: KnownFeatures) -> MotionValues:
         """Features of the motion, without their names; none where it is not read."""
@@ -325,10 +333,10 @@ def _columns(
     is_brief: bool,
     has_terms: bool,
     n_patterns: int | None,
-) -> tuple[Column, ...]:
+) -> Columns:
     if n_patterns is not None:
         names = ("motion", *pattern_names(n_patterns))
-        return tuple(Column(name, waves.all_modes, 0.0) for name in names)
+        return Columns(Column(name, waves.all_modes, 0.0) for name in names)
     name = summary_columns if is_brief else invariant_columns
     n_terms, n_directions = shape
     described = name(waves, n_terms, n_directions, is_cycle=is_cycle)
@@ -336,7 +344,7 @@ def _columns(
     if has_terms:
         columns += _term_columns(modes, n_terms, n_directions, is_cycle=is_cycle)
     # Shares do not grow with the motion.
-    return tuple(replace(column, power=0.0) for column in columns)
+    return Columns(replace(column, power=0.0) for column in columns)
 
 
 def _term_columns(modes: Modes, n_terms: int, n_directions: int, *, is_cycle: bool) -> list[Column]:

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.features.columns import Column
+from modalmotion.classification.features.columns import Columns
 
 TWINS: Final = ("mirrored", "reversed", "inverted")
 """The image in a mirror; frames in the opposite order; motion about its mean in the opposite
@@ -22,12 +22,12 @@ _LEADS: Final = ("ahead", "runs")
 
 
 @lru_cache(maxsize=32)
-def twin_signs(columns: tuple[Column, ...], *, mirror_turns_theta: bool) -> NDArray[np.float64]:
+def twin_signs(columns: Columns, *, mirror_turns_theta: bool) -> NDArray[np.float64]:
     """Signs by which the features of each of `TWINS` differ from those of the motion.
 
     Parameters
     ----------
-    columns : tuple of Column
+    columns : Columns
         Of a reader without a typical motion.
     mirror_turns_theta : bool
         Whether theta runs the other way round on the image in a mirror, as it does where the

@@ -187,28 +187,35 @@ class Domain:
         every = np.arange(len(apart))
         nearest = apart[every, readings]
         # A twin keeps its distance where no column changes.
-        twins = [
-            nearest
-            if (signs > 0).all()
-            else self._apart(sights.kinds * signs, sights.allowed).min(axis=1)
-            for signs in sights.signs
-        ]
+        twins = np.repeat(nearest[:, None], len(sights.signs), axis=1)
+        for k in np.flatnonzero((sights.signs < 0).any(axis=1)).tolist():
+            kinds = sights.kinds * sights.signs[k]
+            twins[:, k] = self._apart(kinds, sights.allowed).min(axis=1)
         along = sights.kinds[every, readings] @ self.directions.T
         # Of a twin the sign of its direction is the opposite.
-        own, turned = (self._beside(side * along) for side in (1.0, -1.0))
+        both = self._beside(np.concatenate([along, -along]))
+        own, turned = both[: len(along)], both[len(along) :]
         leaps = (sights.measures[:, len(PLACE) - 1 :] - self.course[0]) / self.course[1]
-        scores = [nearest[:, None], self.distance_from_places(sights.places)[:, None], -own, leaps]
+        scores = np.empty((len(apart), len(CHECKS)))
+        scores[:, 0] = nearest
+        scores[:, 1] = self.distance_from_places(sights.places)
+        scores[:, 2 : 2 + len(TWINS)] = -own
+        scores[:, 2 + len(TWINS) :] = leaps
         return Judgement(
             readings=readings,
-            scores=np.nan_to_num(np.concatenate(scores, axis=1)),
-            gains=nearest[:, None] ** 2 - np.stack(twins, axis=1) ** 2,
+            scores=_known(scores),
+            gains=nearest[:, None] ** 2 - twins**2,
             hand=own[:, 0] ** 2 - turned[:, 0] ** 2,
         )
 
     @cached_property
+    def _scaled_points(self) -> NDArray[np.float64]:
+        return np.asarray(self.points / self.scales)
+
+    @cached_property
     def motion_scale(self) -> MotionScale:
         """How often amounts of motion occur on surfaces of a size and shape."""
-        return MotionScale(self.points / self.scales, float(self.scales[0]))
+        return MotionScale(self._scaled_points, float(self.scales[0]))
 
     def is_too_large(self, place: NDArray[np.float64]) -> bool:
         """Whether the motion at a place, (3,), would be usual if it were several times smaller."""
@@ -243,8 +250,8 @@ class Domain:
         found = np.empty(len(places))
         step = max(1, _MOST_PAIRS // len(self.points))
         for k in range(0, len(places), step):
-            apart = np.nan_to_num((places[k : k + step, None] - self.points) / self.scales)
-            squares = np.einsum("ijk,ijk->ij", apart, apart)
+            apart = places[k : k + step, None] / self.scales - self._scaled_points
+            squares = np.einsum("ijk,ijk->ij", _known(apart), apart)
             found[k : k + step] = np.partition(squares, n - 1, axis=1)[:, n - 1]
         return np.sqrt(found)
 
@@ -260,6 +267,12 @@ ARRAYS: Final = (
     "limits",
 )
 """Names of the arrays of a domain."""
+
+
+def _known(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Put 0 in the place of what is not known, in these values themselves."""
+    np.copyto(values, 0.0, where=np.isnan(values))
+    return values
 
 
 def of_kind_alone(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from modalmotion.classification.estimators.pool import Pool
 from modalmotion.classification.estimators.temperature import softmax
 from modalmotion.classification.features import (
-    Column,
+    Columns,
     FeatureReader,
     Further,
     KnownFeatures,
@@ -134,26 +134,26 @@ class Model(FrozenArrays):
         return hashlib.sha256(text.encode()).hexdigest()
 
     @cached_property
-    def columns(self) -> tuple[Column, ...]:
+    def columns(self) -> Columns:
         """Features of all members, one after another."""
-        return tuple(column for member in self.members for column in member.columns)
+        return Columns(column for member in self.members for column in member.columns)
 
     @cached_property
     def centre(self) -> NDArray[np.float64]:
         """Features of an average training case, (features,) float64."""
         return np.concatenate([member.blend.centre for member in self.members])
 
-    @property
+    @cached_property
     def walls(self) -> bool:
         """Whether walls are told apart, so that the zero of theta must be known."""
         return any(member.reader.walls for member in self.members)
 
-    @property
+    @cached_property
     def has_axis(self) -> bool:
         """Whether parts about an axis are read."""
         return self.domain.reader.has_axis or any(m.reader.has_axis for m in self.members)
 
-    @property
+    @cached_property
     def reads_volume(self) -> bool:
         """Whether a volume must be enclosed."""
         volume = {Further.VOLUME, Further.VOLUME_CURVE}

@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.features import (
-    Column,
+    Columns,
     FeatureReader,
     Further,
     covariate_columns,
     kind_of,
     mean_motion,
-    powers_of,
 )
 from modalmotion.classification.features.hand import theta_is_of_the_shape
 from modalmotion.classification.features.patterns import learn_patterns
@@ -177,9 +176,9 @@ class CaseTable:
     ) -> NDArray[np.float64]:
         """Give the kinds (`kind_of`) of some cases, (cases, readings, columns) float64."""
         motions = self.sizes(reader)[rows, :1]
-        return kind_of(values, motions, powers_of(self.columns(reader)))
+        return kind_of(values, motions, self.columns(reader).powers)
 
-    def columns(self, reader: FeatureReader) -> tuple[Column, ...]:
+    def columns(self, reader: FeatureReader) -> Columns:
         """Names of the features."""
         return reader.columns(self.example)
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from project import DATA
 
 from modalmotion.classification import classify, evaluate, load_model
-from modalmotion.classification.features import Column, kind_of, powers_of
+from modalmotion.classification.features import Column, Columns, kind_of
 from modalmotion.classification.training.train_shipped import (
     OFFSET,
     RECIPES,
@@ -125,8 +125,8 @@ def test_the_least_motion_is_of_the_size_and_not_in_mm(rng: np.random.Generator)
 def test_a_larger_motion_is_of_the_same_kind(
     values: list[float], motion: float, larger: float
 ) -> None:
-    columns = (Column("a", (0,)), Column("b", (1,)), Column("root", (2,), power=0.5))
-    powers = powers_of(columns)
+    columns = Columns((Column("a", (0,)), Column("b", (1,)), Column("root", (2,), power=0.5)))
+    powers = columns.powers
     one = kind_of(np.array([values]), np.array(motion), powers)
     grown = np.array([values]) * [larger, larger, np.sqrt(larger)]
     other = kind_of(grown, np.array(larger * motion), powers)
