@@ -37,6 +37,12 @@ class Member:
     machine: bytes
     weight: float
 
+    @property
+    def features(self) -> list[tuple[object, ...]]:
+        """What each feature is: equal ones, of this or another member, have equal values."""
+        reader = self.reader
+        return [(reader.motion_key, reader.covariates, column) for column in self.columns]
+
     def log_shares(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """Log probabilities up to a constant, (cases, classes), of features (cases, features)."""
         if self.machine:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.estimators.pool import Pool
+from modalmotion.classification.estimators.pool import Pool, pool_of
 from modalmotion.classification.estimators.temperature import softmax
 from modalmotion.classification.features import (
     Columns,
@@ -195,7 +195,11 @@ class Model(FrozenArrays):
         """All members side by side; None where one is a machine, which is alone."""
         if any(member.machine for member in self.members):
             return None
-        return Pool.of([m.blend for m in self.members], [m.weight for m in self.members])
+        return pool_of(
+            [member.blend for member in self.members],
+            [member.weight for member in self.members],
+            [member.features for member in self.members],
+        )
 
     def probabilities(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """Probabilities, (cases, classes) float64, of features (cases, features)."""
