@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from modalmotion.classification.features.alignment import align_all
 from modalmotion.classification.features.axis import axis_columns, axis_features
-from modalmotion.classification.features.axis_parts import first, readable_modes
+from modalmotion.classification.features.axis_parts import first
 from modalmotion.classification.features.columns import (
     Column,
     Columns,
@@ -144,17 +144,16 @@ class FeatureReader:
 
     def columns(self, signature: ModalSignature) -> Columns:
         """Names of the features."""
-        waves = self.waves(signature)
         parts: list[tuple[Column, ...]] = []
         if self.reads_motion and self.has_axis:
             name = offset_columns if signature.kind == SignatureKind.OFFSET else axis_columns
-            modes = readable_modes(signature, self.n_modes)
+            modes = self._modes(signature)
             parts.append(name(modes, self.n_harmonics, self._n_sized, walls=self.walls))
         if self.reads_motion and (self.adds_modes or not self.has_axis):
             n_terms = self.n_harmonics * (1 if self.is_cycle else TERMS_PER_HARMONIC)
             own = _columns(
                 self._modes(signature),
-                waves,
+                self.waves(signature),
                 (n_terms, signature.amplitudes.shape[2]),
                 is_cycle=self.is_cycle,
                 is_brief=self.is_brief,
@@ -163,6 +162,7 @@ class FeatureReader:
             )
             parts.append(own)
         if self.further:
+            waves = self.waves(signature)
             beside = further_columns(self.further, waves, self.covariates, is_cycle=self.is_cycle)
             parts.append(beside)
         if len(parts) == 1 and isinstance(parts[0], Columns):
