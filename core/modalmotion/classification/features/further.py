@@ -13,7 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.features.columns import Column
-from modalmotion.classification.features.invariants import Waves, invariant_columns, invariants
+from modalmotion.classification.features.invariants import (
+    Waves,
+    invariant_columns,
+    still_invariants,
+)
 from modalmotion.classification.features.motion_terms import surface_size
 from modalmotion.classification.features.phases import from_phase
 from modalmotion.classification.features.temporal import (
@@ -27,6 +31,9 @@ from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.signature.making import ModalSignature, SignatureKind
 
 Array = NDArray[np.float64]
+
+# A surface of no size has a logarithm all the same.
+_LEAST_SIZE: Final = float(np.finfo(float).tiny)
 
 # Harmonics of a volume curve over one turn, and twice as many cosines of one that ends elsewhere.
 _N_CURVE: Final = 3
@@ -113,7 +120,7 @@ def covariate_columns(
 
 def log_size(size: float, unit: str | None) -> Array:
     """Logarithm of a surface's size, in mm where the unit is known, (1,) float64."""
-    return np.array([math.log(max(size, np.finfo(float).tiny) * MM_PER_UNIT.get(unit or "", 1.0))])
+    return np.array([math.log(max(size, _LEAST_SIZE) * MM_PER_UNIT.get(unit or "", 1.0))])
 
 
 SIZE_COLUMNS: Final = (Column("log size", (), 0.0),)
@@ -131,9 +138,7 @@ def rest_shape(signature: ModalSignature, waves: Waves) -> Array:
         shape += np.add.reduce(signature.amplitudes) / signature.n_frames
     shape[0] = 0.0
     size = math.sqrt(np.vdot(shape, shape))
-    terms = (shape / size if size > 0 else shape)[None].astype(np.complex128)
-    values = invariants(terms, waves, is_cycle=False)
-    return values[: len(_still(waves))]
+    return still_invariants(shape / size if size > 0 else shape, waves)
 
 
 def rest_shape_columns(waves: Waves) -> tuple[Column, ...]:

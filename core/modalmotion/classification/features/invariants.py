@@ -107,6 +107,25 @@ def invariants(
     return np.concatenate([np.sqrt(squares).T.ravel(), rooted[:n], spread, rooted[n:]])
 
 
+def still_invariants(shape: NDArray[np.float64], waves: Waves) -> NDArray[np.float64]:
+    """`invariants` of a motion of one real term, but for what leads, which is zero.
+
+    Parameters
+    ----------
+    shape : (modes, n) float64
+    waves : Waves
+    """
+    places = _places(waves)
+    n = places.n_together
+    products = (shape @ shape.T).ravel()
+    found = products.take(places.first[:n])
+    if places.second is not None:
+        found += places.signs[:n] * products.take(places.second[:n])
+    # Of one term each wave has one square, on the diagonal.
+    squares = products[:: len(shape) + 1] @ places.members
+    return np.concatenate([np.sqrt(squares), signed_root(found), _spread(shape, waves)])
+
+
 def sizes(
     motion: NDArray[np.complex128], waves: Waves, *, is_cycle: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -125,13 +144,18 @@ def sizes(
     by_mode = np.add.reduce(np.square(parts), axis=2)
     if is_cycle:
         by_mode = by_mode[: len(motion)] + by_mode[len(motion) :]
-    if not places.is_whole:
-        parts = parts[:, list(waves.all_modes)]
-    n_directions = parts.shape[2]
+    return np.asarray(by_mode @ places.members), _spread(parts, waves)
+
+
+def _spread(parts: NDArray[np.float64], waves: Waves) -> NDArray[np.float64]:
+    """Singular values, (n,) float64, of terms (..., modes, n)."""
+    if not _places(waves).is_whole:
+        parts = parts[..., list(waves.all_modes), :]
+    n_directions = parts.shape[-1]
     spread = np.linalg.svd(parts.reshape(-1, n_directions), compute_uv=False)
     if len(spread) < n_directions:
         spread = np.append(spread, np.zeros(n_directions - len(spread)))
-    return np.asarray(by_mode @ places.members), np.asarray(spread, dtype=np.float64)
+    return np.asarray(spread, dtype=np.float64)
 
 
 class _Places(NamedTuple):

@@ -181,14 +181,21 @@ class FeatureReader:
     def beside(self, signature: ModalSignature, known: KnownFeatures) -> list[NDArray[np.float64]]:
         """Features beside the motion, without their names: (1, features) float64 of each kind."""
         values = []
-        for kind in self.further:
-            learned = self.covariates if kind == Further.COVARIATES else ()
-            key = (kind, self.n_modes, self.is_cycle, self.walls, learned)
+        for kind, key in self._further_keys:
             found = known.further.get(key)
             if found is None:
                 found = known.further[key] = self._further(kind, signature, known)[None]
             values.append(found)
         return values
+
+    @cached_property
+    def _further_keys(self) -> tuple[tuple[Further, tuple[object, ...]], ...]:
+        """Kinds beside the motion, and what each depends on, beside the signature."""
+        of_modes = (self.n_modes, self.is_cycle, self.walls)
+        return tuple(
+            (kind, (kind, *of_modes, self.covariates if kind == Further.COVARIATES else ()))
+            for kind in self.further
+        )
 
     @cached_property
     def terms_key(self) -> tuple[object, ...]:
