@@ -24,6 +24,7 @@ from modalmotion.classification.features.hand import (
     right_handed,
     theta_is_of_the_shape,
 )
+from modalmotion.classification.features.temporal import Turn
 from modalmotion.classification.features.twins import of_kinds, twin_signs
 from modalmotion.classification.model.domain import Domain, Judgement, Sights, sights_of
 from modalmotion.classification.model.model import Model
@@ -178,7 +179,8 @@ def _read(signature: ModalSignature, model: Model) -> Reading:
     domain = model.domain
     known = KnownFeatures()
     seen = domain.reader.read(signature, known)
-    sights = _sights(signature, seen, domain)
+    turn = known.turns(signature).of_first()
+    sights = _sights(signature, seen, domain, turn)
     judgement = domain.judge(sights)
     features = model.read(signature, known)
     nearest = int(judgement.readings[0])
@@ -192,9 +194,9 @@ def _read(signature: ModalSignature, model: Model) -> Reading:
     )
 
 
-def _sights(signature: ModalSignature, seen: MotionFeatures, domain: Domain) -> Sights:
+def _sights(signature: ModalSignature, seen: MotionFeatures, domain: Domain, turn: Turn) -> Sights:
     signs = twin_signs(seen.columns, mirror_turns_theta=theta_is_of_the_shape(signature))
-    values = measures(signature)
+    values = measures(signature, turn)
     if domain.has_unit is None or domain.has_unit != (signature.unit is not None):
         values[0] = math.nan
     return sights_of(seen.kinds[None], readings_of(signature)[None], of_kinds(signs), values[None])

@@ -41,7 +41,9 @@ class _Family(NamedTuple):
         Their places among the scores.
     anchors : (features, anchors) float64
     masks : (kernels, features) float64
-        1 for the features that each kernel has, 0 for others.
+        2 gamma for the features that each kernel has, 0 for others.
+    widths : (kernels,) float64
+        1 / (4 gamma) of each.
     kernels : slice
         Of all kernels, one after another, after the features.
     weights : (kernels, anchors, classes) float64
@@ -54,6 +56,7 @@ class _Family(NamedTuple):
     of_linear: slice
     anchors: Array
     masks: Array
+    widths: Array
     kernels: slice
     weights: Array
     of_kernels: slice
@@ -69,8 +72,8 @@ class Pool:
         Features that are read, among those of all blends: of what several have, the first.
     centre, scale : (read,) float64
     families : tuple of _Family
-    anchor_squares, factors : (kernels * anchors,) float64
-        Of all families: squares of the anchors, and -gamma.
+    anchor_squares : (kernels * anchors,) float64
+        Of all families: gamma |a|^2.
     intercepts : (scorers, classes) float64
     temperatures : (scorers, 1) float64
     means : (blends, scorers) float64
@@ -83,7 +86,6 @@ class Pool:
     scale: Array
     families: tuple[_Family, ...]
     anchor_squares: Array
-    factors: Array
     intercepts: Array
     temperatures: Array
     means: Array
@@ -103,7 +105,7 @@ class Pool:
         (cases, classes) float64
             Up to a constant.
         """
-        step = max(1, _MOST_VALUES // (len(self.places) + len(self.factors)))
+        step = max(1, _MOST_VALUES // (len(self.places) + len(self.anchor_squares)))
         if len(features) <= step:
             return self._log_shares(features)
         return np.concatenate(
@@ -113,7 +115,7 @@ class Pool:
     def _log_shares(self, features: Array) -> Array:
         n, d = len(features), len(self.places)
         # Standardised features, and after them the kernels.
-        read = np.empty((n, d + len(self.factors)))
+        read = np.empty((n, d + len(self.anchor_squares)))
         z = read[:, :d]
         np.subtract(features.take(self.places, axis=1), self.centre, out=z)
         z /= self.scale
@@ -143,22 +145,19 @@ class Pool:
 
     def _fill_kernels(self, z: Array, kernels: Array) -> None:
         """Fill the kernels of all families, (cases, kernels * anchors): see `scorer.kernel`."""
-        if not len(self.factors):
+        if not len(self.anchor_squares):
             return
         first = 0
-        # |z - a|^2 = |z|^2 + |a|^2 - 2 z.a, in place: new memory costs more than the sums.
+        # -g |z - a|^2 = 2 g z.a - g |z|^2 - g |a|^2, in place: new memory costs more than sums.
         for family in self.families:
             k, m, _ = family.weights.shape
             if k:
                 own = z[:, None, family.features] * family.masks
-                squares = kernels[:, first : first + k * m].reshape(len(z), k, m)
-                np.matmul(own, family.anchors, out=squares)
-                squares *= -2.0
-                squares += np.einsum("ijk,ijk->ij", own, own)[..., None]
+                exponents = kernels[:, first : first + k * m].reshape(len(z), k, m)
+                np.matmul(own, family.anchors, out=exponents)
+                exponents -= (np.einsum("ijk,ijk->ij", own, own) * family.widths)[..., None]
                 first += k * m
-        kernels += self.anchor_squares
-        np.maximum(kernels, 0.0, out=kernels)
-        kernels *= self.factors
+        kernels -= self.anchor_squares
         np.exp(kernels, out=kernels)
 
 
@@ -214,8 +213,7 @@ def pool_of(
         centre=np.concatenate([blend.centre for blend in blends])[places],
         scale=np.concatenate([blend.scale for blend in blends])[places],
         families=tuple(families),
-        anchor_squares=np.concatenate(nothing + [s.anchor_squares for s in kernels]),
-        factors=np.concatenate(nothing + [np.full(len(s.anchors), -s.gamma) for s in kernels]),
+        anchor_squares=np.concatenate(nothing + [s.gamma * s.anchor_squares for s in kernels]),
         intercepts=np.array([placed.scorer.intercepts for placed in ordered]),
         temperatures=np.array([[placed.scorer.temperature] for placed in ordered]),
         means=means,
@@ -297,7 +295,7 @@ class _Group:
             anchors[number[what]] = column
         masks = np.zeros((n_kernels, len(number)))
         for k, placed in enumerate(self.kernels):
-            masks[k, [number[what] for what in placed.features]] = 1.0
+            masks[k, [number[what] for what in placed.features]] = 2.0 * placed.scorer.gamma
         weights = np.zeros((n_kernels, n_anchors, n_classes))
         for k, placed in enumerate(self.kernels):
             weights[k] = placed.scorer.weights
@@ -308,6 +306,7 @@ class _Group:
             of_linear=slice(score, between),
             anchors=anchors,
             masks=masks,
+            widths=np.array([0.25 / placed.scorer.gamma for placed in self.kernels]),
             kernels=slice(kernel, kernel + n_kernels * n_anchors),
             weights=weights,
             of_kernels=slice(between, between + n_kernels * n_classes),

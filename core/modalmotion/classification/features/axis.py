@@ -55,8 +55,9 @@ class _Layout(NamedTuple):
         Changes of sign in each reading against the first.
     deforming : (n,) int64
         Modes that do not translate the whole.
-    cosines, sines : (rings,) int64
-        Modes (p, 1).
+    rings : (2, 6 * rings) int64
+        Amplitudes of cosine and sine of (p, 1) whose products make their vector product: for each
+        direction the product that is added, and the one that is taken off.
     line : (9,) int64
         Amplitudes that tell the radial line: see `_radial_line`.
     mixing : (directions * modes, parts) float64
@@ -71,8 +72,7 @@ class _Layout(NamedTuple):
     columns: Columns
     signs: Vectors
     deforming: NDArray[np.int64]
-    cosines: NDArray[np.int64]
-    sines: NDArray[np.int64]
+    rings: NDArray[np.int64]
     line: NDArray[np.int64]
     mixing: Vectors
     order: NDArray[np.int64]
@@ -164,11 +164,11 @@ def _body_frame(
     products: Vectors, layout: _Layout, towards: Vectors | None
 ) -> tuple[Direction, Direction, Direction]:
     """Give e1, e2 and e3; e1 is towards the zero of theta where that is known."""
-    n = len(products) // 3
     # The sum of c x s is what is not symmetric in the sum of c s'.
-    of_rings = products.reshape(n, 3, n, 3)[layout.cosines, :, layout.sines]
-    m = np.add.reduce(of_rings).tolist()
-    e3 = _unit((m[1][2] - m[2][1], m[2][0] - m[0][2], m[0][1] - m[1][0]))
+    n = len(products)
+    flat = products.ravel()
+    m = flat.take(n * layout.rings[0] + layout.rings[1]).tolist()
+    e3 = _unit(tuple(sum(m[i::6]) - sum(m[i + 1 :: 6]) for i in (0, 2, 4)))
     if towards is None:
         least = min(range(3), key=lambda k: abs(e3[k]))
         start: Direction = (float(least == 0), float(least == 1), float(least == 2))
@@ -185,13 +185,9 @@ def _radial_line(
     """Give the turn about the axis, of modulus 1, that makes radial motion of (0, 1) real."""
     # (w(c) - i w(s)) / 2 but for the half, of the mode (0, 1), as x + i y: x = c1 + s2,
     # y = c2 - s1; and the axial part of (1, 0). Their products over time, of c, s and the last.
-    three = np.array(
-        [
-            (*e1, *e2, 0.0, 0.0, 0.0),
-            (*e2, -e1[0], -e1[1], -e1[2], 0.0, 0.0, 0.0),
-            (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, *e3),
-        ]
-    )
+    none = (0.0, 0.0, 0.0)
+    rows = (*e1, *e2, *none, *e2, -e1[0], -e1[1], -e1[2], *none, *none, *none, *e3)
+    three = np.array(rows).reshape(3, 9)
     nine = products[layout.line[:, None], layout.line]
     (xx, xy, x_axial), (_, yy, y_axial), _ = (three @ nine @ three.T).tolist()
     # The line in the complex plane along which (0, 1) moves most is the radial one.
@@ -216,7 +212,8 @@ def _directions(
         (g * e1[0] - k * e2[0], g * e1[1] - k * e2[1], g * e1[2] - k * e2[2]),
         (k * e1[0] + g * e2[0], k * e1[1] + g * e2[1], k * e1[2] + g * e2[2]),
     ]
-    return np.array([*turned, e3, e1, e2] if walls else [*turned, e3]).T
+    columns = [*turned, e3, e1, e2] if walls else [*turned, e3]
+    return np.array([part for column in columns for part in column]).reshape(-1, 3).T
 
 
 def _mixing(parts: Parts, n_modes: int, *, walls: bool) -> tuple[Vectors, int, int]:
@@ -260,12 +257,13 @@ def _layout(modes: Modes, n_signed: int, n_sized: int, walls: bool) -> _Layout:
     ring, one = parts.first[0], np.arange(3)
     line = [3 * k + one for k in (parts.cosines[ring], parts.sines[ring], parts.unpaired[0])]
     order = np.concatenate(in_order)
+    c, s = parts.cosines[parts.first], parts.sines[parts.first]
+    i, j = np.array([1, 2, 2, 0, 0, 1]), np.array([2, 1, 0, 2, 1, 0])
     return _Layout(
         columns=_columns(parts, n_signed, n_sized, walls),
         signs=np.stack([_signs(parts, reading, n_signed, n_sized, walls) for reading in READINGS]),
         deforming=np.flatnonzero(modes.wavenumbers.any(axis=1)),
-        cosines=parts.cosines[parts.first],
-        sines=parts.sines[parts.first],
+        rings=np.stack([(3 * c[:, None] + i).ravel(), (3 * s[:, None] + j).ravel()]),
         line=np.concatenate(line),
         mixing=mixing,
         order=order,

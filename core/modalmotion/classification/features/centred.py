@@ -8,15 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.features.temporal import (
-    N_SMOOTH,
-    cycle_share,
-    followed_squares,
-    harmonic_rows,
-    repeats_first,
-    smooth_share_of,
-    without_last,
-)
+from modalmotion.classification.features.temporal import Turn, Turns, cycle_fit, smooth_share_of
 from modalmotion.signature.making import ModalSignature
 
 Array = NDArray[np.float64]
@@ -27,8 +19,7 @@ class CentredMotion:
 
     Parameters
     ----------
-    signature : ModalSignature
-        Of one turn.
+    turn : Turn
 
     Attributes
     ----------
@@ -37,17 +28,17 @@ class CentredMotion:
         See `cycle_share`.
     """
 
-    def __init__(self, signature: ModalSignature) -> None:
-        along, around = signature.lengths
+    def __init__(self, turn: Turn) -> None:
+        along, around = turn.signature.lengths
         # The roots are taken apart so that no product overflows.
-        a = signature.amplitudes / math.sqrt(along)
-        a /= math.sqrt(around)
-        a *= 100.0
+        a = turn.signature.amplitudes / math.sqrt(along)
+        a *= 100.0 / math.sqrt(around)
         a -= np.add.reduce(a) / len(a)
         self.amplitudes: Array = a
-        self.share = cycle_share(signature)
+        self.share = turn.share
         self._flat: Array = a.reshape(len(a), -1)
         self._harmonics: dict[int, Array] = {}
+        self._followed: Array | None = None
 
     def harmonic_rows(self, count: int) -> Array:
         """First harmonics of all amplitudes, (2 count, modes * n) float64; not to be changed.
@@ -56,7 +47,7 @@ class CentredMotion:
         """
         found = self._harmonics.get(count)
         if found is None:
-            found = harmonic_rows(self.share, self._flat, count)
+            found, self._followed = cycle_fit(self.share, self._flat, count)
             self._harmonics[count] = found
         return found
 
@@ -81,11 +72,11 @@ class CentredMotion:
 
         Of all, and of what the first harmonics follow.
         """
+        if self._followed is None:
+            self.harmonic_rows(1)
         _, n_modes, n_directions = self.amplitudes.shape
-        by_mode = np.empty((2, n_modes * n_directions))
-        np.einsum("ij,ij->j", self._flat, self._flat, out=by_mode[0])
-        by_mode[1] = followed_squares(self.share, self._flat, N_SMOOTH, is_cycle=True)
-        return np.asarray(np.add.reduce(by_mode.reshape(2, n_modes, n_directions), axis=2))
+        squares = np.array([np.einsum("ij,ij->j", self._flat, self._flat), self._followed])
+        return np.asarray(np.add.reduce(squares.reshape(2, n_modes, n_directions), axis=2))
 
 
 class CentredMotions:
@@ -95,21 +86,18 @@ class CentredMotions:
     ----------
     signature : ModalSignature
         Of at least two frames, about an axis.
+    turns : Turns, optional
+        Of the signature.
     """
 
-    def __init__(self, signature: ModalSignature) -> None:
-        self._signature = signature
-        self._made: dict[bool, CentredMotion] = {}
+    def __init__(self, signature: ModalSignature, turns: Turns | None = None) -> None:
+        self._turns = turns or Turns(signature)
+        self._made: dict[int, CentredMotion] = {}
 
     def of_first(self, n_modes: int) -> CentredMotion:
         """Motion of all modes over one turn, as long as the first modes say that it is."""
-        # The modes of a reading say by themselves whether the last frame repeats the first.
-        is_longer = bool(self._repeats[n_modes - 1])
-        if is_longer not in self._made:
-            signature = without_last(self._signature) if is_longer else self._signature
-            self._made[is_longer] = CentredMotion(signature)
-        return self._made[is_longer]
-
-    @cached_property
-    def _repeats(self) -> NDArray[np.bool_]:
-        return repeats_first(self._signature.amplitudes)
+        turn = self._turns.of_first(n_modes)
+        n_frames = len(turn.share)
+        if n_frames not in self._made:
+            self._made[n_frames] = CentredMotion(turn)
+        return self._made[n_frames]

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.features.temporal import cycle_share, harmonic_rows, one_turn
+from modalmotion.classification.features.temporal import Turn, Turns, harmonic_rows
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.signature.making import ModalSignature
 
@@ -28,21 +28,21 @@ _FLAT: Final = 1e-6
 _REST: Final = 0.1
 
 
-def measures(signature: ModalSignature) -> NDArray[np.float64]:
+def measures(signature: ModalSignature, turn: Turn | None = None) -> NDArray[np.float64]:
     """Values of `MEASURES`, (measures,) float64; NaN for what the recording does not tell."""
     unit = signature.unit
     size = signature.modes.length_of(
         signature.lengths, signature.angular_frequencies, signature.parameters.wave_speed
     )
     known = 1.0 if unit is None else MM_PER_UNIT[unit]
-    turn = one_turn(signature)
-    a = turn.amplitudes.reshape(turn.n_frames, -1)
+    turn = turn or Turns(signature).of_first()
+    a = turn.signature.amplitudes.reshape(len(turn.share), -1)
     return np.array(
         [
             _log(size * known),
             _elongation(signature.reference_amplitudes),
             *_steps(a),
-            _turns(cycle_share(turn), a),
+            _turns(turn.share, a),
         ]
     )
 

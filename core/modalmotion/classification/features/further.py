@@ -21,11 +21,11 @@ from modalmotion.classification.features.invariants import (
 from modalmotion.classification.features.motion_terms import surface_size
 from modalmotion.classification.features.phases import from_phase
 from modalmotion.classification.features.temporal import (
+    Turn,
+    Turns,
     cosines,
-    cycle_share,
     elapsed_share,
     harmonic_rows,
-    one_turn,
 )
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.signature.making import ModalSignature, SignatureKind
@@ -175,7 +175,7 @@ VOLUME_COLUMNS: Final = tuple(
 )
 
 
-def volume_curve(signature: ModalSignature, *, is_cycle: bool) -> Array:
+def volume_curve(signature: ModalSignature, *, is_cycle: bool, turn: Turn | None = None) -> Array:
     """Course of the volume over its largest, (features,) float64.
 
     Of a cycle the size of the first harmonic, and the others in phase and out of phase with it;
@@ -187,8 +187,8 @@ def volume_curve(signature: ModalSignature, *, is_cycle: bool) -> Array:
     if not is_cycle:
         share = elapsed_share(signature)
         return cosines(share, relative[:, None], 2 * _N_CURVE)[:, 0]
-    turn = one_turn(signature)
-    rows = harmonic_rows(cycle_share(turn), relative[: turn.n_frames, None], _N_CURVE)
+    share = (turn or Turns(signature).of_first()).share
+    rows = harmonic_rows(share, relative[: len(share), None], _N_CURVE)
     clock = math.atan2(rows[_N_CURVE, 0], rows[0, 0])
     return np.asarray(from_phase(rows, clock)[_CURVE_PHASES, 0])
 
@@ -205,16 +205,31 @@ def volume_curve_columns(*, is_cycle: bool) -> tuple[Column, ...]:
 
 
 def further_values(
-    kind: Further, signature: ModalSignature, waves: Waves, *, is_cycle: bool
+    kind: Further,
+    signature: ModalSignature,
+    waves: Waves,
+    *,
+    is_cycle: bool,
+    turn: Turn | None = None,
 ) -> Array:
-    """Values of one kind of feature, but for covariates, (features,) float64."""
+    """Values of one kind of feature, but for covariates, (features,) float64.
+
+    Parameters
+    ----------
+    kind : Further
+    signature : ModalSignature
+    waves : Waves
+    is_cycle : bool
+    turn : Turn, optional
+        Of the signature, where it is known.
+    """
     if kind == Further.SIZE:
         return log_size(surface_size(signature), signature.unit)
     if kind == Further.REST_SHAPE:
         return rest_shape(signature, waves)
     if kind == Further.VOLUME:
         return volume_values(signature)
-    return volume_curve(signature, is_cycle=is_cycle)
+    return volume_curve(signature, is_cycle=is_cycle, turn=turn)
 
 
 def further_columns(

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from modalmotion.classification.features.centred import CentredMotions
 from modalmotion.classification.features.columns import MotionValues
 from modalmotion.classification.features.motion_terms import Motion
+from modalmotion.classification.features.temporal import Turns
 from modalmotion.signature.first_modes import first_modes
 from modalmotion.signature.making import ModalSignature
 
@@ -32,19 +33,26 @@ class KnownFeatures:
         self.described: dict[tuple[object, ...], NDArray[np.float64]] = {}
         self.further: dict[tuple[object, ...], NDArray[np.float64]] = {}
         self._first: dict[int, ModalSignature] = {}
+        self._turns: Turns | None = None
         self._centred: CentredMotions | None = None
         self._motion: Motion | None = None
 
+    def turns(self, signature: ModalSignature) -> Turns:
+        """One turn of the signature, which is always the same one."""
+        if self._turns is None:
+            self._turns = Turns(signature)
+        return self._turns
+
     def centred(self, signature: ModalSignature) -> CentredMotions:
-        """Centred motion of the signature, which is always the same one."""
+        """Centred motion of the signature."""
         if self._centred is None:
-            self._centred = CentredMotions(signature)
+            self._centred = CentredMotions(signature, self.turns(signature))
         return self._centred
 
     def motion(self, signature: ModalSignature) -> Motion:
         """Motion of the signature, whose terms are fitted together."""
         if self._motion is None:
-            self._motion = Motion(signature)
+            self._motion = Motion(signature, self.turns(signature))
         return self._motion
 
     def first_modes(self, signature: ModalSignature, n_modes: int) -> ModalSignature:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -13,14 +12,13 @@ from numpy.typing import NDArray
 from modalmotion.classification.features.axis_parts import first
 from modalmotion.classification.features.temporal import (
     N_SMOOTH,
+    Turn,
+    Turns,
     cosines,
-    cycle_share,
     elapsed_share,
     followed_squares,
     harmonics,
-    repeats_first,
     smooth_share_of,
-    without_last,
 )
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
@@ -101,13 +99,16 @@ class Motion:
     ----------
     signature : ModalSignature
         Of at least two frames.
+    turns : Turns, optional
+        Of the signature.
     """
 
-    def __init__(self, signature: ModalSignature) -> None:
+    def __init__(self, signature: ModalSignature, turns: Turns | None = None) -> None:
         self._signature = signature
+        self._turns = turns or Turns(signature)
         self._size = surface_size(signature)
-        self._courses: dict[tuple[bool, bool], _Course] = {}
-        self._fits: dict[tuple[bool, bool, int], NDArray[np.complex128]] = {}
+        self._courses: dict[int, _Course] = {}
+        self._fits: dict[tuple[int, int], NDArray[np.complex128]] = {}
         self._terms: dict[tuple[bool, int, int], MotionTerms] = {}
         self._shares: dict[tuple[bool, int, int], Shares] = {}
 
@@ -136,9 +137,9 @@ class Motion:
 
     def _first_terms(self, n_modes: int, n_harmonics: int, *, is_cycle: bool) -> MotionTerms:
         n = n_modes or len(self._signature.modes)
-        # The modes of a reading say by themselves whether the last frame repeats the first.
-        is_longer = is_cycle and bool(self._repeats[n - 1])
-        course, fit = self._course(is_cycle, is_longer), self._fit(is_cycle, is_longer, n_harmonics)
+        # How long a turn is the modes of a reading say by themselves.
+        turn = self._turns.of_first(n) if is_cycle else None
+        course, fit = self._course(turn), self._fit(turn, n_harmonics)
         total, followed = course.squares[:, n - 1].tolist()
         # Modes of springs tell the size each time they are counted, up to rounding.
         ratio = 1.0
@@ -151,40 +152,37 @@ class Motion:
             smooth_share=smooth_share_of(n_frames, total, followed),
         )
 
-    def _course(self, is_cycle: bool, is_longer: bool) -> _Course:
-        found = self._courses.get((is_cycle, is_longer))
+    def _course(self, turn: Turn | None) -> _Course:
+        """Give the course of a turn, or of the whole recording."""
+        key = 0 if turn is None else len(turn.share)
+        found = self._courses.get(key)
         if found is None:
-            signature = without_last(self._signature) if is_longer else self._signature
-            share = cycle_share(signature) if is_cycle else elapsed_share(signature)
+            signature = self._signature if turn is None else turn.signature
+            share = elapsed_share(signature) if turn is None else turn.share
             a = signature.body_amplitudes / self._size
             a -= np.add.reduce(a) / len(a)
             n, n_modes, n_directions = a.shape
             flat = a.reshape(n, -1)
-            count = N_SMOOTH if is_cycle else 2 * N_SMOOTH
-            squares = np.empty((2, n_modes * n_directions))
-            np.einsum("ij,ij->j", flat, flat, out=squares[0])
-            squares[1] = followed_squares(share, flat, count, is_cycle=is_cycle)
+            count = 2 * N_SMOOTH if turn is None else N_SMOOTH
+            followed = followed_squares(share, flat, count, is_cycle=turn is not None)
+            squares = np.array([np.einsum("ij,ij->j", flat, flat), followed])
             by_mode = np.add.reduce(squares.reshape(2, n_modes, n_directions), axis=2)
             found = _Course(share, flat, np.add.accumulate(by_mode, axis=1))
-            self._courses[is_cycle, is_longer] = found
+            self._courses[key] = found
         return found
 
-    def _fit(self, is_cycle: bool, is_longer: bool, n_harmonics: int) -> NDArray[np.complex128]:
-        key = (is_cycle, is_longer, n_harmonics)
+    def _fit(self, turn: Turn | None, n_harmonics: int) -> NDArray[np.complex128]:
+        key = (0 if turn is None else len(turn.share), n_harmonics)
         found = self._fits.get(key)
         if found is None:
-            course = self._course(is_cycle, is_longer)
-            if is_cycle:
-                fit = harmonics(course.share, course.values, n_harmonics)
-            else:
+            course = self._course(turn)
+            if turn is None:
                 n_terms = TERMS_PER_HARMONIC * n_harmonics
                 fit = cosines(course.share, course.values, n_terms).astype(np.complex128)
+            else:
+                fit = harmonics(course.share, course.values, n_harmonics)
             found = self._fits[key] = fit.reshape(len(fit), *self._signature.amplitudes.shape[1:])
         return found
-
-    @cached_property
-    def _repeats(self) -> NDArray[np.bool_]:
-        return repeats_first(self._signature.amplitudes)
 
 
 def surface_size(signature: ModalSignature, n_modes: int = 0) -> float:

@@ -26,12 +26,14 @@ def from_phase(rows: Array, clock: float) -> Array:
     """
     count = len(rows) // 2
     # One product for all of them: (a + i b) (c - i s) = (a c + b s) + i (b c - a s).
-    turn = [[0.0] * (2 * count) for _ in range(2 * count)]
+    n = 2 * count
+    turn = [0.0] * n**2
     for h in range(count):
         c, s = math.cos((h + 1) * clock), math.sin((h + 1) * clock)
-        turn[2 * h][h] = turn[2 * h + 1][count + h] = c
-        turn[2 * h][count + h], turn[2 * h + 1][h] = s, -s
-    return np.asarray(np.array(turn) @ rows)
+        cosine, sine = 2 * h * n + h, (2 * h + 1) * n + h
+        turn[cosine], turn[cosine + count] = c, s
+        turn[sine], turn[sine + count] = -s, c
+    return np.asarray(np.array(turn).reshape(n, n) @ rows)
 
 
 def by_part(columns: NDArray[np.int64], n_harmonics: int, n_signals: int) -> NDArray[np.int64]:

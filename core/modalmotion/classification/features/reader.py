@@ -222,7 +222,8 @@ class FeatureReader:
         if kind == Further.COVARIATES:
             return self.covariate_values(signature.facts.covariates)
         few = known.first_modes(signature, self.n_modes)
-        return further_values(kind, few, self.waves(few), is_cycle=self.is_cycle)
+        turn = known.turns(signature).of_first(self.n_modes) if self.is_cycle else None
+        return further_values(kind, few, self.waves(few), is_cycle=self.is_cycle, turn=turn)
 
     def _motion(self, signature: ModalSignature, known: KnownFeatures) -> MotionValues:
         if not self.has_axis:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Final
+from functools import cached_property, lru_cache
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,48 @@ class _Design:
 
     solve: NDArray[np.float64]
     span: NDArray[np.float64]
+
+
+class Turn(NamedTuple):
+    """One turn of a recording.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+        Without a last frame that repeats the first.
+    share : (frames,) float64
+        See `cycle_share`.
+    """
+
+    signature: ModalSignature
+    share: NDArray[np.float64]
+
+
+class Turns:
+    """One turn of a signature, as long as its first modes say that it is: see `one_turn`.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    """
+
+    def __init__(self, signature: ModalSignature) -> None:
+        self._signature = signature
+        self._made: dict[bool, Turn] = {}
+
+    def of_first(self, n_modes: int = 0) -> Turn:
+        """Turn that the first modes tell; all for 0."""
+        # The modes of a reading say by themselves whether the last frame repeats the first.
+        is_longer = bool(self._repeats[n_modes - 1])
+        found = self._made.get(is_longer)
+        if found is None:
+            turn = without_last(self._signature) if is_longer else self._signature
+            found = self._made[is_longer] = Turn(turn, cycle_share(turn))
+        return found
+
+    @cached_property
+    def _repeats(self) -> NDArray[np.bool_]:
+        return repeats_first(self._signature.amplitudes)
 
 
 def one_turn(signature: ModalSignature) -> ModalSignature:
@@ -162,16 +204,17 @@ def harmonic_rows(
     share: NDArray[np.float64], signals: NDArray[np.float64], count: int
 ) -> NDArray[np.float64]:
     """Cosine and then sine parts of `harmonics`, (2 count, signals) float64."""
-    n_fitted = min(count, max(1, (len(share) - 1) // 2))
-    solution: NDArray[np.float64] = (
-        _design(share.tobytes(), n_fitted, is_cycle=True).solve @ signals
-    )
-    if n_fitted == count:
-        return solution[1:]
-    rows = np.zeros((2 * count, signals.shape[1]))
-    rows[:n_fitted] = solution[1 : 1 + n_fitted]
-    rows[count : count + n_fitted] = solution[1 + n_fitted :]
+    rows: NDArray[np.float64] = _cycle_fit(share.tobytes(), count)[: 2 * count] @ signals
     return rows
+
+
+def cycle_fit(
+    share: NDArray[np.float64], signals: NDArray[np.float64], count: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """`harmonic_rows` of signals, and the `followed_squares` of a cycle, in one product."""
+    found = _cycle_fit(share.tobytes(), count) @ signals
+    followed = found[2 * count :]
+    return found[: 2 * count], np.einsum("ij,ij->j", followed, followed)
 
 
 def cosines(
@@ -237,6 +280,19 @@ def smooth_share_of(n_frames: int, total: float, followed: float) -> float:
     rest = max(0.0, total - followed)
     # Of white noise n - 1 - terms of n - 1 parts remain.
     return max(0.0, 1.0 - rest / free * (n_frames - 1) / total)
+
+
+@lru_cache(maxsize=_N_DESIGNS)
+def _cycle_fit(times: bytes, count: int) -> NDArray[np.float64]:
+    """Rows that make harmonics of signals, zero where frames are too few, and their span."""
+    n_frames = len(times) // 8
+    n_fitted = min(count, max(1, (n_frames - 1) // 2))
+    solve = _design(times, n_fitted, is_cycle=True).solve
+    span = _design(times, N_SMOOTH, is_cycle=True).span
+    rows = np.zeros((2 * count, n_frames))
+    rows[:n_fitted] = solve[1 : 1 + n_fitted]
+    rows[count : count + n_fitted] = solve[1 + n_fitted :]
+    return np.concatenate([rows, span])
 
 
 @lru_cache(maxsize=_N_DESIGNS)

@@ -9,7 +9,7 @@ import pytest
 
 from modalmotion.classification.features import FeatureReader, KnownFeatures
 from modalmotion.classification.features.centred import CentredMotion, CentredMotions
-from modalmotion.classification.features.temporal import harmonics, smooth_share
+from modalmotion.classification.features.temporal import Turns, harmonics, smooth_share
 from modalmotion.signature.first_modes import first_modes
 from modalmotion.signature.making import (
     ModalSignature,
@@ -36,7 +36,7 @@ def signature(request: pytest.FixtureRequest) -> ModalSignature:
 
 
 def test_harmonics_size_and_smoothness_are_those_of_the_modes(signature: ModalSignature) -> None:
-    motion = CentredMotion(signature)
+    motion = CentredMotion(Turns(signature).of_first())
     a = 100.0 * signature.amplitudes / np.sqrt(np.prod(signature.lengths))
     a = a - a.mean(axis=0)
     assert motion.amplitudes == pytest.approx(a, abs=1e-9)
