@@ -75,7 +75,7 @@ class Pool:
     anchor_squares : (kernels * anchors,) float64
         Of all families: gamma |a|^2.
     intercepts : (scorers, classes) float64
-    temperatures : (scorers, 1) float64
+        They and all weights are over the scorers' temperatures.
     means : (blends, scorers) float64
         Shares of the scorers in each blend.
     blend_temperatures, weights : (blends, 1) float64
@@ -87,7 +87,6 @@ class Pool:
     families: tuple[_Family, ...]
     anchor_squares: Array
     intercepts: Array
-    temperatures: Array
     means: Array
     blend_temperatures: Array
     weights: Array
@@ -132,7 +131,6 @@ class Pool:
                 np.matmul(kernels, family.weights, out=own)
         shares = scores.reshape(n, n_scorers, n_classes)
         shares += self.intercepts
-        shares /= self.temperatures
         logs = self.means @ softmax(shares)
         np.log(np.maximum(logs, LEAST, out=logs), out=logs)
         logs /= self.blend_temperatures
@@ -214,8 +212,7 @@ def pool_of(
         scale=np.concatenate([blend.scale for blend in blends])[places],
         families=tuple(families),
         anchor_squares=np.concatenate(nothing + [s.gamma * s.anchor_squares for s in kernels]),
-        intercepts=np.array([placed.scorer.intercepts for placed in ordered]),
-        temperatures=np.array([[placed.scorer.temperature] for placed in ordered]),
+        intercepts=np.array([p.scorer.intercepts / p.scorer.temperature for p in ordered]),
         means=means,
         blend_temperatures=np.array([[blend.temperature] for blend in blends]),
         weights=np.array(weights)[:, None],
@@ -228,6 +225,11 @@ class _Placed(NamedTuple):
     scorer: Scorer
     blend: int
     features: dict[Hashable, int]
+
+    @property
+    def weights(self) -> Array:
+        """Its weights over its temperature."""
+        return np.asarray(self.scorer.weights / self.scorer.temperature)
 
 
 def _features_of(blend: Blend, own: Sequence[Hashable], first: int) -> dict[Hashable, int]:
@@ -288,7 +290,7 @@ class _Group:
         n_linear, n_kernels = len(self.linear), len(self.kernels)
         linear = np.zeros((len(number), n_linear, n_classes))
         for k, placed in enumerate(self.linear):
-            linear[[number[what] for what in placed.features], k] = placed.scorer.weights
+            linear[[number[what] for what in placed.features], k] = placed.weights
         n_anchors = len(self.kernels[0].scorer.anchors) if n_kernels else 0
         anchors = np.zeros((len(number), n_anchors))
         for what, column in self.anchors.items():
@@ -298,7 +300,7 @@ class _Group:
             masks[k, [number[what] for what in placed.features]] = 2.0 * placed.scorer.gamma
         weights = np.zeros((n_kernels, n_anchors, n_classes))
         for k, placed in enumerate(self.kernels):
-            weights[k] = placed.scorer.weights
+            weights[k] = placed.weights
         between = score + n_linear * n_classes
         return _Family(
             features=slice(feature, feature + len(number)),

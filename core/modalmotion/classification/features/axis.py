@@ -55,11 +55,11 @@ class _Layout(NamedTuple):
         Changes of sign in each reading against the first.
     deforming : (n,) int64
         Modes that do not translate the whole.
-    rings : (2, 6 * rings) int64
+    rings : two of (6 * rings,) int64
         Amplitudes of cosine and sine of (p, 1) whose products make their vector product: for each
         direction the product that is added, and the one that is taken off.
-    line : (9,) int64
-        Amplitudes that tell the radial line: see `_radial_line`.
+    line : (9, 1) and (1, 9) int64
+        Amplitudes that tell the radial line, with each other: see `_radial_line`.
     mixing : (directions * modes, parts) float64
         Makes parts of harmonics along the directions of `_directions`: those with a sign, first
         and second components of those without.
@@ -72,8 +72,8 @@ class _Layout(NamedTuple):
     columns: Columns
     signs: Vectors
     deforming: NDArray[np.int64]
-    rings: NDArray[np.int64]
-    line: NDArray[np.int64]
+    rings: tuple[NDArray[np.int64], NDArray[np.int64]]
+    line: tuple[NDArray[np.int64], ...]
     mixing: Vectors
     order: NDArray[np.int64]
     n_signed: int
@@ -165,9 +165,7 @@ def _body_frame(
 ) -> tuple[Direction, Direction, Direction]:
     """Give e1, e2 and e3; e1 is towards the zero of theta where that is known."""
     # The sum of c x s is what is not symmetric in the sum of c s'.
-    n = len(products)
-    flat = products.ravel()
-    m = flat.take(n * layout.rings[0] + layout.rings[1]).tolist()
+    m = products[layout.rings].tolist()
     e3 = _unit(tuple(sum(m[i::6]) - sum(m[i + 1 :: 6]) for i in (0, 2, 4)))
     if towards is None:
         least = min(range(3), key=lambda k: abs(e3[k]))
@@ -188,7 +186,7 @@ def _radial_line(
     none = (0.0, 0.0, 0.0)
     rows = (*e1, *e2, *none, *e2, -e1[0], -e1[1], -e1[2], *none, *none, *none, *e3)
     three = np.array(rows).reshape(3, 9)
-    nine = products[layout.line[:, None], layout.line]
+    nine = products[layout.line]
     (xx, xy, x_axial), (_, yy, y_axial), _ = (three @ nine @ three.T).tolist()
     # The line in the complex plane along which (0, 1) moves most is the radial one.
     gauge = cmath.exp(-0.5j * math.atan2(2.0 * xy, xx - yy))
@@ -263,8 +261,8 @@ def _layout(modes: Modes, n_signed: int, n_sized: int, walls: bool) -> _Layout:
         columns=_columns(parts, n_signed, n_sized, walls),
         signs=np.stack([_signs(parts, reading, n_signed, n_sized, walls) for reading in READINGS]),
         deforming=np.flatnonzero(modes.wavenumbers.any(axis=1)),
-        rings=np.stack([(3 * c[:, None] + i).ravel(), (3 * s[:, None] + j).ravel()]),
-        line=np.concatenate(line),
+        rings=((3 * c[:, None] + i).ravel(), (3 * s[:, None] + j).ravel()),
+        line=np.ix_(*[np.concatenate(line)] * 2),
         mixing=mixing,
         order=order,
         n_signed=len(order) if walls else signed.size - 1,

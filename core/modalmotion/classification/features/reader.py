@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,21 @@ from modalmotion.signature.making import ModalSignature, SignatureKind
 
 # Percent of the size: less motion than this counts as rest.
 _LEAST_TOTAL = 1e-2
+
+
+class PartKey(NamedTuple):
+    """What features of one part depend on, beside the signature.
+
+    Parameters
+    ----------
+    kind : Further or None
+        None for the motion.
+    reads : tuple
+        How it is read.
+    """
+
+    kind: Further | None
+    reads: tuple[object, ...]
 
 
 _NOTHING: Final = MotionValues(np.zeros((1, 0)), 0.0, 1.0)
@@ -138,7 +153,8 @@ class FeatureReader:
         """
         known = KnownFeatures() if known is None else known
         motion = self.motion(signature, known)
-        values = _side_by_side([motion.values, *self.beside(signature, known)])
+        parts = [self.part(key, signature, known) for key in self.part_keys]
+        values = side_by_side(parts)
         columns = self.columns(signature)
         return MotionFeatures(columns, values, motion.motion, motion.smooth_share)
 
@@ -178,22 +194,24 @@ class FeatureReader:
             found = known.features[self.motion_key] = self._motion(signature, known)
         return found
 
-    def beside(self, signature: ModalSignature, known: KnownFeatures) -> list[NDArray[np.float64]]:
-        """Features beside the motion, without their names: (1, features) float64 of each kind."""
-        values = []
-        for kind, key in self._further_keys:
-            found = known.further.get(key)
-            if found is None:
-                found = known.further[key] = self._further(kind, signature, known)[None]
-            values.append(found)
-        return values
+    def part(
+        self, key: PartKey, signature: ModalSignature, known: KnownFeatures
+    ) -> NDArray[np.float64]:
+        """Features of one part, without their names, (readings, features) float64."""
+        if key.kind is None:
+            return self.motion(signature, known).values
+        found = known.further.get(key)
+        if found is None:
+            found = known.further[key] = self._further(key.kind, signature, known)[None]
+        return found
 
     @cached_property
-    def _further_keys(self) -> tuple[tuple[Further, tuple[object, ...]], ...]:
-        """Kinds beside the motion, and what each depends on, beside the signature."""
+    def part_keys(self) -> tuple[PartKey, ...]:
+        """The motion and what is beside it, by all that each depends on beside the signature."""
+        motion = (PartKey(None, self.motion_key),) if self.reads_motion else ()
         of_modes = (self.n_modes, self.is_cycle, self.walls)
-        return tuple(
-            (kind, (kind, *of_modes, self.covariates if kind == Further.COVARIATES else ()))
+        return motion + tuple(
+            PartKey(kind, (*of_modes, self.covariates if kind == Further.COVARIATES else ()))
             for kind in self.further
         )
 
@@ -239,7 +257,7 @@ class FeatureReader:
         )
         values = parts.values
         if self.adds_modes:
-            values = _side_by_side([values, self._of_modes(signature, known).values])
+            values = side_by_side([values, self._of_modes(signature, known).values])
         return MotionValues(values, parts.motion, parts.smooth_share)
 
     @property
@@ -314,7 +332,7 @@ def motion_of(signature: ModalSignature, reader: FeatureReader) -> MotionTerms:
     return Motion(signature).terms(0, reader.n_harmonics, is_cycle=reader.is_cycle)
 
 
-def _side_by_side(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+def side_by_side(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     """Features one after another, (readings, features); what has one reading has it in all."""
     if len(parts) == 1:
         return parts[0]

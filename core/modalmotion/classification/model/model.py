@@ -21,6 +21,7 @@ from modalmotion.classification.features import (
     KnownFeatures,
     MotionFeatures,
 )
+from modalmotion.classification.features.reader import PartKey, side_by_side
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import Calibration
 from modalmotion.classification.model.cross_validation import CrossValidation
@@ -169,15 +170,36 @@ class Model(FrozenArrays):
         What the domain has read of it, and members read too, is taken from `known`.
         """
         known = KnownFeatures() if known is None else known
-        motions = [member.reader.motion(signature, known) for member in self.members]
-        n_readings = max(len(motion.values) for motion in motions)
-        values = np.empty((n_readings, len(self.columns)))
-        place = 0
-        for member, motion in zip(self.members, motions, strict=True):
-            for part in (motion.values, *member.reader.beside(signature, known)):
-                values[:, place : place + part.shape[1]] = part
-                place += part.shape[1]
-        return MotionFeatures(self.columns, values, motions[0].motion, motions[0].smooth_share)
+        parts = [reader.part(key, signature, known) for key, reader in self._parts.items()]
+        values = side_by_side(parts).take(self._places(tuple(p.shape[1] for p in parts)), axis=1)
+        motion = self.members[0].reader.motion(signature, known)
+        return MotionFeatures(self.columns, values, motion.motion, motion.smooth_share)
+
+    @cached_property
+    def _parts(self) -> dict[PartKey, FeatureReader]:
+        """Parts that members read, each once, and a reader of each."""
+        readers = [member.reader for member in self.members]
+        return {key: reader for reader in reversed(readers) for key in reader.part_keys}
+
+    def _places(self, widths: tuple[int, ...]) -> NDArray[np.int64]:
+        """Columns of the parts, side by side, that are features of the members, one by one."""
+        found = self._kept_places.get(widths)
+        if found is None:
+            ends = np.cumsum(widths)
+            of = {
+                key: np.arange(end - width, end)
+                for key, width, end in zip(self._parts, widths, ends, strict=True)
+            }
+            keys = [key for member in self.members for key in member.reader.part_keys]
+            found = np.concatenate([of[key] for key in keys])
+            # All signatures that it reads give its parts the same widths.
+            self._kept_places.clear()
+            self._kept_places[widths] = found
+        return found
+
+    @cached_property
+    def _kept_places(self) -> dict[tuple[int, ...], NDArray[np.int64]]:
+        return {}
 
     @property
     def signature_parameters(self) -> SignatureParameters:
