@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from modalmotion.classification.features.columns import Column
 from modalmotion.modes import Modes, wave_pairs
+from modalmotion.numeric.small_svd import singular_values
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,10 +153,10 @@ def _spread(parts: NDArray[np.float64], waves: Waves) -> NDArray[np.float64]:
     if not _places(waves).is_whole:
         parts = parts[..., list(waves.all_modes), :]
     n_directions = parts.shape[-1]
-    spread = np.linalg.svd(parts.reshape(-1, n_directions), compute_uv=False)
+    spread = singular_values(parts.reshape(-1, n_directions))
     if len(spread) < n_directions:
         spread = np.append(spread, np.zeros(n_directions - len(spread)))
-    return np.asarray(spread, dtype=np.float64)
+    return spread
 
 
 class _Places(NamedTuple):
