@@ -308,7 +308,8 @@ class _Group:
             of_linear=slice(score, between),
             anchors=anchors,
             masks=masks,
-            widths=np.array([0.25 / placed.scorer.gamma for placed in self.kernels]),
+            # A kernel of no width at all is 1 everywhere.
+            widths=np.array([0.25 / g if (g := p.scorer.gamma) else 0.0 for p in self.kernels]),
             kernels=slice(kernel, kernel + n_kernels * n_anchors),
             weights=weights,
             of_kernels=slice(between, between + n_kernels * n_classes),
