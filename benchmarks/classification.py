@@ -200,8 +200,9 @@ def _costs(cohort: list[_Recorded], folds: Sequence[Any], mini: tuple[Any, float
     for name, (model, own) in models.items():
         calls[name] = partial(_answer, model, own)
         calls[f"  {name}, with class set, flags and explanation"] = partial(classify, own, model)
-    # Of this process alone: others that run beside it take none of its time.
-    times = side_by_side(calls, n_samples=30, clock=time.process_time)
+    # Of this process alone: others that run beside it take none of its time. Warm: a score of calls
+    # one after another.
+    times = side_by_side(calls, n_samples=30, clock=time.process_time, sample_seconds=0.02)
     base = times["MiniRocket"].median
     for name, found in times.items():
         cells = (name, in_words(found.median), f"{base / found.median:.1f}")

@@ -78,6 +78,7 @@ def side_by_side(
     calls: Mapping[str, Callable[[], object]],
     n_samples: int = 30,
     clock: Callable[[], float] = time.perf_counter,
+    sample_seconds: float = _SHORTEST_SAMPLE_SECONDS,
 ) -> dict[str, Times]:
     """Time calls in turn, again and again, so that each meets the same machine.
 
@@ -88,8 +89,11 @@ def side_by_side(
         How many times each is measured; a short call is repeated within a sample.
     clock : callable
         Gives seconds; `time.process_time` where the machine is shared.
+    sample_seconds : float
+        Least length of a sample. The first call of each meets memory that the calls beside it
+        have filled: longer samples are of calls one after another.
     """
-    repeats = {name: _repeats(call) for name, call in calls.items()}
+    repeats = {name: _repeats(call, sample_seconds) for name, call in calls.items()}
     samples: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(n_samples):
         for name, call in calls.items():
@@ -108,8 +112,8 @@ def in_words(seconds: float) -> str:
     return ""
 
 
-def _repeats(call: Callable[[], object]) -> int:
+def _repeats(call: Callable[[], object], sample_seconds: float) -> int:
     call()
     start = time.perf_counter()
     call()
-    return max(1, int(_SHORTEST_SAMPLE_SECONDS / max(1e-9, time.perf_counter() - start)))
+    return max(1, int(sample_seconds / max(1e-9, time.perf_counter() - start)))

@@ -5,9 +5,11 @@ These take three times as long as the decomposition itself, which is the same ro
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgesdd
 
 Array = NDArray[np.float64]
 
@@ -21,16 +23,24 @@ def singular_values(matrix: Array) -> Array:
         If they are not found, as where a value is not a number.
     """
     # Of the transpose they are the same, and its memory is in LAPACK's order.
-    _, values, _, info = dgesdd(matrix.T, compute_uv=0)
+    _, values, _, info = _dgesdd()(matrix.T, compute_uv=0)
     _require_found(info)
     return np.asarray(values)
 
 
 def small_svd(matrix: Array) -> tuple[Array, Array, Array]:
     """U, s and V' with U diag(s) V' = a square matrix; see `singular_values`."""
-    V, values, Ut, info = dgesdd(matrix.T)
+    V, values, Ut, info = _dgesdd()(matrix.T)
     _require_found(info)
     return Ut.T, values, V.T
+
+
+@cache
+def _dgesdd() -> Any:
+    # Not before it is used: a server starts without it.
+    from scipy.linalg.lapack import dgesdd
+
+    return dgesdd
 
 
 def _require_found(info: int) -> None:

@@ -109,7 +109,7 @@ def invariants(
 
 
 def still_invariants(shape: NDArray[np.float64], waves: Waves) -> NDArray[np.float64]:
-    """`invariants` of a motion of one real term, but for what leads, which is zero.
+    """Sizes, what is together and the spread of one real term: the first of its `invariants`.
 
     Parameters
     ----------

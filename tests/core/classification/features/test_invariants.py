@@ -16,12 +16,13 @@ from modalmotion.classification.features.invariants import (
     Waves,
     invariant_columns,
     invariants,
+    still_invariants,
     waves_of,
 )
 from modalmotion.classification.features.summary import summary, summary_columns
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes import lowest_modes
-from modalmotion.modes.topology import CYLINDER, OPEN_CURVE, PLANE, TORUS, Topology
+from modalmotion.modes.topology import CUP, CYLINDER, OPEN_CURVE, PLANE, TORUS, Topology
 from modalmotion.signature.making import ModalSignature, modal_signature
 
 KINDS = [(invariants, invariant_columns), (summary, summary_columns)]
@@ -179,3 +180,66 @@ def test_features_without_names_are_the_same() -> None:
         values = reader.values(reader.waves(signature), motion_of(signature, reader))
         assert np.array_equal(found.values[0], values)
         assert len(found.columns) == found.values.shape[1]
+
+
+def slow_invariants(motion: NDArray[np.complex128], waves: Waves, *, is_cycle: bool) -> list[float]:
+    """Give them one by one, as their definition says."""
+    nothing = np.zeros_like(motion[:, 0])
+    c = [motion[:, k] for k in waves.cosines.tolist()]
+    s = [motion[:, k] if k >= 0 else nothing for k in waves.sines.tolist()]
+    n, k = len(c), np.arange(1, len(motion) + 1)
+
+    def together(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> float:
+        return float((a.conj() * b).sum().real)
+
+    def ahead(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> float:
+        if is_cycle:
+            return float((a.conj() * b).sum().imag)
+        odd = [(i, j) for i in k.tolist() for j in k.tolist() if (i + j) % 2]
+        areas = [2.0 * (i**2 + j**2) / (i**2 - j**2) for i, j in odd]
+        pairs = [(a[i - 1] * b[j - 1]).sum().real for i, j in odd]
+        return float(np.dot(areas, pairs))
+
+    def root(value: float) -> float:
+        return float(np.sign(value) * np.sqrt(abs(value)))
+
+    pairs = [
+        (i, j)
+        for i in range(n)
+        for j in range(i + 1, n)
+        if waves.turns[i].tolist() == waves.turns[j].tolist()
+    ]
+    sizes = [
+        float(np.sqrt((np.abs(c[i][h]) ** 2 + np.abs(s[i][h]) ** 2).sum()))
+        for i in range(n)
+        for h in range(len(motion))
+    ]
+    rows = motion[:, list(waves.all_modes)].reshape(-1, motion.shape[2])
+    spread = np.linalg.svd(np.concatenate([rows.real, rows.imag]), compute_uv=False).tolist()
+    values = sizes + [root(together(c[i], c[j]) + together(s[i], s[j])) for i, j in pairs]
+    values += spread + [root(ahead(c[i], c[j]) + ahead(s[i], s[j])) for i, j in pairs]
+    if not (waves.sines >= 0).any():
+        return values
+    has_sine = np.flatnonzero(waves.sines >= 0).tolist()
+    values += [root(ahead(c[i], s[i])) for i in has_sine]
+    both = [(i, j) for i, j in pairs if i in has_sine and j in has_sine]
+    for product in (together, ahead):
+        values += [root(product(c[i], s[j]) - product(s[i], c[j])) for i, j in both]
+    return values
+
+
+@pytest.mark.parametrize("is_cycle", [True, False])
+@pytest.mark.parametrize("topology", [CUP, PLANE, TORUS])
+@pytest.mark.parametrize("n_modes", [2, 9])
+def test_they_are_those_of_their_definition(
+    is_cycle: bool, topology: Topology, n_modes: int, rng: np.random.Generator
+) -> None:
+    waves = waves_on(topology, n_modes)
+    motion = rng.normal(size=(3, n_modes, 3)) + 1j * is_cycle * rng.normal(size=(3, n_modes, 3))
+    found = invariants(motion, waves, is_cycle=is_cycle)
+    expected = slow_invariants(motion, waves, is_cycle=is_cycle)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    if not is_cycle:
+        still = invariants(motion[:1], waves, is_cycle=False)
+        alone = still_invariants(motion[0].real, waves)
+        np.testing.assert_allclose(alone, still[: len(alone)], rtol=1e-9, atol=1e-9)

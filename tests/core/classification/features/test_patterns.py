@@ -79,6 +79,43 @@ def test_many_motions_have_the_features_of_each() -> None:
         np.testing.assert_allclose(patterns.features(terms[k : k + 1])[0], together[k], atol=1e-6)
 
 
+def _one_by_one(patterns: Patterns, terms: np.ndarray) -> np.ndarray:
+    """Features of one motion, window by window, as their definition says."""
+    path = terms.reshape(len(terms), -1).T @ np.cos(
+        np.pi * np.arange(1, len(terms) + 1)[:, None] * np.linspace(0.0, 1.0, 32)
+    )
+    found = []
+    for piece, spacing, is_shape, limit in zip(*vars_of(patterns), strict=True):
+        distances = []
+        for place in range(32 - (LENGTH - 1) * spacing):
+            window = path[:, place : place + LENGTH * spacing : spacing][:, :LENGTH]
+            if is_shape:
+                window = window - window.mean(axis=1, keepdims=True)
+                window = window / window.std(axis=1, keepdims=True)
+            distances.append(np.linalg.norm(window - piece))
+        d = np.array(distances)
+        weights = np.exp(-(d**2 - d.min() ** 2) / (2 * limit**2))
+        where = (np.arange(len(d)) * weights).sum() / weights.sum()
+        found.append((d.min(), np.log(weights.sum()), where))
+    return np.array(found).T.ravel()
+
+
+def vars_of(patterns: Patterns) -> tuple[list[np.ndarray], list[int], list[bool], list[float]]:
+    return (
+        list(patterns.pieces),
+        patterns.spacings.tolist(),
+        patterns.is_shape.tolist(),
+        patterns.limits.tolist(),
+    )
+
+
+def test_they_are_those_of_each_window_by_itself() -> None:
+    patterns = learn_patterns(_terms(4), np.array([0, 0, 1, 1]), seed=0)
+    for terms in _terms(3, seed=1):
+        found = patterns.features(terms[None])[0]
+        np.testing.assert_allclose(found, _one_by_one(patterns, terms), rtol=1e-9, atol=1e-9)
+
+
 def test_one_motion_of_a_class_and_one_motion_at_all() -> None:
     assert np.isfinite(learn_patterns(_terms(2), np.array([0, 1]), seed=0).limits).all()
     assert np.isfinite(learn_patterns(_terms(1), np.array([0]), seed=0).limits).all()
