@@ -53,8 +53,8 @@ class _Layout(NamedTuple):
     columns : Columns
     signs : (readings, features) float64
         Changes of sign in each reading against the first.
-    deforming : (n,) int64
-        Modes that do not translate the whole.
+    deforming : (3 modes,) float64
+        1 for amplitudes of modes that do not translate the whole.
     rings : two of (6 * rings,) int64
         Amplitudes of cosine and sine of (p, 1) whose products make their vector product: for each
         direction the product that is added, and the one that is taken off.
@@ -71,7 +71,7 @@ class _Layout(NamedTuple):
 
     columns: Columns
     signs: Vectors
-    deforming: NDArray[np.int64]
+    deforming: Vectors
     rings: tuple[NDArray[np.int64], NDArray[np.int64]]
     line: tuple[NDArray[np.int64], ...]
     mixing: Vectors
@@ -260,7 +260,7 @@ def _layout(modes: Modes, n_signed: int, n_sized: int, walls: bool) -> _Layout:
     return _Layout(
         columns=_columns(parts, n_signed, n_sized, walls),
         signs=np.stack([_signs(parts, reading, n_signed, n_sized, walls) for reading in READINGS]),
-        deforming=np.flatnonzero(modes.wavenumbers.any(axis=1)),
+        deforming=np.repeat(modes.wavenumbers.any(axis=1), 3).astype(np.float64),
         rings=((3 * c[:, None] + i).ravel(), (3 * s[:, None] + j).ravel()),
         line=np.ix_(*[np.concatenate(line)] * 2),
         mixing=mixing,

@@ -57,26 +57,30 @@ class CentredMotion:
         products: Array = self._flat.T @ self._flat
         return products
 
-    def amount(self, modes: slice | NDArray[np.int64]) -> tuple[float, float]:
+    def amount(self, some: Array) -> tuple[float, float]:
         """RMS over time of what some modes move, as a share of the size, and its smooth share.
 
         See `smooth_share_of`.
+
+        Parameters
+        ----------
+        some : (first modes * n,) float64
+            1 for the amplitudes of these modes, 0 for others.
         """
-        total, followed = np.add.reduce(self._squares[:, modes], axis=1).tolist()
+        total, followed = (float(squares[: len(some)] @ some) for squares in self._squares)
         n = len(self.amplitudes)
         return math.sqrt(total / n) / 100.0, smooth_share_of(n, total, followed)
 
     @cached_property
-    def _squares(self) -> Array:
-        """Sums over time and directions of the squares of each mode, (2, modes) float64.
+    def _squares(self) -> tuple[Array, Array]:
+        """Sums over time of the squares of each amplitude, (modes * n,) float64.
 
         Of all, and of what the first harmonics follow.
         """
         if self._followed is None:
             self.harmonic_rows(1)
-        _, n_modes, n_directions = self.amplitudes.shape
-        squares = np.array([np.einsum("ij,ij->j", self._flat, self._flat), self._followed])
-        return np.asarray(np.add.reduce(squares.reshape(2, n_modes, n_directions), axis=2))
+        assert self._followed is not None  # noqa: S101 (it comes with the harmonics)
+        return np.einsum("ij,ij->j", self._flat, self._flat), self._followed
 
 
 class CentredMotions:

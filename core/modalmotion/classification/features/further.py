@@ -165,7 +165,7 @@ def volume_values(signature: ModalSignature) -> Array:
     """
     volumes = signature.volumes
     assert volumes is not None  # noqa: S101 (see `has_volume`)
-    largest, smallest = float(volumes.max()), float(volumes.min())
+    largest, smallest = float(np.maximum.reduce(volumes)), float(np.minimum.reduce(volumes))
     length = math.log(largest) / 3.0 + math.log(MM_PER_UNIT.get(signature.unit or "", 1.0))
     return np.array([length, 1.0 - smallest / largest])
 
@@ -183,7 +183,7 @@ def volume_curve(signature: ModalSignature, *, is_cycle: bool, turn: Turn | None
     """
     volumes = signature.volumes
     assert volumes is not None  # noqa: S101 (see `has_volume`)
-    relative = volumes / volumes.max()
+    relative = volumes / np.maximum.reduce(volumes)
     if not is_cycle:
         share = elapsed_share(signature)
         return cosines(share, relative[:, None], 2 * _N_CURVE)[:, 0]

@@ -29,6 +29,8 @@ class _Layout(NamedTuple):
     ----------
     whole : int
         Mode (0, 0).
+    every : (modes,) float64
+        1 for each.
     columns : Columns
     signs : (readings, features) float64
         Changes of sign in each reading against the first: a theta of the other hand turns
@@ -40,6 +42,7 @@ class _Layout(NamedTuple):
     """
 
     whole: int
+    every: NDArray[np.float64]
     columns: Columns
     signs: NDArray[np.float64]
     order: NDArray[np.int64]
@@ -96,7 +99,7 @@ def offset_features(
     # At phase 0 the narrowing, which is the opposite of "radial 0", is at its height.
     clock = cmath.phase(-complex(rows[0, layout.whole], rows[count, layout.whole]))
     values = read_parts(from_phase(rows, clock), layout.order, layout.n_signed, layout.n_sized)
-    size, smooth_share = motion.amount(slice(len(modes)))
+    size, smooth_share = motion.amount(layout.every)
     return MotionFeatures(layout.columns, values * layout.signs, size, smooth_share)
 
 
@@ -138,6 +141,7 @@ def _layout(modes: Modes, n_signed: int, n_sized: int, walls: bool) -> _Layout:
     order = np.concatenate(in_order)
     return _Layout(
         whole=whole,
+        every=np.ones(len(modes)),
         columns=Columns(columns),
         signs=signs,
         order=order,
