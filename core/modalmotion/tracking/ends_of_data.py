@@ -1,0 +1,208 @@
+"""Whether the data of frames end where the surface does, and so say where its rim is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from modalmotion.mesh import face_areas
+from modalmotion.tracking.closest import closest_points
+from modalmotion.tracking.cloud_end import DataEnd
+from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.ending import Ending, Lying, lies_evenly
+from modalmotion.tracking.noise import Noise
+from modalmotion.tracking.observation import NAMED_PLACES, Frame
+from modalmotion.tracking.places import place_on
+from modalmotion.tracking.rim import Rim, rim_of
+
+# Points in a square as wide as a sector: enough to tell a hole from chance.
+_OF_SECTOR: Final = 16.0
+
+# Squared distances from places of the surface to points, over those between points: 1 where they
+# fall at random, less where they are spread, some 20 along contours.
+_MOST_UNEVEN: Final = 3.0
+
+# Of the rim, that the data show in the reference; and of what can be found, that they are off by.
+_MOST_OF_RIM: Final = 0.5
+_FAR: Final = 0.5
+
+
+def with_endings(
+    surface: Deformable,
+    frames: Sequence[Frame],
+    amplitudes: NDArray[np.float64],
+    noises: Sequence[Noise],
+    pinned: int | None,
+) -> tuple[Frame, ...]:
+    """Add to each frame what its data say of where the surface ends.
+
+    Parameters
+    ----------
+    surface : Deformable
+    frames : sequence of Frame
+    amplitudes : (frames, modes, 3) float64, length unit
+        Roughly.
+    noises : sequence of Noise
+        Of each frame.
+    pinned : int or None
+        Frame whose surface is known.
+
+    Notes
+    -----
+    Frames that state points of an end say it better. Weighted points, profiles and contours do not
+    lie evenly. Where a rim is known, in the frame of the start or by landmarks, the mean square by
+    which the data end elsewhere, less what chance makes, is taken for all frames; that of the whole
+    rim is common to its sectors.
+    """
+    full = [tuple(part for part in frame if not isinstance(part, Ending)) for frame in frames]
+    stated = [tuple(frame) for frame in full]
+    shapes = [surface.positions(a) for a in amplitudes]
+    if pinned is not None:
+        shapes[pinned] = surface.template.vertices
+    even = [_even_in(surface, x, frame) for x, frame in zip(shapes, stated, strict=True)]
+    for end in NAMED_PLACES:
+        kinds = [_kind(frame, end, own) for frame, own in zip(stated, even, strict=True)]
+        counts = [
+            sum(map(len, f)) for f, kind in zip(stated, kinds, strict=True) if kind == "cloud"
+        ]
+        width = (surface.area / np.mean([own.n_values for own in noises])) ** 0.5
+        if counts:
+            width = max(width, (_OF_SECTOR * surface.area / float(np.median(counts))) ** 0.5)
+        rim = rim_of(surface, end, float(width)) if any(kinds) else None
+        if rim is None:
+            continue
+        for kind in ("cloud", "mesh"):
+            own = {
+                k: _ending(rim, frame)
+                for k, (frame, name) in enumerate(zip(stated, kinds, strict=True))
+                if name == kind
+            }
+            doubt = _doubt(surface, rim, stated, own, even, shapes, noises, pinned)
+            if doubt is None:
+                continue
+            for k, ending in own.items():
+                full[k] = (*full[k], replace(ending, doubt=doubt))
+    return tuple(full)
+
+
+def _kind(frame: Frame, end: str, even: Sequence[Lying]) -> str | None:
+    """Tell what may show an end in a frame: the border of a mesh, an even cloud, or nothing."""
+    if any(part.end == end for part in frame):
+        return None
+    if any(part.border is not None for part in frame):
+        return "mesh"
+    return "cloud" if even else None
+
+
+def _even_in(surface: Deformable, x: NDArray[np.float64], frame: Frame) -> list[Lying]:
+    """Points of a frame with their feet on a surface; none where they lie along lines on it."""
+    if any(len(part) and not part.is_landmark and not lies_evenly(part) for part in frame):
+        return []
+    lying = [
+        Lying(part, closest_points(part.points, x, surface.cells))
+        for part in frame
+        if lies_evenly(part)
+    ]
+    if sum(len(part) for part, _ in lying) < _OF_SECTOR or surface.cells.shape[1] != 3:
+        return []
+    feet = np.concatenate([found.feet for _, found in lying])
+    tree = scipy.spatial.cKDTree(feet)
+    between = float(np.median(tree.query(feet, k=2)[0][:, 1]))
+    away = tree.query(x[surface.cells].mean(axis=1))[0]
+    order, areas = np.argsort(away, kind="stable"), face_areas(x, surface.cells)
+    middle = order[np.searchsorted(np.cumsum(areas[order]), areas.sum() / 2.0)]
+    return lying if float(away[middle]) ** 2 <= _MOST_UNEVEN * between**2 else []
+
+
+def _ending(rim: Rim, frame: Frame) -> Ending:
+    """Middles of a mesh's border and the lengths they stand for; no points of a cloud."""
+    borders = [part.border for part in frame if part.border is not None]
+    if not borders:
+        return Ending(np.zeros((0, 3)), end=rim.end, rim=rim)
+    sides = np.concatenate(borders)
+    lengths = np.linalg.norm(sides[:, 1] - sides[:, 0], axis=1)
+    return Ending(sides.mean(axis=1), weights=lengths, end=rim.end, rim=rim)
+
+
+def _doubt(
+    surface: Deformable,
+    rim: Rim,
+    frames: Sequence[Frame],
+    own: Mapping[int, Ending],
+    even: Sequence[Sequence[Lying]],
+    shapes: Sequence[NDArray[np.float64]],
+    noises: Sequence[Noise],
+    pinned: int | None,
+) -> float | None:
+    """Variance of a sector's end, by what is known of the rim; None where data end elsewhere."""
+    # Of whole rims, those of landmarks among them: squares of how far they are off, and what chance
+    # makes of these.
+    offs: list[tuple[float, float]] = []
+    of_sectors, means = 0.0, []
+    for k, ending in own.items():
+        is_known = k == pinned
+        found = ending.found(surface, shapes[k], even[k], noises[k])
+        if found is None or found.shown.mean() < _MOST_OF_RIM:
+            if is_known:
+                return None
+            continue
+        e, v = found.beyond[found.shown], found.variances[found.shown]
+        mean, chance = float(e.mean()), float(v.mean())
+        if is_known:
+            if abs(mean) > _FAR * found.most:
+                return None
+            of_sectors = max(float((e**2).mean()) - chance, 0.0)
+            offs.append((mean**2, chance / len(e)))
+            continue
+        marks = _off_landmarks(surface, shapes[k], rim, frames[k], found, noises[k])
+        offs += marks
+        means += [mean / found.most] * bool(marks)
+    if means and abs(float(np.mean(means))) > _FAR:
+        return None
+    if not offs:
+        return 0.0
+    square, chance = np.mean(offs, axis=0)
+    return of_sectors + rim.n_sectors * max(float(square - chance), 0.0)
+
+
+def _off_landmarks(
+    surface: Deformable,
+    x: NDArray[np.float64],
+    rim: Rim,
+    frame: Frame,
+    found: DataEnd,
+    noise: Noise,
+) -> list[tuple[float, float]]:
+    """Squared distance of the end from each landmark of the rim, and what chance makes of it."""
+    used, lengths, out = rim.at_vertices(x)
+    offs = []
+    for part in frame:
+        if part.places is None or part.normals is not None:
+            continue
+        for row, name in enumerate(part.places):
+            vertices, shares = place_on(surface, name)
+            if not np.isin(vertices, used).all():
+                continue
+            place = np.searchsorted(used, vertices)
+            sector = rim.sectors[vertices]
+            if not found.shown[sector].all():
+                continue
+            outward = out[place] / np.maximum(lengths[place], 1e-300)[:, None]
+            axis = (shares[:, None] * outward).sum(axis=0)
+            size = float(np.linalg.norm(axis))
+            if size < _FAR:
+                continue
+            axis = axis / size
+            gap = part.points[row] - (shares[:, None] * x[vertices]).sum(axis=0)
+            parts = shares * (outward @ axis)
+            each = np.bincount(sector, parts, minlength=rim.n_sectors)
+            sd = part.sd[row] if isinstance(part.sd, np.ndarray) else None
+            variance = float(noise.own(sd)) + float((each**2 * found.variances).sum())
+            off = float(gap @ axis - (each * found.beyond).sum())
+            offs.append((off**2, variance))
+    return offs

@@ -1,0 +1,191 @@
+"""The rim of an opening: sectors of it, which way is out, and the strip of surface next to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.mesh.connectivity import grouped_edges
+from modalmotion.modes.topology import CLOSED, End
+from modalmotion.numeric.products import product
+from modalmotion.tracking.closest import closest_points
+from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.patches import alike_over
+
+NEAR_END: Final = 0.25
+"""Of the axis: openings this near to an end are that end's."""
+
+# Three sectors tell a level and a tilt.
+_FEWEST_SECTORS: Final = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Rim:
+    """All openings at one end of a surface, in sectors of about the same length.
+
+    Parameters
+    ----------
+    end : {"apex", "base"}
+    sides : (sides, 2) int64
+        Of triangles, along the openings.
+    opposite : (sides,) int64
+        Third corner of each one's triangle.
+    sectors : (vertices,) int64
+        Sector that each vertex of the surface is next to, -1 of those out of reach.
+    distances : (vertices,) float64, length unit
+        Of each vertex of the start from the rim.
+    n_sectors : int
+    """
+
+    end: str
+    sides: NDArray[np.int64]
+    opposite: NDArray[np.int64]
+    sectors: NDArray[np.int64]
+    distances: NDArray[np.float64]
+    n_sectors: int
+
+    def outward(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Out of the surface and across the rim at each side, (sides, 3): its length, turned."""
+        a, b, c = x[self.sides[:, 0]], x[self.sides[:, 1]], x[self.opposite]
+        side = b - a
+        squares = (side * side).sum(axis=1)
+        away = 0.5 * (a + b) - c
+        share = (away * side).sum(axis=1) / np.where(squares > 0, squares, 1.0)
+        away = away - share[:, None] * side
+        size = np.linalg.norm(away, axis=1)
+        turned: NDArray[np.float64] = (
+            away * (np.sqrt(squares) / np.where(size > 0, size, 1.0))[:, None]
+        )
+        return turned
+
+    def at_vertices(
+        self, x: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Vertices of the rim, the length that each stands for, and outward over that length."""
+        used = np.unique(self.sides)
+        place = np.searchsorted(used, self.sides)
+        side = np.linalg.norm(x[self.sides[:, 1]] - x[self.sides[:, 0]], axis=1)
+        lengths: NDArray[np.float64] = np.bincount(
+            place.ravel(), np.repeat(side / 2.0, 2), minlength=len(used)
+        ).astype(np.float64)
+        out = np.zeros((len(used), 3))
+        for column in (0, 1):
+            np.add.at(out, place[:, column], self.outward(x) / 2.0)
+        return used, lengths, out
+
+    def rows(self, surface: Deformable, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How far amplitudes move each sector outward in the mean, (sectors, modes, 3)."""
+        used, lengths, out = self.at_vertices(x)
+        own = self.sectors[used]
+        total = np.bincount(own, lengths, minlength=self.n_sectors)
+        rows = np.empty((self.n_sectors, len(surface), 3))
+        shares = np.zeros((self.n_sectors, len(used)))
+        shapes = np.ascontiguousarray(surface.shapes[used])
+        for i in range(3):
+            shares[own, np.arange(len(used))] = out[:, i] / total[own]
+            rows[:, :, i] = product(shares, shapes)
+        return rows
+
+    def alike(
+        self, surface: Deformable, x: NDArray[np.float64], n_values: float
+    ) -> NDArray[np.float64]:
+        """Variance of a sector's mean, over that of one place, of what the modes leave."""
+        used, lengths, _ = self.at_vertices(x)
+        own = self.sectors[used]
+        alike = np.empty(self.n_sectors)
+        for k in range(self.n_sectors):
+            shares = lengths[own == k]
+            alike[k] = alike_over(surface, used[own == k], shares / shares.sum(), n_values)
+        return alike
+
+
+def rim_of(surface: Deformable, end: str, width: float) -> Rim | None:
+    """Take the openings at an end in sectors about `width` long.
+
+    Parameters
+    ----------
+    surface : Deformable
+    end : {"apex", "base"}
+    width : float, length unit
+
+    Returns
+    -------
+    Rim or None
+        None where the surface has no opening there, or one that touches itself.
+    """
+    sides = rim_at(surface, end)
+    x = surface.template.vertices
+    axes = surface.template.topology.ends
+    if not len(sides) or len(axes) != 2 or axes[1] != CLOSED:
+        return None
+    sector = np.full(len(x), -1)
+    n = 0
+    for loop in grouped_edges(sides, len(x)):
+        order = _around(loop)
+        if order is None:
+            return None
+        along = np.linalg.norm(np.diff(x[[*order, order[0]]], axis=0), axis=1)
+        length = float(along.sum())
+        if not length > 0:
+            return None
+        share = (np.cumsum(along) - along / 2.0) / length
+        count = max(1, round(length / width))
+        sector[order] = n + np.minimum((share * count).astype(np.int64), count - 1)
+        n += count
+    if n < _FEWEST_SECTORS or len(np.unique(sector[sector >= 0])) < n:
+        return None
+    found = closest_points(x, x, sides)
+    nearest = found.corners[np.arange(len(x)), found.shares.argmax(axis=1)]
+    return Rim(end, sides, _opposite(surface, sides), sector[nearest], found.distances, n)
+
+
+def rim_at(surface: Deformable, end: str) -> NDArray[np.int64]:
+    """Sides of triangles along the opening at an end of the axis, (sides, 2); none without one."""
+    template = surface.template
+    none = np.zeros((0, 2), dtype=np.int64)
+    if surface.cells.shape[1] != 3 or not template.coordinates.shape[1]:
+        return none
+    # At a pole the rows of a lattice leave a hole that is none.
+    first, last = template.topology.ends[0]
+    if (first if end == "apex" else last) != End.OPEN:
+        return none
+    s = template.coordinates[:, 0]
+    at_end = np.abs(s - (0.0 if end == "apex" else 1.0)) < NEAR_END
+    sides = surface.rim_sides
+    kept: NDArray[np.int64] = sides[at_end[sides].all(axis=1)]
+    return kept
+
+
+def _around(sides: NDArray[np.int64]) -> list[int] | None:
+    """Vertices of a ring in order; None where the sides are no ring."""
+    beside: dict[int, list[int]] = {}
+    for a, b in sides.tolist():
+        beside.setdefault(a, []).append(b)
+        beside.setdefault(b, []).append(a)
+    if any(len(both) != 2 for both in beside.values()):
+        return None
+    start = min(beside)
+    order, last, here = [start], start, min(beside[start])
+    while here != start:
+        order.append(here)
+        one, other = beside[here]
+        last, here = here, other if one == last else one
+    return order
+
+
+def _opposite(surface: Deformable, sides: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Third corner of the triangle at each side of a rim."""
+    n = np.int64(surface.template.n_vertices)
+    cells = surface.cells
+    pairs = np.sort(np.concatenate([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]]), axis=1)
+    third = np.concatenate([cells[:, 2], cells[:, 0], cells[:, 1]])
+    keys = pairs[:, 0] * n + pairs[:, 1]
+    order = np.argsort(keys, kind="stable")
+    own = np.sort(sides, axis=1)
+    corners: NDArray[np.int64] = third[order][
+        np.searchsorted(keys[order], own[:, 0] * n + own[:, 1])
+    ]
+    return corners
