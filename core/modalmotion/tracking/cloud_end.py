@@ -17,7 +17,7 @@ from modalmotion.tracking.rim import Rim
 _REACH: Final = 4.0
 
 # Of the strip's own width beyond it: where the density is counted.
-_INSIDE: Final = 8.0
+_INSIDE: Final = 4.0
 
 # Points count for the surface up to so many deviations across it, and against it farther out: what
 # fills space, as strays do, has as many in both.
@@ -40,15 +40,15 @@ class DataEnd(NamedTuple):
         How far it lies outward of the rim.
     variances : (sectors,) float64, length unit squared
         Of that by chance.
-    shown : (sectors,) bool
-        Whether the data come up to the rim there, and do not go on.
+    shown : (sectors,) float64
+        From 0 where the data do not come up to the rim, or go on beyond it, to 1.
     most: float, length unit
         That it can be found inward of the rim at once.
     """
 
     beyond: NDArray[np.float64]
     variances: NDArray[np.float64]
-    shown: NDArray[np.bool_]
+    shown: NDArray[np.float64]
     most: float
 
 
@@ -104,13 +104,15 @@ def end_of_cloud(
     total = np.bincount(sector[used], lengths, minlength=n)
     strip = np.bincount(sector, areas * near, minlength=n)
     wide = float(strip.sum() / total.sum())
-    inside = (1.0 - near) * (d <= reach + _INSIDE * wide)
+    inside = (1.0 - near) * np.clip(2.0 - d / (reach + _INSIDE * wide), 0.0, 1.0)
     back = np.bincount(sector, areas * inside, minlength=n)
     if not (back > 0).all() or not (total > 0).all():
         return None
     ratio = strip / back
+    next_to = (1.0 - near) * np.clip(2.0 - d / max(reach, 2.0 * wide, 0.5 * total.mean()), 0.0, 1.0)
+    beside = np.bincount(sector, areas * next_to, minlength=n)
     farthest = 2.0 * max(reach, 2.0 * wide)
-    at_rim, within, after = np.zeros(n), np.zeros(n), np.zeros(n)
+    at_rim, within, before, after = np.zeros((4, n))
     squares = np.zeros(n)
     on_rim = np.zeros(len(x), dtype=np.bool_)
     on_rim[used] = True
@@ -132,6 +134,7 @@ def end_of_cloud(
         weights = (counts * close)[:, None] * shares
         at_rim += np.bincount(own_sector.ravel(), (weights * near[corners]).ravel(), minlength=n)
         within += np.bincount(own_sector.ravel(), (weights * inside[corners]).ravel(), minlength=n)
+        before += np.bincount(own_sector.ravel(), (weights * next_to[corners]).ravel(), minlength=n)
         distant = counts * np.clip(far / farthest - 1.0, 0.0, 1.0) * (far < 3.0 * farthest)
         after += np.bincount(own_sector.ravel(), (distant[:, None] * shares).ravel(), minlength=n)
         each = (weights * (near[corners] - ratio[own_sector] * inside[corners])).sum(axis=1)
@@ -141,9 +144,10 @@ def end_of_cloud(
     n_lying = sum(int((found.distances < _LYING * noise).sum()) for _, found in points)
     if not density > _LEAST * n_lying / float(areas.sum()):
         return None
-    shown = (within >= _LEAST * density * back) & (after <= _LEAST * density * total * farthest)
+    shown = np.clip(2.0 * before / (density * beside) - _LEAST, 0.0, 1.0)
+    shown *= np.clip(1.0 + _LEAST - 2.0 * after / (density * total * farthest), 0.0, 1.0)
     if not shown.any():
         return None
     beyond = (at_rim - ratio * within) / (density * total) - blur**2 / (8.0 * wide)
-    per_length = float(squares[shown].sum() / total[shown].sum()) / density**2
+    per_length = float((shown * squares).sum() / (shown * total).sum()) / density**2
     return DataEnd(beyond, per_length / total, shown, wide)

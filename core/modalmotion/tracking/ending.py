@@ -14,7 +14,7 @@ from modalmotion.tracking.cloud_end import DataEnd, end_of_cloud
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.noise import Noise, robust_weights
 from modalmotion.tracking.observation import Observation
-from modalmotion.tracking.rim import Rim
+from modalmotion.tracking.rim import NEAR_END, Rim
 
 # Of a sector: the border of a mesh lies along more than that of it, or does not show it.
 _LEAST: Final = 0.5
@@ -61,7 +61,7 @@ class Ending(Observation):
         if self.rim is None:
             return None
         if len(self):
-            return self._of_border(self.rim, x, noise)
+            return self._of_border(surface, self.rim, x, noise)
         if not even:
             return None
         own = np.concatenate([np.broadcast_to(noise.own(part.sd), len(part)) for part, _ in even])
@@ -70,14 +70,23 @@ class Ending(Observation):
         beside = float(np.hypot(blur, noise.truncation))
         return end_of_cloud(surface, self.rim, x, points, beside, blur)
 
-    def _of_border(self, rim: Rim, x: NDArray[np.float64], noise: Noise) -> DataEnd | None:
+    def _of_border(
+        self, surface: Deformable, rim: Rim, x: NDArray[np.float64], noise: Noise
+    ) -> DataEnd | None:
+        # Holes have borders, too, and other ends.
+        place = closest_points(self.points, x, surface.cells)
+        s = (place.shares * surface.template.coordinates[place.corners, 0]).sum(axis=1)
+        is_near = np.abs(s - (0.0 if rim.end == "apex" else 1.0)) < NEAR_END
+        if not is_near.any():
+            return None
         found = closest_points(self.points, x, rim.sides)
         used, lengths, out = rim.at_vertices(x)
         out = out / np.maximum(np.linalg.norm(out, axis=1), 1e-300)[:, None]
         place = np.searchsorted(used, found.corners)
         outward = (found.shares[:, :, None] * out[place]).sum(axis=1)
         gap = ((self.points - found.feet) * outward).sum(axis=1)
-        weights = robust_weights(found.distances, noise.total)
+        weights = np.zeros(len(self))
+        weights[is_near] = robust_weights(found.distances[is_near], noise.total)
         weights = weights * (1.0 if self.weights is None else self.weights)
         nearest = found.corners[np.arange(len(self)), found.shares.argmax(axis=1)]
         n, sector = rim.n_sectors, rim.sectors[nearest]
@@ -87,5 +96,5 @@ class Ending(Observation):
         own = np.broadcast_to(noise.own(self.sd), len(self))
         variances = np.bincount(sector, weights**2 * own, minlength=n) / kept**2
         of_rim = np.bincount(rim.sectors[used], lengths, minlength=n)
-        shown = total >= _LEAST * of_rim
+        shown = np.clip(2.0 * total / np.where(of_rim > 0, of_rim, 1.0) - _LEAST, 0.0, 1.0)
         return DataEnd(beyond, variances, shown, np.inf) if shown.any() else None

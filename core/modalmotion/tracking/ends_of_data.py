@@ -32,6 +32,20 @@ _MOST_OF_RIM: Final = 0.5
 _FAR: Final = 0.5
 
 
+def with_first_endings(
+    surface: Deformable, frames: Sequence[Frame], noise: Noise, pinned: int | None
+) -> tuple[Frame, ...]:
+    """As `with_endings`, before it is known where surfaces are: landmarks say nothing yet."""
+    still = np.zeros((len(frames), len(surface), 3))
+    bare = [
+        tuple(part for part in frame if not part.is_landmark or part.end is not None)
+        for frame in frames
+    ]
+    ended = with_endings(surface, bare, still, [noise] * len(frames), pinned)
+    pairs = zip(frames, ended, strict=True)
+    return tuple((*f, *(part for part in own if isinstance(part, Ending))) for f, own in pairs)
+
+
 def with_endings(
     surface: Deformable,
     frames: Sequence[Frame],
@@ -59,16 +73,15 @@ def with_endings(
     which the data end elsewhere, less what chance makes, is taken for all frames; that of the whole
     rim is common to its sectors.
     """
-    full = [tuple(part for part in frame if not isinstance(part, Ending)) for frame in frames]
-    stated = [tuple(frame) for frame in full]
+    full = list(frames)
     shapes = [surface.positions(a) for a in amplitudes]
     if pinned is not None:
         shapes[pinned] = surface.template.vertices
-    even = [_even_in(surface, x, frame) for x, frame in zip(shapes, stated, strict=True)]
+    even = [_even_in(surface, x, frame) for x, frame in zip(shapes, frames, strict=True)]
     for end in NAMED_PLACES:
-        kinds = [_kind(frame, end, own) for frame, own in zip(stated, even, strict=True)]
+        kinds = [_kind(frame, end, own) for frame, own in zip(frames, even, strict=True)]
         counts = [
-            sum(map(len, f)) for f, kind in zip(stated, kinds, strict=True) if kind == "cloud"
+            sum(map(len, f)) for f, kind in zip(frames, kinds, strict=True) if kind == "cloud"
         ]
         width = (surface.area / np.mean([own.n_values for own in noises])) ** 0.5
         if counts:
@@ -79,10 +92,10 @@ def with_endings(
         for kind in ("cloud", "mesh"):
             own = {
                 k: _ending(rim, frame)
-                for k, (frame, name) in enumerate(zip(stated, kinds, strict=True))
+                for k, (frame, name) in enumerate(zip(frames, kinds, strict=True))
                 if name == kind
             }
-            doubt = _doubt(surface, rim, stated, own, even, shapes, noises, pinned)
+            doubt = _doubt(surface, rim, frames, own, even, shapes, noises, pinned)
             if doubt is None:
                 continue
             for k, ending in own.items():
@@ -151,7 +164,8 @@ def _doubt(
             if is_known:
                 return None
             continue
-        e, v = found.beyond[found.shown], found.variances[found.shown]
+        kept = found.shown > 0.0
+        e, v = found.beyond[kept], found.variances[kept]
         mean, chance = float(e.mean()), float(v.mean())
         if is_known:
             if abs(mean) > _FAR * found.most:
@@ -190,7 +204,7 @@ def _off_landmarks(
                 continue
             place = np.searchsorted(used, vertices)
             sector = rim.sectors[vertices]
-            if not found.shown[sector].all():
+            if not (found.shown[sector] > 0.0).all():
                 continue
             outward = out[place] / np.maximum(lengths[place], 1e-300)[:, None]
             axis = (shares[:, None] * outward).sum(axis=0)

@@ -264,8 +264,7 @@ def _add_ending(
         return
     variances = found.variances + part.doubt
     variances += noise.truncation**2 * part.rim.alike(surface, x, noise.n_values)
-    usual = float(np.sqrt(variances[found.shown].mean()))
-    weights = np.where(found.shown, robust_weights(found.beyond, usual), 0.0)
+    weights = found.shown * part.rim.robust(x, found.beyond, variances)
     rows, strength = part.rim.rows(surface, x), weights / variances
     for i in range(3):
         left = np.ascontiguousarray(rows[:, :, i].T)

@@ -13,10 +13,17 @@ from modalmotion.modes.topology import CLOSED, End
 from modalmotion.numeric.products import product
 from modalmotion.tracking.closest import closest_points
 from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.noise import robust_weights
 from modalmotion.tracking.patches import alike_over
 
 NEAR_END: Final = 0.25
 """Of the axis: openings this near to an end are that end's."""
+
+# Sectors of which a few may be strays, of a level and a tilt; rounds until these are found, and
+# residuals, in deviations, that count as none in them.
+_FEWEST_OF_PLANE: Final = 6
+_ROUNDS: Final = 20
+_LEAST_LEFT: Final = 0.1
 
 # Three sectors tell a level and a tilt.
 _FEWEST_SECTORS: Final = 3
@@ -100,6 +107,41 @@ class Rim:
             shares = lengths[own == k]
             alike[k] = alike_over(surface, used[own == k], shares / shares.sum(), n_values)
         return alike
+
+    def robust(
+        self,
+        x: NDArray[np.float64],
+        beyond: NDArray[np.float64],
+        variances: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Weights of sectors, (sectors,), from 0 of those that do not go with the others.
+
+        Notes
+        -----
+        The whole rim may be off by a level and a tilt. What is off by more than these is a stray,
+        as where a hole is at the rim. They are those of the least sum of distances over deviations,
+        which few sectors do not move.
+        """
+        if self.n_sectors < _FEWEST_OF_PLANE:
+            return robust_weights(beyond, float(np.sqrt(variances.mean())))
+        used, lengths, _ = self.at_vertices(x)
+        own = self.sectors[used]
+        total = np.bincount(own, lengths, minlength=self.n_sectors)
+        places = np.stack(
+            [np.bincount(own, lengths * x[used, i], minlength=self.n_sectors) for i in range(3)],
+            axis=1,
+        )
+        places /= total[:, None]
+        places -= places.mean(axis=0)
+        plane = np.linalg.svd(places, full_matrices=False)[0][:, :2]
+        columns = np.column_stack([np.ones(self.n_sectors), plane])
+        sd = np.sqrt(variances)
+        left = beyond / sd
+        for _ in range(_ROUNDS):
+            root = 1.0 / np.sqrt(np.maximum(np.abs(left), _LEAST_LEFT)) / sd
+            fit = np.linalg.lstsq(columns * root[:, None], beyond * root, rcond=None)[0]
+            left = (beyond - columns @ fit) / sd
+        return robust_weights(left, 1.0)
 
 
 def rim_of(surface: Deformable, end: str, width: float) -> Rim | None:
