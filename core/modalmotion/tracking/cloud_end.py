@@ -99,9 +99,9 @@ def end_of_cloud(
     n, sector, d = rim.n_sectors, rim.sectors, rim.distances
     reach = _REACH * noise
     near = np.clip(1.0 - d / reach, 0.0, 1.0)
-    used, lengths, _ = rim.at_vertices(x)
-    near[used] = 1.0
-    total = np.bincount(sector[used], lengths, minlength=n)
+    there = rim.at(x)
+    near[there.vertices] = 1.0
+    total = there.totals
     strip = np.bincount(sector, areas * near, minlength=n)
     wide = float(strip.sum() / total.sum())
     inside = (1.0 - near) * np.clip(2.0 - d / (reach + _INSIDE * wide), 0.0, 1.0)
@@ -115,7 +115,7 @@ def end_of_cloud(
     at_rim, within, before, after = np.zeros((4, n))
     squares = np.zeros(n)
     on_rim = np.zeros(len(x), dtype=np.bool_)
-    on_rim[used] = True
+    on_rim[there.vertices] = True
     for places, found in points:
         kept = ((near + inside)[found.corners] * found.shares > 0).any(axis=1)
         corners, shares = found.corners[kept], found.shares[kept]

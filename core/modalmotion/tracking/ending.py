@@ -74,16 +74,15 @@ class Ending(Observation):
         self, surface: Deformable, rim: Rim, x: NDArray[np.float64], noise: Noise
     ) -> DataEnd | None:
         # Holes have borders, too, and other ends.
-        place = closest_points(self.points, x, surface.cells)
-        s = (place.shares * surface.template.coordinates[place.corners, 0]).sum(axis=1)
+        feet = closest_points(self.points, x, surface.cells)
+        s = (feet.shares * surface.template.coordinates[feet.corners, 0]).sum(axis=1)
         is_near = np.abs(s - (0.0 if rim.end == "apex" else 1.0)) < NEAR_END
         if not is_near.any():
             return None
         found = closest_points(self.points, x, rim.sides)
-        used, lengths, out = rim.at_vertices(x)
-        out = out / np.maximum(np.linalg.norm(out, axis=1), 1e-300)[:, None]
-        place = np.searchsorted(used, found.corners)
-        outward = (found.shares[:, :, None] * out[place]).sum(axis=1)
+        there = rim.at(x)
+        place = np.searchsorted(there.vertices, found.corners)
+        outward = (found.shares[:, :, None] * there.directions[place]).sum(axis=1)
         gap = ((self.points - found.feet) * outward).sum(axis=1)
         weights = np.zeros(len(self))
         weights[is_near] = robust_weights(found.distances[is_near], noise.total)
@@ -95,6 +94,5 @@ class Ending(Observation):
         beyond = np.bincount(sector, weights * gap, minlength=n) / kept
         own = np.broadcast_to(noise.own(self.sd), len(self))
         variances = np.bincount(sector, weights**2 * own, minlength=n) / kept**2
-        of_rim = np.bincount(rim.sectors[used], lengths, minlength=n)
-        shown = np.clip(2.0 * total / np.where(of_rim > 0, of_rim, 1.0) - _LEAST, 0.0, 1.0)
+        shown = np.clip(2.0 * total / there.totals - _LEAST, 0.0, 1.0)
         return DataEnd(beyond, variances, shown, np.inf) if shown.any() else None

@@ -32,33 +32,51 @@ _MOST_OF_RIM: Final = 0.5
 _FAR: Final = 0.5
 
 
-def with_first_endings(
+def with_endings(
     surface: Deformable, frames: Sequence[Frame], noise: Noise, pinned: int | None
 ) -> tuple[Frame, ...]:
-    """As `with_endings`, before it is known where surfaces are: landmarks say nothing yet."""
-    still = np.zeros((len(frames), len(surface), 3))
-    bare = [
-        tuple(part for part in frame if not part.is_landmark or part.end is not None)
-        for frame in frames
-    ]
-    ended = with_endings(surface, bare, still, [noise] * len(frames), pinned)
+    """Add to each frame what its data may say of where the surface ends, before it is followed.
+
+    Parameters
+    ----------
+    surface : Deformable
+    frames : sequence of Frame
+    noise : Noise
+    pinned : int or None
+        Frame whose surface is known.
+
+    Notes
+    -----
+    Frames that state points of an end say it better. Weighted points, profiles and contours do not
+    lie evenly.
+    """
+    x = surface.template.vertices
+    kinds: dict[str, list[str | None]] = {end: [] for end in NAMED_PLACES}
+    for frame in frames:
+        is_even = _are_even(surface, x, frame)
+        for end, own in kinds.items():
+            own.append(_kind(frame, end, is_even=is_even))
+    noises, still = [noise] * len(frames), [x] * len(frames)
+    bare = [tuple(part for part in frame if part.places is None) for frame in frames]
+    ended = _with(surface, bare, kinds, still, noises, pinned)
     pairs = zip(frames, ended, strict=True)
     return tuple((*f, *(part for part in own if isinstance(part, Ending))) for f, own in pairs)
 
 
-def with_endings(
+def with_doubts(
     surface: Deformable,
     frames: Sequence[Frame],
     amplitudes: NDArray[np.float64],
     noises: Sequence[Noise],
     pinned: int | None,
 ) -> tuple[Frame, ...]:
-    """Add to each frame what its data say of where the surface ends.
+    """Say how doubtful it is that data end where the surface does, once it was followed.
 
     Parameters
     ----------
     surface : Deformable
     frames : sequence of Frame
+        As `with_endings` returns them.
     amplitudes : (frames, modes, 3) float64, length unit
         Roughly.
     noises : sequence of Noise
@@ -68,34 +86,48 @@ def with_endings(
 
     Notes
     -----
-    Frames that state points of an end say it better. Weighted points, profiles and contours do not
-    lie evenly. Where a rim is known, in the frame of the start or by landmarks, the mean square by
-    which the data end elsewhere, less what chance makes, is taken for all frames; that of the whole
-    rim is common to its sectors.
+    Where a rim is known, in the frame of the start or by landmarks, the mean square by which the
+    data end elsewhere, less what chance makes, is taken for all frames; that of the whole rim is
+    common to its sectors.
     """
-    full = list(frames)
+    kinds: dict[str, list[str | None]] = {end: [] for end in NAMED_PLACES}
+    for frame in frames:
+        before = {part.end: part for part in frame if isinstance(part, Ending)}
+        for end, own in kinds.items():
+            part = before.get(end)
+            own.append(None if part is None else "mesh" if len(part) else "cloud")
+    bare = [tuple(part for part in frame if not isinstance(part, Ending)) for frame in frames]
     shapes = [surface.positions(a) for a in amplitudes]
     if pinned is not None:
         shapes[pinned] = surface.template.vertices
-    even = [_even_in(surface, x, frame) for x, frame in zip(shapes, frames, strict=True)]
-    for end in NAMED_PLACES:
-        kinds = [_kind(frame, end, own) for frame, own in zip(frames, even, strict=True)]
+    return _with(surface, bare, kinds, shapes, noises, pinned)
+
+
+def _with(
+    surface: Deformable,
+    frames: Sequence[Frame],
+    kinds: Mapping[str, Sequence[str | None]],
+    shapes: Sequence[NDArray[np.float64]],
+    noises: Sequence[Noise],
+    pinned: int | None,
+) -> tuple[Frame, ...]:
+    full = list(frames)
+    for end, names in kinds.items():
         counts = [
-            sum(map(len, f)) for f, kind in zip(frames, kinds, strict=True) if kind == "cloud"
+            sum(map(len, frame))
+            for frame, name in zip(frames, names, strict=True)
+            if name == "cloud"
         ]
         width = (surface.area / np.mean([own.n_values for own in noises])) ** 0.5
         if counts:
             width = max(width, (_OF_SECTOR * surface.area / float(np.median(counts))) ** 0.5)
-        rim = rim_of(surface, end, float(width)) if any(kinds) else None
+        rim = rim_of(surface, end, float(width)) if any(names) else None
         if rim is None:
             continue
         for kind in ("cloud", "mesh"):
-            own = {
-                k: _ending(rim, frame)
-                for k, (frame, name) in enumerate(zip(frames, kinds, strict=True))
-                if name == kind
-            }
-            doubt = _doubt(surface, rim, frames, own, even, shapes, noises, pinned)
+            pairs = enumerate(zip(frames, names, strict=True))
+            own = {k: _ending(rim, frame) for k, (frame, name) in pairs if name == kind}
+            doubt = _doubt(surface, rim, frames, own, shapes, noises, pinned)
             if doubt is None:
                 continue
             for k, ending in own.items():
@@ -103,33 +135,29 @@ def with_endings(
     return tuple(full)
 
 
-def _kind(frame: Frame, end: str, even: Sequence[Lying]) -> str | None:
+def _kind(frame: Frame, end: str, *, is_even: bool) -> str | None:
     """Tell what may show an end in a frame: the border of a mesh, an even cloud, or nothing."""
     if any(part.end == end for part in frame):
         return None
     if any(part.border is not None for part in frame):
         return "mesh"
-    return "cloud" if even else None
+    return "cloud" if is_even else None
 
 
-def _even_in(surface: Deformable, x: NDArray[np.float64], frame: Frame) -> list[Lying]:
-    """Points of a frame with their feet on a surface; none where they lie along lines on it."""
+def _are_even(surface: Deformable, x: NDArray[np.float64], frame: Frame) -> bool:
+    """Tell points all over a surface from those along lines on it."""
     if any(len(part) and not part.is_landmark and not lies_evenly(part) for part in frame):
-        return []
-    lying = [
-        Lying(part, closest_points(part.points, x, surface.cells))
-        for part in frame
-        if lies_evenly(part)
-    ]
-    if sum(len(part) for part, _ in lying) < _OF_SECTOR or surface.cells.shape[1] != 3:
-        return []
-    feet = np.concatenate([found.feet for _, found in lying])
+        return False
+    even = [part.points for part in frame if lies_evenly(part)]
+    if sum(map(len, even)) < _OF_SECTOR or surface.cells.shape[1] != 3:
+        return False
+    feet = closest_points(np.concatenate(even), x, surface.cells).feet
     tree = scipy.spatial.cKDTree(feet)
     between = float(np.median(tree.query(feet, k=2)[0][:, 1]))
     away = tree.query(x[surface.cells].mean(axis=1))[0]
     order, areas = np.argsort(away, kind="stable"), face_areas(x, surface.cells)
     middle = order[np.searchsorted(np.cumsum(areas[order]), areas.sum() / 2.0)]
-    return lying if float(away[middle]) ** 2 <= _MOST_UNEVEN * between**2 else []
+    return float(away[middle]) ** 2 <= _MOST_UNEVEN * between**2
 
 
 def _ending(rim: Rim, frame: Frame) -> Ending:
@@ -147,7 +175,6 @@ def _doubt(
     rim: Rim,
     frames: Sequence[Frame],
     own: Mapping[int, Ending],
-    even: Sequence[Sequence[Lying]],
     shapes: Sequence[NDArray[np.float64]],
     noises: Sequence[Noise],
     pinned: int | None,
@@ -159,7 +186,15 @@ def _doubt(
     of_sectors, means = 0.0, []
     for k, ending in own.items():
         is_known = k == pinned
-        found = ending.found(surface, shapes[k], even[k], noises[k])
+        marked = any(part.places for part in frames[k])
+        if not is_known and not marked:
+            continue
+        even = [
+            Lying(part, closest_points(part.points, shapes[k], surface.cells))
+            for part in frames[k]
+            if lies_evenly(part) and not len(ending)
+        ]
+        found = ending.found(surface, shapes[k], even, noises[k])
         if found is None or found.shown.mean() < _MOST_OF_RIM:
             if is_known:
                 return None
@@ -193,20 +228,20 @@ def _off_landmarks(
     noise: Noise,
 ) -> list[tuple[float, float]]:
     """Squared distance of the end from each landmark of the rim, and what chance makes of it."""
-    used, lengths, out = rim.at_vertices(x)
+    there = rim.at(x)
     offs = []
     for part in frame:
         if part.places is None or part.normals is not None:
             continue
         for row, name in enumerate(part.places):
             vertices, shares = place_on(surface, name)
-            if not np.isin(vertices, used).all():
+            if not np.isin(vertices, there.vertices).all():
                 continue
-            place = np.searchsorted(used, vertices)
+            place = np.searchsorted(there.vertices, vertices)
             sector = rim.sectors[vertices]
             if not (found.shown[sector] > 0.0).all():
                 continue
-            outward = out[place] / np.maximum(lengths[place], 1e-300)[:, None]
+            outward = there.directions[place]
             axis = (shares[:, None] * outward).sum(axis=0)
             size = float(np.linalg.norm(axis))
             if size < _FAR:

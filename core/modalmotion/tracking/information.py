@@ -263,9 +263,10 @@ def _add_ending(
     if found is None or part.rim is None:
         return
     variances = found.variances + part.doubt
-    variances += noise.truncation**2 * part.rim.alike(surface, x, noise.n_values)
-    weights = found.shown * part.rim.robust(x, found.beyond, variances)
-    rows, strength = part.rim.rows(surface, x), weights / variances
+    there = part.rim.at(x)
+    variances += noise.truncation**2 * there.alike(surface, noise.n_values)
+    weights = found.shown * there.robust(found.beyond, variances)
+    rows, strength = there.rows(surface), weights / variances
     for i in range(3):
         left = np.ascontiguousarray(rows[:, :, i].T)
         b[:, i] += product(left, (strength * found.beyond)[:, None])[:, 0]

@@ -21,7 +21,7 @@ from modalmotion.progress import Progress
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.doubts import doubts_of_ends, has_landmarks
-from modalmotion.tracking.ends_of_data import with_endings, with_first_endings
+from modalmotion.tracking.ends_of_data import with_doubts, with_endings
 from modalmotion.tracking.first_shape import shape_in
 from modalmotion.tracking.folding import require_unfolded, require_volume
 from modalmotion.tracking.image_frames import frames_of_images
@@ -183,12 +183,12 @@ def track(
     _require_size(surface)
     surface = surface.exact_for_affine()
     prior, noise = first_guess(surface)
-    frames = with_first_endings(surface, stated, noise, pinned)
+    frames = with_endings(surface, stated, noise, pinned)
     here = both_ways(surface, frames, first, prior, noise, is_closed=is_closed, done=done)
     gap = here.gap
     prior, noise = evidence(surface, here.frames, prior)
     noises = noises_of(surface, here, prior, noise)
-    frames = with_endings(surface, stated, here.amplitudes(len(surface)), noises, pinned)
+    frames = with_doubts(surface, frames, here.amplitudes(len(surface)), noises, pinned)
     for attempt in range(_MOST_TRIES):
         here = again(surface, frames, here.amplitudes(len(surface)), prior, noise, done)
         prior, noise = evidence(surface, here.frames, prior)
@@ -202,7 +202,6 @@ def track(
         truncation = min(noise.truncation, limit, beyond**0.5)
         noise = replace(noise, truncation=truncation, n_values=n_values)
     noises = noises_of(surface, here, prior, noise)
-    frames = with_endings(surface, stated, here.amplitudes(len(surface)), noises, pinned)
     Q, h0, prior = chain_of(surface, here, prior, phases, is_closed=is_closed, pinned=pinned)
     found = together(
         surface, frames, here, prior, noises, Q, pinned, done, dynamics=truth("dynamics", dynamics)

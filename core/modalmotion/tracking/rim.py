@@ -22,7 +22,7 @@ NEAR_END: Final = 0.25
 # Sectors of which a few may be strays, of a level and a tilt; rounds until these are found, and
 # residuals, in deviations, that count as none in them.
 _FEWEST_OF_PLANE: Final = 6
-_ROUNDS: Final = 20
+_ROUNDS: Final = 10
 _LEAST_LEFT: Final = 0.1
 
 # Three sectors tell a level and a tilt.
@@ -54,65 +54,84 @@ class Rim:
     distances: NDArray[np.float64]
     n_sectors: int
 
-    def outward(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Out of the surface and across the rim at each side, (sides, 3): its length, turned."""
+    def at(self, x: NDArray[np.float64]) -> RimThere:
+        """Take the rim of a surface with the vertices x, (vertices, 3)."""
         a, b, c = x[self.sides[:, 0]], x[self.sides[:, 1]], x[self.opposite]
         side = b - a
         squares = (side * side).sum(axis=1)
+        # Out of the triangle, across the side, and as long as that.
         away = 0.5 * (a + b) - c
         share = (away * side).sum(axis=1) / np.where(squares > 0, squares, 1.0)
         away = away - share[:, None] * side
         size = np.linalg.norm(away, axis=1)
-        turned: NDArray[np.float64] = (
-            away * (np.sqrt(squares) / np.where(size > 0, size, 1.0))[:, None]
-        )
-        return turned
-
-    def at_vertices(
-        self, x: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Vertices of the rim, the length that each stands for, and outward over that length."""
+        away *= (np.sqrt(squares) / np.where(size > 0, size, 1.0))[:, None]
         used = np.unique(self.sides)
-        place = np.searchsorted(used, self.sides)
-        side = np.linalg.norm(x[self.sides[:, 1]] - x[self.sides[:, 0]], axis=1)
-        lengths: NDArray[np.float64] = np.bincount(
-            place.ravel(), np.repeat(side / 2.0, 2), minlength=len(used)
-        ).astype(np.float64)
-        out = np.zeros((len(used), 3))
-        for column in (0, 1):
-            np.add.at(out, place[:, column], self.outward(x) / 2.0)
-        return used, lengths, out
+        place = np.searchsorted(used, self.sides).ravel()
 
-    def rows(self, surface: Deformable, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        def halves(of_sides: NDArray[np.float64]) -> NDArray[np.float64]:
+            sums = np.bincount(place, np.repeat(of_sides / 2.0, 2), minlength=len(used))
+            return sums.astype(np.float64)
+
+        lengths = halves(np.sqrt(squares))
+        outward = np.stack([halves(away[:, i]) for i in range(3)], axis=1)
+        sectors = self.sectors[used]
+        total = np.bincount(sectors, lengths, minlength=self.n_sectors)
+        return RimThere(used, x[used], lengths, outward, sectors, total.astype(np.float64))
+
+
+@dataclass(frozen=True, eq=False)
+class RimThere:
+    """A rim where a surface has it.
+
+    Parameters
+    ----------
+    vertices : (n,) int64
+        That it passes through.
+    x : (n, 3) float64, length unit
+    lengths : (n,) float64, length unit
+        That each stands for.
+    outward : (n, 3) float64, length unit
+        Out of the surface and across the rim, as long as that.
+    sectors : (n,) int64
+    totals : (sectors,) float64, length unit
+        Length of each.
+    """
+
+    vertices: NDArray[np.int64]
+    x: NDArray[np.float64]
+    lengths: NDArray[np.float64]
+    outward: NDArray[np.float64]
+    sectors: NDArray[np.int64]
+    totals: NDArray[np.float64]
+
+    @property
+    def directions(self) -> NDArray[np.float64]:
+        """Outward as unit vectors, (n, 3)."""
+        size = np.linalg.norm(self.outward, axis=1)
+        unit: NDArray[np.float64] = self.outward / np.where(size > 0, size, 1.0)[:, None]
+        return unit
+
+    def rows(self, surface: Deformable) -> NDArray[np.float64]:
         """How far amplitudes move each sector outward in the mean, (sectors, modes, 3)."""
-        used, lengths, out = self.at_vertices(x)
-        own = self.sectors[used]
-        total = np.bincount(own, lengths, minlength=self.n_sectors)
-        rows = np.empty((self.n_sectors, len(surface), 3))
-        shares = np.zeros((self.n_sectors, len(used)))
-        shapes = np.ascontiguousarray(surface.shapes[used])
+        n = len(self.totals)
+        rows, shares = np.empty((n, len(surface), 3)), np.zeros((n, len(self.vertices)))
+        shapes = np.ascontiguousarray(surface.shapes[self.vertices])
         for i in range(3):
-            shares[own, np.arange(len(used))] = out[:, i] / total[own]
+            own = self.outward[:, i] / self.totals[self.sectors]
+            shares[self.sectors, np.arange(len(self.vertices))] = own
             rows[:, :, i] = product(shares, shapes)
         return rows
 
-    def alike(
-        self, surface: Deformable, x: NDArray[np.float64], n_values: float
-    ) -> NDArray[np.float64]:
+    def alike(self, surface: Deformable, n_values: float) -> NDArray[np.float64]:
         """Variance of a sector's mean, over that of one place, of what the modes leave."""
-        used, lengths, _ = self.at_vertices(x)
-        own = self.sectors[used]
-        alike = np.empty(self.n_sectors)
-        for k in range(self.n_sectors):
-            shares = lengths[own == k]
-            alike[k] = alike_over(surface, used[own == k], shares / shares.sum(), n_values)
+        alike = np.empty(len(self.totals))
+        for k, total in enumerate(self.totals):
+            own = self.sectors == k
+            alike[k] = alike_over(surface, self.vertices[own], self.lengths[own] / total, n_values)
         return alike
 
     def robust(
-        self,
-        x: NDArray[np.float64],
-        beyond: NDArray[np.float64],
-        variances: NDArray[np.float64],
+        self, beyond: NDArray[np.float64], variances: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Weights of sectors, (sectors,), from 0 of those that do not go with the others.
 
@@ -122,25 +141,21 @@ class Rim:
         as where a hole is at the rim. They are those of the least sum of distances over deviations,
         which few sectors do not move.
         """
-        if self.n_sectors < _FEWEST_OF_PLANE:
+        n, sd = len(self.totals), np.sqrt(variances)
+        if n < _FEWEST_OF_PLANE:
             return robust_weights(beyond, float(np.sqrt(variances.mean())))
-        used, lengths, _ = self.at_vertices(x)
-        own = self.sectors[used]
-        total = np.bincount(own, lengths, minlength=self.n_sectors)
-        places = np.stack(
-            [np.bincount(own, lengths * x[used, i], minlength=self.n_sectors) for i in range(3)],
-            axis=1,
-        )
-        places /= total[:, None]
-        places -= places.mean(axis=0)
+        weighted = self.lengths[:, None] * self.x
+        sums = np.stack([np.bincount(self.sectors, w, minlength=n) for w in weighted.T], axis=1)
+        places = sums / self.totals[:, None]
+        places = places - places.mean(axis=0)
         plane = np.linalg.svd(places, full_matrices=False)[0][:, :2]
-        columns = np.column_stack([np.ones(self.n_sectors), plane])
-        sd = np.sqrt(variances)
-        left = beyond / sd
+        columns = np.column_stack([np.ones(n), plane]) / sd[:, None]
+        z = beyond / sd
+        left = z
         for _ in range(_ROUNDS):
-            root = 1.0 / np.sqrt(np.maximum(np.abs(left), _LEAST_LEFT)) / sd
-            fit = np.linalg.lstsq(columns * root[:, None], beyond * root, rcond=None)[0]
-            left = (beyond - columns @ fit) / sd
+            weights = 1.0 / np.maximum(np.abs(left), _LEAST_LEFT)
+            normal = columns.T * weights
+            left = z - columns @ np.linalg.solve(normal @ columns, normal @ z)
         return robust_weights(left, 1.0)
 
 

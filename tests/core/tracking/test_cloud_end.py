@@ -58,11 +58,12 @@ def seen(points: Floats, noise: float) -> DataEnd:
 
 def test_a_tube_has_two_rims_in_sectors_all_round() -> None:
     assert set(ENDS) == {"apex", "base"}
-    used, lengths, out = RIM.at_vertices(X)
-    assert lengths.sum() == pytest.approx(2.0 * np.pi * RADIUS, rel=0.01)
-    assert RIM.n_sectors == round(lengths.sum() / 20.0)
-    assert out / lengths[:, None] == pytest.approx(np.tile([0.0, 0.0, 1.0], (len(used), 1)))
-    rows = RIM.rows(SURFACE, X)
+    there = RIM.at(X)
+    assert there.totals.sum() == pytest.approx(2.0 * np.pi * RADIUS, rel=0.01)
+    assert RIM.n_sectors == round(there.lengths.sum() / 20.0)
+    up = np.tile([0.0, 0.0, 1.0], (len(there.vertices), 1))
+    assert there.directions == pytest.approx(up)
+    rows = there.rows(SURFACE)
     # A translation is mode 0, of the same size all over.
     assert rows[:, 0, 2] == pytest.approx(SURFACE.shapes[0, 0])
     assert np.abs(rows[:, 0, :2]).max() < 1e-9
@@ -110,7 +111,7 @@ def test_a_hole_at_the_rim_is_not_its_end() -> None:
     points = cloud(rng, 0.0, 0.5)
     hole = np.linalg.norm(points - [RADIUS, 0.0, LENGTH], axis=1) < 22.0
     own = seen(points[~hole], 0.5)
-    used, _, _ = RIM.at_vertices(X)
+    used = RIM.at(X).vertices
     at_hole = RIM.sectors[used[np.linalg.norm(X[used] - [RADIUS, 0.0, LENGTH], axis=1).argmin()]]
     far = RIM.sectors[used[np.linalg.norm(X[used] + [RADIUS, 0.0, -LENGTH], axis=1).argmin()]]
     assert not own.shown[at_hole]

@@ -17,7 +17,7 @@ from modalmotion.template import make_template
 from modalmotion.tracking import Observation, Track, of_surface, track
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.ending import Ending
-from modalmotion.tracking.ends_of_data import with_endings
+from modalmotion.tracking.ends_of_data import with_doubts, with_endings
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.observation import Frame, observed_frames
 from modalmotion.tracking.rim import rim_at
@@ -66,8 +66,8 @@ def follow(observed: Sequence[Any], **more: Any) -> Track:
 def endings(observed: Sequence[Any], pinned: int | None = 0) -> list[list[Ending]]:
     """What is made of frames that do not move."""
     frames, _ = observed_frames(observed)
-    noises = [NOISE] * len(frames)
-    given = with_endings(SURFACE, frames, STILL[: len(frames)], noises, pinned)
+    given = with_endings(SURFACE, frames, NOISE, pinned)
+    given = with_doubts(SURFACE, given, STILL[: len(frames)], [NOISE] * len(frames), pinned)
     return [[part for part in frame if isinstance(part, Ending)] for frame in given]
 
 
@@ -98,9 +98,9 @@ def test_the_rim_is_off_by_what_is_stated() -> None:
 def test_a_patch_missing_at_the_rim_does_not_draw_it() -> None:
     usual, full = follow(clouds()), clouds()
     middle = TRUE[2][RIM[0]]
-    full[2] = full[2][np.linalg.norm(full[2] - middle, axis=1) > 14.0]
+    full[2] = full[2][np.linalg.norm(full[2] - middle, axis=1) > 10.0]
     found = follow(full)
-    assert len(full[2]) < N - 50
+    assert len(full[2]) < N - 25
     assert far_from_rim(found) < far_from_rim(usual) + 0.5
 
 
@@ -213,7 +213,8 @@ def test_landmarks_that_disagree_make_it_doubtful() -> None:
         apart.append((Observation(points), other))
     frames = {}
     for name, observed in (("agree", agree), ("apart", apart)):
-        given = with_endings(SURFACE, observed, np.zeros((6, 18, 3)), [NOISE] * 6, 0)
+        given = with_endings(SURFACE, observed, NOISE, 0)
+        given = with_doubts(SURFACE, given, np.zeros((6, 18, 3)), [NOISE] * 6, 0)
         frames[name] = next(part.doubt for part in given[1] if isinstance(part, Ending))
     assert frames["apart"] > frames["agree"] + 1.0
 
@@ -224,13 +225,13 @@ def test_closed_surfaces_and_sheets_have_no_such_end() -> None:
     frames, _ = observed_frames(
         [sampled(x, ball.faces, 500, np.random.default_rng(0)) for x in ball.vertices]
     )
-    assert with_endings(surface, frames, np.zeros((3, len(surface), 3)), [NOISE] * 3, 0) == frames
+    assert with_endings(surface, frames, NOISE, 0) == frames
     sheet = standard_surface(Lattice(PLANE, (12, 12)))
     surface = Deformable.of(make_template(sheet), 8)
     frames, _ = observed_frames(
         [sampled(sheet.vertices[0] * 30, sheet.faces, 500, np.random.default_rng(0))]
     )
-    assert with_endings(surface, frames, np.zeros((1, len(surface), 3)), [NOISE], 0) == frames
+    assert with_endings(surface, frames, NOISE, 0) == frames
 
 
 def test_a_tube_has_two_ends() -> None:
@@ -240,7 +241,7 @@ def test_a_tube_has_two_ends() -> None:
     surface = Deformable.of(make_template(start), 12)
     rng = np.random.default_rng(0)
     frames, _ = observed_frames([sampled(x, tube.faces, N, rng, 0.3) for _ in range(2)])
-    given = with_endings(surface, frames, np.zeros((2, len(surface), 3)), [NOISE] * 2, 0)
+    given = with_endings(surface, frames, NOISE, 0)
     assert [part.end for part in given[1] if isinstance(part, Ending)] == ["apex", "base"]
 
 
