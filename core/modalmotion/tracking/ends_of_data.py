@@ -203,7 +203,7 @@ def _doubt(
         e, v = found.beyond[kept], found.variances[kept]
         mean, chance = float(e.mean()), float(v.mean())
         if is_known:
-            if abs(mean) > _FAR * found.most:
+            if abs(mean) > _FAR * found.most + 2.0 * (chance / len(e)) ** 0.5:
                 return None
             of_sectors = max(float((e**2).mean()) - chance, 0.0)
             offs.append((mean**2, chance / len(e)))
