@@ -27,6 +27,9 @@ _OF_SECTOR: Final = 16.0
 # fall at random, less where they are spread, some 20 along contours.
 _MOST_UNEVEN: Final = 3.0
 
+# Frames in which the end of the data and landmarks are compared, at most: a mean is taken.
+_MOST_FRAMES: Final = 10
+
 # Of the rim, that the data show in the reference; and of what can be found, that they are off by.
 _MOST_OF_RIM: Final = 0.5
 _FAR: Final = 0.5
@@ -58,7 +61,7 @@ def with_endings(
             own.append(_kind(frame, end, is_even=is_even))
     noises, still = [noise] * len(frames), [x] * len(frames)
     bare = [tuple(part for part in frame if part.places is None) for frame in frames]
-    ended = _with(surface, bare, kinds, still, noises, pinned)
+    ended = _with(surface, bare, kinds, still, noises, pinned, is_first=True)
     pairs = zip(frames, ended, strict=True)
     return tuple((*f, *(part for part in own if isinstance(part, Ending))) for f, own in pairs)
 
@@ -88,7 +91,7 @@ def with_doubts(
     -----
     Where a rim is known, in the frame of the start or by landmarks, the mean square by which the
     data end elsewhere, less what chance makes, is taken for all frames; that of the whole rim is
-    common to its sectors.
+    common to its sectors. Where neither says it, what the data end at is not taken for the rim.
     """
     kinds: dict[str, list[str | None]] = {end: [] for end in NAMED_PLACES}
     for frame in frames:
@@ -100,7 +103,7 @@ def with_doubts(
     shapes = [surface.positions(a) for a in amplitudes]
     if pinned is not None:
         shapes[pinned] = surface.template.vertices
-    return _with(surface, bare, kinds, shapes, noises, pinned)
+    return _with(surface, bare, kinds, shapes, noises, pinned, is_first=False)
 
 
 def _with(
@@ -110,6 +113,8 @@ def _with(
     shapes: Sequence[NDArray[np.float64]],
     noises: Sequence[Noise],
     pinned: int | None,
+    *,
+    is_first: bool,
 ) -> tuple[Frame, ...]:
     full = list(frames)
     for end, names in kinds.items():
@@ -127,7 +132,7 @@ def _with(
         for kind in ("cloud", "mesh"):
             pairs = enumerate(zip(frames, names, strict=True))
             own = {k: _ending(rim, frame) for k, (frame, name) in pairs if name == kind}
-            doubt = _doubt(surface, rim, frames, own, shapes, noises, pinned)
+            doubt = _doubt(surface, rim, frames, own, shapes, noises, pinned, is_first=is_first)
             if doubt is None:
                 continue
             for k, ending in own.items():
@@ -178,17 +183,18 @@ def _doubt(
     shapes: Sequence[NDArray[np.float64]],
     noises: Sequence[Noise],
     pinned: int | None,
+    *,
+    is_first: bool,
 ) -> float | None:
     """Variance of a sector's end, by what is known of the rim; None where data end elsewhere."""
     # Of whole rims, those of landmarks among them: squares of how far they are off, and what chance
     # makes of these.
     offs: list[tuple[float, float]] = []
     of_sectors, means = 0.0, []
-    for k, ending in own.items():
-        is_known = k == pinned
-        marked = any(part.places for part in frames[k])
-        if not is_known and not marked:
-            continue
+    marked = [k for k in own if k != pinned and any(part.places for part in frames[k])]
+    step = -(-len(marked) // _MOST_FRAMES)
+    for k in [k for k in own if k == pinned] + marked[:: max(1, step)]:
+        ending, is_known = own[k], k == pinned
         even = [
             Lying(part, closest_points(part.points, shapes[k], surface.cells))
             for part in frames[k]
@@ -214,7 +220,8 @@ def _doubt(
     if means and abs(float(np.mean(means))) > _FAR:
         return None
     if not offs:
-        return 0.0
+        # Landmarks may say it once it was followed; then nobody did.
+        return 0.0 if is_first else None
     square, chance = np.mean(offs, axis=0)
     return of_sectors + rim.n_sectors * max(float(square - chance), 0.0)
 

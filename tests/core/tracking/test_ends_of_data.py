@@ -204,6 +204,11 @@ def test_the_gate_is_shut(frames: Callable[[], list[Any]]) -> None:
     assert not any(endings(frames()))
 
 
+def test_without_anything_known_of_a_rim_the_gate_is_shut() -> None:
+    assert all(endings(still(), pinned=0))
+    assert not any(endings(still(), pinned=None))
+
+
 def test_landmarks_that_disagree_make_it_doubtful() -> None:
     rng = np.random.default_rng(6)
     base = SHAPE[RIM].mean(axis=0)
