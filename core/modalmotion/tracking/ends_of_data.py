@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from modalmotion.mesh import face_areas
+from modalmotion.mesh.connectivity import grouped_edges
 from modalmotion.tracking.closest import closest_points
 from modalmotion.tracking.cloud_end import DataEnd
 from modalmotion.tracking.deformable import Deformable
@@ -18,7 +19,7 @@ from modalmotion.tracking.ending import Ending, Lying, lies_evenly
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.observation import NAMED_PLACES, Frame
 from modalmotion.tracking.places import place_on
-from modalmotion.tracking.rim import Rim, rim_of
+from modalmotion.tracking.rim import Rim, rim_at, rim_of
 
 # Points in a square as wide as a sector: enough to tell a hole from chance.
 _OF_SECTOR: Final = 16.0
@@ -30,13 +31,23 @@ _MOST_UNEVEN: Final = 3.0
 # Frames in which the end of the data and landmarks are compared, at most: a mean is taken.
 _MOST_FRAMES: Final = 10
 
+# Part of an opening, by its width, over which points are looked for: nearer than so many deviations
+# and so much of the root of its area.
+_OF_LID: Final = 0.7
+_LYING: Final = 3.0
+_BULGE: Final = 0.1
+
 # Of the rim, that the data show in the reference; and of what can be found, that they are off by.
 _MOST_OF_RIM: Final = 0.5
 _FAR: Final = 0.5
 
 
 def with_endings(
-    surface: Deformable, frames: Sequence[Frame], noise: Noise, pinned: int | None
+    surface: Deformable,
+    frames: Sequence[Frame],
+    noise: Noise,
+    pinned: int | None,
+    reference: int = 0,
 ) -> tuple[Frame, ...]:
     """Add to each frame what its data may say of where the surface ends, before it is followed.
 
@@ -47,11 +58,13 @@ def with_endings(
     noise : Noise
     pinned : int or None
         Frame whose surface is known.
+    reference : int
+        Frame that the start is about the surface of.
 
     Notes
     -----
     Frames that state points of an end say it better. Weighted points, profiles and contours do not
-    lie evenly.
+    lie evenly. A cloud that lies over the opening, too, is that of a closed surface.
     """
     x = surface.template.vertices
     kinds: dict[str, list[str | None]] = {end: [] for end in NAMED_PLACES}
@@ -59,6 +72,9 @@ def with_endings(
         is_even = _are_even(surface, x, frame)
         for end, own in kinds.items():
             own.append(_kind(frame, end, is_even=is_even))
+    for end, own in kinds.items():
+        if own[reference] == "cloud" and _has_lid(surface, x, frames[reference], end, noise):
+            kinds[end] = [None if name == "cloud" else name for name in own]
     noises, still = [noise] * len(frames), [x] * len(frames)
     bare = [tuple(part for part in frame if part.places is None) for frame in frames]
     ended = _with(surface, bare, kinds, still, noises, pinned, is_first=True)
@@ -163,6 +179,26 @@ def _are_even(surface: Deformable, x: NDArray[np.float64], frame: Frame) -> bool
     order, areas = np.argsort(away, kind="stable"), face_areas(x, surface.cells)
     middle = order[np.searchsorted(np.cumsum(areas[order]), areas.sum() / 2.0)]
     return float(away[middle]) ** 2 <= _MOST_UNEVEN * between**2
+
+
+def _has_lid(
+    surface: Deformable, x: NDArray[np.float64], frame: Frame, end: str, noise: Noise
+) -> bool:
+    """Tell whether points lie over an opening as densely as on the surface."""
+    points = np.concatenate([part.points for part in frame if lies_evenly(part)])
+    for sides in grouped_edges(rim_at(surface, end), len(x)):
+        middle = x[sides].mean(axis=(0, 1))
+        # Away from the rim, next to which the wall is.
+        ends = middle + _OF_LID * (x[sides] - middle)
+        corners = np.concatenate([ends, np.broadcast_to(middle, (len(ends), 1, 3))], axis=1)
+        cells = np.arange(3 * len(ends)).reshape(-1, 3)
+        lid = corners.reshape(-1, 3)
+        area = float(face_areas(lid, cells).sum())
+        near = closest_points(points, lid, cells).distances
+        n = int((near < _LYING * noise.sd + _BULGE * area**0.5).sum())
+        if area > 0 and n * surface.area > _MOST_OF_RIM * len(points) * area:
+            return True
+    return False
 
 
 def _ending(rim: Rim, frame: Frame) -> Ending:

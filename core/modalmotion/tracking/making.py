@@ -183,7 +183,7 @@ def track(
     _require_size(surface)
     surface = surface.exact_for_affine()
     prior, noise = first_guess(surface)
-    frames = with_endings(surface, stated, noise, pinned)
+    frames = with_endings(surface, stated, noise, pinned, first)
     here = both_ways(surface, frames, first, prior, noise, is_closed=is_closed, done=done)
     gap = here.gap
     prior, noise = evidence(surface, here.frames, prior)
