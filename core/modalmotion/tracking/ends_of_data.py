@@ -33,7 +33,7 @@ _MOST_FRAMES: Final = 10
 
 # Part of an opening, by its width, over which points are looked for: nearer than so many deviations
 # and so much of the root of its area.
-_OF_LID: Final = 0.7
+_OF_LID: Final = 0.5
 _LYING: Final = 3.0
 _BULGE: Final = 0.1
 
@@ -195,7 +195,9 @@ def _has_lid(
         lid = corners.reshape(-1, 3)
         area = float(face_areas(lid, cells).sum())
         near = closest_points(points, lid, cells).distances
-        n = int((near < _LYING * noise.sd + _BULGE * area**0.5).sum())
+        # Half-way to the wall at most, whose points are not over a small opening.
+        apart = float(np.linalg.norm(x[sides] - middle, axis=2).min()) * (1.0 - _OF_LID) / 2.0
+        n = int((near < min(_LYING * noise.sd + _BULGE * area**0.5, apart)).sum())
         if area > 0 and n * surface.area > _MOST_OF_RIM * len(points) * area:
             return True
     return False
