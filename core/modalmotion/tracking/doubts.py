@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.modes.topology import CUP, SPHERE
+from modalmotion.tracking.ending import Ending
 from modalmotion.tracking.observation import Frame
 from modalmotion.tracking.result import Track, normals_of
 
@@ -90,7 +91,7 @@ def doubts_of_ends(result: Track, frames: Sequence[Frame], *, is_guessed: bool) 
     ----------
     result : Track
     frames : sequence of Frame
-        Of points, with the landmarks that were stated.
+        Of points, with the landmarks that were stated, and what the data say of ends.
     is_guessed : bool
         Whether nobody stated a surface, a topology or landmarks.
     """
@@ -101,7 +102,15 @@ def doubts_of_ends(result: Track, frames: Sequence[Frame], *, is_guessed: bool) 
     doubts = []
     known = [_ends_in(frame) for frame in frames]
     others = [k for k in range(result.n_frames) if k != result.reference]
-    missing = [k for k in others if "base" not in known[k] and k not in result.unseen]
+    shown = [any(isinstance(part, Ending) and part.end == "base" for part in f) for f in frames]
+    open_ones = [k for k in others if "base" not in known[k] and k not in result.unseen]
+    missing = [k for k in open_ones if not shown[k]]
+    taken = [k for k in open_ones if shown[k]]
+    if taken:
+        doubts.append(
+            f"The base is not stated in {_frames(np.array(taken))} of {result.n_frames}: it was "
+            "taken to be where the data end. State it where they end elsewhere."
+        )
     if 2 * len(missing) > len(others) and result.n_frames > 1:
         doubts.append(
             f"The base is not stated in {_frames(np.array(missing))} of {result.n_frames}: points "
@@ -124,7 +133,8 @@ def has_landmarks(frames: Sequence[Frame]) -> bool:
 
 def _ends_in(frame: Frame) -> dict[str, NDArray[np.float64]]:
     """Places of apex and base that a frame states."""
-    ends = {part.end: part.points.mean(axis=0) for part in frame if part.end and len(part)}
+    stated = [part for part in frame if not isinstance(part, Ending)]
+    ends = {part.end: part.points.mean(axis=0) for part in stated if part.end and len(part)}
     for part in frame:
         for place, point in zip(part.places or (), part.points, strict=False):
             # Of other places the mean of several vertices is that of an opening.

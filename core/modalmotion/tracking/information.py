@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import ParameterError
 from modalmotion.mesh.areas import face_normals
 from modalmotion.mesh.normal_lines import vertex_normals
-from modalmotion.modes.topology import End
 from modalmotion.numeric.products import product
 from modalmotion.tracking.closest import Matches, closest_points
 from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.ending import Ending, Lying, lies_evenly
 from modalmotion.tracking.noise import Noise, robust_weights
-from modalmotion.tracking.observation import Frame, Observation, Place
+from modalmotion.tracking.observation import Frame, Observation
 from modalmotion.tracking.patches import alike_over
+from modalmotion.tracking.places import place_on
+from modalmotion.tracking.rim import rim_at
 
 # A foot whose distance is not along the normal is on the rim, and pulls along it: such points say
 # nothing of where the rim is. Least share of the distance along the normal.
 _ALONG: Final = 0.6
-
-# Of the axis: openings this near to an end are that end's.
-_NEAR_END: Final = 0.25
 
 _ROWS_AT_ONCE: Final = 4096
 
@@ -71,18 +70,27 @@ def information(
     x = surface.positions(amplitudes)
     residuals, weights, feet = [np.zeros((0, 3))], [np.zeros(0)], []
     own = total = 0.0
+    even: list[Lying] = []
     for part in frame:
+        if isinstance(part, Ending):
+            continue
         if part.end is not None:
             _add_end(surface, x, part, part.end, noise, A, b)
         elif part.is_landmark:
             _add_landmarks(surface, x, part, noise, A, b)
         elif len(part):
-            r, w, corners, variance = _add_points(surface, x, part, noise, A, b)
+            found = _profile_feet(part, x) or closest_points(part.points, x, surface.cells)
+            if lies_evenly(part):
+                even.append(Lying(part, found))
+            r, w, corners, variance = _add_points(surface, x, part, found, noise, A, b)
             own += float((w * noise.own(part.sd)).sum())
             total += float((w * variance).sum())
             residuals.append(r)
             weights.append(w)
             feet.append(corners)
+    for part in frame:
+        if isinstance(part, Ending):
+            _add_ending(surface, x, part, even, noise, A, b)
     matrix = np.ascontiguousarray(A.transpose(2, 0, 3, 1).reshape(3 * m, 3 * m))
     # (y - x(a)) is what b came from: the target is that much beyond a.
     vector = b.ravel() + product(matrix, amplitudes.reshape(-1, 1))[:, 0]
@@ -102,6 +110,7 @@ def _add_points(
     surface: Deformable,
     x: NDArray[np.float64],
     part: Observation,
+    found: Matches,
     noise: Noise,
     A: NDArray[np.float64],
     b: NDArray[np.float64],
@@ -111,7 +120,6 @@ def _add_points(
     NDArray[np.int64],
     NDArray[np.float64] | float,
 ]:
-    found = _profile_feet(part, x) or closest_points(part.points, x, surface.cells)
     normals = found.normals if part.normals is None else part.normals[:, None]
     gap = part.points - found.feet
     along = (normals * gap[:, None]).sum(axis=-1)
@@ -241,21 +249,29 @@ def _add_end(
     _accumulate(surface, found, found.normals, along, counted / noise.variances(part.sd, 1.0), A, b)
 
 
-def rim_at(surface: Deformable, end: str) -> NDArray[np.int64]:
-    """Sides of triangles along the opening at an end of the axis, (sides, 2); none without one."""
-    template = surface.template
-    none = np.zeros((0, 2), dtype=np.int64)
-    if surface.cells.shape[1] != 3 or not template.coordinates.shape[1]:
-        return none
-    # At a pole the rows of a lattice leave a hole that is none.
-    first, last = template.topology.ends[0]
-    if (first if end == "apex" else last) != End.OPEN:
-        return none
-    s = template.coordinates[:, 0]
-    at_end = np.abs(s - (0.0 if end == "apex" else 1.0)) < _NEAR_END
-    sides = surface.rim_sides
-    kept: NDArray[np.int64] = sides[at_end[sides].all(axis=1)]
-    return kept
+def _add_ending(
+    surface: Deformable,
+    x: NDArray[np.float64],
+    part: Ending,
+    even: Sequence[Lying],
+    noise: Noise,
+    A: NDArray[np.float64],
+    b: NDArray[np.float64],
+) -> None:
+    """Add where the data end, one row for each sector of the rim, outward along the surface."""
+    found = part.found(surface, x, even, noise)
+    if found is None or part.rim is None:
+        return
+    variances = found.variances + part.doubt
+    there = part.rim.at(x)
+    variances += noise.truncation**2 * there.alike(surface, noise.n_values)
+    weights = found.shown * there.robust(found.beyond, variances)
+    rows, strength = there.rows(surface), weights / variances
+    for i in range(3):
+        left = np.ascontiguousarray(rows[:, :, i].T)
+        b[:, i] += product(left, (strength * found.beyond)[:, None])[:, 0]
+        for j in range(3):
+            A[i, j] += product(left, strength[:, None] * rows[:, :, j])
 
 
 def _profile_feet(part: Observation, x: NDArray[np.float64]) -> Matches | None:
@@ -292,47 +308,3 @@ def _add_landmarks(
         for i in range(3):
             A[i, i] += strength * phi[:, None] * phi
         b += strength * phi[:, None] * gap
-
-
-def place_on(surface: Deformable, place: Place) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Vertices of a landmark's place, and their shares in it.
-
-    Raises
-    ------
-    ParameterError
-        If the surface has no such place.
-    """
-    template = surface.template
-    if isinstance(place, str):
-        vertices, shares = _named(surface, place)
-    else:
-        vertices = np.atleast_1d(np.asarray(place, dtype=np.int64))
-        shares = np.full(len(vertices), 1.0 / max(1, len(vertices)))
-    if not len(vertices) or not 0 <= vertices.min() <= vertices.max() < template.n_vertices:
-        raise ParameterError(
-            f"The landmark {place!r:.60} is no place of the surface, which is a "
-            f"{template.topology} of {template.n_vertices} vertices.",
-            remedy="Name apex or base where the surface has such an end, or vertices of the start.",
-        )
-    return vertices, shares
-
-
-def _named(surface: Deformable, name: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Mean of the vertices at an end of the axis: of a rim by length, of a pole alike."""
-    template = surface.template
-    none = np.zeros(0, dtype=np.int64)
-    if name not in ("apex", "base") or not template.coordinates.shape[1]:
-        return none, np.zeros(0)
-    s = template.coordinates[:, 0]
-    at_end = surface.rim & (np.abs(s - (0.0 if name == "apex" else 1.0)) < _NEAR_END)
-    if surface.cells.shape[1] == 3 and at_end.any():
-        sides = surface.cells[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-        sides = sides[at_end[sides].all(axis=1)]
-        x = template.vertices
-        length = np.linalg.norm(x[sides[:, 0]] - x[sides[:, 1]], axis=1)
-        total = np.bincount(sides.ravel(), np.repeat(length, 2), minlength=len(x))
-        vertices = np.flatnonzero(total)
-        return vertices, total[vertices] / total.sum()
-    end = s.min() if name == "apex" else s.max()
-    vertices = np.flatnonzero(np.abs(s - end) <= 1e-9)
-    return vertices, np.full(len(vertices), 1.0 / len(vertices))

@@ -21,6 +21,7 @@ from modalmotion.progress import Progress
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.doubts import doubts_of_ends, has_landmarks
+from modalmotion.tracking.ends_of_data import with_doubts, with_endings
 from modalmotion.tracking.first_shape import shape_in
 from modalmotion.tracking.folding import require_unfolded, require_volume
 from modalmotion.tracking.image_frames import frames_of_images
@@ -29,7 +30,15 @@ from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.notes import notes_on
 from modalmotion.tracking.observation import Frame, observed_frames, of_surface
 from modalmotion.tracking.papillary import Papillary
-from modalmotion.tracking.passes import Pass, again, both_ways, energy, evidence, first_guess
+from modalmotion.tracking.passes import (
+    Pass,
+    again,
+    both_ways,
+    energy,
+    evidence,
+    first_guess,
+    noises_of,
+)
 from modalmotion.tracking.posterior import uncertainty_of
 from modalmotion.tracking.prior import Prior
 from modalmotion.tracking.quality import quality_of
@@ -151,7 +160,7 @@ def track(
     at = None if times is None else require_times(times, n_frames)
     phases = phases_of(at, n_frames, period, is_closed=is_closed)
     first = _require_reference(reference, n_frames)
-    frames = with_landmarks(seen, landmarks, first, None if shown is None else shown.stated_sd)
+    stated = with_landmarks(seen, landmarks, first, None if shown is None else shown.stated_sd)
     unseen = tuple(k for k, frame in enumerate(seen) if not any(map(len, frame)))
     if first in unseen and start is None:
         first = next(k for k in range(n_frames) if k not in unseen)
@@ -166,7 +175,7 @@ def track(
     # Searches in images have taken a third.
     done = _counted(progress, 4 * n_frames, 0 if shown is None else 2 * n_frames)
     if start is None:
-        template, grid = shape_in(frames[first], first, topology)
+        template, grid = shape_in(stated[first], first, topology)
     else:
         template = start if isinstance(start, Template) else make_template(start)
         grid = start.grid if isinstance(start, MeshSequence) else None
@@ -174,9 +183,12 @@ def track(
     _require_size(surface)
     surface = surface.exact_for_affine()
     prior, noise = first_guess(surface)
+    frames = with_endings(surface, stated, noise, pinned, first)
     here = both_ways(surface, frames, first, prior, noise, is_closed=is_closed, done=done)
     gap = here.gap
     prior, noise = evidence(surface, here.frames, prior)
+    noises = noises_of(surface, here, prior, noise)
+    frames = with_doubts(surface, frames, here.amplitudes(len(surface)), noises, pinned)
     for attempt in range(_MOST_TRIES):
         here = again(surface, frames, here.amplitudes(len(surface)), prior, noise, done)
         prior, noise = evidence(surface, here.frames, prior)
@@ -189,7 +201,7 @@ def track(
         beyond, n_values = prior.beyond(surface.wavenumbers, template.topology.n_axes)
         truncation = min(noise.truncation, limit, beyond**0.5)
         noise = replace(noise, truncation=truncation, n_values=n_values)
-    noises = [noise.of_frame(energy(surface, a, prior)) for a in here.amplitudes(len(surface))]
+    noises = noises_of(surface, here, prior, noise)
     Q, h0, prior = chain_of(surface, here, prior, phases, is_closed=is_closed, pinned=pinned)
     found = together(
         surface, frames, here, prior, noises, Q, pinned, done, dynamics=truth("dynamics", dynamics)
@@ -236,7 +248,7 @@ def track(
         gap=gap,
         reference=pinned,
         driven=found.driven,
-        data=sample_of(frames, found.information),
+        data=sample_of(stated, found.information),
         notes=notes,
         provenance={
             "modes": len(surface),
@@ -252,7 +264,7 @@ def track(
         result = with_images(result, images, shown)
         notes = (*shown.notes, *notes)
     else:
-        is_guessed = start is None and topology is None and not has_landmarks(frames)
+        is_guessed = start is None and topology is None and not has_landmarks(stated)
         notes = (*notes, *doubts_of_ends(result, frames, is_guessed=is_guessed))
     return replace(result, notes=(*notes, *notes_on(result)))
 

@@ -58,6 +58,8 @@ class Observation(FrozenArrays):
         Of each of these vertices in the start; they add up to 1.
     end : {"apex", "base"}, optional
         Of the surface, that all points are at: those of a valve are at the base.
+    border : (sides, 2, 3) float64, length unit, optional
+        Of a mesh whose vertices the points are: both ends of each side without a neighbour.
     """
 
     points: NDArray[np.float64]
@@ -68,6 +70,7 @@ class Observation(FrozenArrays):
     feet: NDArray[np.int64] | None = None
     shares: NDArray[np.float64] | None = None
     end: str | None = None
+    border: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         points = _numbers(self.points)
@@ -124,7 +127,17 @@ class Observation(FrozenArrays):
                     f"directions, (n, 3) each; their shapes are {own}.",
                     remedy="Give feet, shares and normals together, or only points.",
                 )
-        for array in (self.points, self.sd, self.weights, self.normals, self.feet, self.shares):
+        if self.border is not None:
+            border = _numbers(self.border)
+            if border.ndim != 3 or border.shape[1:] != (2, 3):
+                raise ShapeError(
+                    f"The border of a mesh has the shape {border.shape}, not (sides, 2, 3).",
+                    remedy="Give both ends of each side that has one triangle only, or none.",
+                )
+            _require_finite(border.reshape(-1, 3))
+            object.__setattr__(self, "border", border)
+        arrays = (self.points, self.sd, self.weights, self.normals, self.feet, self.shares)
+        for array in (*arrays, self.border):
             if isinstance(array, np.ndarray):
                 array.setflags(write=False)
 
@@ -226,7 +239,31 @@ def of_surface(vertices: Any, faces: Any) -> Observation:
     used = weights > 0
     if not used.any():
         return Observation(x)
-    return Observation(x[used], weights=weights[used] / weights[used].mean())
+    border = _border_of(x, faces)
+    return Observation(x[used], weights=weights[used] / weights[used].mean(), border=border)
+
+
+def _border_of(x: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64] | None:
+    """Sides of one triangle only, (sides, 2, 3); None of a mesh without any."""
+    sides = _open_sides(faces)
+    if len(sides) > len(faces):
+        # Triangles that have their corners for themselves, as in an STL file.
+        same = np.unique(x, axis=0, return_inverse=True)[1].reshape(-1)
+        first = np.full(len(x), len(x))
+        np.minimum.at(first, same, np.arange(len(x)))
+        sides = _open_sides(first[same][faces])
+    return x[sides] if len(sides) else None
+
+
+def _open_sides(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    a, b, c = faces.T
+    proper = faces[(a != b) & (b != c) & (c != a)]
+    sides = np.sort(proper[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    n = np.int64(faces.max(initial=0)) + 1
+    keys, counts = np.unique(sides[:, 0] * n + sides[:, 1], return_counts=True)
+    keys = keys[counts == 1]
+    open_sides: NDArray[np.int64] = np.stack([keys // n, keys % n], axis=1)
+    return open_sides
 
 
 def _numbers(points: Any) -> NDArray[np.float64]:
@@ -272,4 +309,5 @@ def _thinned(part: Observation) -> Observation:
         sd=part.sd[rows] if isinstance(part.sd, np.ndarray) else part.sd,
         weights=None if part.weights is None else part.weights[rows],
         normals=None if part.normals is None else part.normals[rows],
+        border=part.border,
     )

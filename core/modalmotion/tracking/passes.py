@@ -158,6 +158,11 @@ def energy(surface: Deformable, amplitudes: NDArray[np.float64], prior: Prior) -
     return float((amplitudes[moves] ** 2 / v[:, None]).mean())
 
 
+def noises_of(surface: Deformable, here: Pass, prior: Prior, noise: Noise) -> list[Noise]:
+    """Noise of each frame, from that of all."""
+    return [noise.of_frame(energy(surface, a, prior)) for a in here.amplitudes(len(surface))]
+
+
 def first_guess(surface: Deformable) -> tuple[Prior, Noise]:
     """Prior and noise before anything was seen."""
     prior = Prior.broad(surface.size)

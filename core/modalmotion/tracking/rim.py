@@ -1,0 +1,248 @@
+"""The rim of an opening: sectors of it, which way is out, and the strip of surface next to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.mesh.connectivity import grouped_edges
+from modalmotion.modes.topology import CLOSED, End
+from modalmotion.numeric.products import product
+from modalmotion.tracking.closest import closest_points
+from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.noise import robust_weights
+from modalmotion.tracking.patches import alike_over
+
+NEAR_END: Final = 0.25
+"""Of the axis: openings this near to an end are that end's."""
+
+# Sectors of which a few may be strays, of a level and a tilt; rounds until these are found, and
+# residuals, in deviations, that count as none in them.
+_FEWEST_OF_PLANE: Final = 6
+_ROUNDS: Final = 10
+_LEAST_LEFT: Final = 0.1
+
+# Three sectors tell a level and a tilt.
+_FEWEST_SECTORS: Final = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Rim:
+    """All openings at one end of a surface, in sectors of about the same length.
+
+    Parameters
+    ----------
+    end : {"apex", "base"}
+    sides : (sides, 2) int64
+        Of triangles, along the openings.
+    opposite : (sides,) int64
+        Third corner of each one's triangle.
+    sectors : (vertices,) int64
+        Sector that each vertex of the surface is next to, -1 of those out of reach.
+    distances : (vertices,) float64, length unit
+        Of each vertex of the start from the rim.
+    n_sectors : int
+    """
+
+    end: str
+    sides: NDArray[np.int64]
+    opposite: NDArray[np.int64]
+    sectors: NDArray[np.int64]
+    distances: NDArray[np.float64]
+    n_sectors: int
+
+    def at(self, x: NDArray[np.float64]) -> RimThere:
+        """Take the rim of a surface with the vertices x, (vertices, 3)."""
+        a, b, c = x[self.sides[:, 0]], x[self.sides[:, 1]], x[self.opposite]
+        side = b - a
+        squares = (side * side).sum(axis=1)
+        # Out of the triangle, across the side, and as long as that.
+        away = 0.5 * (a + b) - c
+        share = (away * side).sum(axis=1) / np.where(squares > 0, squares, 1.0)
+        away = away - share[:, None] * side
+        size = np.linalg.norm(away, axis=1)
+        away *= (np.sqrt(squares) / np.where(size > 0, size, 1.0))[:, None]
+        used = np.unique(self.sides)
+        place = np.searchsorted(used, self.sides).ravel()
+
+        def halves(of_sides: NDArray[np.float64]) -> NDArray[np.float64]:
+            sums = np.bincount(place, np.repeat(of_sides / 2.0, 2), minlength=len(used))
+            return sums.astype(np.float64)
+
+        lengths = halves(np.sqrt(squares))
+        outward = np.stack([halves(away[:, i]) for i in range(3)], axis=1)
+        sectors = self.sectors[used]
+        total = np.bincount(sectors, lengths, minlength=self.n_sectors)
+        return RimThere(used, x[used], lengths, outward, sectors, total.astype(np.float64))
+
+
+@dataclass(frozen=True, eq=False)
+class RimThere:
+    """A rim where a surface has it.
+
+    Parameters
+    ----------
+    vertices : (n,) int64
+        That it passes through.
+    x : (n, 3) float64, length unit
+    lengths : (n,) float64, length unit
+        That each stands for.
+    outward : (n, 3) float64, length unit
+        Out of the surface and across the rim, as long as that.
+    sectors : (n,) int64
+    totals : (sectors,) float64, length unit
+        Length of each.
+    """
+
+    vertices: NDArray[np.int64]
+    x: NDArray[np.float64]
+    lengths: NDArray[np.float64]
+    outward: NDArray[np.float64]
+    sectors: NDArray[np.int64]
+    totals: NDArray[np.float64]
+
+    @property
+    def directions(self) -> NDArray[np.float64]:
+        """Outward as unit vectors, (n, 3)."""
+        size = np.linalg.norm(self.outward, axis=1)
+        unit: NDArray[np.float64] = self.outward / np.where(size > 0, size, 1.0)[:, None]
+        return unit
+
+    def rows(self, surface: Deformable) -> NDArray[np.float64]:
+        """How far amplitudes move each sector outward in the mean, (sectors, modes, 3)."""
+        n = len(self.totals)
+        rows, shares = np.empty((n, len(surface), 3)), np.zeros((n, len(self.vertices)))
+        shapes = np.ascontiguousarray(surface.shapes[self.vertices])
+        for i in range(3):
+            own = self.outward[:, i] / self.totals[self.sectors]
+            shares[self.sectors, np.arange(len(self.vertices))] = own
+            rows[:, :, i] = product(shares, shapes)
+        return rows
+
+    def alike(self, surface: Deformable, n_values: float) -> NDArray[np.float64]:
+        """Variance of a sector's mean, over that of one place, of what the modes leave."""
+        alike = np.empty(len(self.totals))
+        for k, total in enumerate(self.totals):
+            own = self.sectors == k
+            alike[k] = alike_over(surface, self.vertices[own], self.lengths[own] / total, n_values)
+        return alike
+
+    def robust(
+        self, beyond: NDArray[np.float64], variances: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Weights of sectors, (sectors,), from 0 of those that do not go with the others.
+
+        Notes
+        -----
+        The whole rim may be off by a level and a tilt. What is off by more than these is a stray,
+        as where a hole is at the rim. They are those of the least sum of distances over deviations,
+        which few sectors do not move.
+        """
+        n, sd = len(self.totals), np.sqrt(variances)
+        if n < _FEWEST_OF_PLANE:
+            return robust_weights(beyond, float(np.sqrt(variances.mean())))
+        weighted = self.lengths[:, None] * self.x
+        sums = np.stack([np.bincount(self.sectors, w, minlength=n) for w in weighted.T], axis=1)
+        places = sums / self.totals[:, None]
+        places = places - places.mean(axis=0)
+        plane = np.linalg.svd(places, full_matrices=False)[0][:, :2]
+        columns = np.column_stack([np.ones(n), plane]) / sd[:, None]
+        z = beyond / sd
+        left = z
+        for _ in range(_ROUNDS):
+            weights = 1.0 / np.maximum(np.abs(left), _LEAST_LEFT)
+            normal = columns.T * weights
+            left = z - columns @ np.linalg.solve(normal @ columns, normal @ z)
+        return robust_weights(left, 1.0)
+
+
+def rim_of(surface: Deformable, end: str, width: float) -> Rim | None:
+    """Take the openings at an end in sectors about `width` long.
+
+    Parameters
+    ----------
+    surface : Deformable
+    end : {"apex", "base"}
+    width : float, length unit
+
+    Returns
+    -------
+    Rim or None
+        None where the surface has no opening there, or one that touches itself.
+    """
+    sides = rim_at(surface, end)
+    x = surface.template.vertices
+    axes = surface.template.topology.ends
+    if not len(sides) or len(axes) != 2 or axes[1] != CLOSED:
+        return None
+    sector = np.full(len(x), -1)
+    n = 0
+    for loop in grouped_edges(sides, len(x)):
+        order = _around(loop)
+        if order is None:
+            return None
+        along = np.linalg.norm(np.diff(x[[*order, order[0]]], axis=0), axis=1)
+        length = float(along.sum())
+        if not length > 0:
+            return None
+        share = (np.cumsum(along) - along / 2.0) / length
+        count = max(1, round(length / width))
+        sector[order] = n + np.minimum((share * count).astype(np.int64), count - 1)
+        n += count
+    if n < _FEWEST_SECTORS or len(np.unique(sector[sector >= 0])) < n:
+        return None
+    found = closest_points(x, x, sides)
+    nearest = found.corners[np.arange(len(x)), found.shares.argmax(axis=1)]
+    return Rim(end, sides, _opposite(surface, sides), sector[nearest], found.distances, n)
+
+
+def rim_at(surface: Deformable, end: str) -> NDArray[np.int64]:
+    """Sides of triangles along the opening at an end of the axis, (sides, 2); none without one."""
+    template = surface.template
+    none = np.zeros((0, 2), dtype=np.int64)
+    if surface.cells.shape[1] != 3 or not template.coordinates.shape[1]:
+        return none
+    # At a pole the rows of a lattice leave a hole that is none.
+    first, last = template.topology.ends[0]
+    if (first if end == "apex" else last) != End.OPEN:
+        return none
+    s = template.coordinates[:, 0]
+    at_end = np.abs(s - (0.0 if end == "apex" else 1.0)) < NEAR_END
+    sides = surface.rim_sides
+    kept: NDArray[np.int64] = sides[at_end[sides].all(axis=1)]
+    return kept
+
+
+def _around(sides: NDArray[np.int64]) -> list[int] | None:
+    """Vertices of a ring in order; None where the sides are no ring."""
+    beside: dict[int, list[int]] = {}
+    for a, b in sides.tolist():
+        beside.setdefault(a, []).append(b)
+        beside.setdefault(b, []).append(a)
+    if any(len(both) != 2 for both in beside.values()):
+        return None
+    start = min(beside)
+    order, last, here = [start], start, min(beside[start])
+    while here != start:
+        order.append(here)
+        one, other = beside[here]
+        last, here = here, other if one == last else one
+    return order
+
+
+def _opposite(surface: Deformable, sides: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Third corner of the triangle at each side of a rim."""
+    n = np.int64(surface.template.n_vertices)
+    cells = surface.cells
+    pairs = np.sort(np.concatenate([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]]), axis=1)
+    third = np.concatenate([cells[:, 2], cells[:, 0], cells[:, 1]])
+    keys = pairs[:, 0] * n + pairs[:, 1]
+    order = np.argsort(keys, kind="stable")
+    own = np.sort(sides, axis=1)
+    corners: NDArray[np.int64] = third[order][
+        np.searchsorted(keys[order], own[:, 0] * n + own[:, 1])
+    ]
+    return corners
