@@ -21,6 +21,7 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP
 from modalmotion.template import make_template
 from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.image_levels import renewed
 from modalmotion.tracking.image_view import Facets, Sight, View, view_of
 
 Floats = NDArray[np.float64]
@@ -63,6 +64,8 @@ def layered_share(image: Image, shape: MeshSequence, sight: Sight, reach: float)
         return 0.0
     facets = Facets.of(template.faces, template.vertices, template.weights)
     look = replace(sight.within(reach), has_layers=True)
+    view = view_of(image, facets, template.vertices, look, reach)
+    look = renewed(look, view, is_deep=True)
     view = view_of(image, facets, template.vertices, look, reach)
     k = view.edges.is_found
     counted = view.weights[k]

@@ -32,7 +32,7 @@ class ImageAnswer:
     localisation : float, mm
         Deviation that all edges have in common, in volumes too.
     bent : float, mm
-        Deviation that shifts of slices leave.
+        Deviation that shifts of slices leave, RMS over the surface.
     """
 
     papillary: Papillary

@@ -38,6 +38,9 @@ _NEAR: Final = 6.0
 _BEYOND: Final = (1.5, 4.5)
 _WITHIN: Final = (-6.0, -2.0)
 
+# Within it where trabeculae lie next to it: blood is beyond them.
+_DEEP: Final = (-10.0, -6.0)
+
 
 @dataclass(frozen=True, eq=False)
 class Facets:
@@ -188,13 +191,13 @@ class View:
             shares=self.shares[k],
         )
 
-    def beside(self) -> tuple[Floats, Floats]:
-        """Mean brightness within and beyond each edge that was found."""
+    def beside(self, *, is_deep: bool) -> tuple[Floats, Floats]:
+        """Mean brightness within and beyond each edge that was found, within far from it or not."""
         k = self.edges.is_found
         away = self.offsets[None] - self.edges.offsets[k, None]
-        return _mean_in(self.profiles[k], away, *_WITHIN), _mean_in(
-            self.profiles[k], away, *_BEYOND
-        )
+        own = self.profiles[k]
+        within = _DEEP if is_deep else _WITHIN
+        return _mean_in(own, away, *within), _mean_in(own, away, *_BEYOND)
 
 
 def view_of(image: Image, facets: Facets, x: Floats, sight: Sight, reach: float) -> View:

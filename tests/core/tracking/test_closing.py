@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from ellipsoid_images import (
     AXES,
-    CUT,
     LANDMARKS,
     LENGTH,
     MIDDLE,
@@ -16,6 +15,8 @@ from ellipsoid_images import (
     Floats,
     Look,
     enclosed,
+    spheroid,
+    uneven,
     volume,
 )
 
@@ -24,8 +25,7 @@ from modalmotion.images.edges import Levels
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP, CYLINDER
-from modalmotion.template import Template, make_template
+from modalmotion.modes.topology import CYLINDER
 from modalmotion.tracking import image_frames, track
 from modalmotion.tracking.closing import (
     has_trabeculae,
@@ -57,19 +57,6 @@ def trabeculated(depth: float, share: float, radius: float = RADIUS) -> Volume:
     inside = np.clip(0.5 - away, 0.0, 1.0) * np.clip(0.5 + (away + depth), 0.0, 1.0)
     below = share * inside * (local[..., 2] < MIDDLING)
     return Volume(whole.values - below * (LOOK.blood - LOOK.wall), AFFINE)
-
-
-def spheroid() -> Template:
-    """The surface itself, from the tip to the cut."""
-    n, m = 20, 40
-    polar = np.linspace(0.03, np.pi - np.arccos(CUT / LENGTH), n)[:, None]
-    turn = 2.0 * np.pi * np.arange(m) / m
-    axes = (RADIUS * np.cos(turn), RADIUS * np.sin(turn), -LENGTH * np.ones(m))
-    across = (np.sin(polar), np.sin(polar), np.cos(polar))
-    local = np.stack([a * b for a, b in zip(across, axes, strict=True)], axis=-1)
-    x = MIDDLE + local.reshape(-1, 3) @ AXES.T
-    faces = standard_surface(Lattice(CUP, (n, m))).faces
-    return make_template(mesh_sequence(x[None], faces, grid=(n, m), topology="cup"))
 
 
 TEMPLATE = spheroid()
@@ -146,6 +133,9 @@ def test_only_layers_all_round_are_trabeculae() -> None:
     sight = replace(SIGHT, has_layers=False)
     assert has_trabeculae(trabeculated(4.0, 0.5), shape, sight, 4.0)
     assert not has_trabeculae(trabeculated(0.0, 0.0), shape, sight, 4.0)
+    # Blood of many brightnesses is no noise.
+    assert has_trabeculae(uneven(trabeculated(4.0, 0.5)), shape, sight, 4.0)
+    assert not has_trabeculae(uneven(trabeculated(0.0, 0.0)), shape, sight, 4.0)
     tube = standard_surface(Lattice(CYLINDER, (4, 8)))
     assert not has_trabeculae(trabeculated(4.0, 0.5), tube, sight, 4.0)
 
