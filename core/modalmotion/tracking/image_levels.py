@@ -122,17 +122,12 @@ def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> FirstSi
     return FirstSight(levels, places)
 
 
-def renewed(sight: Sight, view: View, *, is_deep: bool = False) -> Sight:
+def renewed(sight: Sight, view: View) -> Sight:
     """Find levels and bias field next to the edges that a view found: linear in place.
 
-    Parameters
-    ----------
-    sight : Sight
-    view : View
-    is_deep : bool
-        Whether blood is looked for beyond where trabeculae would be.
+    Where layers lie next to the edges, blood is looked for beyond them.
     """
-    inner, outer = view.beside(is_deep=is_deep)
+    inner, outer = view.beside(is_deep=sight.has_layers)
     x = view.starts[view.edges.is_found] - sight.middle
     ok = np.isfinite(inner) & np.isfinite(outer)
     if ok.sum() < 4 * _N_TURNS:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,7 +115,7 @@ class Sight:
     tip : Tip, optional
         Of frames other than the reference.
     has_layers : bool
-        Whether layers of trabeculae lie next to the edges: see `Levels.layer`.
+        Whether layers of trabeculae lie next to the edges: see `Levels.faint_layer`.
     """
 
     levels: Levels
@@ -200,15 +200,35 @@ class View:
         return _mean_in(own, away, *within), _mean_in(own, away, *_BEYOND)
 
 
-def view_of(image: Image, facets: Facets, x: Floats, sight: Sight, reach: float) -> View:
-    """Look for edges up to `reach` mm on both sides of a surface, (vertices, 3) mm."""
+def view_of(
+    image: Image,
+    facets: Facets,
+    x: Floats,
+    sight: Sight,
+    reach: float,
+    *,
+    layers: Literal["distinct", "faint"] = "faint",
+) -> View:
+    """Look for edges up to `reach` mm on both sides of a surface, (vertices, 3) mm.
+
+    Parameters
+    ----------
+    image : Volume or PlaneSet
+    facets : Facets
+    x : (vertices, 3) float64, mm
+    sight : Sight
+    reach : float, mm
+    layers : {"distinct", "faint"}
+        Which ones are told from blood, where the sight knows any.
+    """
     if isinstance(image, Volume):
         view = _through_volume(image, facets, x, reach)
     else:
         view = _in_planes(image, facets, x, sight.shifts, reach)
     like = sight.levels.likeness(view.profiles, sight.gain(view.starts)[:, None])
     step = float(view.offsets[1] - view.offsets[0])
-    layer = sight.levels.layer if sight.has_layers else -np.inf
+    layer = sight.levels.layer if layers == "distinct" else sight.levels.faint_layer
+    layer = layer if sight.has_layers else -np.inf
     edges = find_edges(like, step, reach, view.extents, sight.crossing, layer)
     # Most of what an edge is judged by must be in the field of view.
     near = np.abs(view.offsets[None] - edges.offsets[:, None]) < 3.0

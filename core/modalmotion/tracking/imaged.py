@@ -25,8 +25,10 @@ _OF_NOISE: Final = 0.4
 # Of a label map: see `staircase`.
 _STAIRCASE: Final = 0.25
 
-# Of muscle that is beyond the edges seen: how much of it is not known.
+# Of muscle that is beyond the edges seen: how much of its depth at one place, and how much of all
+# of it is not known.
 _OF_CLOSED: Final = 0.5
+_OF_ALL_CLOSED: Final = 0.3
 
 
 def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Track:
@@ -84,7 +86,9 @@ def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Trac
     )
     volume_deviations = track.volume_deviations
     if volume_deviations is not None:
-        volume_deviations = np.hypot(volume_deviations, np.hypot(of_volumes, closed * areas))
+        volume_deviations = np.hypot(
+            volume_deviations, np.hypot(of_volumes, _OF_ALL_CLOSED * found.closed * areas)
+        )
     return replace(track, deviations=deviations, volume_deviations=volume_deviations, images=answer)
 
 

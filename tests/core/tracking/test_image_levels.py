@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from ellipsoid_images import MIDDLE, Look, spheroid, uneven, volume
@@ -47,5 +49,6 @@ def test_blood_is_looked_for_beyond_a_dark_layer() -> None:
     profiles = view.profiles.copy()
     profiles[k] = np.where((away > -5.0) & (away < 0.0), 70.0, profiles[k])
     dark = View(**{**vars(view), "profiles": profiles})
-    assert renewed(SIGHT, dark, is_deep=True).levels.inside == pytest.approx(100.0, abs=2.0)
+    layered = replace(SIGHT, has_layers=True)
+    assert renewed(layered, dark).levels.inside == pytest.approx(100.0, abs=2.0)
     assert renewed(SIGHT, dark).levels.inside < 90.0
