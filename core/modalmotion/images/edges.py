@@ -45,7 +45,7 @@ class Levels:
     ----------
     inside, outside : float
     spread : float
-        Standard deviation of brightness on one side.
+        Standard deviation of noise on one side.
     """
 
     inside: float

@@ -20,7 +20,7 @@ class ImageAnswer:
     papillary_volume : float, mm^3
         That looks like muscle within the surface; it is taken off each volume under `wall`.
     inside, outside, spread : float
-        Brightness on both sides in the reference frame, and its deviation within one.
+        Brightness on both sides in the reference frame, and the deviation of its noise.
     slope : tuple of float, 1 / mm
         Of the bias field.
     shifts : tuple of (float, float, float), mm

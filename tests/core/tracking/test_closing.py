@@ -114,6 +114,16 @@ def test_a_layer_is_part_of_the_wall_where_none_is_looked_for() -> None:
     assert (edges.offsets < with_layers.offsets)[is_layer].mean() > 0.9
 
 
+def test_faint_layers_are_seen_where_trabeculae_are_known_to_be() -> None:
+    facets = Facets.of(TEMPLATE.faces, TEMPLATE.vertices, TEMPLATE.weights)
+    # A quarter of muscle: a likeness of 0.5.
+    image = trabeculated(4.0, 0.25)
+    distinct = view_of(image, facets, TEMPLATE.vertices, SIGHT, 4.0, layers="distinct").edges
+    faint = view_of(image, facets, TEMPLATE.vertices, SIGHT, 4.0).edges
+    assert (distinct.inside < 1.0).mean() < 0.15
+    assert (faint.inside < 1.0).mean() > 0.3
+
+
 def test_what_is_missing_lies_beyond_the_edge() -> None:
     view = seen(trabeculated(0.0, 0.0))
     moved = opened(view, np.full(TEMPLATE.n_vertices, 1.5))
