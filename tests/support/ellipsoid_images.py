@@ -9,6 +9,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from modalmotion.images import Plane, PlaneSet, Volume
+from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CUP
+from modalmotion.template import Template, make_template
 
 Floats = NDArray[np.float64]
 
@@ -84,6 +89,27 @@ def planes(
         values = brightness(points, radius, look or Look(), rng)
         found.append(Plane(values.reshape(n, n), affine, 6.0))
     return PlaneSet(tuple(found))
+
+
+def spheroid() -> Template:
+    """Take the surface itself, from the tip to the cut."""
+    n, m = 20, 40
+    polar = np.linspace(0.03, np.pi - np.arccos(CUT / LENGTH), n)[:, None]
+    turn = 2.0 * np.pi * np.arange(m) / m
+    axes = (RADIUS * np.cos(turn), RADIUS * np.sin(turn), -LENGTH * np.ones(m))
+    across = (np.sin(polar), np.sin(polar), np.cos(polar))
+    local = np.stack([a * b for a, b in zip(across, axes, strict=True)], axis=-1)
+    x = MIDDLE + local.reshape(-1, 3) @ AXES.T
+    faces = standard_surface(Lattice(CUP, (n, m))).faces
+    return make_template(mesh_sequence(x[None], faces, grid=(n, m), topology="cup"))
+
+
+def uneven(image: Volume, share: float = 0.15) -> Volume:
+    """Blood of another brightness from place to place, by a wave of 40 mm along each axis."""
+    index = np.stack(np.meshgrid(*map(np.arange, image.shape), indexing="ij"), axis=-1)
+    points = index @ image.affine[:, :3].T + image.affine[:, 3]
+    wave = np.sin(2.0 * np.pi * (points - MIDDLE) / 40.0).sum(axis=-1)
+    return Volume((image.values * (1.0 + share * wave)).astype(np.float32), image.affine)
 
 
 def off_surface(vertices: Floats, radius: float = RADIUS) -> float:

@@ -21,9 +21,11 @@ _LEAST_STEP: Final = 0.4
 _BESIDE: Final = 3.0
 
 # Likeness of what lies next to an edge on its inner side: less is a layer of blood and muscle, and
-# the edge lies in the middle between the layer and the outside. What it is at least, and how many
-# times the noise of one sample it must be below that of blood.
-_LAYER: Final = 0.45
+# the edge lies in the middle between the layer and the outside. One that is told from an edge's
+# blur, and any where trabeculae are known to be; what it is at least, and how many times the noise
+# of one sample it must be below that of blood.
+_DISTINCT: Final = 0.45
+_FAINT: Final = 0.7
 _DARKEST: Final = -0.2
 _NOISES: Final = 1.8
 
@@ -43,7 +45,7 @@ class Levels:
     ----------
     inside, outside : float
     spread : float
-        Standard deviation of brightness on one side.
+        Standard deviation of noise on one side.
     """
 
     inside: float
@@ -57,14 +59,22 @@ class Levels:
 
     @property
     def layer(self) -> float:
-        """Likeness next to an edge below which a layer of blood and muscle is there.
+        """Likeness next to an edge below which a layer of blood and muscle is there for certain.
 
         Labels have no noise, and no layer.
         """
+        return self._above_noise(_DISTINCT)
+
+    @property
+    def faint_layer(self) -> float:
+        """Likeness of thin and bright layers, too, as there are where trabeculae are."""
+        return self._above_noise(_FAINT)
+
+    def _above_noise(self, layer: float) -> float:
         if self.contrast > _LABELLED:
             return -np.inf
         # Noise of one sample, as likeness.
-        return min(_LAYER, 1.0 - _NOISES * 2.0 / max(self.contrast, 1e-300))
+        return min(layer, 1.0 - _NOISES * 2.0 / max(self.contrast, 1e-300))
 
     def likeness(self, values: Floats, gain: Floats | float = 1.0) -> Floats:
         """How far values are like the inside (1), the outside (-1), or between; NaN is 0.
@@ -123,7 +133,7 @@ def find_edges(
         What a mm of outside on the way from the inside costs, in mm of inside: small where
         structures within the cavity, as papillary muscles, belong to it.
     layer : float
-        `Levels.layer`.
+        `Levels.layer` or `Levels.faint_layer`.
 
     Notes
     -----

@@ -61,6 +61,8 @@ _RANGES: Final = {
     "bias_field": (0.0, 0.9),
     "coarseness": (0.5, 4.0),
     "trabeculae": (0.0, 10.0),
+    "trabecular_variation": (0.0, 0.5),
+    "inflow": (0.0, 0.3),
 }
 
 # Numbers are stored with the resolution of scanners: brightness 1 is this.
@@ -116,6 +118,11 @@ class PhantomSettings:
     trabeculae : float, mm
         Depth of a layer of trabeculae at the apex, half muscle at end diastole and nearly all of it
         at end systole; they are within the surface. It ends at four fifths of the height.
+    trabecular_variation : float
+        Standard deviation of that depth around the ventricle, as a share.
+    inflow : float
+        Standard deviation of the brightness of blood from place to place, as a share: smooth over
+        some `modalmotion.simulate.anatomy.FLOWING` mm, and another in each frame and each slice.
     """
 
     noise: float = 0.05
@@ -124,6 +131,8 @@ class PhantomSettings:
     papillary: bool = True
     coarseness: float = 1.0
     trabeculae: float = 0.0
+    trabecular_variation: float = 0.0
+    inflow: float = 0.0
 
     def __post_init__(self) -> None:
         for name, (least, most) in _RANGES.items():
@@ -168,7 +177,7 @@ def simulate_images(
         parameters, acquisition=Acquisition(n_frames=n_frames, pose=pose), rng=rng
     )
     rows = truth.vertices.astype(np.float64).reshape(n_frames, 32, 64, 3)
-    anatomy = Anatomy(truth, rng, settings.trabeculae)
+    anatomy = Anatomy(truth, rng, settings.trabeculae, settings.trabecular_variation)
     bias = _bias(settings, rows.mean(axis=(0, 1, 2)), rng)
     sight = _Sight(anatomy.lattice, anatomy.texture, _LOOKS[kind], settings, bias)
     spacing = settings.coarseness * np.array(_LOOKS[kind].spacing)
@@ -235,21 +244,22 @@ class _Sight:
     settings: PhantomSettings
     bias: Callable[[Floats], Floats] | None
 
-    def of(self, moment: Tissues, points: Floats) -> Floats:
-        """Brightness at points (..., 3)."""
+    def of(self, moment: Tissues, points: Floats, flow: Floats) -> Floats:
+        """Brightness at points (..., 3), `flow` as on the lattice."""
         look = self.look
         least, span, power = look.chest
         p = points.reshape(-1, 3)
         fields = [moment.cavity, moment.wall, moment.papillary, moment.right, moment.atrium]
-        all_at = self.lattice.at(np.stack([*fields, moment.muscle, self.texture], axis=1), p)
-        cavity, wall, papillary, right, atrium, muscle, texture = all_at.T
+        all_at = self.lattice.at(np.stack([*fields, moment.muscle, flow, self.texture], axis=1), p)
+        cavity, wall, papillary, right, atrium, muscle, flow, texture = all_at.T
         values = least + span * texture**power
+        blood = look.blood * np.maximum(1.0 + self.settings.inflow * flow, 0.0)
         layers = [
             (right - 3.0, look.wall),
-            (right, look.blood),
+            (right, blood),
             (wall, look.wall),
-            (atrium, look.blood),
-            (cavity, look.blood + muscle * (look.wall - look.blood)),
+            (atrium, blood),
+            (cavity, blood + muscle * (look.wall - blood)),
             # Within the cavity alone: in the wall the muscle is wall.
             (np.maximum(papillary, cavity), look.wall),
         ]
@@ -270,7 +280,9 @@ def _taken(
     rng: np.random.Generator,
 ) -> NDArray[np.int16]:
     """Take one image: brightness, mean through slices, point spread, noise."""
-    values = sight.of(moment, grid.points(shifts))
+    is_even = sight.settings.inflow == 0
+    flow = np.zeros(len(moment.cavity)) if is_even else sight.lattice.flow(rng)
+    values = sight.of(moment, grid.points(shifts), flow)
     i, j, k = grid.shape
     values = values.reshape(i, j, k, grid.n_through).mean(axis=3)
     is_thin = kind in (ImageKind.CT, ImageKind.ECHO)

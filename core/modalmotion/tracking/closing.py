@@ -16,19 +16,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.images.sequence import Image
-from modalmotion.mesh import face_areas
+from modalmotion.mesh import Cavity, face_areas
+from modalmotion.mesh.areas import vertex_areas
+from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP
 from modalmotion.template import make_template
 from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.image_levels import renewed
 from modalmotion.tracking.image_view import Facets, Sight, View, view_of
 
 Floats = NDArray[np.float64]
 
 # mm within an edge that muscle is looked for in, and beyond it that blood is: there an edge may
 # have been drawn inward by muscle.
-_WITHIN: Final = 6.0
+_WITHIN: Final = 8.0
 _BEYOND: Final = 3.0
+
+# Likeness of blood, in the mean of so many mm: muscle farther within is none of trabeculae. Nearer
+# to the edge than that is its blur.
+_BLOOD: Final = 0.7
+_BLURRED: Final = 2.0
+
+# No image is brighter or darker, as likeness.
+_MOST_LIKE: Final = 1.5
 
 # Share of the edges that have a layer next to them where there are trabeculae: 0.24 to
 # 0.32 of phantoms that have them, 0.00 to 0.17 of others, where muscles touch the wall.
@@ -40,6 +51,9 @@ _DEVIATION: Final = 1.0
 
 # Least share of a window in the field of view.
 _SEEN: Final = 0.9
+
+# Steps in which muscle is spread until its volume is that which is missing.
+_SPREADS: Final = 4
 
 
 def has_trabeculae(image: Image, shape: MeshSequence, sight: Sight, reach: float) -> bool:
@@ -63,7 +77,9 @@ def layered_share(image: Image, shape: MeshSequence, sight: Sight, reach: float)
         return 0.0
     facets = Facets.of(template.faces, template.vertices, template.weights)
     look = replace(sight.within(reach), has_layers=True)
-    view = view_of(image, facets, template.vertices, look, reach)
+    view = view_of(image, facets, template.vertices, look, reach, layers="distinct")
+    look = renewed(look, view)
+    view = view_of(image, facets, template.vertices, look, reach, layers="distinct")
     k = view.edges.is_found
     counted = view.weights[k]
     layered = counted[view.edges.inside[k] < 1.0].sum()
@@ -71,31 +87,37 @@ def layered_share(image: Image, shape: MeshSequence, sight: Sight, reach: float)
 
 
 def muscle_within(
-    view: View, sight: Sight, surface: Deformable, *, in_layers: bool = False
+    view: View, sight: Sight, surface: Deformable, height: float, *, in_layers: bool = False
 ) -> Floats:
-    """Depth of muscle on the inner side of the edges, were it compact: (vertices,) mm.
+    """Muscle next to the inner side of the edges, by area of the surface: (vertices,) mm.
 
     Parameters
     ----------
     view : View
     sight : Sight
     surface : Deformable
+    height : float, mm
+        Of the cones from the surface to the middle of its cavity.
     in_layers : bool
         Whether only what lies in layers next to edges counts.
 
     Notes
     -----
-    The integral of what is dark within an edge less that of what is bright beyond it, along the
-    profile; over the surface it is as smooth as a few modes.
+    The integral of what is dark within an edge, as far as the first blood, less that of what is
+    bright beyond it, along the profile; shells within are smaller, as of cones. Over the surface it
+    is as smooth as a few modes.
     """
     k = view.edges.is_found
     like = sight.levels.likeness(view.profiles[k], sight.gain(view.starts[k])[:, None])
+    like = np.clip(like, -_MOST_LIKE, _MOST_LIKE)
     there = np.isfinite(view.profiles[k])
     away = view.offsets[None] - view.edges.offsets[k, None]
     step = float(view.offsets[1] - view.offsets[0])
     within = (away > -_WITHIN) & (away <= 0.0)
     beyond = (away > 0.0) & (away < _BEYOND)
-    dark = (within * (1.0 - like)).sum(axis=1) / 2.0
+    share = np.maximum(1.0 + np.minimum(away, 0.0) / height, 0.0) ** 2
+    muscle = within & _before_blood(like, away, step)
+    dark = (muscle * (1.0 - like) * share).sum(axis=1) / 2.0
     bright = (beyond * (1.0 + like)).sum(axis=1) / 2.0
     if in_layers:
         is_layer = view.edges.inside[k] < 1.0
@@ -114,25 +136,47 @@ def muscle_within(
     return field
 
 
+def _before_blood(like: Floats, away: Floats, step: float) -> NDArray[np.bool_]:
+    """Tell samples between an edge and the first blood on its inner side."""
+    n = max(1, round(_BLURRED / step))
+    sums = np.zeros((len(like), like.shape[1] + 1))
+    np.cumsum(like, axis=1, out=sums[:, 1:])
+    means = np.full(like.shape, -np.inf)
+    means[:, n - 1 :] = (sums[:, n:] - sums[:, :-n]) / n
+    is_blood = (means > _BLOOD) & (away <= -_BLURRED)
+    first = np.where(is_blood, away, -np.inf).max(axis=1)
+    before: NDArray[np.bool_] = away > np.minimum(first, -_BLURRED)[:, None]
+    return before
+
+
 def opened(view: View, missing: Floats) -> View:
     """Move edges outward by the muscle that is missing, (vertices,) mm along the normal."""
     own = (view.shares * missing[view.feet]).sum(axis=1) / _along(view)
     return replace(view, edges=view.edges._replace(offsets=view.edges.offsets + own))
 
 
-def missing_muscle(first: Floats, now: Floats, shrunk: float) -> Floats:
-    """Muscle of the reference that is not seen in a frame, (vertices,) mm, none where more is.
+def spread_over(surface: Deformable, x: Floats, muscle: Floats, volume: float) -> Floats:
+    """Depth in which muscle covers a surface on its outer side, (vertices,) mm.
 
     Parameters
     ----------
-    first, now : (vertices,) float64, mm
-        Of the reference and of the frame.
-    shrunk : float
-        Area of the frame's surface over that of the reference.
+    surface : Deformable
+    x : (vertices, 3) float64, mm
+    muscle : (vertices,) float64, mm
+        Of its depth the shape alone; none below zero.
+    volume : float, mm^3
     """
-    there = np.maximum(first, 0.0) / shrunk
-    missing: Floats = np.maximum(there - np.maximum(now, 0.0), 0.0)
-    return missing
+    faces = surface.template.faces
+    cavity = Cavity(faces)
+    own = float(cavity.volume(x))
+    normals = np.sign(own) * vertex_normals(x, faces)
+    depth = np.maximum(muscle, 0.0)
+    if volume <= 0 or not depth.any():
+        return np.zeros(len(x))
+    for _ in range(_SPREADS):
+        added = abs(float(cavity.volume(x + depth[:, None] * normals))) - abs(own)
+        depth = depth * np.clip(volume / max(added, 1e-9 * volume), 0.2, 3.0)
+    return depth
 
 
 def with_trabeculae(
@@ -163,18 +207,29 @@ def with_trabeculae(
     first = views[reference]
     if first is None:
         return list(views), means
-    muscle = muscle_within(first, sights[reference], surface, in_layers=True)
-    areas = [float(face_areas(x, surface.template.faces).sum()) for x in shapes]
+    template = surface.template
+    heights = [_height(x, template.faces) for x in shapes]
+    muscle = muscle_within(first, sights[reference], surface, heights[reference], in_layers=True)
+    areas = [vertex_areas(x, template.faces) for x in shapes]
+    whole = float(muscle @ areas[reference])
     moved: list[View | None] = []
     for k, view in enumerate(views):
         if view is None or k == reference or not view.edges.is_found.any():
             moved.append(view)
             continue
-        now = muscle_within(view, sights[k], surface)
-        missing = missing_muscle(muscle, now, areas[k] / areas[reference])
-        moved.append(opened(view, missing))
-        means[k] = surface.template.weights @ missing
+        now = muscle_within(view, sights[k], surface, heights[k])
+        # It lies where there was more of it than is seen.
+        denser = np.maximum(muscle, 0.0) * float(areas[reference].sum() / areas[k].sum())
+        places = denser - np.maximum(now, 0.0)
+        depth = spread_over(surface, shapes[k], places, whole - float(now @ areas[k]))
+        moved.append(opened(view, depth))
+        means[k] = template.weights @ depth
     return moved, means
+
+
+def _height(x: Floats, faces: NDArray[np.int64]) -> float:
+    """Height of the cones over a surface that fill its cavity, mm."""
+    return 3.0 * abs(float(Cavity(faces).volume(x))) / float(face_areas(x, faces).sum())
 
 
 def _along(view: View) -> Floats:

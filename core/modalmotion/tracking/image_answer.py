@@ -20,7 +20,7 @@ class ImageAnswer:
     papillary_volume : float, mm^3
         That looks like muscle within the surface; it is taken off each volume under `wall`.
     inside, outside, spread : float
-        Brightness on both sides in the reference frame, and its deviation within one.
+        Brightness on both sides in the reference frame, and the deviation of its noise.
     slope : tuple of float, 1 / mm
         Of the bias field.
     shifts : tuple of (float, float, float), mm
@@ -32,7 +32,7 @@ class ImageAnswer:
     localisation : float, mm
         Deviation that all edges have in common, in volumes too.
     bent : float, mm
-        Deviation that shifts of slices leave.
+        Deviation that shifts of slices leave, RMS over the surface.
     """
 
     papillary: Papillary

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from modalmotion.tracking.landmark_path import path_between
 from modalmotion.tracking.observation import Frame, Observation
 from modalmotion.tracking.papillary import CONVENTIONS, Papillary
 from modalmotion.tracking.passes import first_guess
+from modalmotion.tracking.plane_shifts import left_by_shifts
 from modalmotion.tracking.request import with_landmarks
 from modalmotion.tracking.settling import settle
 from modalmotion.tracking.start import start_shape
@@ -67,6 +68,8 @@ class ImageFrames:
         Deviation of landmarks that state none.
     closed : (frames,) float64, mm
         Mean muscle of trabeculae that look like the wall, beyond the edges that are seen.
+    bent : (vertices,) float64, mm
+        Deviation across the surface that shifts of slices leave; zero where there are none.
     """
 
     frames: tuple[Frame, ...]
@@ -78,6 +81,7 @@ class ImageFrames:
     notes: tuple[str, ...]
     stated_sd: float
     closed: Floats
+    bent: Floats
 
 
 def frames_of_images(
@@ -146,11 +150,11 @@ def frames_of_images(
     else:
         rough = begun(start, first.points, places)
     here = marks[reference]
-    shape, fitted, found = _reference_shape(rough, image, here, sight, reference, first.points)
-    if has_trabeculae(image, shape, fitted, _SHAPE[1]):
+    begin = _reference_shape(rough, image, here, sight, reference, first.points)
+    if has_trabeculae(image, begin.shape, begin.sight, _SHAPE[1]):
         sight = replace(sight, has_layers=True)
-        shape, fitted, found = _reference_shape(rough, image, here, sight, reference, first.points)
-    sight = fitted
+        begin = _reference_shape(rough, image, here, sight, reference, first.points)
+    shape, sight = begin.shape, begin.sight
     done()
     template = make_template(shape)
     surface = Deformable.of(template, modes)
@@ -183,10 +187,31 @@ def frames_of_images(
         is_seen = view is not None and share >= _LEAST_FOUND
         frames.append((view.observation(), *between) if view is not None and is_seen else ())
     doubts = doubts_of(image, facets, template.vertices, sight, places["apex"], places["base"])
-    notes = (*_notes(shares, images, found), *doubts)
+    notes = (*_notes(shares, images, begin.found), *doubts)
     return ImageFrames(
-        tuple(frames), shape, facets, papillary, sight, shares, notes, stated_sd, closed
+        tuple(frames),
+        shape,
+        facets,
+        papillary,
+        sight,
+        shares,
+        notes,
+        stated_sd,
+        closed,
+        begin.bent,
     )
+
+
+class _Reference(NamedTuple):
+    """Shape of the reference frame, how its images are read, share of profiles with an edge.
+
+    `bent` as of `ImageFrames`.
+    """
+
+    shape: MeshSequence
+    sight: Sight
+    found: float
+    bent: Floats
 
 
 def _reference_shape(
@@ -196,10 +221,11 @@ def _reference_shape(
     sight: Sight,
     number: int,
     points: Floats,
-) -> tuple[MeshSequence, Sight, float]:
+) -> _Reference:
     base = make_template(rough)
     facets = Facets.of(base.faces, base.vertices, base.weights)
     surface, a, found = Deformable.of(base, 1), np.zeros((1, 3)), 0.0
+    bent = np.zeros(base.n_vertices)
     for modes, reach in (*_COLD, _SHAPE):
         surface = Deformable.of(base, modes)
         prior, noise = first_guess(surface)
@@ -234,7 +260,11 @@ def _reference_shape(
     x = surface.positions(a)
     require_unfolded(surface, x[None])
     fitted = mesh_sequence(x[None], rough.faces, grid=rough.grid, topology=rough.topology)
-    return fitted, sight, found
+    if isinstance(image, PlaneSet):
+        seen = (state.view.observation(), *marks)
+        own = state.prior, state.noise, state.sight
+        bent = left_by_shifts(surface, seen, state.view, a, *own, facets.normals(x))
+    return _Reference(fitted, sight, found, bent)
 
 
 def _walk(

@@ -38,6 +38,9 @@ _LEAST_CONTRAST: Final = 0.8
 # Of the contrast: how far a frame's levels may be from those of the reference.
 _APART: Final = 0.1
 
+# mm inside an edge, from and to, that noise is looked for in.
+_BESIDE: Final = (9.0, 2.0)
+
 # Normal deviation over the median one.
 _PER_MEDIAN: Final = 1.4826
 
@@ -120,8 +123,11 @@ def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> FirstSi
 
 
 def renewed(sight: Sight, view: View) -> Sight:
-    """Find levels and bias field next to the edges that a view found: linear in place."""
-    inner, outer = view.beside()
+    """Find levels and bias field next to the edges that a view found: linear in place.
+
+    Where layers lie next to the edges, blood is looked for beyond them.
+    """
+    inner, outer = view.beside(is_deep=sight.has_layers)
     x = view.starts[view.edges.is_found] - sight.middle
     ok = np.isfinite(inner) & np.isfinite(outer)
     if ok.sum() < 4 * _N_TURNS:
@@ -161,14 +167,24 @@ def as_bright(sight: Sight, view: View) -> Sight:
 
 
 def _spread(view: View) -> float:
-    """Deviation of brightness within one side, from neighbours on profiles inside the edge."""
+    """Deviation of noise: of samples from the mean of those 1.5 voxels nearer and farther.
+
+    Blood of many brightnesses, muscles within it and a bias field change from place to place by
+    more than that, and are no noise; but over some mm they change evenly.
+    """
     k = view.edges.is_found
     away = view.offsets[None] - view.edges.offsets[k, None]
-    own = view.profiles[k]
-    inside = np.where((away > -6.0) & (away < -2.0), own, np.nan)
-    middle = np.nanmedian(inside)
-    spread = _PER_MEDIAN * float(np.nanmedian(np.abs(inside - middle)))
-    return max(spread, 1e-12 * max(1.0, abs(float(middle))))
+    far, near = _BESIDE
+    own = np.where((away > -far) & (away < -near), view.profiles[k], np.nan)
+    # Between voxels neighbours are interpolated from the same ones.
+    step = float(view.offsets[1] - view.offsets[0])
+    voxels = min(1.5 * float(np.median(view.extents[k])), (far - near) / 2.0 - step)
+    apart = max(1, int(voxels / step))
+    n = own.shape[1] - 2 * apart
+    left = own[:, apart : apart + n] - (own[:, :n] + own[:, 2 * apart :]) / 2.0
+    # The mean of two has half the variance.
+    spread = _PER_MEDIAN * float(np.nanmedian(np.abs(left))) / float(np.sqrt(1.5))
+    return max(spread, 1e-12 * max(1.0, abs(float(np.nanmedian(own)))))
 
 
 def _rays(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,9 @@ _NEAR: Final = 6.0
 # mm beyond the edge, and within it, that say how bright each side is.
 _BEYOND: Final = (1.5, 4.5)
 _WITHIN: Final = (-6.0, -2.0)
+
+# Within it where trabeculae lie next to it: blood is beyond them.
+_DEEP: Final = (-10.0, -6.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +115,7 @@ class Sight:
     tip : Tip, optional
         Of frames other than the reference.
     has_layers : bool
-        Whether layers of trabeculae lie next to the edges: see `Levels.layer`.
+        Whether layers of trabeculae lie next to the edges: see `Levels.faint_layer`.
     """
 
     levels: Levels
@@ -188,24 +191,44 @@ class View:
             shares=self.shares[k],
         )
 
-    def beside(self) -> tuple[Floats, Floats]:
-        """Mean brightness within and beyond each edge that was found."""
+    def beside(self, *, is_deep: bool) -> tuple[Floats, Floats]:
+        """Mean brightness within and beyond each edge that was found, within far from it or not."""
         k = self.edges.is_found
         away = self.offsets[None] - self.edges.offsets[k, None]
-        return _mean_in(self.profiles[k], away, *_WITHIN), _mean_in(
-            self.profiles[k], away, *_BEYOND
-        )
+        own = self.profiles[k]
+        within = _DEEP if is_deep else _WITHIN
+        return _mean_in(own, away, *within), _mean_in(own, away, *_BEYOND)
 
 
-def view_of(image: Image, facets: Facets, x: Floats, sight: Sight, reach: float) -> View:
-    """Look for edges up to `reach` mm on both sides of a surface, (vertices, 3) mm."""
+def view_of(
+    image: Image,
+    facets: Facets,
+    x: Floats,
+    sight: Sight,
+    reach: float,
+    *,
+    layers: Literal["distinct", "faint"] = "faint",
+) -> View:
+    """Look for edges up to `reach` mm on both sides of a surface, (vertices, 3) mm.
+
+    Parameters
+    ----------
+    image : Volume or PlaneSet
+    facets : Facets
+    x : (vertices, 3) float64, mm
+    sight : Sight
+    reach : float, mm
+    layers : {"distinct", "faint"}
+        Which ones are told from blood, where the sight knows any.
+    """
     if isinstance(image, Volume):
         view = _through_volume(image, facets, x, reach)
     else:
         view = _in_planes(image, facets, x, sight.shifts, reach)
     like = sight.levels.likeness(view.profiles, sight.gain(view.starts)[:, None])
     step = float(view.offsets[1] - view.offsets[0])
-    layer = sight.levels.layer if sight.has_layers else -np.inf
+    layer = sight.levels.layer if layers == "distinct" else sight.levels.faint_layer
+    layer = layer if sight.has_layers else -np.inf
     edges = find_edges(like, step, reach, view.extents, sight.crossing, layer)
     # Most of what an edge is judged by must be in the field of view.
     near = np.abs(view.offsets[None] - edges.offsets[:, None]) < 3.0

@@ -25,11 +25,10 @@ _OF_NOISE: Final = 0.4
 # Of a label map: see `staircase`.
 _STAIRCASE: Final = 0.25
 
-# Of muscle that is beyond the edges seen: how much of it is not known.
+# Of muscle that is beyond the edges seen: how much of its depth at one place, and how much of all
+# of it is not known.
 _OF_CLOSED: Final = 0.5
-
-# Of the shifts' deviation: what bends a stack of slices without leaving residuals.
-_BENT: Final = 0.5
+_OF_ALL_CLOSED: Final = 0.3
 
 
 def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Track:
@@ -78,16 +77,18 @@ def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Trac
         sight.shift_sd if is_sliced else 0.0,
         tuple(found.found.tolist()),
         localisation,
-        _BENT * sight.shift_sd if is_sliced else 0.0,
+        float(np.sqrt(np.average(found.bent**2, weights=track.template.weights))),
     )
     closed = _OF_CLOSED * found.closed
     deviations = np.array(track.deviations)
     deviations[..., 0] = np.sqrt(
-        deviations[..., 0] ** 2 + answer.localisation**2 + answer.bent**2 + closed[:, None] ** 2
+        deviations[..., 0] ** 2 + answer.localisation**2 + found.bent**2 + closed[:, None] ** 2
     )
     volume_deviations = track.volume_deviations
     if volume_deviations is not None:
-        volume_deviations = np.hypot(volume_deviations, np.hypot(of_volumes, closed * areas))
+        volume_deviations = np.hypot(
+            volume_deviations, np.hypot(of_volumes, _OF_ALL_CLOSED * found.closed * areas)
+        )
     return replace(track, deviations=deviations, volume_deviations=volume_deviations, images=answer)
 
 

@@ -65,9 +65,10 @@ def test_an_edge_beside_a_layer_lies_between_the_layer_and_the_outside() -> None
 
 
 def test_neither_noise_nor_labels_have_layers() -> None:
-    assert LEVELS.layer == pytest.approx(0.45)
-    assert Levels(100.0, 40.0, 30.0).layer < 0.0
-    assert Levels(100.0, 0.0, 1e-10).layer == -np.inf
+    assert (LEVELS.layer, LEVELS.faint_layer) == pytest.approx((0.45, 0.7))
+    noisy, labels = Levels(100.0, 40.0, 30.0), Levels(100.0, 0.0, 1e-10)
+    assert noisy.layer == noisy.faint_layer < 0.0
+    assert labels.layer == labels.faint_layer == -np.inf
 
 
 def test_either_sign_of_contrast_and_any_gain_are_alike() -> None:

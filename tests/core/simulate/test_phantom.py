@@ -29,12 +29,12 @@ def ct() -> Phantom:
     return taken("ct")
 
 
-def rays(phantom: Phantom, away: float) -> np.ndarray:
+def rays(phantom: Phantom, away: float, number: int = 0) -> np.ndarray:
     """Brightness so many mm outward from vertices below the base, across the axis."""
-    rows = phantom.truth.vertices[0].astype(np.float64).reshape(32, 64, 3)[8:26]
+    rows = phantom.truth.vertices[number].astype(np.float64).reshape(32, 64, 3)[8:26]
     out = rows - rows.mean(axis=1, keepdims=True)
     out /= np.linalg.norm(out, axis=2, keepdims=True)
-    frame = phantom.images.frames[0]
+    frame = phantom.images.frames[number]
     assert isinstance(frame, Volume)
     return frame.sample((rows + away * out).reshape(-1, 3))
 
@@ -76,6 +76,30 @@ def test_trabeculae_keep_their_muscle_and_look_like_wall_at_end_systole() -> Non
     assert missing[0] == pytest.approx(beat[1].papillary_volume, rel=0.1)
     assert missing[0] > 5000.0
     assert missing == pytest.approx([missing[0]] * 3, rel=0.15)
+
+
+def test_flowing_blood_is_bright_from_place_to_place_and_the_wall_is_not() -> None:
+    settings = replace(CLEAN, papillary=False, inflow=0.1)
+    beat = simulate_images("ct", n_frames=2, settings=settings, rng=np.random.default_rng(3))
+    spreads = [[np.std(rays(beat, away, f)) for away in (-6.0, 4.0)] for f in (0, 1)]
+    for inside, outside in spreads:
+        assert 40.0 < inside < 160.0
+        assert outside < 15.0
+    # Smooth over some mm, and another in each frame.
+    one, next_to_it = rays(beat, -6.0), rays(beat, -7.5)
+    assert np.corrcoef(one, next_to_it)[0, 1] > 0.9
+    assert abs(np.corrcoef(one, rays(beat, -6.0, 1))[0, 1]) < 0.6
+    with pytest.raises(ParameterError, match="inflow"):
+        PhantomSettings(inflow=0.5)
+
+
+def test_trabeculae_are_deeper_here_and_there() -> None:
+    plain = replace(CLEAN, papillary=False, trabeculae=6.0)
+    even, varied = (taken("ct", replace(plain, trabecular_variation=share)) for share in (0.0, 0.4))
+    # So many mm within the surface, near the apex, around the axis.
+    around = [rays(p, -4.0).reshape(-1, 64)[0:5].mean(axis=0) for p in (even, varied)]
+    assert np.ptp(around[1]) > 1.5 * np.ptp(around[0])
+    assert varied.papillary_volume == pytest.approx(even.papillary_volume, rel=0.3)
 
 
 def test_there_is_no_edge_at_the_valve_and_another_chamber_beside(ct: Phantom) -> None:

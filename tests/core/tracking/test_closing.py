@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from ellipsoid_images import (
     AXES,
-    CUT,
     LANDMARKS,
     LENGTH,
     MIDDLE,
@@ -16,22 +15,24 @@ from ellipsoid_images import (
     Floats,
     Look,
     enclosed,
+    spheroid,
+    uneven,
     volume,
 )
 
 from modalmotion.images import ImageSequence, Volume
 from modalmotion.images.edges import Levels
+from modalmotion.mesh import Cavity
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP, CYLINDER
-from modalmotion.template import Template, make_template
+from modalmotion.modes.topology import CYLINDER
 from modalmotion.tracking import image_frames, track
 from modalmotion.tracking.closing import (
     has_trabeculae,
-    missing_muscle,
     muscle_within,
     opened,
+    spread_over,
     with_trabeculae,
 )
 from modalmotion.tracking.deformable import Deformable
@@ -59,19 +60,6 @@ def trabeculated(depth: float, share: float, radius: float = RADIUS) -> Volume:
     return Volume(whole.values - below * (LOOK.blood - LOOK.wall), AFFINE)
 
 
-def spheroid() -> Template:
-    """The surface itself, from the tip to the cut."""
-    n, m = 20, 40
-    polar = np.linspace(0.03, np.pi - np.arccos(CUT / LENGTH), n)[:, None]
-    turn = 2.0 * np.pi * np.arange(m) / m
-    axes = (RADIUS * np.cos(turn), RADIUS * np.sin(turn), -LENGTH * np.ones(m))
-    across = (np.sin(polar), np.sin(polar), np.cos(polar))
-    local = np.stack([a * b for a, b in zip(across, axes, strict=True)], axis=-1)
-    x = MIDDLE + local.reshape(-1, 3) @ AXES.T
-    faces = standard_surface(Lattice(CUP, (n, m))).faces
-    return make_template(mesh_sequence(x[None], faces, grid=(n, m), topology="cup"))
-
-
 TEMPLATE = spheroid()
 SURFACE = Deformable.of(TEMPLATE, 18)
 
@@ -89,15 +77,29 @@ def mean_of(field: Floats) -> float:
 
 
 def test_muscle_is_what_is_dark_wherever_the_edge_is() -> None:
+    # In a plane wall; 4 mm of half muscle within cones of 24 mm are 1.7.
+    flat = muscle_within(seen(trabeculated(4.0, 0.5)), SIGHT, SURFACE, 1e9)
+    assert mean_of(flat) == pytest.approx(2.0, abs=0.4)
     view = seen(trabeculated(4.0, 0.5))
-    own = muscle_within(view, SIGHT, SURFACE)
-    assert mean_of(own) == pytest.approx(2.0, abs=0.4)
+    assert mean_of(muscle_within(view, SIGHT, SURFACE, 24.0)) / mean_of(flat) == pytest.approx(
+        (1.0 - (1.0 - 4.0 / 24.0) ** 3) / 3.0 * 24.0 / 4.0, abs=0.05
+    )
     # An edge that lies half a mm farther in has half a mm of muscle less within it.
     nearer = replace(view, edges=view.edges._replace(offsets=view.edges.offsets - 0.5))
-    assert mean_of(muscle_within(nearer, SIGHT, SURFACE)) == pytest.approx(1.5, abs=0.35)
-    assert mean_of(muscle_within(seen(trabeculated(0.0, 0.0)), SIGHT, SURFACE)) == pytest.approx(
-        0.0, abs=0.15
-    )
+    moved = mean_of(muscle_within(nearer, SIGHT, SURFACE, 1e9))
+    assert moved == pytest.approx(mean_of(flat) - 0.5, abs=0.25)
+    without = muscle_within(seen(trabeculated(0.0, 0.0)), SIGHT, SURFACE, 1e9)
+    assert mean_of(without) == pytest.approx(0.0, abs=0.15)
+
+
+def test_muscle_beyond_blood_is_none_of_trabeculae() -> None:
+    view = seen(trabeculated(0.0, 0.0))
+    away = view.offsets[None] - view.edges.offsets[:, None]
+    own = muscle_within(view, SIGHT, SURFACE, 1e9)
+    for low, high, expected in ((-8.0, -4.5, 0.0), (-3.5, 0.0, 3.5)):
+        profiles = np.where((away > low) & (away < high), LOOK.wall, view.profiles)
+        found = muscle_within(replace(view, profiles=profiles), SIGHT, SURFACE, 1e9)
+        assert mean_of(found - own) == pytest.approx(expected, abs=0.4)
 
 
 def test_a_layer_is_part_of_the_wall_where_none_is_looked_for() -> None:
@@ -112,15 +114,38 @@ def test_a_layer_is_part_of_the_wall_where_none_is_looked_for() -> None:
     assert (edges.offsets < with_layers.offsets)[is_layer].mean() > 0.9
 
 
+def test_faint_layers_are_seen_where_trabeculae_are_known_to_be() -> None:
+    facets = Facets.of(TEMPLATE.faces, TEMPLATE.vertices, TEMPLATE.weights)
+    # A quarter of muscle: a likeness of 0.5.
+    image = trabeculated(4.0, 0.25)
+    distinct = view_of(image, facets, TEMPLATE.vertices, SIGHT, 4.0, layers="distinct").edges
+    faint = view_of(image, facets, TEMPLATE.vertices, SIGHT, 4.0).edges
+    assert (distinct.inside < 1.0).mean() < 0.15
+    assert (faint.inside < 1.0).mean() > 0.3
+
+
 def test_what_is_missing_lies_beyond_the_edge() -> None:
-    first = np.full(TEMPLATE.n_vertices, 1.5)
-    assert missing_muscle(first, first / 0.6, 0.6) == pytest.approx(0.0)
-    assert missing_muscle(first, 0.0 * first, 0.6) == pytest.approx(2.5)
-    # More muscle than there was is none that is missing.
-    assert missing_muscle(first, 4.0 * first, 0.6) == pytest.approx(0.0)
     view = seen(trabeculated(0.0, 0.0))
-    moved = opened(view, first)
+    moved = opened(view, np.full(TEMPLATE.n_vertices, 1.5))
     assert moved.edges.offsets - view.edges.offsets == pytest.approx(1.5)
+
+
+def test_muscle_has_its_volume_wherever_it_is_spread() -> None:
+    x, faces = TEMPLATE.vertices, TEMPLATE.faces
+    cavity = Cavity(faces)
+    normals = Facets.of(faces, x, TEMPLATE.weights).normals(x)
+    shape = np.where((x - MIDDLE) @ AXES[:, 2] < MIDDLING, 1.0, -0.5)
+    for volume_of in (800.0, 12_000.0):
+        depth = spread_over(SURFACE, x, shape, volume_of)
+        added = abs(float(cavity.volume(x + depth[:, None] * normals))) - abs(
+            float(cavity.volume(x))
+        )
+        assert added == pytest.approx(volume_of, rel=1e-3)
+        assert not depth[shape < 0].any()
+        assert np.ptp(depth[shape > 0]) == pytest.approx(0.0, abs=1e-12)
+    # More muscle than there was is none that is missing.
+    assert not spread_over(SURFACE, x, shape, -1.0).any()
+    assert not spread_over(SURFACE, x, 0.0 * shape, 800.0).any()
 
 
 def test_the_reference_stays_and_missing_frames_are_left_out() -> None:
@@ -146,6 +171,9 @@ def test_only_layers_all_round_are_trabeculae() -> None:
     sight = replace(SIGHT, has_layers=False)
     assert has_trabeculae(trabeculated(4.0, 0.5), shape, sight, 4.0)
     assert not has_trabeculae(trabeculated(0.0, 0.0), shape, sight, 4.0)
+    # Blood of many brightnesses is no noise.
+    assert has_trabeculae(uneven(trabeculated(4.0, 0.5)), shape, sight, 4.0)
+    assert not has_trabeculae(uneven(trabeculated(0.0, 0.0)), shape, sight, 4.0)
     tube = standard_surface(Lattice(CYLINDER, (4, 8)))
     assert not has_trabeculae(trabeculated(4.0, 0.5), tube, sight, 4.0)
 
