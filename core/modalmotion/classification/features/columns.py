@@ -40,6 +40,9 @@ class Columns(tuple[Column, ...]):
     def __hash__(self) -> int:
         return self._hash
 
+    def __repr__(self) -> str:
+        return f"Columns(n={len(self)})"
+
     def __reduce__(self) -> tuple[type[Columns], tuple[tuple[Column, ...]]]:
         # Hashes of texts differ from process to process.
         return Columns, (tuple(self),)
