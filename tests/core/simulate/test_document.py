@@ -15,7 +15,7 @@ DOCUMENTS = ROOT / "docs"
 @pytest.mark.parametrize(
     ("name", "n_blocks"),
     [
-        ("simulation.md", 2),
+        ("simulation.md", 3),
         ("classification.md", 9),
         ("error.md", 2),
         ("norms.md", 2),
