@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,36 +12,29 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.images import ImageSequence, PlaneSet
 from modalmotion.images.sequence import Image
-from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.closing import has_trabeculae, with_trabeculae
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.folding import require_unfolded
 from modalmotion.tracking.image_doubts import doubts_of
 from modalmotion.tracking.image_levels import as_bright, first_sight
 from modalmotion.tracking.image_search import search
 from modalmotion.tracking.image_view import Facets, Sight, View, view_of
 from modalmotion.tracking.landmark_path import path_between
-from modalmotion.tracking.observation import Frame, Observation
+from modalmotion.tracking.observation import Frame
 from modalmotion.tracking.papillary import CONVENTIONS, Papillary
 from modalmotion.tracking.passes import first_guess
-from modalmotion.tracking.plane_shifts import left_by_shifts
+from modalmotion.tracking.reference_shape import LEAST_FOUND, SHAPE, reference_shape
 from modalmotion.tracking.request import with_landmarks
-from modalmotion.tracking.settling import settle
 from modalmotion.tracking.start import start_shape
 from modalmotion.tracking.stated_start import begun
 from modalmotion.tracking.still_tip import held, tip_of
 
 Floats = NDArray[np.float64]
 
-# Modes and reach, mm: of a start from landmarks, and of each next frame.
-_COLD: Final = ((7, 18.0), (18, 10.0), (37, 5.0))
-_SHAPE: Final = (61, 4.0)
+# Modes and reach, mm, of each next frame.
 _NEXT: Final = ((18, 8.0), (37, 5.0))
-
-# Least share of profiles with an edge. In noise alone it is about a tenth.
-_LEAST_FOUND: Final = 0.25
 
 # Of the finest voxel: deviation of a landmark that states none, that of a click on a voxel, which
 # is anywhere within it. How noisy an edge is, as in speckle, says nothing of it.
@@ -150,10 +143,10 @@ def frames_of_images(
     else:
         rough = begun(start, first.points, places)
     here = marks[reference]
-    begin = _reference_shape(rough, image, here, sight, reference, first.points)
-    if has_trabeculae(image, begin.shape, begin.sight, _SHAPE[1]):
+    begin = reference_shape(rough, image, here, sight, reference, first.points)
+    if has_trabeculae(image, begin.shape, begin.sight, SHAPE[1]):
         sight = replace(sight, has_layers=True)
-        begin = _reference_shape(rough, image, here, sight, reference, first.points)
+        begin = reference_shape(rough, image, here, sight, reference, first.points)
     shape, sight = begin.shape, begin.sight
     done()
     template = make_template(shape)
@@ -184,7 +177,7 @@ def frames_of_images(
     frames: list[Frame] = []
     soft = held(soft, template, reference, stated)
     for view, share, between in zip(views, shares, soft, strict=True):
-        is_seen = view is not None and share >= _LEAST_FOUND
+        is_seen = view is not None and share >= LEAST_FOUND
         frames.append((view.observation(), *between) if view is not None and is_seen else ())
     doubts = doubts_of(image, facets, template.vertices, sight, places["apex"], places["base"])
     notes = (*_notes(shares, images, begin.found), *doubts)
@@ -200,71 +193,6 @@ def frames_of_images(
         closed,
         begin.bent,
     )
-
-
-class _Reference(NamedTuple):
-    """Shape of the reference frame, how its images are read, share of profiles with an edge.
-
-    `bent` as of `ImageFrames`.
-    """
-
-    shape: MeshSequence
-    sight: Sight
-    found: float
-    bent: Floats
-
-
-def _reference_shape(
-    rough: MeshSequence,
-    image: Image,
-    marks: Frame,
-    sight: Sight,
-    number: int,
-    points: Floats,
-) -> _Reference:
-    base = make_template(rough)
-    facets = Facets.of(base.faces, base.vertices, base.weights)
-    surface, a, found = Deformable.of(base, 1), np.zeros((1, 3)), 0.0
-    bent = np.zeros(base.n_vertices)
-    for modes, reach in (*_COLD, _SHAPE):
-        surface = Deformable.of(base, modes)
-        prior, noise = first_guess(surface)
-        is_cold = len(a) == 1
-        a = np.concatenate([a, np.zeros((len(surface) - len(a), 3))])
-        if is_cold:
-            # Wherever a start lies, and however wide it is, rays from the axis met the edge there.
-            variances = prior.variances(surface.wavenumbers)
-            a = settle(surface, (Observation(points), *marks), a, variances, noise).amplitudes
-        state = search(
-            surface,
-            facets,
-            image,
-            marks,
-            a,
-            prior,
-            noise,
-            sight.within(reach),
-            reach,
-            sights_too=not is_cold,
-            evidence_too=not is_cold,
-        )
-        a, sight, found = state.amplitudes, state.sight, state.view.found
-    if found < _LEAST_FOUND:
-        raise ShapeError(
-            f"No object is seen in frame {number}: on {found:.0%} of the profiles across the "
-            "surface there is an edge, and noise alone shows one on a tenth.",
-            remedy="Check apex and base, and that the images show an inside and an outside.",
-            frame=number,
-            details={"found": found},
-        )
-    x = surface.positions(a)
-    require_unfolded(surface, x[None])
-    fitted = mesh_sequence(x[None], rough.faces, grid=rough.grid, topology=rough.topology)
-    if isinstance(image, PlaneSet):
-        seen = (state.view.observation(), *marks)
-        own = state.prior, state.noise, state.sight
-        bent = left_by_shifts(surface, seen, state.view, a, *own, facets.normals(x))
-    return _Reference(fitted, sight, found, bent)
 
 
 def _walk(
@@ -343,7 +271,7 @@ def _places(marks: Frame) -> dict[str, Floats]:
 
 def _notes(shares: Floats, images: ImageSequence, found: float) -> tuple[str, ...]:
     notes = list(images.notes)
-    lost = [k for k, s in enumerate(shares) if s < _LEAST_FOUND and images.frames[k] is not None]
+    lost = [k for k, s in enumerate(shares) if s < LEAST_FOUND and images.frames[k] is not None]
     if lost:
         notes.append(
             f"In {len(lost)} frames, frame {lost[0]} the first, hardly any profile shows an edge "
