@@ -213,6 +213,14 @@ def test_the_gate_is_shut(frames: Callable[[], list[Any]]) -> None:
     assert not any(endings(frames()))
 
 
+@pytest.mark.parametrize("step", [6.0, 9.0, 12.0, 15.0])
+def test_points_along_contours_are_told_from_a_cloud_without_anything_known(step: float) -> None:
+    for points, is_used in ((contour(SHAPE, step), False), (still(1)[0], True)):
+        frames, _ = observed_frames([points])
+        (given,) = with_endings(SURFACE, frames, NOISE, None)
+        assert any(isinstance(part, Ending) for part in given) == is_used
+
+
 def test_without_anything_known_of_a_rim_the_gate_is_shut() -> None:
     assert all(endings(still(), pinned=0))
     assert not any(endings(still(), pinned=None))
