@@ -21,6 +21,7 @@ from modalmotion.tracking.ends_of_data import with_doubts, with_endings
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.observation import Frame, observed_frames
 from modalmotion.tracking.rim import rim_at
+from modalmotion.tracking.rim import rim_of as rim_in_sectors
 
 BASE = standard_surface(Lattice(CUP, (16, 28)))
 SHAPE = BASE.vertices[0] * np.array([25.0, 25.0, 40.0])
@@ -116,6 +117,19 @@ def test_strays_do_not_draw_it() -> None:
         for own in clouds()
     ]
     assert far_from_rim(follow(more)) < 1.5
+
+
+def test_a_sector_that_leaves_the_level_and_tilt_of_the_others_is_a_stray() -> None:
+    rim = rim_in_sectors(SURFACE, "base", 10.0)
+    assert rim is not None
+    there = rim.at(SHAPE)
+    own = there.sectors
+    tilt = np.array([SHAPE[there.vertices][own == k, 0].mean() for k in range(rim.n_sectors)])
+    beyond = 2.0 + 0.1 * tilt
+    beyond[3] += 8.0
+    weights = there.robust(beyond, np.full(rim.n_sectors, 0.5**2))
+    assert weights[3] == 0.0
+    assert (np.delete(weights, 3) > 0.8).all()
 
 
 def test_clouds_may_have_any_number_of_points() -> None:
