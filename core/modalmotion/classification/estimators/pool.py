@@ -13,8 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.estimators.scorer import LEAST, Blend, Scorer, log_sums
-from modalmotion.classification.estimators.temperature import softmax
+from modalmotion.classification.estimators.scorer import LEAST, Blend, Scorer
 
 Array = NDArray[np.float64]
 
@@ -39,11 +38,13 @@ class _Family(NamedTuple):
         Weights of the linear ones; zero for features that one does not have.
     of_linear : slice
         Their places among the scores.
-    anchors : (features, anchors) float64
-    masks : (kernels, features) float64
-        2 gamma for the features that each kernel has, 0 for others.
-    widths : (kernels,) float64
-        1 / (4 gamma) of each.
+    masks : (kernels, features + kernels + 1) float64
+        2 gamma for the features that each kernel has, 0 for others; then 1 in its own place, and
+        room for -gamma |z|^2.
+    anchors : (features + kernels + 1, anchors) float64
+        After the features -gamma |a|^2 of each kernel, and 1.
+    squares : (features, kernels) float64
+        -gamma for the features that each kernel has.
     kernels : slice
         Of all kernels, one after another, after the features.
     weights : (kernels, anchors, classes) float64
@@ -54,9 +55,9 @@ class _Family(NamedTuple):
     features: slice
     linear: Array
     of_linear: slice
-    anchors: Array
     masks: Array
-    widths: Array
+    anchors: Array
+    squares: Array
     kernels: slice
     weights: Array
     of_kernels: slice
@@ -72,20 +73,20 @@ class Pool:
         Features that are read, among those of all blends: of what several have, the first.
     centre, scale : (read,) float64
     families : tuple of _Family
-    anchor_squares : (kernels * anchors,) float64
-        Of all families: gamma |a|^2.
-    intercepts : (scorers, classes) float64
+    n_kernels : int
+        Of all families, times their anchors.
+    intercepts : (classes, 1, scorers) float64
         They and all weights are over the scorers' temperatures.
-    means : (blends, scorers) float64
+    means : (scorers, blends) float64
         Shares of the scorers in each blend.
-    blend_temperatures, weights : (blends, 1) float64
+    blend_temperatures, weights : (blends,) float64
     """
 
     places: NDArray[np.int64]
     centre: Array
     scale: Array
     families: tuple[_Family, ...]
-    anchor_squares: Array
+    n_kernels: int
     intercepts: Array
     means: Array
     blend_temperatures: Array
@@ -104,7 +105,7 @@ class Pool:
         (cases, classes) float64
             Up to a constant.
         """
-        step = max(1, _MOST_VALUES // (len(self.places) + len(self.anchor_squares)))
+        step = max(1, _MOST_VALUES // (len(self.places) + self.n_kernels))
         if len(features) <= step:
             return self._log_shares(features)
         return np.concatenate(
@@ -114,49 +115,51 @@ class Pool:
     def _log_shares(self, features: Array) -> Array:
         n, d = len(features), len(self.places)
         # Standardised features, and after them the kernels.
-        read = np.empty((n, d + len(self.anchor_squares)))
+        read = np.empty((n, d + self.n_kernels))
         z = read[:, :d]
         np.subtract(features.take(self.places, axis=1), self.centre, out=z)
         z /= self.scale
-        self._fill_kernels(z, read[:, d:])
-        n_scorers, n_classes = self.intercepts.shape
+        n_classes, _, n_scorers = self.intercepts.shape
         scores = np.empty((n, n_scorers * n_classes))
         for family in self.families:
             if family.linear.shape[1]:
                 np.matmul(z[:, family.features], family.linear, out=scores[:, family.of_linear])
             if len(family.weights):
                 k, m, _ = family.weights.shape
-                kernels = read[:, family.kernels].reshape(n, k, 1, m)
+                kernels = read[:, family.kernels].reshape(n, k, m)
+                _fill_kernels(z[:, family.features], family, kernels)
                 own = scores[:, family.of_kernels].reshape(n, k, 1, n_classes)
-                np.matmul(kernels, family.weights, out=own)
-        shares = scores.reshape(n, n_scorers, n_classes)
-        shares += self.intercepts
-        logs = self.means @ softmax(shares)
+                np.matmul(kernels[:, :, None], family.weights, out=own)
+        # Classes first: sums over few neighbours cost numpy several times as much.
+        shares = np.empty((n_classes, n, n_scorers))
+        by_class = scores.reshape(n, n_scorers, n_classes).transpose(2, 0, 1)
+        np.add(by_class, self.intercepts, out=shares)
+        shares -= np.maximum.reduce(shares)
+        np.exp(shares, out=shares)
+        shares /= np.add.reduce(shares)
+        logs = shares @ self.means
         np.log(np.maximum(logs, LEAST, out=logs), out=logs)
         logs /= self.blend_temperatures
         if len(self.weights) == 1:
-            return np.asarray(logs[:, 0])
-        logs -= log_sums(logs)
+            return np.asarray(logs[..., 0].T)
+        logs -= np.maximum.reduce(logs)
+        logs -= np.log(np.add.reduce(np.exp(logs)))
         np.maximum(logs, _LOG_LEAST, out=logs)
-        logs *= self.weights
-        return np.asarray(np.add.reduce(logs, axis=1))
+        return np.asarray((logs @ self.weights).T)
 
-    def _fill_kernels(self, z: Array, kernels: Array) -> None:
-        """Fill the kernels of all families, (cases, kernels * anchors): see `scorer.kernel`."""
-        if not len(self.anchor_squares):
-            return
-        first = 0
-        # -g |z - a|^2 = 2 g z.a - g |z|^2 - g |a|^2, in place: new memory costs more than sums.
-        for family in self.families:
-            k, m, _ = family.weights.shape
-            if k:
-                own = z[:, None, family.features] * family.masks
-                exponents = kernels[:, first : first + k * m].reshape(len(z), k, m)
-                np.matmul(own, family.anchors, out=exponents)
-                exponents -= (np.einsum("ijk,ijk->ij", own, own) * family.widths)[..., None]
-                first += k * m
-        kernels -= self.anchor_squares
-        np.exp(kernels, out=kernels)
+
+def _fill_kernels(z: Array, family: _Family, kernels: Array) -> None:
+    """Fill a family's kernels, (cases, kernels, anchors), in place: see `scorer.kernel`.
+
+    -g |z - a|^2 = 2 g z.a - g |z|^2 - g |a|^2 in one product.
+    """
+    d = len(family.squares)
+    own = np.empty((len(z), *family.masks.shape))
+    np.multiply(z[:, None], family.masks[:, :d], out=own[..., :d])
+    own[..., d:-1] = family.masks[:, d:-1]
+    own[..., -1] = (z * z) @ family.squares
+    np.matmul(own, family.anchors, out=kernels)
+    np.exp(kernels, out=kernels)
 
 
 def pool_of(
@@ -200,22 +203,21 @@ def pool_of(
         first = family.kernels.stop - n_read
         score = family.of_kernels.stop
     ordered = [placed for group in groups for placed in (*group.linear, *group.kernels)]
-    kernels = [placed.scorer for group in groups for placed in group.kernels]
-    means = np.zeros((len(blends), len(ordered)))
+    means = np.zeros((len(ordered), len(blends)))
     for k, placed in enumerate(ordered):
-        means[placed.blend, k] = 1.0 / len(blends[placed.blend].scorers)
+        means[k, placed.blend] = 1.0 / len(blends[placed.blend].scorers)
     places = np.array([place for group in groups for place in group.places.values()])
-    nothing = [np.zeros(0)]
+    intercepts = np.array([p.scorer.intercepts / p.scorer.temperature for p in ordered])
     return Pool(
         places=places,
         centre=np.concatenate([blend.centre for blend in blends])[places],
         scale=np.concatenate([blend.scale for blend in blends])[places],
         families=tuple(families),
-        anchor_squares=np.concatenate(nothing + [s.gamma * s.anchor_squares for s in kernels]),
-        intercepts=np.array([p.scorer.intercepts / p.scorer.temperature for p in ordered]),
+        n_kernels=first,
+        intercepts=intercepts.T[:, None].copy(),
         means=means,
-        blend_temperatures=np.array([[blend.temperature] for blend in blends]),
-        weights=np.array(weights)[:, None],
+        blend_temperatures=np.array([blend.temperature for blend in blends]),
+        weights=np.array(weights),
     )
 
 
@@ -292,12 +294,15 @@ class _Group:
         for k, placed in enumerate(self.linear):
             linear[[number[what] for what in placed.features], k] = placed.weights
         n_anchors = len(self.kernels[0].scorer.anchors) if n_kernels else 0
-        anchors = np.zeros((len(number), n_anchors))
+        d = len(number)
+        anchors = np.ones((d + n_kernels + 1, n_anchors))
+        anchors[:d] = 0.0
         for what, column in self.anchors.items():
             anchors[number[what]] = column
-        masks = np.zeros((n_kernels, len(number)))
+        masks = np.zeros((n_kernels, d))
         for k, placed in enumerate(self.kernels):
-            masks[k, [number[what] for what in placed.features]] = 2.0 * placed.scorer.gamma
+            masks[k, [number[what] for what in placed.features]] = placed.scorer.gamma
+            anchors[d + k] = -placed.scorer.gamma * placed.scorer.anchor_squares
         weights = np.zeros((n_kernels, n_anchors, n_classes))
         for k, placed in enumerate(self.kernels):
             weights[k] = placed.weights
@@ -306,10 +311,9 @@ class _Group:
             features=slice(feature, feature + len(number)),
             linear=linear.reshape(len(number), -1),
             of_linear=slice(score, between),
+            masks=np.concatenate([2.0 * masks, np.eye(n_kernels, n_kernels + 1)], axis=1),
             anchors=anchors,
-            masks=masks,
-            # A kernel of no width at all is 1 everywhere.
-            widths=np.array([0.25 / g if (g := p.scorer.gamma) else 0.0 for p in self.kernels]),
+            squares=-masks.T.copy(),
             kernels=slice(kernel, kernel + n_kernels * n_anchors),
             weights=weights,
             of_kernels=slice(between, between + n_kernels * n_classes),

@@ -80,7 +80,7 @@ class CentredMotion:
         if self._followed is None:
             self.harmonic_rows(1)
         assert self._followed is not None  # noqa: S101 (it comes with the harmonics)
-        return np.einsum("ij,ij->j", self._flat, self._flat), self._followed
+        return self.products.diagonal(), self._followed
 
 
 class CentredMotions:

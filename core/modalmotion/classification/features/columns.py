@@ -119,8 +119,7 @@ def kind_of(
         Features over the motion's size, and the logarithm of that size.
     """
     m = np.maximum(motions, _LEAST_MOTION)[..., None]
-    relative = values / (100.0 * m) ** powers
-    kinds: NDArray[np.float64] = np.empty((*relative.shape[:-1], relative.shape[-1] + 1))
-    kinds[..., :-1] = relative
+    kinds: NDArray[np.float64] = np.empty((*values.shape[:-1], values.shape[-1] + 1))
+    np.divide(values, (100.0 * m) ** powers, out=kinds[..., :-1])
     kinds[..., -1:] = np.log(m)
     return kinds

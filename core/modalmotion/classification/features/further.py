@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +20,6 @@ from modalmotion.classification.features.invariants import (
     still_invariants,
 )
 from modalmotion.classification.features.motion_terms import surface_size
-from modalmotion.classification.features.phases import from_phase
 from modalmotion.classification.features.temporal import (
     Turn,
     Turns,
@@ -37,8 +37,6 @@ _LEAST_SIZE: Final = float(np.finfo(float).tiny)
 
 # Harmonics of a volume curve over one turn, and twice as many cosines of one that ends elsewhere.
 _N_CURVE: Final = 3
-# Cosines, then sines but for the first, which is zero by the choice of the phase.
-_CURVE_PHASES: Final = np.array([0, 2, 4, 3, 5])
 
 
 class Further(StrEnum):
@@ -188,9 +186,12 @@ def volume_curve(signature: ModalSignature, *, is_cycle: bool, turn: Turn | None
         share = elapsed_share(signature)
         return cosines(share, relative[:, None], 2 * _N_CURVE)[:, 0]
     share = (turn or Turns(signature).of_first()).share
-    rows = harmonic_rows(share, relative[: len(share), None], _N_CURVE)
-    clock = math.atan2(rows[_N_CURVE, 0], rows[0, 0])
-    return np.asarray(from_phase(rows, clock)[_CURVE_PHASES, 0])
+    rows = harmonic_rows(share, relative[: len(share), None], _N_CURVE)[:, 0].tolist()
+    harmonics = [complex(*both) for both in zip(rows[:_N_CURVE], rows[_N_CURVE:], strict=True)]
+    clock = cmath.phase(harmonics[0])
+    turned = [c * cmath.rect(1.0, -h * clock) for h, c in enumerate(harmonics, start=1)]
+    # The first harmonic is in phase with itself.
+    return np.array([c.real for c in turned] + [c.imag for c in turned[1:]])
 
 
 def volume_curve_columns(*, is_cycle: bool) -> tuple[Column, ...]:
