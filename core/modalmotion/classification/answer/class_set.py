@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.classification.model.domain import OF_CLASS
 from modalmotion.classification.model.model import Model
 
 # Level at which a case that is in no set is like no class: what `known_share` is by default.
@@ -25,7 +26,8 @@ class ClassSet(NamedTuple):
     words : str
         Why there is none; empty where there is one.
     is_strange : bool
-        Whether the case is like no class even at a level that nearly all cases reach.
+        Whether the case is like no class even at a level that nearly all cases reach, or farther
+        from its class than nearly all of that class are.
     """
 
     classes: tuple[str, ...]
@@ -34,13 +36,18 @@ class ClassSet(NamedTuple):
 
 
 def class_set(
-    model: Model, probabilities: NDArray[np.float64], label: str, coverage: float
+    model: Model,
+    probabilities: NDArray[np.float64],
+    label: str,
+    coverage: float,
+    apart: NDArray[np.float64],
 ) -> ClassSet:
     """Find the classes that cannot be ruled out.
 
     The label is in the set wherever another class is. A set may be empty: of the cases
     that are like the training ones up to 1 - coverage have no class in it. Such a case keeps its
-    label, unless its set is empty at a level of 99.5 %, too.
+    label, unless its set is empty at a level of 99.5 %, too, or it is farther from the class that
+    is the most probable than nearly all training cases of that class.
 
     Parameters
     ----------
@@ -49,12 +56,25 @@ def class_set(
     label : str
         Of the answer.
     coverage : float
+    apart : (classes,) float64
+        Distances from the classes: see `Judgement.of_classes`.
     """
     held = _held(model, probabilities, coverage)
     if held.any():
         held[model.classes.index(label)] = True
         classes = tuple(c for c, keep in zip(model.classes, held, strict=True) if keep)
         return ClassSet(classes, "", False)
+    likeliest = int(probabilities.argmax())
+    distance, limit = float(apart[likeliest]), float(model.domain.limits[OF_CLASS])
+    if distance > limit:
+        own = model.classes[likeliest]
+        words = (
+            f"it is unlike every class at {100 * coverage:g} %, and farther from {own}, the most "
+            f"probable one, than nearly all training cases that are {own} (distance "
+            f"{distance:.2f} where theirs are 1 on average, limit {limit:.2f}). Look at the "
+            "recording"
+        )
+        return ClassSet((), words, True)
     for level in _LEVELS:
         if level > coverage and _held(model, probabilities, level).any():
             words = (

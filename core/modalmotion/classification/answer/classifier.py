@@ -86,7 +86,8 @@ def classify(
         return _abstention(signature, model, coverage, flags)
     probabilities = read.probabilities
     label = model.label(probabilities)
-    held = class_set(model, probabilities, label, coverage)
+    apart = read.better.judgement.of_classes[0]
+    held = class_set(model, probabilities, label, coverage, apart)
     if held.is_strange:
         return _abstention(signature, model, coverage, (Flag(OUT_OF_DOMAIN, held.words),))
     notes = [*read.notes(model.classes), held.words]

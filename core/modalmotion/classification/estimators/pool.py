@@ -17,8 +17,6 @@ from modalmotion.classification.estimators.scorer import LEAST, Blend, Scorer
 
 Array = NDArray[np.float64]
 
-_LOG_LEAST: Final = float(np.log(LEAST))
-
 # Share of its features that a scorer must have in common with a family: others are multiplied
 # by zeros there.
 _LEAST_IN_COMMON: Final = 0.5
@@ -80,6 +78,8 @@ class Pool:
     means : (scorers, blends) float64
         Shares of the scorers in each blend.
     blend_temperatures, weights : (blends,) float64
+    least : (blends,) float64
+        Probabilities that are no more than rounding, before the temperature makes them less.
     """
 
     places: NDArray[np.int64]
@@ -91,6 +91,7 @@ class Pool:
     means: Array
     blend_temperatures: Array
     weights: Array
+    least: Array
 
     def log_shares(self, features: Array) -> Array:
         """Weighted mean of the log probabilities of all blends: see `pooled`.
@@ -138,13 +139,9 @@ class Pool:
         np.exp(shares, out=shares)
         shares /= np.add.reduce(shares)
         logs = shares @ self.means
-        np.log(np.maximum(logs, LEAST, out=logs), out=logs)
+        # What they add up to is the same for all classes.
+        np.log(np.maximum(logs, self.least, out=logs), out=logs)
         logs /= self.blend_temperatures
-        if len(self.weights) == 1:
-            return np.asarray(logs[..., 0].T)
-        logs -= np.maximum.reduce(logs)
-        logs -= np.log(np.add.reduce(np.exp(logs)))
-        np.maximum(logs, _LOG_LEAST, out=logs)
         return np.asarray((logs @ self.weights).T)
 
 
@@ -207,6 +204,7 @@ def pool_of(
     for k, placed in enumerate(ordered):
         means[k, placed.blend] = 1.0 / len(blends[placed.blend].scorers)
     places = np.array([place for group in groups for place in group.places.values()])
+    temperatures = np.array([blend.temperature for blend in blends])
     intercepts = np.array([p.scorer.intercepts / p.scorer.temperature for p in ordered])
     return Pool(
         places=places,
@@ -216,8 +214,9 @@ def pool_of(
         n_kernels=first,
         intercepts=intercepts.T[:, None].copy(),
         means=means,
-        blend_temperatures=np.array([blend.temperature for blend in blends]),
+        blend_temperatures=temperatures,
         weights=np.array(weights),
+        least=LEAST ** np.minimum(temperatures, 1.0),
     )
 
 

@@ -25,6 +25,8 @@ from modalmotion.signature.making import ModalSignature
 Vectors = NDArray[np.float64]
 Direction = tuple[float, float, float]
 
+_COORDINATES: Final[tuple[Direction, ...]] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
 
 class AxisReading(NamedTuple):
     """Handedness and inward side, which the amplitudes leave open.
@@ -166,10 +168,16 @@ def _body_frame(
     """Give e1, e2 and e3; e1 is towards the zero of theta where that is known."""
     # The sum of c x s is what is not symmetric in the sum of c s'.
     m = products[layout.rings].tolist()
-    e3 = _unit(tuple(sum(m[i::6]) - sum(m[i + 1 :: 6]) for i in (0, 2, 4)))
+    e3 = _unit(
+        (
+            sum(m[0::6]) - sum(m[1::6]),
+            sum(m[2::6]) - sum(m[3::6]),
+            sum(m[4::6]) - sum(m[5::6]),
+        )
+    )
     if towards is None:
-        least = min(range(3), key=lambda k: abs(e3[k]))
-        start: Direction = (float(least == 0), float(least == 1), float(least == 2))
+        sizes = [abs(part) for part in e3]
+        start = _COORDINATES[sizes.index(min(sizes))]
     else:
         start = (float(towards[0]), float(towards[1]), float(towards[2]))
         start = _cross(e3, start)

@@ -97,7 +97,7 @@ def readable_modes(signature: ModalSignature, n_modes: int = 0) -> Modes:
     modes = signature.modes
     if n_modes:
         modes = first(modes, n_modes)
-    _require_axis(modes, signature.parameters.components)
+    has_parts = _about_axis(modes, signature.parameters.components)
     if not min(signature.lengths) > 0:
         raise TopologyError(
             f"The surface has the lengths {signature.lengths}, so no size to compare with.",
@@ -107,7 +107,7 @@ def readable_modes(signature: ModalSignature, n_modes: int = 0) -> Modes:
         raise ShapeError(
             "One frame has no motion to read.", remedy="Send at least two frames of a beat."
         )
-    if not _has_parts(modes):
+    if not has_parts:
         raise ModeCountError(
             f"{len(modes)} modes are too few to read a motion from.",
             remedy="Fit 7 modes or more.",
@@ -118,8 +118,11 @@ def readable_modes(signature: ModalSignature, n_modes: int = 0) -> Modes:
 
 # Kept, for an answer asks several times, and the modes and components are those of all.
 @lru_cache(maxsize=64)
-def _require_axis(modes: Modes, components: Components) -> None:
-    """Check that the modes are of a surface with an axis; see `readable_modes`."""
+def _about_axis(modes: Modes, components: Components) -> bool:
+    """Check that the modes are of a surface with an axis, and tell whether they have parts.
+
+    See `readable_modes`.
+    """
     topology = modes.topology
     if topology is None:
         raise TopologyError(
@@ -137,8 +140,5 @@ def _require_axis(modes: Modes, components: Components) -> None:
             f"The motion of a {topology} has no axis to be read about.",
             remedy="Send a cup, a cylinder or a sphere.",
         )
-
-
-def _has_parts(modes: Modes) -> bool:
     parts = parts_of(modes)
     return len(parts.unpaired) > 0 and len(parts.first) > 0

@@ -67,20 +67,20 @@ class CentredMotion:
         some : (first modes * n,) float64
             1 for the amplitudes of these modes, 0 for others.
         """
-        total, followed = (float(squares[: len(some)] @ some) for squares in self._squares)
+        total, followed = (self._squares[:, : len(some)] @ some).tolist()
         n = len(self.amplitudes)
         return math.sqrt(total / n) / 100.0, smooth_share_of(n, total, followed)
 
     @cached_property
-    def _squares(self) -> tuple[Array, Array]:
-        """Sums over time of the squares of each amplitude, (modes * n,) float64.
+    def _squares(self) -> Array:
+        """Sums over time of the squares of each amplitude, (2, modes * n) float64.
 
         Of all, and of what the first harmonics follow.
         """
         if self._followed is None:
             self.harmonic_rows(1)
         assert self._followed is not None  # noqa: S101 (it comes with the harmonics)
-        return self.products.diagonal(), self._followed
+        return np.array([self.products.diagonal(), self._followed])
 
 
 class CentredMotions:

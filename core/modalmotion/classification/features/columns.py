@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, NamedTuple
@@ -91,7 +92,7 @@ class MotionFeatures:
     @property
     def kinds(self) -> NDArray[np.float64]:
         """Kind and size of the motion: see `kind_of`, (readings, features + 1)."""
-        return kind_of(self.values, np.array(self.motion), self.columns.powers)
+        return kind_of(self.values, self.motion, self.columns.powers)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -100,7 +101,7 @@ class MotionFeatures:
 
 
 def kind_of(
-    values: NDArray[np.float64], motions: NDArray[np.float64], powers: NDArray[np.float64]
+    values: NDArray[np.float64], motions: NDArray[np.float64] | float, powers: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Tell what motions are like from how large they are.
 
@@ -109,8 +110,8 @@ def kind_of(
     Parameters
     ----------
     values : (..., features) float64, percent of the size
-    motions : (...) float64
-        `MotionFeatures.motion` of each.
+    motions : (...) float64 or float
+        `MotionFeatures.motion` of each; one for all that are readings of one motion.
     powers : (features,) float64
 
     Returns
@@ -118,8 +119,13 @@ def kind_of(
     (..., features + 1) float64
         Features over the motion's size, and the logarithm of that size.
     """
-    m = np.maximum(motions, _LEAST_MOTION)[..., None]
     kinds: NDArray[np.float64] = np.empty((*values.shape[:-1], values.shape[-1] + 1))
+    if isinstance(motions, float):
+        motion = max(motions, _LEAST_MOTION)
+        np.divide(values, (100.0 * motion) ** powers, out=kinds[..., :-1])
+        kinds[..., -1] = math.log(motion)
+        return kinds
+    m = np.maximum(motions, _LEAST_MOTION)[..., None]
     np.divide(values, (100.0 * m) ** powers, out=kinds[..., :-1])
     kinds[..., -1:] = np.log(m)
     return kinds

@@ -186,7 +186,7 @@ def volume_curve(signature: ModalSignature, *, is_cycle: bool, turn: Turn | None
         share = elapsed_share(signature)
         return cosines(share, relative[:, None], 2 * _N_CURVE)[:, 0]
     share = (turn or Turns(signature).of_first()).share
-    rows = harmonic_rows(share, relative[: len(share), None], _N_CURVE)[:, 0].tolist()
+    rows = harmonic_rows(share, relative[: len(share)], _N_CURVE).tolist()
     harmonics = [complex(*both) for both in zip(rows[:_N_CURVE], rows[_N_CURVE:], strict=True)]
     clock = cmath.phase(harmonics[0])
     turned = [c * cmath.rect(1.0, -h * clock) for h, c in enumerate(harmonics, start=1)]
@@ -208,7 +208,7 @@ def volume_curve_columns(*, is_cycle: bool) -> tuple[Column, ...]:
 def further_values(
     kind: Further,
     signature: ModalSignature,
-    waves: Waves,
+    waves: Waves | None,
     *,
     is_cycle: bool,
     turn: Turn | None = None,
@@ -219,14 +219,16 @@ def further_values(
     ----------
     kind : Further
     signature : ModalSignature
-    waves : Waves
+    waves : Waves or None
+        Of the signature; the rest shape needs them.
     is_cycle : bool
     turn : Turn, optional
-        Of the signature, where it is known.
+        Of the signature, where it is known; a volume curve reads it.
     """
     if kind == Further.SIZE:
         return log_size(surface_size(signature), signature.unit)
     if kind == Further.REST_SHAPE:
+        assert waves is not None  # noqa: S101 (see above)
         return rest_shape(signature, waves)
     if kind == Further.VOLUME:
         return volume_values(signature)

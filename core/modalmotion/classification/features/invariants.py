@@ -116,15 +116,12 @@ def still_invariants(shape: NDArray[np.float64], waves: Waves) -> NDArray[np.flo
     shape : (modes, n) float64
     waves : Waves
     """
-    places = _places(waves)
-    n = places.n_together
+    first, second, signs = _still_places(waves)
     products = (shape @ shape.T).ravel()
-    found = products.take(places.first[:n])
-    if places.second is not None:
-        found += places.signs[:n] * products.take(places.second[:n])
-    # Of one term each wave has one square, on the diagonal.
-    squares = products[:: len(shape) + 1] @ places.members
-    return np.concatenate([np.sqrt(squares), signed_root(found), _spread(shape, waves)])
+    found = products.take(first)
+    if second is not None:
+        found += signs * products.take(second)
+    return np.concatenate([signed_root(found), _spread(shape, waves)])
 
 
 def sizes(
@@ -219,6 +216,22 @@ def _places(waves: Waves) -> _Places:
         signs=np.concatenate(signs),
         n_together=len(i),
     )
+
+
+@lru_cache(maxsize=64)
+def _still_places(
+    waves: Waves,
+) -> tuple[NDArray[np.int64], NDArray[np.int64] | None, NDArray[np.float64]]:
+    """Places of the products of each wave with itself, and of what is together: as `_Places`."""
+    places, n = _places(waves), _places(waves).n_together
+    c, s, has_sine = waves.cosines, waves.sines, waves.sines >= 0
+    # The square of a mode is on the diagonal.
+    step = waves.n_modes + 1
+    first = np.concatenate([step * c, places.first[:n]])
+    signs = np.concatenate([has_sine.astype(np.float64), places.signs[:n]])
+    if places.second is None:
+        return first, None, signs
+    return first, np.concatenate([np.where(has_sine, step * s, 0), places.second[:n]]), signs
 
 
 @lru_cache(maxsize=64)

@@ -240,8 +240,12 @@ class FeatureReader:
         if kind == Further.COVARIATES:
             return self.covariate_values(signature.facts.covariates)
         few = known.first_modes(signature, self.n_modes)
-        turn = known.turns(signature).of_first(self.n_modes) if self.is_cycle else None
-        return further_values(kind, few, self.waves(few), is_cycle=self.is_cycle, turn=turn)
+        waves = turn = None
+        if kind == Further.REST_SHAPE:
+            waves = self.waves(few)
+        elif kind == Further.VOLUME_CURVE and self.is_cycle:
+            turn = known.turns(signature).of_first(self.n_modes)
+        return further_values(kind, few, waves, is_cycle=self.is_cycle, turn=turn)
 
     def _motion(self, signature: ModalSignature, known: KnownFeatures) -> MotionValues:
         if not self.has_axis:
@@ -336,12 +340,15 @@ def side_by_side(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     """Features one after another, (readings, features); what has one reading has it in all."""
     if len(parts) == 1:
         return parts[0]
-    n_readings = max(map(len, parts))
-    values = np.empty((n_readings, sum(part.shape[1] for part in parts)))
+    first = np.concatenate([part[0] for part in parts])
+    values = np.empty((max(map(len, parts)), len(first)))
+    values[:] = first
     place = 0
     for part in parts:
-        values[:, place : place + part.shape[1]] = part
-        place += part.shape[1]
+        n, width = part.shape
+        if n > 1:
+            values[:, place : place + width] = part
+        place += width
     return values
 
 

@@ -127,7 +127,7 @@ def repeats_first(amplitudes: NDArray[np.float64]) -> NDArray[np.bool_]:
     # Most recordings end a step before. There the first of these modes says so for all counts:
     # what others add makes the gap no less, and nothing spreads by more than twice the norm.
     gap_of_first = max(map(abs, (a[-1, 0] - a[0, 0]).tolist()))
-    if gap_of_first >= _REPEATED * 2.0 * math.sqrt(float(np.vdot(amplitudes, amplitudes))):
+    if gap_of_first >= _REPEATED * 2.0 * math.sqrt(np.vdot(amplitudes, amplitudes)):
         return repeats
     steps = np.maximum.reduce(np.abs(a[_ENDS[0]] - a[_ENDS[1]]), axis=2)
     gap, first, last = np.maximum.accumulate(steps, axis=1)
@@ -203,7 +203,10 @@ def harmonics(share: NDArray[np.float64], signals: NDArray[np.float64], count: i
 def harmonic_rows(
     share: NDArray[np.float64], signals: NDArray[np.float64], count: int
 ) -> NDArray[np.float64]:
-    """Cosine and then sine parts of `harmonics`, (2 count, signals) float64."""
+    """Cosine and then sine parts of `harmonics`, (2 count, signals) float64.
+
+    Of one signal (frames,) they are (2 count,).
+    """
     rows: NDArray[np.float64] = _cycle_fit(share.tobytes(), count)[: 2 * count] @ signals
     return rows
 
@@ -214,7 +217,8 @@ def cycle_fit(
     """`harmonic_rows` of signals, and the `followed_squares` of a cycle, in one product."""
     found = _cycle_fit(share.tobytes(), count) @ signals
     followed = found[2 * count :]
-    return found[: 2 * count], np.einsum("ij,ij->j", followed, followed)
+    squares: NDArray[np.float64] = np.vecdot(followed.T, followed.T)
+    return found[: 2 * count], squares
 
 
 def cosines(

@@ -15,10 +15,13 @@ from modalmotion.classification.features.twins import TWINS
 from modalmotion.classification.model.motion_scale import MotionScale
 from modalmotion.representation import shown
 
-CHECKS: Final = ("kind", "place", *TWINS, "gap", "leap", "turns")
+CHECKS: Final = ("kind", "place", *TWINS, "gap", "leap", "turns", "class")
 """What is measured of a recording: how far its kind of motion is from every class; how far its
 size, shape and amount of motion are from those of any training case; how much it looks like
-each of `TWINS`; and how it closes, leaps and repeats itself, beyond the training cases."""
+each of `TWINS`; how it closes, leaps and repeats itself, beyond the training cases; and, where no
+class is in its set, how far its kind is from the most probable one."""
+
+OF_CLASS: Final = CHECKS.index("class")
 
 PLACE: Final = ("motion", *MEASURES[:2])
 """Coordinates of a place: amount of motion (log), size and shape."""
@@ -88,18 +91,27 @@ class Judgement(NamedTuple):
     readings : (cases,) int64
         Nearest to a class.
     scores : (cases, checks) float64
-        Of `CHECKS`: the larger the stranger.
+        Of `CHECKS`: the larger the stranger. No class is named yet: see `of_classes`.
     gains : (cases, twins) float64
         By how much nearer each twin is than the motion, in squares of the distance; where it is
         not above 0 the motion is no such twin.
     hand : (cases,) float64
         Evidence for the mirror image of the motion, over that for the motion.
+    of_classes : (cases, classes) float64
+        Distance from each class, over how far its training cases are from it.
     """
 
     readings: NDArray[np.int64]
     scores: NDArray[np.float64]
     gains: NDArray[np.float64]
     hand: NDArray[np.float64]
+    of_classes: NDArray[np.float64]
+
+    def named(self, y: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Scores of all `CHECKS`, where the classes (cases,) are named."""
+        scores = self.scores.copy()
+        scores[:, OF_CLASS] = self.of_classes[np.arange(len(y)), y]
+        return scores
 
 
 @shown()
@@ -118,6 +130,8 @@ class Domain:
     whitening : (columns, columns) float64
         |(kind - mean) @ whitening| is the distance in standard deviations within a class
         (Mahalanobis), over the root of the number of columns.
+    spreads : (classes,) float64
+        RMS distance of each class's training cases from its mean.
     points : (cases, 3) float64
         Places of the training cases; see `PLACE`.
     scales : (3,) float64
@@ -146,6 +160,7 @@ class Domain:
     reader: FeatureReader
     means: NDArray[np.float64]
     whitening: NDArray[np.float64]
+    spreads: NDArray[np.float64]
     points: NDArray[np.float64]
     scales: NDArray[np.float64]
     directions: NDArray[np.float64]
@@ -172,9 +187,15 @@ class Domain:
         # |W'k - W'm|^2 for all classes at once; |W'k|^2 is the same for all.
         a, (twice, squares) = kinds @ self.whitening, self._white_means
         nearest = np.minimum.reduce(a @ twice + squares, axis=1)
-        nearest += np.einsum("ij,ij->i", a, a)
-        distances: NDArray[np.float64] = np.sqrt(np.maximum(nearest, 0.0))
+        nearest += np.vecdot(a, a)
+        np.maximum(nearest, 0.0, out=nearest)
+        distances: NDArray[np.float64] = np.sqrt(nearest, out=nearest)
         return distances
+
+    def distances(self, kinds: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distances to all classes, (cases, classes) float64, of kinds (cases, columns)."""
+        apart = (kinds[:, None] - self.means) @ self.whitening
+        return np.asarray(np.sqrt(np.einsum("ijk,ijk->ij", apart, apart)))
 
     @cached_property
     def _white_means(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -193,7 +214,8 @@ class Domain:
         for k in np.flatnonzero((sights.signs < 0).any(axis=1)).tolist():
             kinds = sights.kinds * sights.signs[k]
             twins[:, k] = self._apart(kinds, sights.allowed).min(axis=1)
-        along = sights.kinds[every, readings] @ self.directions.T
+        own_kinds = sights.kinds[every, readings]
+        along = own_kinds @ self.directions.T
         # Of a twin the sign of its direction is the opposite.
         both = self._beside(np.concatenate([along, -along]))
         own, turned = both[: len(along)], both[len(along) :]
@@ -202,12 +224,14 @@ class Domain:
         scores[:, 0] = nearest
         scores[:, 1] = self.distance_from_places(sights.places)
         scores[:, 2 : 2 + len(TWINS)] = -own
-        scores[:, 2 + len(TWINS) :] = leaps
+        scores[:, 2 + len(TWINS) : OF_CLASS] = leaps
+        scores[:, OF_CLASS] = 0.0
         return Judgement(
             readings=readings,
             scores=_known(scores),
             gains=nearest[:, None] ** 2 - twins**2,
             hand=own[:, 0] ** 2 - turned[:, 0] ** 2,
+            of_classes=self.distances(own_kinds) / self.spreads,
         )
 
     @cached_property
@@ -261,6 +285,7 @@ class Domain:
 ARRAYS: Final = (
     "means",
     "whitening",
+    "spreads",
     "points",
     "scales",
     "directions",
@@ -293,6 +318,7 @@ def of_kind_alone(
         reader=reader,
         means=means,
         whitening=whitening,
+        spreads=np.ones(len(means)),
         points=np.zeros((0, len(PLACE))),
         scales=np.full(len(PLACE), np.inf),
         directions=np.zeros((len(TWINS), means.shape[1])),

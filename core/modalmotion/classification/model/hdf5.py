@@ -28,7 +28,7 @@ from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.representation import shown
 
-FORM: Final = Form("model", 5)
+FORM: Final = Form("model", 6)
 
 # The golden batch must come out as it was stored, up to the last digits.
 _GOLDEN_TOLERANCE: Final = 1e-9
@@ -54,6 +54,7 @@ _AXES: Final = {
     "machine": "byte",
     "means": "class, kind",
     "whitening": "kind, direction",
+    "spreads": "class",
     "points": "case, place",
     "scales": "place",
     "directions": "twin, kind",

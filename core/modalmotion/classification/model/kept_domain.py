@@ -36,6 +36,7 @@ def domain_of(contents: Contents, n: int) -> Domain:
         reader=reader_of(contents.json("domain_reader", dict), Values(np.zeros(0))),
         means=means,
         whitening=contents.array("whitening", (d, d)),
+        spreads=contents.array("spreads", (n,)),
         points=contents.array("points", (None, len(PLACE))),
         scales=contents.array("scales", (len(PLACE),)),
         directions=contents.array("directions", (n_twins, d)),

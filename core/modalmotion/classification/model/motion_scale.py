@@ -19,12 +19,11 @@ FACTORS: Final = (2.0, 2.5, 3.0, 4.0)
 # some do.
 _FEWEST: Final = 500
 _MOST: Final = 2000
-_MOST_LEFT_OUT: Final = 1000
 
 # Of the standard deviations within a class: width of a training case, and the distance below
-# which two are one recording in two forms.
+# which two may be one ventricle in two forms, which are up to as far apart.
 _WIDTH: Final = 0.4
-_SAME: Final = 0.03
+_SAME: Final = 0.4
 
 # Share of the training cases, each left out, within the limit.
 _KNOWN: Final = 0.998
@@ -67,14 +66,14 @@ class MotionScale(FrozenArrays):
         (n,) float64
             0 where nothing like it occurs.
         """
-        return self._evidence(places, self._some(_MOST), 0.0)
+        return self._evidence(places, self._compared, 0.0)
 
     @cached_property
     def limit(self) -> float:
         """Evidence that few training cases have where they are left out; infinite if unknown."""
         if len(self.points) < _FEWEST or not np.isfinite(self.width):
             return np.inf
-        own = self._evidence(self._some(_MOST_LEFT_OUT), self._some(_MOST), _SAME)
+        own = self._evidence(self._compared, self._compared, _SAME)
         return max(0.0, float(np.quantile(own, _KNOWN, method="higher")))
 
     def exceeds(self, place: NDArray[np.float64]) -> bool:
@@ -84,6 +83,10 @@ class MotionScale(FrozenArrays):
         found = float(self.evidence(place[None])[0])
         # The limit, which takes longer, is not below 0.
         return found > 0.0 and found > self.limit
+
+    @cached_property
+    def _compared(self) -> NDArray[np.float64]:
+        return self._some(_MOST)
 
     def _some(self, most: int) -> NDArray[np.float64]:
         n = len(self.points)

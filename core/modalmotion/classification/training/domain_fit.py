@@ -9,12 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.estimators.temperature import fit_temperature
-from modalmotion.classification.model.domain import CHECKS, PLACE, Domain, Judgement, Sights
+from modalmotion.classification.model.domain import (
+    CHECKS,
+    OF_CLASS,
+    PLACE,
+    Domain,
+    Judgement,
+    Sights,
+)
 from modalmotion.classification.training.domain_limits import joint_limits
 from modalmotion.classification.training.readings import best_readings, class_shape
 from modalmotion.classification.training.table import CaseTable
 
 _OF_CYCLES: Final = np.array([check in ("gap", "leap", "turns") for check in CHECKS])
+
+# Of the cases that are beyond a limit: those beyond that of the class that is named.
+_SHARE_OF_STRANGE: Final = 0.2
 
 Array = NDArray[np.float64]
 
@@ -47,13 +57,16 @@ def fit_domain(table: CaseTable, rows: NDArray[np.int64]) -> DomainFit:
     means, whitening = class_shape((own - middle) / spread, y, n_classes)
     # Distances are of kinds as they are, not standardised: (k - middle) / spread - mean.
     means = middle + means * np.where(np.isfinite(spread), spread, 0.0)
+    whitening = whitening / spread[:, None]
+    apart = np.linalg.norm((own - means[y]) @ whitening, axis=1)
     directions = np.stack([_direction(own, y, n_classes, signs < 0) for signs in sights.signs])
     points = sights.places[rows]
     measures = sights.measures[rows][:, len(PLACE) - 1 :]
     domain = Domain(
         reader=table.domain_reader,
         means=means,
-        whitening=whitening / spread[:, None],
+        whitening=whitening,
+        spreads=_root_means(apart, y, n_classes),
         points=np.nan_to_num(points),
         scales=_within(points, y, n_classes),
         directions=directions,
@@ -85,7 +98,11 @@ def with_limits(
     known_share : float
         Share of cases like these that are within all limits.
     """
-    limits = joint_limits(scores, known_share, groups)
+    # The distance from the class that is named counts beside an empty set alone.
+    alone = joint_limits(
+        scores[:, OF_CLASS:], 1.0 - _SHARE_OF_STRANGE * (1.0 - known_share), groups
+    )
+    limits = np.concatenate([joint_limits(scores[:, :OF_CLASS], known_share, groups), alone])
     if not domain.reader.is_cycle:
         limits[_OF_CYCLES] = np.inf
     temperature = 1.0
@@ -122,6 +139,15 @@ def _class_means(values: Array, y: NDArray[np.int64], n_classes: int) -> Array:
     for k in np.unique(y):
         means[k] = values[y == k].mean(axis=0)
     return means
+
+
+def _root_means(apart: Array, y: NDArray[np.int64], n_classes: int) -> Array:
+    """Give the RMS distance of each class's cases; of a class without any that of all, at least."""
+    whole = float(np.sqrt((apart**2).mean())) or 1.0
+    means = [
+        np.sqrt((apart[y == k] ** 2).mean()) if (y == k).any() else 0.0 for k in range(n_classes)
+    ]
+    return np.array([float(mean) or whole for mean in means])
 
 
 def _within(values: Array, y: NDArray[np.int64], n_classes: int) -> Array:

@@ -49,7 +49,7 @@ def validated(
         probabilities[fold.repetition, fold.outer] = held_out.probabilities
         numbers[fold.repetition, fold.outer] = fold.fold
         if fold.repetition == 0:
-            scores[fold.outer] = held_out.judgement.scores
+            scores[fold.outer] = held_out.judgement.named(table.y[fold.outer])
             hand[fold.outer] = held_out.judgement.hand
     answers = CrossValidation(
         classes=table.classes,

@@ -15,6 +15,8 @@ from project import DATA
 
 from modalmotion.classification import classify, evaluate, load_model
 from modalmotion.classification.features import Column, Columns, kind_of
+from modalmotion.classification.features.course import MEASURES
+from modalmotion.classification.model.domain import CHECKS, OF_CLASS, Sights
 from modalmotion.classification.training.train_shipped import (
     OFFSET,
     RECIPES,
@@ -130,6 +132,8 @@ def test_a_larger_motion_is_of_the_same_kind(
     one = kind_of(np.array([values]), np.array(motion), powers)
     grown = np.array([values]) * [larger, larger, np.sqrt(larger)]
     other = kind_of(grown, np.array(larger * motion), powers)
+    # All readings of one motion have its size.
+    assert np.allclose(kind_of(grown, larger * motion, powers), other, rtol=1e-12)
     assert one.shape == other.shape == (1, 4)
     assert np.allclose(one[:, :3], other[:, :3], rtol=1e-9, atol=1e-12)
     assert other[0, 3] - one[0, 3] == pytest.approx(np.log(larger), abs=1e-9)
@@ -150,6 +154,33 @@ def test_thousands_of_places_are_compared_in_bounded_memory(rng: np.random.Gener
     assert found[some].tolist() == alone
 
 
+def test_distances_are_of_the_class_and_in_its_own_spread(rng: np.random.Generator) -> None:
+    model = load_model()
+    domain = replace(model.domain, spreads=np.linspace(0.5, 1.5, len(model.classes)))
+    kinds = rng.normal(size=(6, *domain.means[:1].shape)) + domain.means[:1]
+    found = domain.distances(kinds[:, 0])
+    for case in range(6):
+        for k in range(len(model.classes)):
+            own = (kinds[case, 0] - domain.means[k]) @ domain.whitening
+            assert found[case, k] == pytest.approx(np.sqrt((own**2).sum()), rel=1e-12)
+    assert domain.distance(kinds[:, 0]) == pytest.approx(found.min(axis=1), rel=1e-6)
+    n = len(domain.directions)
+    sights = Sights(
+        kinds,
+        np.ones((6, 1), dtype=np.bool_),
+        np.ones((n, kinds.shape[2])),
+        rng.normal(size=(6, len(MEASURES))),
+    )
+    judged = domain.judge(sights)
+    assert judged.of_classes == pytest.approx(found / domain.spreads)
+    y = np.array([0, 1, 2, 3, 4, 0])
+    scores = judged.named(y)
+    assert scores[:, OF_CLASS] == pytest.approx((found / domain.spreads)[np.arange(6), y])
+    others = np.delete(np.arange(len(CHECKS)), OF_CLASS)
+    assert np.array_equal(scores[:, others], judged.scores[:, others])
+
+
 def test_no_motion_has_a_kind_that_is_a_number() -> None:
     kinds = kind_of(np.zeros((2, 3)), np.zeros(2), np.ones(3))
     assert np.isfinite(kinds).all()
+    assert np.array_equal(kind_of(np.zeros((2, 3)), 0.0, np.ones(3)), kinds)

@@ -47,13 +47,14 @@ def test_the_evidence_is_that_of_the_densities(rng: np.random.Generator) -> None
     assert MotionScale(points, 0.25).evidence(np.full((1, 3), 99.0)) == pytest.approx([0.0])
 
 
+@pytest.mark.parametrize("apart", [1e-4, 0.2])
 def test_a_recording_does_not_vouch_for_itself_nor_for_its_other_form(
-    rng: np.random.Generator,
+    rng: np.random.Generator, apart: float
 ) -> None:
     points = hearts(500, rng)
     points[:6:2] = STRONGER
     once = MotionScale(points, 0.25)
-    twice = MotionScale(np.concatenate([points, points + 1e-4]), 0.25)
+    twice = MotionScale(np.concatenate([points, points + apart]), 0.25)
     assert once.limit > 10.0
     assert twice.limit == pytest.approx(once.limit, abs=0.5)
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from classify_samples import curves_model
 
+from modalmotion.classification.model.domain import CHECKS, OF_CLASS
+from modalmotion.classification.training.domain_fit import with_limits
 from modalmotion.classification.training.domain_limits import domain_limit, joint_limits
 
 
@@ -44,3 +47,15 @@ def test_what_never_varies_is_not_checked_and_of_a_subject_one_case_counts() -> 
     groups = np.tile(np.arange(300), 3)
     once = joint_limits(own, 0.99, np.arange(300))
     assert joint_limits(again, 0.99, groups) == pytest.approx(once)
+
+
+def test_the_distance_from_the_class_has_a_limit_of_its_own() -> None:
+    rng = np.random.default_rng(7)
+    scores, groups = rng.standard_normal((2000, len(CHECKS))), np.arange(2000)
+    found = with_limits(curves_model().domain, scores, np.zeros(2000), groups, 0.99).limits
+    others = np.isfinite(found[:OF_CLASS])
+    expected = joint_limits(scores[:, :OF_CLASS], 0.99, groups)
+    assert found[:OF_CLASS][others] == pytest.approx(expected[others])
+    assert others[:2].all()
+    # A fifth of the cases that any limit takes: it counts only where the set is empty, too.
+    assert found[OF_CLASS] == pytest.approx(domain_limit(scores[:, OF_CLASS], 0.998))

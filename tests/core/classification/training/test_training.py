@@ -19,6 +19,7 @@ from modalmotion.classification import (
     only_modes,
     train,
 )
+from modalmotion.classification.model.domain import OF_CLASS
 from modalmotion.errors import ParameterError
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
@@ -278,3 +279,18 @@ def test_of_lattices_of_few_nodes_the_modes_that_all_have_are_read(
     assert model.readable.n_modes == 7
     assert any("too few vertices" in note for note in model.card.notes)
     assert classify(cases[0].motion, model).classes == model.classes
+
+
+def test_each_class_has_the_spread_of_its_own_cases() -> None:
+    model, cases = curves_model(), curves(12)
+    motions = [case.motion for case in cases]
+    kinds = [
+        model.domain.reader.read(motion).kinds[0]
+        for motion in motions
+        if isinstance(motion, ModalSignature)
+    ]
+    apart = model.domain.distances(np.array(kinds))
+    for number, label in enumerate(model.classes):
+        own = apart[[case.label == label for case in cases], number]
+        assert model.domain.spreads[number] == pytest.approx(np.sqrt((own**2).mean()), rel=1e-6)
+    assert np.isfinite(model.domain.limits[OF_CLASS])
