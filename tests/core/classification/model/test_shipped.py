@@ -321,7 +321,8 @@ def test_a_real_ventricle_gets_an_answer_about_its_surface_alone(
         assert any("no patient" in note for note in found.notes)
         assert found.label != MotionClass.REDUCED_TORSION
         assert ("No class" if found.label is None else "tracking=material") in found.notes[0]
-    assert {found.label for found in answers.values()} <= {None, MotionClass.NORMAL}
+    # The same in either form: a plausible class, or none.
+    assert {found.label for found in answers.values()} in ({None}, {MotionClass.NORMAL})
 
 
 def test_a_cylinder_of_the_recipe_may_lack_rows_at_the_apex() -> None:
