@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from modalmotion.classification.options import OnError, TrainingOptions
-from modalmotion.classification.training.cases import AnyCase
+from modalmotion.classification.training.cases import AnyCase, TrainingCase
 from modalmotion.classification.training.collection import collect
 from modalmotion.classification.training.table import CaseTable
 from modalmotion.errors import (
@@ -17,6 +17,10 @@ from modalmotion.errors import (
     TopologyError,
     UnlikeCasesError,
 )
+from modalmotion.signature.making import ModalSignature
+
+# Cases that an error names.
+_MOST_NAMED = 3
 
 
 def collect_in_one_basis(
@@ -67,7 +71,7 @@ def collect_in_one_basis(
         try:
             table = collect(cohort, options, progress, springs)
         except (UnlikeCasesError, TopologyError, ModeCountError) as error:
-            raise _neither(unlike, error) from error
+            raise _neither(unlike, error, cohort, options) from error
     return _with_note(table)
 
 
@@ -79,12 +83,34 @@ def _with_note(table: CaseTable) -> CaseTable:
     return replace(table, notes=(note, *table.notes))
 
 
-def _neither(unlike: UnlikeCasesError, error: ModalMotionError) -> UnlikeCasesError:
-    """Say why cases compare neither as they are nor by the springs of their mesh."""
-    if error.message == unlike.message:
-        return unlike
-    return UnlikeCasesError(
-        f"{unlike.message} As spring modes they do not compare either: {error.message}",
-        remedy=unlike.remedy,
-        details={**error.details, **unlike.details},
-    )
+def _neither(
+    unlike: UnlikeCasesError,
+    error: ModalMotionError,
+    cohort: Iterable[AnyCase],
+    options: TrainingOptions,
+) -> UnlikeCasesError:
+    """Say why cases compare neither as they are nor by the springs of their mesh.
+
+    And which are odd: those that would be left out, for the first that differs need not be.
+    """
+    message, remedy = unlike.message, unlike.remedy
+    if error.message != unlike.message:
+        message += f" As spring modes they do not compare either: {error.message}"
+    details = {**error.details, **unlike.details}
+    with contextlib.suppress(ModalMotionError):
+        leaving = replace(options, on_error=OnError.LEAVE_OUT)
+        odd = [case.name for case in collect_in_one_basis(cohort, leaving).left_out]
+        names = ", ".join(odd[:_MOST_NAMED]) + (", and others" if len(odd) > _MOST_NAMED else "")
+        # Signatures may have been fitted unlike; sequences are all fitted here.
+        has_signature = any(
+            isinstance(case, TrainingCase) and isinstance(case.motion, ModalSignature)
+            for case in cohort
+        )
+        remedy = (
+            f"{f'{remedy} Or leave' if has_signature else 'Leave'} out what does not compare with "
+            f"most ({len(odd)}: {names}), which --skip-unreadable does, or on_error = "
+            '"leave out". Or state one topology for all (topology), if that is what the surfaces '
+            "are."
+        )
+        details["left_out"] = odd[:20]
+    return UnlikeCasesError(message, remedy=remedy, details=details)

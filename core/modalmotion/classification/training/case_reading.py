@@ -10,6 +10,7 @@ from typing import Any, Final
 from modalmotion.classification.options import FEWER_MODES, OnError, TrainingOptions
 from modalmotion.classification.training.case_row import CaseRow, case_row
 from modalmotion.classification.training.cases import AnyCase, TrainingCase
+from modalmotion.classification.training.feature_choices import mixes
 from modalmotion.classification.training.left_out import UNUSABLE, LeftOut
 from modalmotion.errors import ParameterError, UnlikeCasesError
 from modalmotion.mesh.sequence import MEAN
@@ -18,8 +19,6 @@ from modalmotion.signature.making import ModalSignature, SignatureParameters
 
 # Cases that are read in one piece of work: some 0.1 s of it.
 _IN_ONE_PIECE: Final = 16
-# Surfaces of which several may be read about their axes together.
-_WITH_AXIS: Final = frozenset({"cup", "cylinder", "sphere"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +174,7 @@ def require_alike(case: ReadCase, example: ReadCase, number: int) -> None:
             details={"case": number, "sequence_id": case.row.sequence_id},
         )
     # Surfaces that do not mix are named together, when all cases are known.
-    parted = case.surface != example.surface and not {case.surface, example.surface} <= _WITH_AXIS
+    parted = not mixes({case.surface, example.surface})
     same = basis_of(case)[:-1] == basis_of(example)[:-1] and (
         fits or parted or len(case.modes) == len(example.modes)
     )

@@ -148,7 +148,7 @@ def _table(
     notes: list[str],
 ) -> CaseTable:
     walls = tells_walls(rows, options)
-    readers = feature_choices(rows, example, options, walls, n_topologies=len(topologies))
+    readers = feature_choices(rows, example, options, walls, topologies)
     if not readers:
         common, *rare = sorted(topologies, key=lambda name: -len(topologies[name]))
         rarely = [case for topology in rare for case in topologies[topology]]
@@ -156,8 +156,8 @@ def _table(
         raise UnlikeCasesError(
             f"The training cases have the topologies {', '.join(sorted(topologies))}: most are "
             f"{common}, and {len(names)} are not, such as {', '.join(names[:3])}.",
-            remedy="Leave those out, or state one topology for all (topology); only cups and "
-            "cylinders over a cycle mix.",
+            remedy='Leave those out (--skip-unreadable, on_error = "leave out"), or state one '
+            "topology for all (topology); only cups and cylinders over a cycle mix.",
             details={"sequence_ids": [id_ for id_, _ in rarely[:20]], "n_sequences": len(rarely)},
         )
     subjects, groups, mixed = group_cases(rows, options.groups)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -27,6 +27,9 @@ _CLOSED: Final = 2.5
 # Factor of the prior for each step that makes a choice less simple.
 _PRIOR: Final = 0.7
 
+# Surfaces whose first modes are the same; those of a sphere are others.
+_OPEN_AT_BASE: Final = frozenset({"cup", "cylinder"})
+
 # Prior of the volume over that of all others together.
 _PRIOR_OF_VOLUME: Final = 20.0
 
@@ -36,11 +39,11 @@ def feature_choices(
     example: ModalSignature,
     options: TrainingOptions,
     walls: bool,
-    n_topologies: int,
+    topologies: Collection[str],
 ) -> tuple[FeatureReader, ...]:
     """List the choices of features of the motion that may be weighed, the simplest first.
 
-    Empty where the cases have several topologies and no axis.
+    Empty where the cases have several topologies that do not mix.
     """
     h = options.harmonics
     closes = float(np.median([row.gap for row in rows])) < _CLOSED
@@ -50,9 +53,10 @@ def feature_choices(
     choices: list[FeatureReader] = []
     counts = sorted(set.intersection(*(set(row.counts) for row in rows)))
     for n in counts:
-        if timings[0] and all((n, walls) in row.axis for row in rows):
+        about_axis = mixes(topologies) and all((n, walls) in row.axis for row in rows)
+        if timings[0] and about_axis:
             choices.append(FeatureReader(True, True, h, walls, n_modes=n))
-        if n_topologies > 1:
+        if len(topologies) > 1:
             continue
         for is_cycle in timings:
             for n_harmonics in harmonic_counts(h, is_cycle=is_cycle):
@@ -66,6 +70,11 @@ def feature_choices(
                     if n == counts[0] and finest and not is_cycle:
                         choices.append(replace(plain, patterns=no_patterns()))
     return tuple(choices)
+
+
+def mixes(topologies: Collection[str]) -> bool:
+    """Whether motions of surfaces of these topologies have the same parts about their axes."""
+    return len(topologies) == 1 or _OPEN_AT_BASE.issuperset(topologies)
 
 
 def further_kinds(

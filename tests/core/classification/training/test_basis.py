@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -19,6 +20,7 @@ from modalmotion.classification import (
 from modalmotion.errors import TopologyError, UnlikeCasesError
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.signature.making import SignatureParameters, modal_signature
+from modalmotion.simulate import simulate_ventricle
 
 
 def quick(topology: str | None = None) -> TrainingOptions:
@@ -97,6 +99,29 @@ def test_sequences_of_several_meshes_that_do_not_compare_are_refused_by_name() -
     other = mesh_sequence(sequence.vertices[:, order], faces=faces, unit="mm")
     with pytest.raises(UnlikeCasesError, match="odd one"):
         train([*cases(4, 1), TrainingCase(other, label, name="odd one")], "refused")
+
+
+@pytest.mark.every(3)
+@pytest.mark.parametrize("kind", [None, "material", "offset"])
+def test_a_surface_of_another_topology_is_named_and_the_way_to_go_on_works(
+    kind: str | None,
+) -> None:
+    rng = np.random.default_rng(5)
+    closed = [
+        TrainingCase(bent_beat(label, 0.3, rng), label, name=f"closed {k}.npz")
+        for k, label in enumerate(("strong", "weak") * 4)
+    ]
+    cup = simulate_ventricle(n_vertices=300, rng=rng)
+    # The first is the odd one: all others differ from it.
+    odd = TrainingCase(replace(cup, topology=None), "strong", name="open.npz")
+    options = replace(quick(), kind=kind)
+    with pytest.raises(UnlikeCasesError) as caught:
+        train([odd, *closed], "refused", options)
+    assert "(1: open.npz)" in caught.value.remedy
+    assert "--skip-unreadable" in caught.value.remedy
+    model = train([odd, *closed], "most", replace(options, on_error="leave out"))
+    assert model.readable.topologies == ("sphere",)
+    assert any("open.npz" in note for note in model.card.notes)
 
 
 def test_a_stated_topology_is_the_only_one_that_is_tried() -> None:
