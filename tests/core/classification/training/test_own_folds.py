@@ -10,6 +10,7 @@ from classify_samples import cohort
 from sklearn.model_selection import LeaveOneGroupOut, PredefinedSplit, ShuffleSplit, StratifiedKFold
 
 from modalmotion.classification import TrainingCase, TrainingOptions, train
+from modalmotion.classification.training import splits
 from modalmotion.classification.training.collection import collect
 from modalmotion.classification.training.own_folds import folds_by, folds_of
 from modalmotion.classification.training.splits import split_cases
@@ -79,10 +80,10 @@ def test_cases_of_one_site_are_on_one_side_of_each_split(groups: str) -> None:
     found = collect(cases(), chosen)
     assert len(np.unique(found.groups)) == len(SITES)
     sites = np.array([case.covariates["site"] for case in cases()])
-    splits = split_cases(found, chosen)
-    assert splits.is_grouped
-    assert splits.folds
-    for inner, outer in splits.folds:
+    found_splits = split_cases(found, chosen)
+    assert found_splits.is_grouped
+    assert found_splits.folds
+    for inner, outer in found_splits.folds:
         assert not set(sites[inner]) & set(sites[outer])
 
 
@@ -99,6 +100,42 @@ def test_a_subject_at_two_sites_joins_them() -> None:
         motion, label, stated = some[k].motion, some[k].label, some[k].covariates
         some[k] = TrainingCase(motion, label, "the same", covariates=stated)
     assert len(np.unique(collect(some, options(groups="site")).groups)) == len(SITES) - 1
+
+
+def at_sites(sites: str) -> list[TrainingCase]:
+    """Cases of which the first half are of one class, at sites letter by letter."""
+    ordered = sorted(cases(), key=lambda case: case.label)
+    return [
+        TrainingCase(case.motion, case.label, case.subject, covariates={"site": site})
+        for case, site in zip(ordered, sites, strict=True)
+    ]
+
+
+def test_sites_that_go_with_the_classes_are_held_out_one_by_one() -> None:
+    chosen = options(groups="site")
+    # Where C and one of the others are held out together, one class is left.
+    some = at_sites("AAAAAC" + "CBBBBB")
+    folds = split_cases(collect(some, chosen), chosen).folds
+    assert sorted(len(outer) for _, outer in folds) == [2, 5, 5]
+    assert train(some, "by site", chosen).card.accuracy is not None
+
+
+def test_folds_of_many_groups_that_leave_one_class_are_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(splits, "_MOST_GROUPS", 2)
+    chosen = options(groups="site")
+    found = collect(at_sites("AAAAAC" + "CBBBBB"), chosen)
+    with pytest.raises(ParameterError, match="classes go with the values of 'site'") as caught:
+        split_cases(found, chosen)
+    assert "fold, cv" in caught.value.remedy
+
+
+def test_a_class_of_one_site_is_said_to_be_of_one_site() -> None:
+    chosen = options(groups="site")
+    (note,) = split_cases(collect(at_sites("AAAAAA" + "BBBBBB"), chosen), chosen).notes
+    assert "has one value of site only" in note
+    assert "subject" not in note
 
 
 def test_what_splits_the_cases_is_no_feature() -> None:
