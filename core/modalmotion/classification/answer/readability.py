@@ -41,7 +41,8 @@ def unreadable(signature: ModalSignature, model: Model) -> Flag | None:
         return Flag(
             OUT_OF_DOMAIN,
             "the model reads recordings of one mesh only, and this is another: spring "
-            "modes do not compare between meshes",
+            "modes do not compare between meshes. Send it on that mesh, or train a model with a "
+            "topology that all surfaces have (topology)",
         )
     if len(modes) != readable.n_modes:
         return Flag(

@@ -77,7 +77,7 @@ def collect_in_one_basis(
 
 def _with_note(table: CaseTable) -> CaseTable:
     note = (
-        "The shapes of these recordings have no topology in common, and all are of one mesh: all "
+        "By their shapes these recordings have several topologies, and all are of one mesh: all "
         "are fitted with its spring modes. State a topology to decide otherwise."
     )
     return replace(table, notes=(note, *table.notes))
