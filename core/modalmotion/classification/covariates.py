@@ -4,21 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Final
 
+from modalmotion.classification.circumstances import is_circumstance
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.facts import Facts, Named
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature
-
-# Where and how a case was recorded may tell classes apart, and says nothing of the motion.
-CIRCUMSTANCES: Final = frozenset(
-    {
-        *("site", "centre", "center", "hospital", "clinic", "device", "scanner", "vendor"),
-        *("manufacturer", "operator", "observer", "fold", "split", "group"),
-    }
-)
-"""Covariates that are no features by these names; a card may test them as confounds."""
 
 
 def with_covariates(
@@ -38,9 +29,14 @@ def with_covariates(
 def features_of(
     cases: Sequence[Mapping[str, float | str]], options: TrainingOptions
 ) -> tuple[Mapping[str, float | str], ...]:
-    """Covariates that may be features: not those by which cases are grouped or recorded."""
-    aside = {name.casefold() for name in (options.groups, options.fold) if name} | CIRCUMSTANCES
+    """Covariates that may be features: not those by which cases are grouped or recorded.
+
+    How a case was recorded may tell classes apart, and says nothing of the motion: a card tests
+    it as a confound.
+    """
+    aside = {name.casefold() for name in (options.groups, options.fold) if name}
+    names = {name for case in cases for name in case}
+    used = {name for name in names if name.casefold() not in aside and not is_circumstance(name)}
     return tuple(
-        Named({name: value for name, value in case.items() if name.casefold() not in aside})
-        for case in cases
+        Named({name: value for name, value in case.items() if name in used}) for case in cases
     )
