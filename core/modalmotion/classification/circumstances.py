@@ -14,7 +14,18 @@ _WORDS: Final = frozenset(
         *("operator", "reader", "observer", "technician", "technologist", "sonographer"),
         *("radiographer", "annotator", "rater"),
         *("batch", "session", "protocol", "acquisition", "reconstruction", "recon", "kernel"),
-        *("software", "firmware", "version", "export", "exported", "segmentation"),
+        *(
+            "software",
+            "firmware",
+            "version",
+            "export",
+            "exported",
+            "segmentation",
+            "segmented",
+            "imaging",
+            "scanned",
+            "recorded",
+        ),
         *("fps", "framerate", "slice", "voxel", "pixel", "bandwidth", "fov", "snr"),
         *("date", "timestamp", "uid", "accession", "filename", "dataset", "scandate"),
     }
@@ -33,7 +44,23 @@ _ALONE: Final = frozenset(
 _BESIDE: Final = frozenset(
     {
         *("id", "no", "nr", "n", "num", "number", "count", "name", "code", "index", "type"),
-        *("label", "description", "ms", "s", "sec", "second", "hz", "mm", "t", "data"),
+        *(
+            "of",
+            "per",
+            "the",
+            "on",
+            "at",
+            "label",
+            "description",
+            "ms",
+            "s",
+            "sec",
+            "second",
+            "hz",
+            "mm",
+            "t",
+            "data",
+        ),
     }
 )
 

@@ -69,7 +69,14 @@ RECORDED = (
         "fold",
         "group",
     ),
-    *("frame rate", "year of scan", "Field Strength (T)"),
+    *(
+        "frame rate",
+        "year of scan",
+        "Field Strength (T)",
+        "number of frames",
+        "imaging year",
+        "scanned_on",
+    ),
 )
 
 OWN = (
