@@ -14,18 +14,8 @@ _WORDS: Final = frozenset(
         *("operator", "reader", "observer", "technician", "technologist", "sonographer"),
         *("radiographer", "annotator", "rater"),
         *("batch", "session", "protocol", "acquisition", "reconstruction", "recon", "kernel"),
-        *(
-            "software",
-            "firmware",
-            "version",
-            "export",
-            "exported",
-            "segmentation",
-            "segmented",
-            "imaging",
-            "scanned",
-            "recorded",
-        ),
+        *("software", "firmware", "version", "export", "exported"),
+        *("segmentation", "segmented", "imaging", "scanned", "recorded"),
         *("fps", "framerate", "slice", "voxel", "pixel", "bandwidth", "fov", "snr"),
         *("date", "timestamp", "uid", "accession", "filename", "dataset", "scandate"),
     }
@@ -44,23 +34,8 @@ _ALONE: Final = frozenset(
 _BESIDE: Final = frozenset(
     {
         *("id", "no", "nr", "n", "num", "number", "count", "name", "code", "index", "type"),
-        *(
-            "of",
-            "per",
-            "the",
-            "on",
-            "at",
-            "label",
-            "description",
-            "ms",
-            "s",
-            "sec",
-            "second",
-            "hz",
-            "mm",
-            "t",
-            "data",
-        ),
+        *("of", "per", "the", "on", "at", "label", "description", "ms"),
+        *("s", "sec", "second", "hz", "mm", "t", "data"),
     }
 )
 

@@ -126,7 +126,10 @@ def test_what_is_a_patients_own(name: str) -> None:
 
 
 def test_they_are_no_features() -> None:
-    cases = [{"age": 61.0, "frame_rate": 25.0, "ScanDate": "2020"}, {"age": 70.0, "fps": 30.0}]
+    cases: list[dict[str, float | str]] = [
+        {"age": 61.0, "frame_rate": 25.0, "ScanDate": "2020"},
+        {"age": 70.0, "fps": 30.0},
+    ]
     assert [dict(case) for case in features_of(cases, TrainingOptions())] == [
         {"age": 61.0},
         {"age": 70.0},
