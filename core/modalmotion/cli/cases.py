@@ -117,12 +117,7 @@ def read_manifest(
     MalformedFileError
         If it is not such a table, or a row lacks something; it names the line.
     """
-    try:
-        text = manifest.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise MalformedFileError(
-            f"The manifest '{manifest}' cannot be read as text ({error}).", remedy=_HOW
-        ) from error
+    text = _text_of(manifest)
     lines = text.splitlines()
     first = lines[0] if lines else ""
     delimiter = max(",;\t", key=first.count)
@@ -146,6 +141,28 @@ def read_manifest(
     has_commas = delimiter != ","
     settings = needed, has_commas, skip_unreadable
     return [_row(manifest, rows.line_num, row, *settings) for row in rows]
+
+
+def _text_of(manifest: Path) -> str:
+    try:
+        text = manifest.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise MalformedFileError(
+            f"The manifest '{manifest}' cannot be read as text ({error}).", remedy=_HOW
+        ) from error
+    except UnicodeDecodeError as error:
+        raise _not_utf8(manifest, error.start) from error
+    # UTF-16 without a mark at its beginning.
+    if "\0" in text:
+        raise _not_utf8(manifest, text.index("\0"))
+    return text
+
+
+def _not_utf8(manifest: Path, place: int) -> MalformedFileError:
+    return MalformedFileError(
+        f"The manifest '{manifest}' is not UTF-8 text (byte {place}).",
+        remedy="Save the table as UTF-8 (in Excel: CSV UTF-8).",
+    )
 
 
 @dataclass(frozen=True)

@@ -214,6 +214,10 @@ def test_mistakes_are_told_in_one_line_and_name_what_is_wrong(folder: Path, tmp_
     broken = tmp_path / "broken.h5"
     broken.write_bytes(model.read_bytes()[:-1])
     strange = with_manifest(folder, "strange.csv", head, "normal/0.npz,strange")
+    latin, wide, bare = (tmp_path / f"{name}.csv" for name in ("latin", "wide", "bare"))
+    latin.write_text("path,label\na.npz,schw\u00e4che\n", "latin-1")
+    wide.write_text("path,label\na.npz,weak\n", "utf-16")
+    bare.write_text("path,label\na.npz,weak\n", "utf-16-le")
     mistakes: list[tuple[tuple[object, ...], list[str]]] = [
         (train("file,class", *good), ["no column path and no column label"]),
         (train(), ["no column path"]),
@@ -229,7 +233,11 @@ def test_mistakes_are_told_in_one_line_and_name_what_is_wrong(folder: Path, tmp_
         ((*train(head, *good), "--estimator", "oracle"), ["oracle"]),
         (("train", folder / "none.npz", "--name", "w", "-o", out), ["none.npz"]),
         (("train", folder / "none.csv", "--name", "w", "-o", out), ["none.csv"]),
-        (("evaluate", model, strange), ["strange"]),
+        (("evaluate", model, strange), ["normal/0.npz has the class 'strange'"]),
+        (("compare-models", model, model, strange), ["normal/0.npz has the class 'strange'"]),
+        (("train", latin, "--name", "w", "-o", out), ["not UTF-8", "in Excel: CSV UTF-8"]),
+        (("train", wide, "--name", "w", "-o", out), ["not UTF-8", "in Excel: CSV UTF-8"]),
+        (("train", bare, "--name", "w", "-o", out), ["not UTF-8", "in Excel: CSV UTF-8"]),
         (("evaluate", "nobody", test), ["nobody"]),
         (("evaluate", broken, test), ["broken.h5"]),
         (("classify", folder / "normal/0.npz", "--model", folder / "test.csv"), ["test.csv"]),

@@ -165,6 +165,15 @@ def test_a_manifest_that_does_not_fit_is_refused(
     assert not in_spool(shared_data_dir)
 
 
+def test_a_manifest_that_is_not_utf8_says_how_to_save_it(shared_client: TestClient) -> None:
+    for table in ("path\nschw\u00e4che.npz\n".encode("latin-1"), "path\na.npz\n".encode("utf-16")):
+        parts = [("files", ("a.npz", b"1")), ("manifest", ("m.csv", table))]
+        answer = shared_client.post("/v1/signature", files=parts)
+        assert answer.status_code in (400, 422)
+        assert "not UTF-8 text" in answer.json()["detail"]
+        assert "CSV UTF-8" in answer.text
+
+
 def test_what_a_form_may_not_have_is_refused(shared_client: TestClient, beat: bytes) -> None:
     both = [("files", ("a", beat)), ("file", ("b", beat))]
     twice = [("file", ("a", beat)), ("file", ("b", beat))]

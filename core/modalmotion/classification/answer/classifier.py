@@ -12,7 +12,7 @@ from modalmotion.classification.answer.explanation import explain
 from modalmotion.classification.answer.flags import OUT_OF_DOMAIN, Flag
 from modalmotion.classification.answer.hands import read_hands
 from modalmotion.classification.answer.readability import unreadable
-from modalmotion.classification.covariates import with_covariates
+from modalmotion.classification.covariates import covariate_notes, with_covariates
 from modalmotion.classification.model.model import Model, Readable
 from modalmotion.classification.model.shipped import (
     DEFAULT_MODEL,
@@ -55,7 +55,8 @@ def classify(
     coverage : float
         Probability with which the class set is to hold the true class.
     covariates : mapping of str to (float or str), optional
-        Such as an age: over those of the recording's facts.
+        Such as an age: over those of the recording's facts. Notes name those that the model does
+        not know, and those that it reads and nobody states.
 
     Returns
     -------
@@ -99,6 +100,7 @@ def classify(
     if model.name == OFFSET_MODEL and signature.facts.tracking == UNKNOWN:
         notes.insert(0, _TRACKING_NOTE)
     notes.append(few_cases(model, coverage))
+    notes += _covariate_notes(signature, model)
     return Classification(
         sequence_id=signature.sequence_id,
         model=model.name,
@@ -160,6 +162,15 @@ def _abstention(
         coverage=coverage,
         flags=tuple(flag.name for flag in flags),
         explanation=(),
-        notes=(*(f"No class: {flag.words}." for flag in flags), *model.notes.get("", ())),
+        notes=(
+            *(f"No class: {flag.words}." for flag in flags),
+            *model.notes.get("", ()),
+            *_covariate_notes(signature, model),
+        ),
         provenance=provenance(),
     )
+
+
+def _covariate_notes(signature: ModalSignature, model: Model) -> tuple[str, ...]:
+    read = (one.name for member in model.members for one in member.reader.covariates)
+    return covariate_notes(read, signature.facts.covariates)

@@ -152,7 +152,7 @@ def compare_models(
         read = cases_for_models(models, cases, left_out)
     for number, pair in read:
         for model, case, its in zip(models, pair, answers, strict=True):
-            require_known(model, case.label, number)
+            require_known(model, case.label, number, case.name)
             its.append(CaseAnswer.of(case, classify(case.motion, model, coverage)))
         if progress is not None:
             progress(float(number + 1), "classified by both")

@@ -167,14 +167,14 @@ def evaluate(
     """
     answers = []
     for number, case in enumerate(cases):
-        require_known(model, case.label, number)
+        require_known(model, case.label, number, case.name)
         answers.append(CaseAnswer.of(case, classify(case.motion, model, coverage)))
         if progress is not None:
             progress(float(number + 1), "classified")
     return evaluation_of(model, answers, coverage)
 
 
-def require_known(model: Model, label: str, number: int) -> None:
+def require_known(model: Model, label: str, number: int, name: str = "") -> None:
     """Check that a model knows the class of a case.
 
     Raises
@@ -184,7 +184,7 @@ def require_known(model: Model, label: str, number: int) -> None:
     """
     if label not in model.classes:
         raise ParameterError(
-            f"The case {number} has the class {str(label)[:80]!r}, which the model "
+            f"The case {name or number} has the class {str(label)[:80]!r}, which the model "
             f"{model.name!r} does not know.",
             remedy=f"Give cases of its classes: {', '.join(model.classes)}.",
             details={"case": number},

@@ -15,6 +15,7 @@ from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.case_groups import group_cases
 from modalmotion.classification.training.case_row import CaseRow
 from modalmotion.classification.training.cases import AnyCase
+from modalmotion.classification.training.cohort_notes import cohort_notes
 from modalmotion.classification.training.feature_choices import (
     domain_reader,
     feature_choices,
@@ -117,6 +118,7 @@ def _collected(
         notes.append(
             f"Some recordings have too few vertices for {most} modes: {n} are read of all."
         )
+    notes += cohort_notes(rows)
     table = _table(rows, classes, example, topologies, options, notes)
     own: tuple[Fold, ...] = ()
     if options.fold is not None:

@@ -8,7 +8,7 @@ from typing import Final
 from fastapi.exceptions import RequestValidationError
 from starlette.datastructures import FormData, UploadFile
 
-from modalmotion.errors import LimitError, ParameterError
+from modalmotion.errors import LimitError, MalformedFileError, ParameterError
 from modalmotion.facts import column_of, facts_from_texts, is_fact
 from modalmotion_service.cohort.manifest import entries_by_name
 from modalmotion_service.http.many_files import FILES, ManyFiles, SentPart
@@ -95,7 +95,13 @@ async def spool_file_of(form: FormData, many: ManyFiles) -> SpoolFile:
                 remedy="Send the files in several requests.",
                 details={"most": _MOST_BYTES},
             )
-        table = data.decode("utf-8-sig", errors="replace")
+        try:
+            table = data.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            raise MalformedFileError(
+                f"The manifest is not UTF-8 text (byte {error.start}).",
+                remedy="Save the table as UTF-8 (in Excel: CSV UTF-8).",
+            ) from error
     return SpoolFile(many.path, parts=parts if table is None else _described(parts, table))
 
 
