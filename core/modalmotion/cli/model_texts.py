@@ -26,6 +26,8 @@ def card_lines(name: str, model_id: str, card: ModelCard) -> str:
         f"  {card.n_cases[label]:5d} sequences of {card.n_subjects[label]} subjects  {label}"
         for label in card.classes
     ]
+    if card.reads:
+        lines.append(f"Reads: {card.reads}")
     if card.accuracy is not None:
         how = "subjects apart" if card.is_grouped else "cases apart"
         accuracy = accuracy_text(card.accuracy, card.accuracy_interval)

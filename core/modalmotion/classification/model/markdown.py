@@ -49,6 +49,7 @@ def card_markdown(name: str, model_id: str, card: ModelCard, *, version: int | N
         _sets(card),
         *_confounds(card),
         "## Training",
+        f"Reads: {_plain(card.reads)}" if card.reads else "",
         _table(("option", "value"), sorted(card.options.items())),
         _table(("library", "version"), sorted(card.versions.items())),
         *_notes(card),

@@ -136,9 +136,12 @@ def train(
     model = _model(table, fitted, name, validation, options)
     card = training_card(table, options, plan, validation, held_out, fitted)
     report(1.0, "trained")
-    weighed = () if len(tables) == 1 else (kind_note(tables, fits),)
-    notes = (*table.notes, *weighed, *plan.splits.notes, *card.notes)
-    return replace(model, card=replace(card, notes=notes))
+    # Of a model that does not read the motion nobody need know how it would have been read.
+    weighed = model.no_motion_note
+    if model.reads_motion and len(tables) > 1:
+        weighed = kind_note(tables, fits)
+    notes = (*table.notes, weighed, *plan.splits.notes, *card.notes)
+    return replace(model, card=replace(card, notes=tuple(filter(None, notes))))
 
 
 def _own_folds(table: CaseTable, cv: Folds) -> tuple[Fold, ...]:
@@ -172,7 +175,10 @@ def _model(
     golden = rounded(X[:: max(1, len(X) // _N_GOLDEN)][:_N_GOLDEN])
     always: tuple[str, ...] = ()
     members = tuple(_member(table, member) for member in fitted.members)
-    if _has_closed(table) and not any(member.reader.walls for member in members):
+    # Where the motion is not read, walls are not looked for either.
+    reads_motion = any(member.reader.reads_motion for member in members)
+    has_walls = any(member.reader.walls for member in members)
+    if _has_closed(table) and reads_motion and not has_walls:
         always = (WALLS_NOTE,)
     arrays: dict[str, Any] = {array: rounded(getattr(domain, array)) for array in ARRAYS}
     model = Model(
