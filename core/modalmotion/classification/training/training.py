@@ -101,13 +101,15 @@ def train(
     if options is None:
         options = TrainingOptions()
     report = progress or _silent
-    n_readings = len(cases) if isinstance(cases, Sized) else 0
-    if options.kind is None:
-        n_readings *= 2
+    n_cases = len(cases) if isinstance(cases, Sized) else 0
+    n_readings = n_cases * (2 if options.kind is None else 1)
 
     def reading(number: int) -> None:
         share = _READ * (number / n_readings) if n_readings else 0.0
-        report(share, f"reading case {number}")
+        text = f"reading case {number} of {n_cases}" if n_cases else f"reading case {number}"
+        if n_cases and number > n_cases:
+            text = "reading the offsets of all cases"
+        report(share, text)
 
     tables = collect_kinds(cases, offsets, options, reading)
     if cv is not None:
