@@ -149,8 +149,8 @@ def _of_few(n_cases: dict[str, int]) -> tuple[str, ...]:
         return ()
     of = "" if n < _FEW_IN_ALL else f", {least} of {min(n_cases, key=lambda k: n_cases[k])},"
     note = (
-        f"Figures of {n} cases{of} say little: that all of them were right, or a loss of 0, is no "
-        "certainty. Heed the intervals, and train or test on more."
+        f"Figures of {n} cases{of} say little: even where all of them are right, or a loss is 0, "
+        "that is no certainty. Heed the intervals, and train or test on more."
     )
     return (note,)
 
