@@ -50,7 +50,7 @@ def evaluation_lines(result: Evaluation) -> str:
     lines += [f"  {100 * share:5.1f} %  {flag}" for flag, share in result.flagged.items()]
     lines += [*_figures(result), *_matrix(result.classes, result.confusion)]
     lines += _sets(result.coverage, result.class_coverage, result.mean_set_size)
-    n_empty = sum(not case.class_set for case in result.cases)
+    n_empty = result.n_empty_sets
     lines.append(f"{n_empty} of {result.n_cases} sets {'is' if n_empty == 1 else 'are'} empty")
     return "\n".join(lines + [f"note: {note}" for note in result.notes])
 

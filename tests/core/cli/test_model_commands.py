@@ -119,6 +119,7 @@ def test_a_model_is_tested_on_other_cases(folder: Path, tmp_path: Path) -> None:
     assert plot.read_bytes().startswith(b"\x89PNG")
     answer = json.loads(succeed("evaluate", model, manifest, "--json").stdout)
     assert answer["n_cases"] == 4
+    assert answer["n_empty_sets"] == sum(not case["class_set"] for case in answer["cases"])
     assert answer["model_id"] == model_from_hdf5(model).id
     with (folder / "test.csv").open() as file:
         rows = list(csv.DictReader(file))
