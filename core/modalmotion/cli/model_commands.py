@@ -242,7 +242,8 @@ def card(model: str, markdown: bool, out: Path | None, as_json: bool) -> None:
         raise click.UsageError("--markdown and --json exclude each other.")
     stored = model_named(model)
     if markdown:
-        text = card_markdown(stored.name, stored.id, stored.card)
+        file = model if Path(model).is_file() else None
+        text = card_markdown(stored.name, stored.id, stored.card, file=file)
     elif as_json:
         text = json.dumps(stored.card.as_json(), indent=2) + "\n"
     else:

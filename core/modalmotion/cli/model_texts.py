@@ -26,6 +26,8 @@ def card_lines(name: str, model_id: str, card: ModelCard) -> str:
         f"  {card.n_cases[label]:5d} sequences of {card.n_subjects[label]} subjects  {label}"
         for label in card.classes
     ]
+    if card.reads:
+        lines.append(f"Reads: {card.reads}")
     if card.accuracy is not None:
         how = "subjects apart" if card.is_grouped else "cases apart"
         accuracy = accuracy_text(card.accuracy, card.accuracy_interval)
@@ -48,6 +50,8 @@ def evaluation_lines(result: Evaluation) -> str:
     lines += [f"  {100 * share:5.1f} %  {flag}" for flag, share in result.flagged.items()]
     lines += [*_figures(result), *_matrix(result.classes, result.confusion)]
     lines += _sets(result.coverage, result.class_coverage, result.mean_set_size)
+    n_empty = result.n_empty_sets
+    lines.append(f"{n_empty} of {result.n_cases} sets {'is' if n_empty == 1 else 'are'} empty")
     return "\n".join(lines + [f"note: {note}" for note in result.notes])
 
 

@@ -77,6 +77,7 @@ class EvaluationAnswer(PerformanceAnswer):
     coverage: float
     class_coverage: dict[str, float] = Field(description="Share of each class whose set held it.")
     mean_set_size: float
+    n_empty_sets: int = Field(description="Number of empty class sets.")
     notes: list[str] = Field(description="Caveats, such as sequences that were trained on.")
     cases: list[CaseResult]
 

@@ -112,11 +112,14 @@ def test_a_model_is_tested_on_other_cases(folder: Path, tmp_path: Path) -> None:
         assert [row["subject"] for row in listed] == [
             row["subject"] for row in csv.DictReader(table)
         ]
+    n_empty = sum(not row["class_set"] for row in listed)
     for words in ("on 4 sequences", "95 % interval", "confusion", "class sets at 80 %"):
         assert words in result.output
+    assert f"\n{n_empty} of 4 sets {'is' if n_empty == 1 else 'are'} empty\n" in result.output
     assert plot.read_bytes().startswith(b"\x89PNG")
     answer = json.loads(succeed("evaluate", model, manifest, "--json").stdout)
     assert answer["n_cases"] == 4
+    assert answer["n_empty_sets"] == sum(not case["class_set"] for case in answer["cases"])
     assert answer["model_id"] == model_from_hdf5(model).id
     with (folder / "test.csv").open() as file:
         rows = list(csv.DictReader(file))

@@ -65,9 +65,9 @@ def class_set(
         classes = tuple(c for c, keep in zip(model.classes, held, strict=True) if keep)
         return ClassSet(classes, "", False)
     likeliest = int(probabilities.argmax())
+    own = model.classes[likeliest]
     distance, limit = float(apart[likeliest]), float(model.domain.limits[OF_CLASS])
     if distance > limit:
-        own = model.classes[likeliest]
         words = (
             f"it is unlike every class at {100 * coverage:g} %, and farther from {own}, the most "
             f"probable one, than nearly all training cases that are {own} (distance "
@@ -78,10 +78,12 @@ def class_set(
     for level in _LEVELS:
         if level > coverage and _held(model, probabilities, level).any():
             words = (
-                f"Unlike every class at {100 * coverage:g} %: {label} is the most probable, but "
-                f"less so than in {100 * coverage:g} % of the cases that are {label}, and so is "
+                f"Unlike every class at {100 * coverage:g} %: {own} is the most probable, but "
+                f"less so than in {100 * coverage:g} % of the cases that are {own}, and so is "
                 f"each other class. At {100 * level:g} % the set is not empty."
             )
+            if label != own:
+                words += f" The answer is {label} by the decision of the model."
             return ClassSet((), words, False)
     words = (
         f"it is unlike every class at {100 * max(coverage, _STRICT):g} %: none is as probable as "

@@ -35,6 +35,8 @@ _TRACKING_NOTE = (
     "If they follow the tissue (tagging, feature tracking), state tracking=material."
 )
 
+_UNEXPLAINED_NOTE = "So no mode of the surface explains the answer."
+
 
 def classify(
     motion: ModalSignature | MeshSequence,
@@ -99,6 +101,10 @@ def classify(
         notes.append(_REFERENCE_NOTE)
     if model.name == OFFSET_MODEL and signature.facts.tracking == UNKNOWN:
         notes.insert(0, _TRACKING_NOTE)
+    explanation = explain(read.better, model, probabilities)
+    notes.append(model.no_motion_note)
+    if model.no_motion_note and not explanation:
+        notes.append(_UNEXPLAINED_NOTE)
     notes.append(few_cases(model, coverage))
     notes += _covariate_notes(signature, model)
     return Classification(
@@ -111,7 +117,7 @@ def classify(
         class_set=held.classes,
         coverage=coverage,
         flags=(),
-        explanation=explain(read.better, model, probabilities),
+        explanation=explanation,
         notes=tuple(filter(None, notes)),
         provenance=provenance(),
     )
@@ -162,10 +168,16 @@ def _abstention(
         coverage=coverage,
         flags=tuple(flag.name for flag in flags),
         explanation=(),
-        notes=(
-            *(f"No class: {flag.words}." for flag in flags),
-            *model.notes.get("", ()),
-            *_covariate_notes(signature, model),
+        notes=tuple(
+            filter(
+                None,
+                (
+                    *(f"No class: {flag.words}." for flag in flags),
+                    *model.notes.get("", ()),
+                    model.no_motion_note,
+                    *_covariate_notes(signature, model),
+                ),
+            )
         ),
         provenance=provenance(),
     )

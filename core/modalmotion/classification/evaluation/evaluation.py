@@ -89,6 +89,8 @@ class Evaluation(Performance):
     class_coverage : dict of str to float
         Share of each class whose set held it.
     mean_set_size : float
+    n_empty_sets : int
+        Number of empty class sets.
     methods : str
         How the figures and their intervals are made.
     notes : tuple of str
@@ -106,6 +108,7 @@ class Evaluation(Performance):
     coverage: float
     class_coverage: dict[str, float]
     mean_set_size: float
+    n_empty_sets: int
     methods: str
     notes: tuple[str, ...]
     cases: tuple[CaseAnswer, ...]
@@ -232,6 +235,7 @@ def evaluation_of(model: Model, answers: Sequence[CaseAnswer], coverage: float) 
             label: float(covers[y == k].mean()) for k, label in enumerate(classes) if (y == k).any()
         },
         mean_set_size=float(np.mean([len(case.class_set) for case in answers])),
+        n_empty_sets=sum(not case.class_set for case in answers),
         methods=METHODS,
         notes=_notes(model, answers),
         cases=tuple(answers),

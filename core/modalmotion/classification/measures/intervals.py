@@ -69,9 +69,17 @@ def share_interval(right: NDArray[np.generic], subjects: Sequence[str]) -> tuple
 
 
 def loss_interval(
-    losses: NDArray[np.float64], subjects: Sequence[str]
+    losses: NDArray[np.float64], subjects: Sequence[str], most: float = np.inf
 ) -> tuple[float, float] | None:
     """95 % interval of a mean of losses, none below 0; None for one case or one subject.
+
+    Parameters
+    ----------
+    losses : (cases,) float64
+    subjects : sequence of str
+        As in `design_effect`.
+    most : float
+        That a loss can be.
 
     Notes
     -----
@@ -83,4 +91,4 @@ def loss_interval(
     residuals = losses - mean
     variance = float((residuals**2).sum()) / (n - 1) / n * design_effect(residuals, subjects)
     half = Z * np.sqrt(variance)
-    return max(0.0, float(mean - half)), float(mean + half)
+    return max(0.0, float(mean - half)), min(most, float(mean + half))

@@ -35,6 +35,9 @@ METHODS: Final = (
 # No probability is 0, but a fold may not have seen a class.
 _LEAST: Final = float(np.finfo(np.float64).eps)
 
+# All on another class.
+_MOST_BRIER: Final = 2.0
+
 
 @shown("accuracy", "accuracy_interval", "auc", "log_loss", "calibration_error")
 @dataclass(frozen=True, kw_only=True)
@@ -171,7 +174,7 @@ def performance(answers: Answers, *, abstains: bool = False) -> Performance:
         log_loss=float(losses.mean()),
         log_loss_interval=loss_interval(losses, answers.subjects),
         brier=float(briers.mean()),
-        brier_interval=loss_interval(briers, answers.subjects),
+        brier_interval=loss_interval(briers, answers.subjects, _MOST_BRIER),
         sensitivity=sensitivity,
         specificity=specificity,
         confusion=tuple(

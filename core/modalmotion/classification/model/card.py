@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, Final
 
 from modalmotion.classification.measures.performance import Interval, Measured
 from modalmotion.classification.measures.roc import RocCurve
 from modalmotion.representation import shown
+
+# Choices of features that are named in words, the weightiest.
+_N_NAMED: Final = 3
 
 
 @shown("classes", "accuracy", "calibration_error", "coverage", "training_set")
@@ -102,6 +105,15 @@ class ModelCard:
     fold_choices: tuple[dict[str, Any], ...] = ()
     confounds: tuple[dict[str, Any], ...] = ()
     decision: dict[str, Any] | None = None
+
+    @property
+    def reads(self) -> str:
+        """The weightiest choices of features, in words; empty where the card has none."""
+        choices = self.options.get("features", ())
+        parts = [f"{name} (weight {weight:.2f})" for name, weight in choices[:_N_NAMED]]
+        if len(choices) > _N_NAMED:
+            parts.append(f"{len(choices) - _N_NAMED} more")
+        return " and ".join(parts)
 
     def as_json(self) -> dict[str, Any]:
         """Return the card as JSON-able values, tuples as lists."""

@@ -5,16 +5,25 @@ from __future__ import annotations
 import html
 import json
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from modalmotion.classification.model.card import ModelCard
+from modalmotion.classification.model.shipped import DEFAULT_MODEL, OFFSET_MODEL
 
 # What would be read as Markdown or as a table, in texts of others.
 _MARKS: Final = re.compile(r"([\\`*_{}\[\]|#~$])")
 
 
-def card_markdown(name: str, model_id: str, card: ModelCard, *, version: int | None = None) -> str:
+def card_markdown(
+    name: str,
+    model_id: str,
+    card: ModelCard,
+    *,
+    version: int | None = None,
+    file: str | None = None,
+) -> str:
     """Write a card as Markdown with a YAML head (`model-index`), for people and for registries.
 
     Parameters
@@ -22,6 +31,9 @@ def card_markdown(name: str, model_id: str, card: ModelCard, *, version: int | N
     name, model_id : str
     card : ModelCard
     version : int, optional
+    file : str, optional
+        Where the model lies, for the example; a file of its name by default, and for a shipped
+        model its name.
 
     Returns
     -------
@@ -49,13 +61,28 @@ def card_markdown(name: str, model_id: str, card: ModelCard, *, version: int | N
         _sets(card),
         *_confounds(card),
         "## Training",
+        f"Reads: {_plain(card.reads)}" if card.reads else "",
         _table(("option", "value"), sorted(card.options.items())),
         _table(("library", "version"), sorted(card.versions.items())),
         *_notes(card),
         "## How to use it",
-        f"```sh\nmodalmotion classify beat.npz --model {name}\n```",
+        *_use(name, version, file),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _use(name: str, version: int | None, file: str | None) -> list[str]:
+    """Show a command that works: with a file, unless the model comes with the package."""
+    if file is None and version is None and name in (DEFAULT_MODEL, OFFSET_MODEL):
+        return [f"```sh\nmodalmotion classify beat.npz --model {name}\n```"]
+    own = f"{name}.h5" if version is None else f"{name}-{version}.h5"
+    # No path may end the block.
+    place = own if file is None or "`" in file or not file.isprintable() else file
+    words = (
+        "Here `--model` takes the model's file, wherever it lies; only models that come with the "
+        "package have names there."
+    )
+    return [f"```sh\nmodalmotion classify beat.npz --model {shlex.quote(place)}\n```", words]
 
 
 def _head(name: str, card: ModelCard) -> str:

@@ -160,6 +160,21 @@ class Model(FrozenArrays):
         volume = {Further.VOLUME, Further.VOLUME_CURVE}
         return any(volume & set(member.reader.further) for member in self.members)
 
+    @cached_property
+    def reads_motion(self) -> bool:
+        """Whether a member reads the motion itself, and not only what is beside it."""
+        return any(member.reader.reads_motion for member in self.members)
+
+    @cached_property
+    def no_motion_note(self) -> str:
+        """What is read in the place of the motion, in words; empty where the motion is read."""
+        if self.reads_motion:
+            return ""
+        kinds = dict.fromkeys(kind for member in self.members for kind in member.reader.further)
+        *others, last = (f"the {kind}" for kind in kinds)
+        what = f"{', '.join(others)} and {last}" if others else last
+        return f"The model reads {what} alone, not the motion of the surface."
+
     def read(
         self,
         signature: ModalSignature,

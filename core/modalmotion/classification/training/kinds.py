@@ -87,14 +87,16 @@ def kind_of_table(table: CaseTable) -> SignatureKind:
 
 
 def kind_note(tables: Sequence[CaseTable], fits: Sequence[FoldFit]) -> str:
-    """Say which kind a model reads, and how much better it predicts."""
+    """Say which kind a model reads, and by what losses it was chosen."""
     best = better(fits)
     losses = {kind_of_table(t): f.losses.mean for t, f in zip(tables, fits, strict=True)}
     said = ", ".join(f"{kind} {loss:.3f}" for kind, loss in losses.items())
     return (
         "The recordings do not state whether their points follow the tissue. Both kinds of "
-        f"signature were weighed inside the folds (log loss of cases left out: {said}), and the "
-        f"model reads {kind_of_table(tables[best])}. State the option kind to decide otherwise."
+        "signature were weighed, inside each fold too, and the model reads "
+        f"{kind_of_table(tables[best])}. They were weighed by losses within training, on which "
+        f"choices are made too: {said}. These are not of held-out folds, so do not compare them "
+        "with the card's log loss. State the option kind to decide otherwise."
     )
 
 

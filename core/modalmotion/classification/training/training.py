@@ -101,13 +101,15 @@ def train(
     if options is None:
         options = TrainingOptions()
     report = progress or _silent
-    n_readings = len(cases) if isinstance(cases, Sized) else 0
-    if options.kind is None:
-        n_readings *= 2
+    n_cases = len(cases) if isinstance(cases, Sized) else 0
+    n_readings = n_cases * (2 if options.kind is None else 1)
 
     def reading(number: int) -> None:
         share = _READ * (number / n_readings) if n_readings else 0.0
-        report(share, f"reading case {number}")
+        text = f"reading case {number} of {n_cases}" if n_cases else f"reading case {number}"
+        if n_cases and number > n_cases:
+            text = "reading the offsets of all cases"
+        report(share, text)
 
     tables = collect_kinds(cases, offsets, options, reading)
     if cv is not None:
@@ -136,9 +138,12 @@ def train(
     model = _model(table, fitted, name, validation, options)
     card = training_card(table, options, plan, validation, held_out, fitted)
     report(1.0, "trained")
-    weighed = () if len(tables) == 1 else (kind_note(tables, fits),)
-    notes = (*table.notes, *weighed, *plan.splits.notes, *card.notes)
-    return replace(model, card=replace(card, notes=notes))
+    # Of a model that does not read the motion nobody need know how it would have been read.
+    weighed = model.no_motion_note
+    if model.reads_motion and len(tables) > 1:
+        weighed = kind_note(tables, fits)
+    notes = (*table.notes, weighed, *plan.splits.notes, *card.notes)
+    return replace(model, card=replace(card, notes=tuple(filter(None, notes))))
 
 
 def _own_folds(table: CaseTable, cv: Folds) -> tuple[Fold, ...]:
@@ -172,7 +177,10 @@ def _model(
     golden = rounded(X[:: max(1, len(X) // _N_GOLDEN)][:_N_GOLDEN])
     always: tuple[str, ...] = ()
     members = tuple(_member(table, member) for member in fitted.members)
-    if _has_closed(table) and not any(member.reader.walls for member in members):
+    # Where the motion is not read, walls are not looked for either.
+    reads_motion = any(member.reader.reads_motion for member in members)
+    has_walls = any(member.reader.walls for member in members)
+    if _has_closed(table) and reads_motion and not has_walls:
         always = (WALLS_NOTE,)
     arrays: dict[str, Any] = {array: rounded(getattr(domain, array)) for array in ARRAYS}
     model = Model(

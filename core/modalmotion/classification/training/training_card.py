@@ -26,6 +26,10 @@ from modalmotion.hdf5.image import INTENDED_USE
 # Fewer calibration cases than this make sets of the usual 90 % hold a class always.
 _FEW: Final = 9
 
+# Fewer cases than these, in all or of a class, make figures that say little.
+_FEW_IN_ALL: Final = 10
+_FEW_OF_A_CLASS: Final = 5
+
 
 def empty_card(table: CaseTable) -> ModelCard:
     """Card of a model before its training."""
@@ -130,12 +134,25 @@ def training_card(
             if fold.size is None
         ),
         confounds=tests,
-        notes=(*notes, *confound_notes(tests)),
+        notes=(*_of_few(n_cases), *notes, *confound_notes(tests)),
         class_coverage={
             label: float(held[table.y == k].mean()) for k, label in enumerate(table.classes)
         },
         mean_set_size=float(sizes.mean()),
     )
+
+
+def _of_few(n_cases: dict[str, int]) -> tuple[str, ...]:
+    """Say that figures of few cases are no certainty."""
+    n, least = sum(n_cases.values()), min(n_cases.values())
+    if n >= _FEW_IN_ALL and least >= _FEW_OF_A_CLASS:
+        return ()
+    of = "" if n < _FEW_IN_ALL else f", {least} of {min(n_cases, key=lambda k: n_cases[k])},"
+    note = (
+        f"Figures of {n} cases{of} say little: even where all of them are right, or a loss is 0, "
+        "that is no certainty. Heed the intervals, and train or test on more."
+    )
+    return (note,)
 
 
 def _cross_sets(

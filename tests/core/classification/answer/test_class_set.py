@@ -55,6 +55,20 @@ def test_an_empty_set_keeps_the_label_at_a_level_that_has_one_and_takes_it_other
     assert not class_set(calibrated(20), np.array([0.4, 0.6]), "normal", 0.9, NEAR).is_strange
 
 
+def test_an_empty_set_names_the_most_probable_class_and_not_that_of_a_decision() -> None:
+    model = calibrated()
+    other, own = model.classes
+    shares = np.array([0.193, 0.807])
+    plain = class_set(model, shares, own, 0.9, NEAR).words
+    assert (
+        f"{own} is the most probable, but less so than in 90 % of the cases that are {own},"
+        in plain
+    )
+    assert "decision" not in plain
+    ruled = class_set(model, shares, other, 0.9, NEAR).words
+    assert ruled == f"{plain} The answer is {other} by the decision of the model."
+
+
 def test_an_empty_set_of_a_case_that_is_far_from_its_class_takes_the_label() -> None:
     model = calibrated()
     limits = model.domain.limits.copy()

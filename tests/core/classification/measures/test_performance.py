@@ -114,6 +114,17 @@ def test_cases_of_one_subject_widen_every_interval() -> None:
         assert together[name] > 1.3 * width, name
 
 
+def test_no_interval_of_losses_leaves_their_range() -> None:
+    y = np.array([0, 0, 1, 1])
+    shares = np.array([[[1.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 0.0]]])
+    result = performance(Answers(("a", "b"), y, list("abcd"), shares, shares.argmax(axis=2)))
+    assert result.brier == 1.5
+    assert result.brier_interval is not None
+    assert result.brier_interval[1] == 2.0
+    assert result.log_loss_interval is not None
+    assert result.log_loss_interval[0] >= 0.0
+
+
 def test_a_perfect_area_has_a_width_and_one_class_has_no_area() -> None:
     scores = np.arange(20.0).astype(np.float64)
     is_class = np.arange(20) >= 10

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from click.testing import CliRunner
 
 from modalmotion.classification import DEFAULT_MODEL, ModelCard, card_markdown, load_model
 from modalmotion.cli import main
+from modalmotion.store import model_to_hdf5
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +58,22 @@ def test_the_page_says_what_the_card_says(card: ModelCard) -> None:
     assert rows[0].count("|") == len(card.confusion[0]) + 2
 
 
+def test_the_command_on_the_page_names_a_file_that_is_one(card: ModelCard) -> None:
+    def shown(name: str, **where: Any) -> str:
+        return card_markdown(name, "0" * 64, card, **where).split("```sh\n")[1].split("\n```")[0]
+
+    asked = "modalmotion classify beat.npz --model"
+    assert shown(DEFAULT_MODEL) == f"{asked} {DEFAULT_MODEL}"
+    assert shown("mine") == f"{asked} mine.h5"
+    assert shown("mine", version=3) == f"{asked} mine-3.h5"
+    assert shown("mine", file="models/mine.h5") == f"{asked} models/mine.h5"
+    assert shown("mine", file="my models/mine.h5") == f"{asked} 'my models/mine.h5'"
+    for odd in ("a\n```\nb.h5", "a`b.h5"):
+        assert shown("mine", file=odd) == f"{asked} mine.h5"
+    page = card_markdown("mine", "0" * 64, card)
+    assert "only models that come with the package have names" in page
+
+
 def test_texts_of_others_stay_texts(card: ModelCard) -> None:
     odd = "a|b <script>\n---\n# [x](y)"
     renamed = replace(
@@ -96,6 +114,10 @@ def test_the_command_gives_it_in_three_forms(tmp_path: Path) -> None:
         assert done.exit_code == 0, done.output
         return done.output
 
+    own = tmp_path / "mine.h5"
+    own.write_bytes(model_to_hdf5(load_model()))
+    done = CliRunner().invoke(main, ["card", str(own), "--markdown"])
+    assert f"--model {shlex.quote(str(own))}\n" in done.output
     model = load_model()
     assert run("--markdown") == card_markdown(model.name, model.id, model.card)
     assert json.loads(run("--json")) == model.card.as_json()

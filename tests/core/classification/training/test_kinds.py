@@ -79,6 +79,14 @@ def test_what_all_recordings_state_is_read() -> None:
         assert kinds(beats("unknown", 2), replace(QUICK, kind=kind)) == [kind]
 
 
+def test_progress_counts_each_case_once_where_both_kinds_are_read() -> None:
+    said: list[str] = []
+    train(beats("unknown", 2), "heard", QUICK, lambda share, text: said.append(text))
+    reading = list(dict.fromkeys(text for text in said if text.startswith("reading ")))
+    expected = [f"reading case {k} of 4" for k in range(1, 5)]
+    assert reading == [*expected, "reading the offsets of all cases"]
+
+
 def test_shapes_without_offsets_are_read_as_displacements() -> None:
     rng = np.random.default_rng(1)
     cases = [TrainingCase(curve(label, rng), label) for label in ("tip", "back") * 4]
@@ -105,7 +113,8 @@ def test_offsets_are_read_where_points_follow_nothing() -> None:
     ]
     model = train(cases, "sliding", QUICK)
     assert model.signature_parameters.kind == SignatureKind.OFFSET
-    assert any("model reads offset" in note for note in model.card.notes)
+    (note,) = (note for note in model.card.notes if "model reads offset" in note)
+    assert "do not compare them with the card's log loss" in note
     assert model.card.auc is not None
     assert model.card.auc >= 0.7
 

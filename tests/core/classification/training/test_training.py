@@ -163,11 +163,35 @@ def test_a_class_with_few_cases_is_in_every_set_and_that_is_said() -> None:
     assert any("Too few cases" in note for note in found.notes)
 
 
+def test_figures_of_few_cases_are_said_to_say_little() -> None:
+    def of_few(cases: list[TrainingCase]) -> list[str]:
+        notes = train(cases, "few", QUICK).card.notes
+        return [note for note in notes if note.startswith("Figures of ")]
+
+    (note,) = of_few(cohort(4))
+    assert note.startswith("Figures of 8 cases say little: ")
+    (note,) = of_few(cohort(6)[:9])
+    assert note.startswith("Figures of 9 cases say little: ")
+    normal = [case for case in cohort(9) if case.label == "normal"]
+    others = [case for case in cohort(9) if case.label != "normal"]
+    (note,) = of_few([*normal[:3], *others])
+    assert note.startswith("Figures of 12 cases, 3 of normal, say little: ")
+    assert of_few(cohort(6)) == []
+
+
 def test_progress_rises_to_one() -> None:
     heard: list[float] = []
-    train(cohort(6), "heard", QUICK, lambda share, text: heard.append(share))
+    said: list[str] = []
+
+    def hear(share: float, text: str) -> None:
+        heard.append(share)
+        said.append(text)
+
+    train(cohort(6), "heard", QUICK, hear)
     assert heard == sorted(heard)
     assert heard[-1] == 1.0
+    reading = [text for text in said if text.startswith("reading ")]
+    assert reading == [f"reading case {k} of 12" for k in range(1, 13)]
 
 
 def test_weights_of_a_class_that_no_case_has_are_refused_with_the_names_that_there_are() -> None:
