@@ -28,8 +28,6 @@ from modalmotion.simulate import Case, MotionClass, simulate_cohort
 
 TRAINING_SEED: Final = 1994
 HELD_OUT_SEED: Final = 2026
-# Of each class: from 200 to 800 accuracy and calibration gain (decisions 9 and 53).
-N_TRAIN: Final = 800
 N_TEST: Final = 400
 # Simulated recordings are as like one another as no others are: strangers may be told sooner.
 KNOWN_SHARE: Final = 0.99
@@ -68,6 +66,8 @@ class Recipe:
         For every answer (under "") and for single classes.
     most_cut : float
         Share of its rows that a lattice may lack at the apex as a cylinder.
+    n_train : int
+        Ventricles of each class that the model is trained on (decisions 9 and 53).
     tracked_seed : int or None
         Of as many further ventricles, which are seen as tracks leave them: see `as_tracked`.
     """
@@ -77,6 +77,7 @@ class Recipe:
     classes: tuple[MotionClass, ...]
     notes: Mapping[str, tuple[str, ...]]
     most_cut: float = 0.0
+    n_train: int = 200
     tracked_seed: int | None = None
 
 
@@ -106,6 +107,7 @@ OFFSET: Final = Recipe(
     tuple(one for one in MotionClass if one != MotionClass.REDUCED_TORSION),
     {"": (_NO_PATIENT, _SURFACE_ALONE), MotionClass.NORMAL: (_NO_TWIST,)},
     most_cut=0.25,
+    n_train=800,
     tracked_seed=31994,
 )
 
@@ -260,7 +262,7 @@ def main(arguments: Sequence[str]) -> None:
     folder = Path(__file__).parents[1] / "model" / "data"
     for name in arguments or RECIPES:
         recipe = RECIPES[name]
-        model = shipped_model(recipe, N_TRAIN)
+        model = shipped_model(recipe, recipe.n_train)
         extra = {**model.card.extra, **held_out(recipe, model, N_TEST)}
         model = replace(model, card=replace(model.card, extra=extra))
         path = folder / f"{name}.h5"

@@ -299,8 +299,8 @@ def test_a_missing_file_is_not_found(tmp_path: Path) -> None:
 def test_the_shipped_model_is_small_whole_and_honest() -> None:
     assert available_models() == (DEFAULT_MODEL, OFFSET_MODEL)
     model = load_model()
-    assert len(model_to_hdf5(model)) < 3_000_000
-    assert model.id.startswith("c60740faea50")
+    assert len(model_to_hdf5(model)) < 1_000_000
+    assert model.id.startswith("30a85a5f267f")
     assert model.card.extra["has_seen_patients"] is False
     assert any("no patient" in note for note in model.notes[""])
     assert model.card.accuracy is not None
