@@ -158,8 +158,8 @@ def _table(
         raise UnlikeCasesError(
             f"The training cases have the topologies {', '.join(sorted(topologies))}: most are "
             f"{common}, and {len(names)} are not, such as {', '.join(names[:3])}.",
-            remedy='Leave those out (--skip-unreadable, on_error = "leave out"), or state one '
-            "topology for all (topology); only cups and cylinders over a cycle mix.",
+            remedy="Leave those out, or state one topology for all (topology); only cups and "
+            "cylinders over a cycle mix.",
             details={"sequence_ids": [id_ for id_, _ in rarely[:20]], "n_sequences": len(rarely)},
         )
     subjects, groups, mixed = group_cases(rows, options.groups)
