@@ -5,6 +5,9 @@ BIN := $(VENV)/bin
 FILE ?=
 # Leave the service of the demo running, to look at its results: make demo OPEN=1
 OPEN ?=
+# The quick table of truth; its kept values for docs/truth.md; some of its rows: make truth ONLY="fit codec"
+QUICK ?=
+MARKDOWN ?=
 # Which benchmarks; all of them by default: make bench ONLY="lattice codec"
 ONLY ?=
 SETUP := pyproject.toml constraints.txt
@@ -14,7 +17,7 @@ SPREAD := -n 3 --dist loadfile --no-loadscope-reorder
 # processes, each of which would compile all modules anew where bytecode is not kept.
 LEAN := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: demo serve view viewer test check format bench soak openapi clean
+.PHONY: demo serve view viewer test check format truth mutants bench soak openapi clean
 .DEFAULT_GOAL := test
 
 $(BIN)/python:
@@ -64,6 +67,14 @@ check: $(VENV)/.dev
 format: $(VENV)/.dev
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+
+# What users get, beside what is kept in benchmarks/truth.toml; QUICK=1 takes at most 90 s.
+truth: $(VENV)/.dev $(VENV)/.kernels
+	$(LEAN) $(BIN)/python benchmarks/truth.py $(if $(QUICK),--quick) $(if $(ONLY),--only $(ONLY)) $(if $(MARKDOWN),--markdown > docs/truth.md)
+
+# Which rows of that table notice that the product is broken.
+mutants: $(VENV)/.dev $(VENV)/.kernels
+	$(LEAN) $(BIN)/python benchmarks/mutate.py $(if $(ONLY),--only $(ONLY))
 
 bench: $(VENV)/.bench $(VENV)/.kernels
 	$(BIN)/python benchmarks/run.py $(ONLY)

@@ -86,7 +86,7 @@ class _Cluster:
             **{f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS")},
         }
         with (self.root / "log").open("ab") as log:
-            return subprocess.Popen(  # noqa: S603 (our own programs)
+            return subprocess.Popen(
                 [sys.executable, "-m", *arguments], env=environment, stdout=log, stderr=log
             )
 

@@ -67,7 +67,7 @@ def running_cluster(n_workers: int, folder: Path) -> Iterator[Cluster]:
     environment = {**os.environ, "DASK_TEMPORARY_DIRECTORY": str(folder)}
     with (folder / f"dask-{port}.log").open("wb") as log:
         started = [
-            subprocess.Popen(  # noqa: S603 (our own programs)
+            subprocess.Popen(
                 [sys.executable, "-m", *arguments], env=environment, stdout=log, stderr=log
             )
             for arguments in (

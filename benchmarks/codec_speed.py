@@ -118,7 +118,7 @@ def _first(data: bytes) -> tuple[float, float]:
     """Seconds of the first decode of a process, and its ratio to later ones; medians."""
     firsts, ratios = [], []
     for _ in range(N_SAMPLES):
-        done = subprocess.run(  # noqa: S603 (the program itself)
+        done = subprocess.run(
             [sys.executable, "-c", _FRESH],
             input=data,
             stdout=subprocess.PIPE,

@@ -48,7 +48,7 @@ def run(folder: Path) -> list[Table]:
         for number in range(N_ROUNDS):
             for code in (BARE, SIGNATURE, "import modalmotion.signature.making"):
                 before, start = _children_cpu(), time.perf_counter()
-                subprocess.run([sys.executable, "-c", code], check=True)  # noqa: S603
+                subprocess.run([sys.executable, "-c", code], check=True)
                 seconds.setdefault(code, []).append(time.perf_counter() - start)
                 cpu.setdefault(code, []).append(_children_cpu() - before)
             for name, ask in asked.items():
@@ -80,7 +80,7 @@ def _first(
         port = probe.getsockname()[1]
     command = [sys.executable, "-m", "modalmotion", "serve", "--port", str(port)]
     start = time.perf_counter()
-    process = subprocess.Popen(  # noqa: S603 (the program itself)
+    process = subprocess.Popen(
         [*command, "--data-dir", str(data_dir)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

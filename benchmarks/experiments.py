@@ -1,0 +1,133 @@
+"""What the table of truth measures: experiments, each giving the values of its rows."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Literal
+
+BLOCKS: Final = (
+    "mission",
+    "modes",
+    "fit",
+    "readouts",
+    "tracking",
+    "images",
+    "classes",
+    "codec",
+    "service",
+    "use",
+    "weight",
+)
+"""Blocks in the order of the table; the experiments of each are in rows_<block>.py."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure of the table.
+
+    Parameters
+    ----------
+    name : str
+        block.what.which
+    what : str
+        What the figure is, for a reader who has never seen it.
+    unit : str
+    goal : float or (float, float), optional
+        What it should be: a bound, or a range that it should lie in.
+    better : {"lower", "higher"}
+        Where the goal is no range.
+    tolerance : float, optional
+        Of a figure without chance, for which there is no standard error.
+    """
+
+    name: str
+    what: str
+    unit: str = ""
+    goal: float | tuple[float, float] | None = None
+    better: Literal["lower", "higher"] = "lower"
+    tolerance: float | None = None
+
+    def shortfall(self, value: float) -> float:
+        """Measure how far a value is from what is wished for; 0 within the range of a goal."""
+        if isinstance(self.goal, tuple):
+            return max(self.goal[0] - value, value - self.goal[1], 0.0)
+        return value if self.better == "lower" else -value
+
+    def is_short(self, value: float) -> bool:
+        """Tell whether a value falls short of its goal."""
+        if self.goal is None:
+            return False
+        bound = 0.0 if isinstance(self.goal, tuple) else self.shortfall(self.goal)
+        return not self.shortfall(value) <= bound
+
+    def way_to_goal(self, value: float) -> float:
+        """Measure how far a value is from the nearest bound of its goal, on either side of it."""
+        if self.goal is None:
+            return float("inf")
+        bounds = self.goal if isinstance(self.goal, tuple) else (self.goal,)
+        return min(abs(value - bound) for bound in bounds)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One measurement of one or several rows.
+
+    Parameters
+    ----------
+    rows : tuple of Row
+    measure : callable
+        From a seed, 0 for the table's own, to one value for each row.
+    quick : bool
+        Whether it is part of the quick table.
+    needs : tuple of str
+        Recordings beside the project without which it is skipped.
+    is_timed : bool
+        Run by itself, after all others.
+    """
+
+    rows: tuple[Row, ...]
+    measure: Callable[[int], float | tuple[float, ...]]
+    quick: bool
+    needs: tuple[str, ...]
+    is_timed: bool
+
+    def values(self, seed: int) -> dict[str, float]:
+        """Measure, and name the values by row."""
+        measured = self.measure(seed)
+        values = measured if isinstance(measured, tuple) else (measured,)
+        pairs = zip(self.rows, values, strict=True)
+        return {row.name: float(value) for row, value in pairs}
+
+
+REGISTERED: Final[list[Experiment]] = []
+"""All experiments of the modules imported so far, in order."""
+
+
+def experiment(
+    *rows: Row, quick: bool = False, needs: tuple[str, ...] = (), is_timed: bool = False
+) -> Callable[
+    [Callable[[int], float | tuple[float, ...]]], Callable[[int], float | tuple[float, ...]]
+]:
+    """Register a function of a seed that measures rows, in their order."""
+
+    def register(
+        measure: Callable[[int], float | tuple[float, ...]],
+    ) -> Callable[[int], float | tuple[float, ...]]:
+        REGISTERED.append(Experiment(rows, measure, quick, needs, is_timed))
+        return measure
+
+    return register
+
+
+def experiments(quick: bool = False, only: tuple[str, ...] = ()) -> list[Experiment]:
+    """List experiments: all, those of the quick table, those with rows that begin as named."""
+    for block in BLOCKS:
+        importlib.import_module(f"rows_{block}")
+    return [
+        each
+        for each in REGISTERED
+        if (each.quick or not quick)
+        and (not only or any(row.name.startswith(only) for row in each.rows))
+    ]

@@ -1,0 +1,111 @@
+"""Which rows of the table of truth notice that the product is broken.
+
+Each file of mutants/ is a patch of a few lines with a heading:
+
+    what: Peaks of the posterior are not squared.
+    rows: fit.noise.ratio fit.auto.excess
+    lives: why it may live for now, if it may
+
+A mutant is caught where each row it names is worse than its tolerance.
+
+    python benchmarks/mutate.py              all mutants
+    python benchmarks/mutate.py --only fit   those whose file names begin so
+    python benchmarks/mutate.py --uncovered  rows that no mutant names
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from experiments import experiments
+from real_data import DATA
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+PARTS: Final = ("core", "service", "benchmarks", "tests", "tools", "openapi", "pyproject.toml")
+WITHOUT: Final = ("weight", "use")
+"""Blocks whose rows need no mutant: they count and time."""
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A patch, and the rows that must notice it."""
+
+    path: Path
+    what: str
+    rows: tuple[str, ...]
+    lives: str
+
+    @classmethod
+    def read(cls, path: Path) -> Mutant:
+        """Read the heading of a patch."""
+        heading = path.read_text().split("\ndiff ")[0].splitlines()
+        said = dict(line.split(": ", 1) for line in heading if ": " in line)
+        return cls(path, said["what"], tuple(said["rows"].split()), said.get("lives", ""))
+
+    def unnoticed(self) -> list[str]:
+        """Run its rows on a patched copy; those that are no worse than their tolerance."""
+        with tempfile.TemporaryDirectory() as name:
+            copy = Path(name)
+            for part in PARTS:
+                _copy(ROOT / part, copy / part)
+            subprocess.run(["git", "apply", str(self.path)], cwd=copy, check=True)
+            paths = os.pathsep.join(str(copy / part) for part in ("core", "service"))
+            environment = os.environ | {"PYTHONPATH": paths, "MODALMOTION_DATA": str(DATA)}
+            command = [sys.executable, "benchmarks/truth.py", "--json", "--only", *self.rows]
+            run = subprocess.run(
+                command, cwd=copy, env=environment, capture_output=True, text=True, check=False
+            )
+        verdicts = {line["row"]: line["verdict"] for line in json.loads(run.stdout)}
+        return [
+            f"{row} ({verdicts.get(row, 'no such row')})"
+            for row in self.rows
+            if verdicts.get(row) not in ("WORSE", "skipped")
+        ]
+
+
+def main() -> int:
+    """Run the mutants; 1 where one lives that may not."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--only", nargs="+", default=[""], help="files whose names begin so")
+    parser.add_argument("--uncovered", action="store_true", help="list rows without a mutant")
+    options = parser.parse_args()
+    mutants = [Mutant.read(path) for path in sorted(Path(__file__).parent.glob("mutants/*.patch"))]
+    if options.uncovered:
+        named = {row for mutant in mutants for row in mutant.rows}
+        rows = [row.name for each in experiments() for row in each.rows]
+        print("\n".join(r for r in rows if r not in named and not r.startswith(WITHOUT)))
+        return 0
+    n_wrong = 0
+    for mutant in mutants:
+        if mutant.path.name.startswith(tuple(options.only)):
+            start = time.perf_counter()
+            unnoticed = mutant.unnoticed()
+            verdict = f"LIVES, unnoticed by {', '.join(unnoticed)}" if unnoticed else "caught"
+            if unnoticed and mutant.lives:
+                verdict += f"; may live: {mutant.lives}"
+            n_wrong += bool(unnoticed) and not mutant.lives
+            seconds = time.perf_counter() - start
+            print(f"{seconds:6.1f} s  {mutant.path.stem}: {verdict}", flush=True)
+    return int(n_wrong > 0)
+
+
+def _copy(source: Path, target: Path) -> None:
+    if source.is_file():
+        shutil.copy(source, target)
+    else:
+        ignored = shutil.ignore_patterns("node_modules", "__pycache__")
+        shutil.copytree(source, target, ignore=ignored)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,3 @@
+"""Rows of the table of truth: service."""
+
+from __future__ import annotations
