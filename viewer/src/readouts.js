@@ -2,6 +2,29 @@
 
 import { h, numeral } from "./dom.js";
 
+const signed = (value) => value.toFixed(1).replace("-", "\u2212");
+
+function strainRows(strain) {
+  if (!strain || strain.refused) return null;
+  return h(
+    "div",
+    {},
+    h(
+      "dl",
+      {},
+      strain.figures.map(({ name, definition, value, low, high }) =>
+        h(
+          "div",
+          { title: `Change of the ${definition}, since end diastole, at end systole` },
+          h("dt", {}, name),
+          h("dd", {}, `${signed(value)} % (${signed(low)} to ${signed(high)})`),
+        ),
+      ),
+    ),
+    strain.notes.map((note) => h("p", { class: "note" }, note)),
+  );
+}
+
 export function readoutCards(motions) {
   const rows = motions.map(({ header }) => {
     const { volume } = header;
@@ -23,6 +46,7 @@ export function readoutCards(motions) {
           h("div", {}, h("dt", {}, what), h("dd", {}, `${numeral(value)} ${volume.unit}`)),
         ),
       ),
+      strainRows(header.strain),
       volume.notes.map((note) => h("p", { class: "note" }, note)),
     );
   });

@@ -24,7 +24,7 @@ from modalmotion.cli.outputs import PICTURES, OutputFile, write_picture
 from modalmotion.cli.waiting import Waiting
 from modalmotion.clinical import ClinicalReadouts, VolumeCurve, clinical_readouts
 from modalmotion.clinical.plain import ventricle_json
-from modalmotion.clinical.strain import DIRECTIONS
+from modalmotion.clinical.strain import DEFINITIONS
 from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_readouts
 from modalmotion.errors import TopologyError
 from modalmotion.hdf5.image import INTENDED_USE
@@ -150,9 +150,13 @@ def _further(ventricle: VentricleReadouts, unit: str) -> list[str]:
             lines.append(f"{'heart rate':<24}{rates.heart_rate:12.1f} /min")
             lines.append(f"{'cardiac output':<24}{numeral(rates.cardiac_output, 1):>12} {unit}/min")
     if (strain := ventricle.strain) is not None:
-        bounds = strain.whole_bounds.max(axis=0)
-        for name, peak, bound in zip(DIRECTIONS, strain.peak, bounds, strict=True):
-            lines.append(f"{f'{name} strain':<24}{peak:12.1f} +- {bound:.1f} %")
+        for name, figure in strain.end_systolic.items():
+            lines.append(f"{name:<24}{figure.value:12.1f}{figure.low:10.1f}{figure.high:10.1f} %")
+        lines.append(
+            f"strain in frame {strain.end_systole}, since frame {strain.end_diastole}, of "
+            f"{strain.source}, {strain.layer}:"
+        )
+        lines += [f"  {name} is the change of the {what}" for name, what in DEFINITIONS.items()]
     if (regions := ventricle.regions) is not None:
         frame = most_moved(regions)
         lines.append(f"inward motion over the radius at end diastole, frame {frame}, %:")

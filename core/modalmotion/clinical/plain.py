@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.clinical.strain import DIRECTIONS
+from modalmotion.clinical.strain import DEFINITIONS, DIRECTIONS, Strain
 from modalmotion.clinical.ventricle import VentricleReadouts
 
 
@@ -25,17 +25,37 @@ def ventricle_json(ventricle: VentricleReadouts) -> dict[str, Any]:
             "end_diastole": regions.end_diastole,
             "reason": regions.reason,
         },
-        "strain": None
-        if strain is None
-        else {
+        "strain": None if strain is None else strain_json(strain),
+    }
+
+
+def strain_json(strain: Strain) -> dict[str, Any]:
+    """Write strain out, each number with its interval and its definition."""
+    return {
+        "figures": [
+            {
+                "name": name,
+                "definition": DEFINITIONS.get(name, DEFINITIONS["GCS"]),
+                "end_systolic": strain.end_systolic[name]._asdict(),
+                "peak": strain.peak[name]._asdict(),
+                "curve": strain.curves[:, place].tolist(),
+                "deviations": strain.deviations[:, place].tolist(),
+            }
+            for place, name in enumerate(strain.names)
+        ],
+        "segments": {
+            "names": list(strain.segments),
             "directions": list(DIRECTIONS),
-            "whole": strain.whole.tolist(),
-            "whole_bounds": strain.whole_bounds.tolist(),
-            "peak": strain.peak.tolist(),
-            "names": list(strain.names),
-            "by_segment": _numbers(strain.by_segment),
-            "end_diastole": strain.end_diastole,
+            "percent": _numbers(strain.by_segment),
+            "end_systolic_deviations": _numbers(strain.segment_deviations),
+            "reason": strain.reason,
         },
+        "end_diastole": strain.end_diastole,
+        "end_systole": strain.end_systole,
+        "found_by": "largest and smallest volume",
+        "layer": strain.layer,
+        "source": strain.source,
+        "notes": list(strain.notes),
     }
 
 

@@ -127,7 +127,7 @@ def regional_motion(
             radii = np.linalg.norm(across, axis=1)
     inward = heights[end_diastole] - heights
     names, segment, reason = at_places(used, sequence.facts, used.coordinates[:, 0], used.vertices)
-    ring = _rings(used.coordinates[:, 0])
+    ring = rings_of(used.coordinates[:, 0])
     shares = np.full((sequence.n_frames, len(names)), np.nan)
     for number in range(len(names)):
         mine = np.where(segment == number, used.weights, 0.0)
@@ -141,7 +141,7 @@ def regional_motion(
     return RegionalMotion(names, shares, end_diastole, reason, signature.sequence_id)
 
 
-def _rings(s: NDArray[np.float64]) -> NDArray[np.int64]:
+def rings_of(s: NDArray[np.float64]) -> NDArray[np.int64]:
     """Tell the ring at each height, from 0 basal to 3 apex."""
     rings: NDArray[np.int64] = 3 - np.searchsorted(_HEIGHTS, s, side="right")
     return rings
@@ -188,7 +188,7 @@ def at_places(
         Why these are rings; empty where they are segments.
     """
     landmarks = require_ventricle(template, "mesh")
-    ring = _rings(s)
+    ring = rings_of(s)
     point = facts.landmarks.get(ANTERIOR)
     if point is None:
         reason = (

@@ -1,83 +1,159 @@
-"""Strain of a ventricle's wall, where its points follow the tissue."""
+"""Strain of a wall: how much shorter lines on it are than at end diastole.
+
+Definitions after Voigt et al., Definitions for a common standard for 2D speckle tracking
+echocardiography, Eur Heart J Cardiovasc Imaging, 2015. They are lengths and areas of a surface, so
+they need no points that follow the tissue.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.clinical.segments import at_places, require_ventricle
-from modalmotion.errors import ParameterError
-from modalmotion.mesh import face_normals
+from modalmotion.clinical.dyssynchrony import (
+    dyssynchrony,
+    segment_volumes,
+    volume_variances,
+)
+from modalmotion.clinical.segments import RINGS, at_places, rings_of
+from modalmotion.clinical.smooth_wall import smooth_walls
+from modalmotion.clinical.wall_motion import (
+    AREA,
+    CIRCUMFERENTIAL,
+    DIRECTIONS,
+    LONGITUDINAL,
+    Measure,
+    WallMotion,
+)
+from modalmotion.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.modes.topology import CUP, SPHERE
 from modalmotion.representation import shown
-from modalmotion.signature.making import ModalSignature
-from modalmotion.signature.reconstruction import fitted_on, reconstruct
 from modalmotion.template import Template
 
-DIRECTIONS = ("circumferential", "longitudinal")
-"""Directions of strain, along the surface."""
+LEVELS: Final = ("apical", "mid", "basal")
+"""Thirds of the wall's length, from the apex."""
+
+DEFINITIONS: Final = {
+    "GLS": "length of the wall from base to base through the apex, mean of lines around",
+    "GCS": "circumference at basal, mid and apical level, mean of the three",
+    "GAS": "area of the wall",
+}
+"""What each global strain is the relative change of, since end diastole."""
+
+_LEVEL_NAMES: Final = tuple(f"GCS {level}" for level in LEVELS)
+NAMES: Final = (*DEFINITIONS, *_LEVEL_NAMES)
+"""Of the curves of a `Strain`."""
+
+# Errors of the smooth surface itself, in differences that a coarser set of functions makes beyond
+# noise: three of them hold nine errors of ten where there is no noise.
+_BEYOND: Final = 3.0
+
+_N_SEGMENTS: Final = 16
+_CAVITIES: Final = ("lv", "rv", "la", "ra", "other")
+
+# Standard deviations of a 95 % interval.
+_INTERVAL: Final = 1.96
 
 
-@shown("names", "whole", "by_segment", "sequence_id")
+class Figure(NamedTuple):
+    """A number and its 95 % interval, percent."""
+
+    value: float
+    low: float
+    high: float
+
+
+def _figure(value: float, deviation: float, least: float = -np.inf) -> Figure:
+    reach = _INTERVAL * deviation
+    return Figure(value, max(value - reach, least), value + reach)
+
+
+@shown("names", "end_systolic", "segments", "sequence_id")
 @dataclass(frozen=True, eq=False)
 class Strain:
-    """Lagrangian strain since end diastole, percent: how much longer the wall is, negative shorter.
+    """Strain since end diastole, percent: negative where the wall shortens.
 
     Parameters
     ----------
     names : tuple of str
-        Of the segments, or of the rings: see `RegionalMotion`.
-    whole : (frames, 2) float64, percent
-        Mean over the surface, circumferential and longitudinal.
-    whole_bounds : (frames, 2) float64, percentage points
-        Difference of these from the mean that the signature's own surfaces have: what leaving
-        out all other modes does to it. No accuracy of the measurement.
-    by_segment : (frames, segments, 2) float64, percent
-        NaN for a segment without triangles.
-    end_diastole : int
-        Frame from which strain is measured.
+        GLS, GCS, GAS (see `DEFINITIONS`), and GCS at each of the `LEVELS`.
+    curves : (frames, names) float64, percent
+    deviations : (frames, names) float64, percentage points
+        Standard deviation of each.
+    segments : tuple of str
+        The 17 segments, or rings where nothing says where the anterior wall is.
+    dyssynchrony : Figure or None
+        Systolic dyssynchrony index: standard deviation of the times at which the volumes of 16
+        segments are least, percent of the cycle. None of a recording that shows less than half a
+        cycle, and of a surface without an apex.
+    by_segment : (frames, segments, 3) float64, percent
+        Longitudinal, circumferential, area.
+    segment_deviations : (segments, 3) float64, percentage points
+        At end systole.
+    end_diastole, end_systole : int
+        Frames of the largest and the smallest volume.
+    layer : str
+        Surface of the wall that was measured.
+    source : str
+        What it came from: a mesh as it was sent, or a track.
     reason : str
         Why there are rings only; empty where there are segments.
+    notes : tuple of str
     sequence_id : str
     """
 
     names: tuple[str, ...]
-    whole: NDArray[np.float64]
-    whole_bounds: NDArray[np.float64]
+    curves: NDArray[np.float64]
+    deviations: NDArray[np.float64]
+    dyssynchrony: Figure | None
+    segments: tuple[str, ...]
     by_segment: NDArray[np.float64]
+    segment_deviations: NDArray[np.float64]
     end_diastole: int
+    end_systole: int
+    layer: str
+    source: str
     reason: str
+    notes: tuple[str, ...]
     sequence_id: str
 
     @property
-    def peak(self) -> NDArray[np.float64]:
-        """Most negative strain of the whole in each direction, (2,) float64, percent."""
-        peak: NDArray[np.float64] = self.whole.min(axis=0)
-        return peak
+    def end_systolic(self) -> dict[str, Figure]:
+        """Each strain at end systole."""
+        return {name: self.at(name, self.end_systole) for name in self.names}
+
+    @property
+    def peak(self) -> dict[str, Figure]:
+        """Each strain where it is most negative."""
+        frames = self.curves.argmin(axis=0)
+        return {name: self.at(name, frame) for name, frame in zip(self.names, frames, strict=True)}
+
+    def at(self, name: str, frame: int) -> Figure:
+        """Give a strain in a frame, with its interval."""
+        place = self.names.index(name)
+        return _figure(float(self.curves[frame, place]), float(self.deviations[frame, place]))
 
 
 def wall_strain(
-    signature: ModalSignature,
-    sequence: MeshSequence,
-    end_diastole: int,
-    *,
-    template: Template | None = None,
+    sequence: MeshSequence, template: Template, end_diastole: int, end_systole: int
 ) -> Strain:
-    """Measure the strain of a ventricle's wall along and around it.
+    """Measure the strain of a wall along it, around it, and of its area.
 
     The wall is a surface, so there is no radial strain: that needs a second wall.
 
     Parameters
     ----------
-    signature : ModalSignature
     sequence : MeshSequence
-        The one it was made from, as it was sent.
-    end_diastole : int
-        Frame of the undeformed wall.
-    template : Template, optional
-        The one that the signature's parameters name, if they name one.
+        Its own `uncertainty` says how far positions may be off; without one, what few smooth
+        functions leave of them.
+    template : Template
+        Of this sequence, with natural coordinates.
+    end_diastole, end_systole : int
+        Frames of the largest and the smallest volume.
 
     Returns
     -------
@@ -85,92 +161,134 @@ def wall_strain(
 
     Raises
     ------
-    ParameterError
-        If nothing says that the points follow the tissue.
     TopologyError
-        If the surface is not a cup.
+        If the surface is no cup, tube or sphere.
+    ParameterError
+        If the mesh has too few vertices.
 
     Notes
     -----
-    Of each triangle the deformation gradient F from end diastole; the strain along a unit vector e
-    is |F e| - 1: Lagrangian strain, as in Voigt et al., Definitions for a common standard for 2D
-    speckle tracking echocardiography, Eur Heart J Cardiovasc Imaging, 2015.
+    Errors to first order: the gradient of each strain by the coefficients of the smooth surface,
+    with the covariance of these. What the functions leave out counts by the difference that a
+    coarser set of them makes.
     """
-    if sequence.facts.tracking != "material" and signature.facts.tracking != "material":
-        raise ParameterError(
-            "Strain is how far points of the tissue move apart; nothing says that these vertices "
-            "follow the tissue.",
-            remedy="State the fact tracking=material where they do (tagging, feature tracking).",
-        )
-    used = fitted_on(signature, sequence, template)
-    landmarks = require_ventricle(used, signature.surface)
-    faces = used.faces
-    start = sequence.vertices[end_diastole].astype(np.float64)
-    directions, areas = _directions(start, faces, landmarks.axis, landmarks.origin)
-    own = np.empty((sequence.n_frames, len(faces), 2))
-    modal = np.empty_like(own)
-    edges = _edges(start, faces)
-    # e = E w: e along the edges of its triangle; then F e is the same sum of moved edges.
-    weights = np.linalg.pinv(edges) @ directions
-    first = _edges(reconstruct(signature, sequence, [end_diastole])[0], faces)
-    modal_weights = np.linalg.pinv(first) @ directions
-    for frame in range(sequence.n_frames):
-        x = sequence.vertices[frame].astype(np.float64)
-        own[frame] = _stretches(x, faces, weights)
-        superposed = reconstruct(signature, sequence, [frame])[0]
-        modal[frame] = _stretches(superposed, faces, modal_weights)
-    names, place, reason = at_places(
-        used,
-        sequence.facts,
-        used.coordinates[faces, 0].mean(axis=1),
-        used.vertices[faces].mean(axis=1),
+    positions = sequence.vertices.astype(np.float64)
+    # About a place of its own: what is far from zero has fewer digits.
+    positions -= positions[0].mean(axis=0)
+    known = sequence.uncertainty
+    walls = smooth_walls(
+        template, positions, is_lattice=sequence.grid is not None, is_noisy=known is None
     )
-    by_segment = np.full((sequence.n_frames, len(names), 2), np.nan)
-    for number in range(len(names)):
-        mine = np.where(place == number, areas, 0.0)
-        if mine.any():
-            by_segment[:, number] = np.einsum("f,tfd->td", mine / mine.sum(), own)
-    share = areas / areas.sum()
-    whole = 100.0 * np.einsum("f,tfd->td", share, own)
-    of_modes = 100.0 * np.einsum("f,tfd->td", share, modal)
+    fine, coarse = (WallMotion.of(positions, known, wall, end_diastole) for wall in walls)
+    curves, rough = (
+        np.stack([motion.strain(one, end_diastole) for one in _measures(motion)], axis=1)
+        for motion in (fine, coarse)
+    )
+    deviations = np.array(
+        [
+            [fine.deviation(one, frame, end_diastole) for one in _measures(fine)]
+            for frame in range(fine.n_frames)
+        ]
+    )
+    beyond = _BEYOND * np.sqrt(np.maximum((curves - rough) ** 2 - deviations**2, 0.0)) / _INTERVAL
+    names, segment, reason = _segments(template, sequence.facts, fine)
+    by_segment, segment_deviations = _by_segment(fine, segment, names, end_diastole, end_systole)
     return Strain(
-        names=names,
-        whole=whole,
-        whole_bounds=np.abs(whole - of_modes),
-        by_segment=100.0 * by_segment,
+        names=NAMES,
+        curves=curves,
+        deviations=np.hypot(deviations, beyond),
+        dyssynchrony=_dyssynchrony(fine, sequence, end_systole),
+        segments=names,
+        by_segment=by_segment,
+        segment_deviations=segment_deviations,
         end_diastole=end_diastole,
+        end_systole=end_systole,
+        layer="endocardium, as traced" if sequence.facts.cavity in _CAVITIES else "as traced",
+        source="mesh" if known is None else known.source,
         reason=reason,
-        sequence_id=signature.sequence_id,
+        notes=_notes(template),
+        sequence_id=sequence.id,
     )
 
 
-def _edges(x: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Two edges of each triangle as columns, (faces, 3, 2)."""
-    a, b, c = (x[faces[:, k]] for k in range(3))
-    return np.stack([b - a, c - a], axis=2)
+def _measures(motion: WallMotion) -> list[Measure]:
+    """Lines and levels whose strains are the curves."""
+    rows, columns = motion.places.shape
+    lines = np.zeros((columns, rows, columns))
+    lines[np.arange(columns), :, np.arange(columns)] = motion.places.weights
+    if motion.wall.surface == CUP:
+        # From base to base through the apex.
+        lines = lines[: columns // 2] + lines[columns // 2 :]
+    third = np.minimum((3 * motion.places.ways).astype(int), 2)
+    around = [np.where(third[:, None] == k, motion.weights, 0.0).reshape(1, -1) for k in range(3)]
+    return [
+        Measure(LONGITUDINAL, lines.reshape(len(lines), -1)),
+        Measure(CIRCUMFERENTIAL, np.concatenate(around)),
+        Measure(AREA, motion.weights.reshape(1, -1)),
+        *(Measure(CIRCUMFERENTIAL, own) for own in around),
+    ]
 
 
-def _directions(
-    x: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    axis: NDArray[np.float64],
-    origin: NDArray[np.float64],
+def _by_segment(
+    motion: WallMotion,
+    segment: NDArray[np.int64],
+    names: tuple[str, ...],
+    start: int,
+    end: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Around the axis and along the wall in each triangle, (faces, 3, 2), and its area."""
-    normals = face_normals(x, faces)
-    size = np.linalg.norm(normals, axis=1)
-    units = normals / np.where(size > 0, size, 1.0)[:, None]
-    around = np.cross(axis, x[faces].mean(axis=1) - origin)
-    # Within the triangle's plane.
-    around -= (around * units).sum(axis=1)[:, None] * units
-    length = np.linalg.norm(around, axis=1)
-    around /= np.where(length > 0, length, 1.0)[:, None]
-    return np.stack([around, np.cross(units, around)], axis=2), size / 2.0
+    """Strain of each segment in each frame, and its standard deviation at end systole."""
+    values = np.full((motion.n_frames, len(names), len(DIRECTIONS)), np.nan)
+    deviations = np.full((len(names), len(DIRECTIONS)), np.nan)
+    for k in set(segment.tolist()) - {-1}:
+        share = np.where(segment == k, motion.weights.ravel(), 0.0)[None]
+        for d, kind in enumerate(DIRECTIONS):
+            measure = Measure(kind, share)
+            values[:, k, d] = motion.strain(measure, start)
+            deviations[k, d] = motion.deviation(measure, end, start)
+    return values, deviations
 
 
-def _stretches(
-    x: NDArray[np.float64], faces: NDArray[np.int64], weights: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """|F e| - 1 along both directions, (faces, 2)."""
-    stretched: NDArray[np.float64] = np.linalg.norm(_edges(x, faces) @ weights, axis=1) - 1.0
-    return stretched
+def _dyssynchrony(motion: WallMotion, sequence: MeshSequence, end: int) -> Figure | None:
+    """Index of the 16 segments; where nothing says where the anterior wall is, of 16 like them."""
+    if motion.wall.surface != CUP:
+        return None
+    ways = np.repeat(motion.places.ways, motion.places.shape[1])
+    rings = rings_of(ways)
+    turns = motion.places.theta
+    six, four = np.floor(6 * turns).astype(int), np.floor(4 * turns).astype(int)
+    segment = np.choose(rings, [six, 6 + six, 12 + four, np.full_like(six, -1)])
+    found = dyssynchrony(
+        segment_volumes(motion, segment, _N_SEGMENTS),
+        _phases(sequence),
+        np.zeros(_N_SEGMENTS)
+        if motion.uncertainty is None
+        else volume_variances(motion, segment, _N_SEGMENTS, end),
+    )
+    return None if found is None else _figure(*found, least=0.0)
+
+
+def _phases(sequence: MeshSequence) -> NDArray[np.float64]:
+    """Instants of the frames as shares of the cycle, which ends a step after them if unstated."""
+    n = sequence.n_frames
+    times = np.arange(n, dtype=np.float64) if sequence.times is None else sequence.times
+    times = times - times[0]
+    period = sequence.facts.period or times[-1] * n / max(n - 1, 1) or 1.0
+    return times / period
+
+
+def _segments(
+    template: Template, facts: Facts, motion: WallMotion
+) -> tuple[tuple[str, ...], NDArray[np.int64], str]:
+    """Tell the segment of each place."""
+    wall, places = motion.wall, motion.places
+    if wall.surface != CUP:
+        reason = "Segments are those of a cup, from apex to base."
+        return RINGS, np.full(len(places.s), -1), reason
+    reference = places.values @ (wall.projector @ template.vertices)
+    return at_places(template, facts, np.repeat(places.ways, places.shape[1]), reference)
+
+
+def _notes(template: Template) -> tuple[str, ...]:
+    if template.surface == SPHERE:
+        return ("The surface is closed, so lines run from pole to pole and no base is left out.",)
+    return ()

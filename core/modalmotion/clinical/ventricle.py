@@ -14,6 +14,7 @@ from modalmotion.errors import InputError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.template import Template
 
 T = TypeVar("T")
@@ -54,11 +55,11 @@ def ventricle_readouts(
     sequence : MeshSequence
         The one it was made from, with its facts.
     readouts : ClinicalReadouts
-        Of the same signature: its largest volume is end diastole.
+        Of the same signature: its largest volume is end diastole, its smallest end systole.
     template : Template, optional
         The one that the signature's parameters name, if they name one.
     """
-    start = readouts.mesh_curve.end_diastole
+    start, end = readouts.mesh_curve.end_diastole, readouts.mesh_curve.end_systole
     reasons: list[str] = []
 
     def attempt(make: Callable[[], T]) -> T | None:
@@ -71,6 +72,8 @@ def ventricle_readouts(
     return VentricleReadouts(
         rates=attempt(lambda: rates_of(readouts, sequence.facts.period)),
         regions=attempt(lambda: regional_motion(signature, sequence, start, template=template)),
-        strain=attempt(lambda: wall_strain(signature, sequence, start, template=template)),
+        strain=attempt(
+            lambda: wall_strain(sequence, fitted_on(signature, sequence, template), start, end)
+        ),
         reasons=tuple(dict.fromkeys(reasons)),
     )

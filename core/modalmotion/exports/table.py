@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.clinical.readouts import ClinicalReadouts
-from modalmotion.clinical.strain import DIRECTIONS
 from modalmotion.clinical.ventricle import VentricleReadouts
 from modalmotion.clinical.volume_curve import Fraction
 from modalmotion.representation import shown
@@ -105,7 +104,7 @@ def frame_table(
     readouts : ClinicalReadouts, optional
         Adds volume and its bound, in the unit that the columns name.
     ventricle : VentricleReadouts, optional
-        Adds inward motion of each segment and strain of the whole, percent.
+        Adds inward motion of each segment, and strain with its standard deviation, percent.
     """
     frames = np.arange(signature.n_frames)
     times = np.full(len(frames), np.nan) if signature.times is None else signature.times
@@ -129,8 +128,12 @@ def frame_table(
         for name, share in zip(regions.names, regions.shares.T, strict=True):
             columns[f"inward_{name.replace(' ', '_')}_percent"] = share
     if ventricle is not None and ventricle.strain is not None:
-        for name, strain in zip(DIRECTIONS, ventricle.strain.whole.T, strict=True):
-            columns[f"{name}_strain_percent"] = strain
+        strain = ventricle.strain
+        for name, curve, sd in zip(
+            strain.names, strain.curves.T, strain.deviations.T, strict=True
+        ):
+            columns[f"{name.lower().replace(' ', '_')}_percent"] = curve
+            columns[f"{name.lower().replace(' ', '_')}_deviation"] = sd
     return Table(columns)
 
 

@@ -26,6 +26,9 @@ OWN: Final = {
     "end_diastolic_volume": "End-diastolic volume",
     "end_systolic_volume": "End-systolic volume",
     "stroke_volume": "Stroke volume",
+    "gls": "Global longitudinal strain",
+    "gcs": "Global circumferential strain",
+    "gas": "Global area strain",
     "low": "Lower end of the interval",
     "high": "Upper end of the interval",
     "amplitudes": "Modal amplitudes over time",
@@ -43,7 +46,7 @@ OWN: Final = {
 
 WITH_ENDS: Final = (
     *("ejection_fraction", "volume_change", "end_diastolic_volume", "end_systolic_volume"),
-    "stroke_volume",
+    *("stroke_volume", "gls", "gcs", "gas"),
 )
 """Codes whose numbers have an interval: each end of it has a code too."""
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from modalmotion.clinical import ClinicalReadouts
 from modalmotion.clinical.segments import RegionalMotion
+from modalmotion.clinical.strain import DEFINITIONS, Strain
 from modalmotion.errors import needs_extra
 from modalmotion.mesh import face_normals, oriented_faces
 from modalmotion.report.codes import OWN
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 _INK: Final = "#22262c"
 _SOFT: Final = "#7a828c"
 _BLUE: Final = "#1f5fa8"
+_CURVES: Final = (_BLUE, "#b5533c", "#3c7a4e")
 _A4: Final = (8.27, 11.69)
 
 # Letters that fit on a line of the page, and the most lines of caveats.
@@ -92,7 +94,11 @@ def report_figure(report: Report) -> Figure:
         axes = figure.add_axes((0.67, 0.70, 0.27, 0.20), projection="polar")
         _draw_regions(figure, axes, report.ventricle.regions, frames[-1][0])
     if report.readouts is not None:
-        _draw_volume(figure.add_axes((0.10, 0.475, 0.50, 0.17)), report.readouts)
+        strain = None if report.ventricle is None else report.ventricle.strain
+        wide = 0.50 if strain is None else 0.22
+        _draw_volume(figure.add_axes((0.10, 0.475, wide, 0.17)), report.readouts)
+        if strain is not None:
+            _draw_strain(figure.add_axes((0.39, 0.475, 0.22, 0.17)), strain, report.readouts.times)
     _write_quantities(figure, report)
     _write_words(figure, report)
     return figure
@@ -214,15 +220,41 @@ def _draw_volume(axes: Axes, readouts: ClinicalReadouts) -> None:
         axes.spines[side].set_visible(False)
 
 
-def _write_quantities(figure: Figure, report: Report) -> None:
-    y = 0.635
-    for one in quantities_of(report):
-        figure.text(0.66, y, OWN[one.name], fontsize=9, color=_SOFT)
-        figure.text(0.66, y - 0.017, f"{one.value:.1f} {one.unit}", fontsize=12, color=_INK)
-        figure.text(
-            0.94, y - 0.017, f"{one.low:.1f} to {one.high:.1f}", fontsize=9, color=_SOFT, ha="right"
+def _draw_strain(axes: Axes, strain: Strain, times: Array | None) -> None:
+    at = np.arange(len(strain.curves)) if times is None else times
+    for name, colour in zip(DEFINITIONS, _CURVES, strict=True):
+        place = strain.names.index(name)
+        curve, reach = strain.curves[:, place], 1.96 * strain.deviations[:, place]
+        axes.fill_between(at, curve - reach, curve + reach, color=colour, alpha=0.22, lw=0)
+        axes.plot(at, curve, lw=1.2, color=colour)
+        axes.annotate(
+            name, (at[-1], curve[strain.end_systole]), fontsize=7, color=colour, ha="right"
         )
-        y -= 0.043
+    for frame, name in ((strain.end_diastole, "ED"), (strain.end_systole, "ES")):
+        axes.axvline(at[frame], color=_SOFT, lw=0.6, ls=":")
+        axes.annotate(name, (at[frame], 1.0), xycoords=("data", "axes fraction"), fontsize=6.5)
+    axes.set_xlabel("frame" if times is None else "time (s)", fontsize=8)
+    axes.set_ylabel("strain (%)", fontsize=8)
+    axes.tick_params(labelsize=7.5)
+    axes.grid(alpha=0.25)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def _write_quantities(figure: Figure, report: Report) -> None:
+    y = 0.642
+    for one in quantities_of(report):
+        figure.text(0.66, y, OWN[one.name], fontsize=8.5, color=_SOFT)
+        figure.text(0.66, y - 0.0145, f"{one.value:.1f} {one.unit}", fontsize=11, color=_INK)
+        figure.text(
+            0.94,
+            y - 0.0145,
+            f"{one.low:.1f} to {one.high:.1f}",
+            fontsize=9,
+            color=_SOFT,
+            ha="right",
+        )
+        y -= 0.0295
 
 
 def _write_words(figure: Figure, report: Report) -> None:
@@ -264,11 +296,21 @@ def _sections(report: Report) -> list[tuple[str, list[str], str]]:
             if others
             else f"No other class remains at {100 * answer.coverage:.0f} %.",
         ]
+    strain = None if report.ventricle is None else report.ventricle.strain
+    measured: list[str] = []
+    if strain is not None:
+        measured = [f"{name}: relative change of the {what}." for name, what in DEFINITIONS.items()]
+        measured.append(
+            f"From frame {strain.end_diastole} (end diastole, largest volume) to frame "
+            f"{strain.end_systole} (end systole, smallest volume), of {strain.source}, "
+            f"{strain.layer}; with 95 % intervals."
+        )
     compared: list[str] = []
     if deviation is not None:
         compared = list(deviation.findings)
     return [
         ("Class of motion", said, _INK),
         ("Beside own controls", compared, _INK),
+        ("Strain", measured, _SOFT),
         ("Caveats", list(report.caveats), _SOFT),
     ]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from modalmotion.clinical.strain import DEFINITIONS
 from modalmotion.report.content import Report
 from modalmotion.representation import shown
 
@@ -35,7 +36,7 @@ class Quantity:
 
 
 def quantities_of(report: Report) -> tuple[Quantity, ...]:
-    """Give the volumes of a report and the share that is lost, none where there is none."""
+    """Give the volumes of a report, the share that is lost and strain, as far as they are there."""
     readouts = report.readouts
     if readouts is None:
         return ()
@@ -50,6 +51,12 @@ def quantities_of(report: Report) -> tuple[Quantity, ...]:
         ("stroke_volume", curve.stroke_volume, curve.stroke_range),
     ):
         found.append(Quantity(name, value * factor, low * factor, high * factor, unit, ucum))
+    strain = None if report.ventricle is None else report.ventricle.strain
+    if strain is not None:
+        found += [
+            Quantity(f"{name.lower()}", *strain.end_systolic[name], "%", "%")
+            for name in DEFINITIONS
+        ]
     return tuple(found)
 
 

@@ -16,7 +16,9 @@ from modalmotion.alignment.reference import reference_positions
 from modalmotion.classification.answer.classification import Classification
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.readouts import ClinicalReadouts
-from modalmotion.clinical.segments import RegionalMotion, regional_motion
+from modalmotion.clinical.segments import RegionalMotion
+from modalmotion.clinical.strain import DEFINITIONS, Strain
+from modalmotion.clinical.ventricle import ventricle_readouts
 from modalmotion.errors import InputError, LimitError
 from modalmotion.fit.offsets import offset_reference
 from modalmotion.hdf5.image import INTENDED_USE
@@ -263,20 +265,36 @@ def _volume(
     template: Template | None,
     arrays: dict[str, NDArray[Any]],
 ) -> dict[str, Any]:
-    """Volume and segments, or why there are none."""
+    """Volume, strain and segments, or why there are none."""
     try:
         readouts = clinical_readouts(signature, sequence, template=template)
     except InputError as error:
-        return {"volume": {"refused": str(error)}, "segments": {"refused": str(error)}}
+        refused = {"refused": str(error)}
+        return {"volume": refused, "strain": refused, "segments": refused}
     arrays["volumes"] = readouts.curve.volumes * readouts.shown_in
     arrays["mesh_volumes"] = readouts.mesh_curve.volumes * readouts.shown_in
     volume = _volume_words(readouts)
-    end_diastole = readouts.mesh_curve.end_diastole
-    try:
-        regions = regional_motion(signature, sequence, end_diastole, template=template)
-    except InputError as error:
-        return {"volume": volume, "segments": {"refused": str(error)}}
-    return {"volume": volume, "segments": _segment_words(regions, arrays)}
+    ventricle = ventricle_readouts(signature, sequence, readouts, template=template)
+    refused = {"refused": " ".join(ventricle.reasons)}
+    regions, strain = ventricle.regions, ventricle.strain
+    return {
+        "volume": volume,
+        "strain": refused if strain is None else _strain_words(strain),
+        "segments": refused if regions is None else _segment_words(regions, arrays),
+    }
+
+
+def _strain_words(strain: Strain) -> dict[str, Any]:
+    figures = strain.end_systolic
+    return {
+        "figures": [
+            {"name": name, "definition": words, **figures[name]._asdict()}
+            for name, words in DEFINITIONS.items()
+        ],
+        "layer": strain.layer,
+        "source": strain.source,
+        "notes": list(strain.notes),
+    }
 
 
 def _volume_words(readouts: ClinicalReadouts) -> dict[str, Any]:

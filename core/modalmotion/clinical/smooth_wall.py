@@ -1,0 +1,321 @@
+"""The wall as a smooth surface: positions as functions of natural coordinates, and their slopes.
+
+Lengths of edges grow with noise: |d + e| is larger than |d|. Positions are therefore written in few
+functions of the natural coordinates, those of the closed-form modes along s and around theta, and
+lengths are integrals of the slopes of that surface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError, TopologyError
+from modalmotion.modes.topology import CUP, CYLINDER, SPHERE, Topology
+from modalmotion.numeric.qr import inverse_of_triangle, tall_qr
+from modalmotion.template import Template
+
+# Functions along s and highest wave around, from fine to coarse: the finest of which the mesh
+# shows each by four vertices.
+_SIZES: Final = ((8, 6), (7, 5), (6, 4), (5, 3), (4, 2), (3, 1))
+_VERTICES_EACH: Final = 4
+
+# Natural coordinates of a mesh rise with the 5/4th power of the way from the pole: with this power
+# of them positions are smooth there. Those of a lattice count its rows, and are smooth as they are.
+_POWER: Final = 0.8
+
+# Of the grid: Gauss nodes along the wall, equal steps around; and of the sums of lengths.
+_ROWS: Final = 24
+_COLUMNS: Final = 36
+_STEPS: Final = 96
+# Highest wave around of how far along the wall a row runs: finer ones are noise.
+_WAVES: Final = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """How the smooth surface runs at its places, in some frames.
+
+    Parameters
+    ----------
+    along, around : (places, frames, 3) float64, length unit
+        Derivatives of the position by the way along the wall and by theta.
+    noise : (places, 2, frames) float64, length unit squared
+        Variance of each component of both that noise of the vertices leaves.
+    """
+
+    along: NDArray[np.float64]
+    around: NDArray[np.float64]
+    noise: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """A grid of places on the wall: equal shares of its length, equal steps around.
+
+    The way along the wall is a share of the length of each line from the apex to the base, so that
+    places do not depend on the mesh. Rows go around at one share; they are lines of the surface
+    that are the same in every frame.
+
+    Parameters
+    ----------
+    ways : (rows,) float64
+        Share of each row, from 0 at the apex to 1 at the base.
+    weights : (rows,) float64
+        Of quadrature; they add up to 1.
+    s, theta : (rows * columns,) float64
+        Natural coordinates.
+    values, along, around : (rows * columns, functions) float64
+        The functions, and their derivatives by the way and by theta at one way.
+    """
+
+    ways: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    s: NDArray[np.float64]
+    theta: NDArray[np.float64]
+    values: NDArray[np.float64]
+    along: NDArray[np.float64]
+    around: NDArray[np.float64]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return len(self.ways), _COLUMNS
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothWall:
+    """Functions of the natural coordinates, fitted to vertices by least squares.
+
+    Parameters
+    ----------
+    surface : Topology
+    n_along, n_waves : int
+        Shapes along s, and highest wave around.
+    shapes : (vertices, functions) float64
+    projector : (functions, vertices) float64
+        coefficients = projector @ positions.
+    ends : (float, float)
+        Of s, as far as there are vertices.
+    """
+
+    surface: Topology
+    n_along: int
+    n_waves: int
+    shapes: NDArray[np.float64]
+    projector: NDArray[np.float64]
+    ends: tuple[float, float]
+
+    @cached_property
+    def spread(self) -> NDArray[np.float64]:
+        """Covariance of the coefficients for vertices of independent noise of variance 1."""
+        covariance: NDArray[np.float64] = self.projector @ self.projector.T
+        return covariance
+
+    def coefficients(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Fit positions, (frames, vertices, 3) to (functions, frames, 3)."""
+        fitted = np.tensordot(self.projector, positions, axes=(1, 1))
+        return np.asarray(fitted, dtype=np.float64)
+
+    def noise(
+        self, positions: NDArray[np.float64], coefficients: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Mean square of what the functions leave of each coordinate, (frames,)."""
+        n_vertices, n_functions = self.shapes.shape
+        squares = [
+            float(((x - self.shapes @ coefficients[:, frame]) ** 2).sum())
+            for frame, x in enumerate(positions)
+        ]
+        return np.array(squares) / (3 * (n_vertices - n_functions))
+
+    def places(self, coefficients: NDArray[np.float64]) -> Places:
+        """Lay a grid by the lengths of lines from apex to base in one frame.
+
+        Parameters
+        ----------
+        coefficients : (functions, 3) float64, length unit
+        """
+        theta = np.arange(_COLUMNS) / _COLUMNS
+        s = np.linspace(*self.ends, _STEPS)
+        at = np.repeat(s, _COLUMNS), np.tile(theta, _STEPS)
+        slopes = np.tensordot(self._functions(*at, by="s"), coefficients, axes=1)
+        speeds = np.linalg.norm(slopes, axis=1).reshape(_STEPS, _COLUMNS)
+        steps = (speeds[1:] + speeds[:-1]) / 2 * (s[1] - s[0])
+        lengths = np.vstack([np.zeros(_COLUMNS), np.cumsum(steps, axis=0)])
+        nodes, widths = np.polynomial.legendre.leggauss(_ROWS)
+        ways = (nodes + 1) / 2
+        own, rates = np.empty((2, _ROWS, _COLUMNS))
+        for column, length in enumerate(lengths.T):
+            own[:, column] = np.interp(ways, length / length[-1], s)
+            speed = np.interp(own[:, column], s, speeds[:, column])
+            rates[:, column] = length[-1] / speed
+        spectrum = np.fft.rfft(own, axis=1)
+        spectrum[:, _WAVES + 1 :] = 0.0
+        own = np.fft.irfft(spectrum, n=_COLUMNS, axis=1)
+        waves = 2j * np.pi * np.arange(_COLUMNS // 2 + 1)
+        turns = np.fft.irfft(waves * spectrum, n=_COLUMNS, axis=1)
+        s, theta = own.ravel(), np.tile(theta, _ROWS)
+        by_s = self._functions(s, theta, by="s")
+        return Places(
+            ways=ways,
+            weights=widths / 2,
+            s=s,
+            theta=theta,
+            values=self._functions(s, theta),
+            along=rates.reshape(-1, 1) * by_s,
+            around=self._functions(s, theta, by="theta") + turns.reshape(-1, 1) * by_s,
+        )
+
+    def slopes(
+        self, places: Places, coefficients: NDArray[np.float64], noise: NDArray[np.float64]
+    ) -> Slopes:
+        """Give the slopes at places, with the variance that noise leaves in them.
+
+        Parameters
+        ----------
+        places : Places
+        coefficients : (functions, frames, 3) float64, length unit
+        noise : (frames,) float64, length unit squared
+            Variance of each coordinate of a vertex.
+        """
+        of_unit = [((G @ self.spread) * G).sum(axis=1) for G in (places.along, places.around)]
+        return Slopes(
+            np.tensordot(places.along, coefficients, axes=1),
+            np.tensordot(places.around, coefficients, axes=1),
+            np.stack(of_unit, axis=1)[:, :, None] * noise,
+        )
+
+    def _functions(
+        self, s: NDArray[np.float64], theta: NDArray[np.float64], by: str = ""
+    ) -> NDArray[np.float64]:
+        return _functions(self.surface, self.n_along, self.n_waves, s, theta, by)
+
+
+def smooth_walls(
+    template: Template, positions: NDArray[np.float64], *, is_lattice: bool, is_noisy: bool
+) -> tuple[SmoothWall, SmoothWall]:
+    """Prepare smooth surfaces of a wall: as fine as its noise allows, and a step coarser.
+
+    Parameters
+    ----------
+    template : Template
+    positions : (frames, vertices, 3) float64, length unit
+    is_lattice : bool
+        Whether the template's coordinates count rows.
+    is_noisy : bool
+        Whether vertices have noise of their own. It is then weighed against what fewer functions
+        leave out, by Mallows' C_p (Technometrics, 1973).
+
+    Raises
+    ------
+    TopologyError
+        If the surface has no coordinates from a pole or an opening to another.
+    ParameterError
+        If the mesh has too few vertices.
+    """
+    if template.surface not in (CUP, CYLINDER, SPHERE):
+        raise TopologyError(
+            "Strain needs a wall with coordinates along and around it: a cup, a tube or a sphere.",
+            remedy="State the topology cup where the surface is a ventricle's wall, open at its "
+            "base.",
+        )
+    n = int((template.weights > 0).sum())
+    needed = [_VERTICES_EACH * _n_functions(*size, template.surface) for size in _SIZES]
+    walls = [
+        _fitted(template, *size, is_lattice=is_lattice)
+        for size, least in zip(_SIZES, needed, strict=True)
+        if least <= n
+    ]
+    if not walls:
+        raise ParameterError(
+            f"The wall has {n} vertices; strain needs {needed[-1]}.",
+            remedy="Send a finer mesh.",
+            details={"vertices": n, "least": needed[-1]},
+        )
+    if not is_noisy:
+        return walls[0], walls[min(1, len(walls) - 1)]
+    left = [wall.noise(positions, wall.coefficients(positions)).mean() for wall in walls]
+    sizes = np.array([len(wall.projector) for wall in walls])
+    risks = (n - sizes) * np.array(left) + 2 * sizes * left[0]
+    best = int(risks.argmin())
+    return walls[best], walls[min(best + 1, len(walls) - 1)]
+
+
+def _fitted(template: Template, n_along: int, n_waves: int, *, is_lattice: bool) -> SmoothWall:
+    surface = template.topology
+    counts = template.weights > 0
+    coordinates, weights = template.coordinates[counts], template.weights[counts]
+    s = coordinates[:, 0] if is_lattice else coordinates[:, 0] ** _POWER
+    own = _functions(surface, n_along, n_waves, s, coordinates[:, 1])
+    root = np.sqrt(weights)[:, None]
+    Q, R = tall_qr(root * own)
+    shapes = np.zeros((template.n_vertices, own.shape[1]))
+    shapes[counts] = own
+    projector = np.zeros(shapes.T.shape)
+    projector[:, counts] = inverse_of_triangle(R) @ (root * Q).T
+    return SmoothWall(
+        surface=surface,
+        n_along=n_along,
+        n_waves=n_waves,
+        shapes=shapes,
+        projector=projector,
+        ends=(
+            float(s.min()) if surface == CYLINDER else 0.0,
+            1.0 if surface == SPHERE else float(s.max()),
+        ),
+    )
+
+
+def _n_functions(n_along: int, n_waves: int, surface: Topology) -> int:
+    # Beside the shapes a power of s for each open end.
+    n_open = {CUP: 1, CYLINDER: 2, SPHERE: 0}[surface]
+    return (n_along + n_open) * (2 * n_waves + 1)
+
+
+def _functions(
+    surface: Topology,
+    n_along: int,
+    n_waves: int,
+    s: NDArray[np.float64],
+    theta: NDArray[np.float64],
+    by: str = "",
+) -> NDArray[np.float64]:
+    """Evaluate the functions or a derivative of them, (places, functions)."""
+    columns = []
+    for wave in range(n_waves + 1):
+        A = _along(surface, wave, n_along, s, slope=by == "s")
+        turn = 2 * np.pi * wave * theta
+        cosine, sine = np.cos(turn), np.sin(turn)
+        if by == "theta":
+            cosine, sine = -2 * np.pi * wave * sine, 2 * np.pi * wave * cosine
+        columns.append(A * cosine[:, None])
+        if wave:
+            columns.append(A * sine[:, None])
+    return np.concatenate(columns, axis=1)
+
+
+def _along(
+    surface: Topology, wave: int, n: int, s: NDArray[np.float64], *, slope: bool
+) -> NDArray[np.float64]:
+    """Evaluate the shapes of the modes along s, and powers of s for slopes at open ends.
+
+    Shapes of free ends are level there, a wall is not: without the powers the series converges
+    slowly.
+    """
+    odd = wave % 2 == 1 and surface != CYLINDER
+    if not odd:
+        k = np.pi * np.arange(n)
+        shapes = -k * np.sin(k * s[:, None]) if slope else np.cos(k * s[:, None])
+    else:
+        k = np.pi * (np.arange(n) + (1.0 if surface == SPHERE else 0.5))
+        shapes = k * np.cos(k * s[:, None]) if slope else np.sin(k * s[:, None])
+    if surface == SPHERE:
+        return shapes
+    line = np.ones_like(s) if slope else s
+    square = 2 * s if slope else s**2
+    ends = (line, square) if surface == CYLINDER else (line,) if odd else (square,)
+    return np.column_stack([shapes, *ends])

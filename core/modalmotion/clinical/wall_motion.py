@@ -1,0 +1,197 @@
+"""A smooth wall in every frame: how its lines and its area stretch, and the errors of that.
+
+A figure is a mean over lines of the relative change of sums of stretch over places. Its error is to
+first order: the gradient by the coefficients of the smooth surface, with the covariance of these.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.clinical.smooth_wall import Places, Slopes, SmoothWall
+from modalmotion.mesh.uncertainty import Uncertainty
+
+LONGITUDINAL: Final = "longitudinal"
+CIRCUMFERENTIAL: Final = "circumferential"
+AREA: Final = "area"
+DIRECTIONS: Final = (LONGITUDINAL, CIRCUMFERENTIAL, AREA)
+"""What stretches."""
+
+
+class Measure(NamedTuple):
+    """What a strain is the change of.
+
+    Parameters
+    ----------
+    kind : str
+        One of `DIRECTIONS`.
+    lines : (lines, places) float64
+        Weight of each place in the length of each line; the strain is their mean.
+    """
+
+    kind: str
+    lines: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class WallMotion:
+    """A smooth wall in every frame, and what its errors come from.
+
+    Parameters
+    ----------
+    wall : SmoothWall
+    places : Places
+        Laid in the frame of end diastole.
+    coefficients : (functions, frames, 3) float64, length unit
+    noise : (frames,) float64, length unit squared
+        Variance of each coordinate of a vertex; 0 where `uncertainty` says more.
+    uncertainty : Uncertainty or None
+        Of the positions.
+    slopes : Slopes
+    """
+
+    wall: SmoothWall
+    places: Places
+    coefficients: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    uncertainty: Uncertainty | None
+    slopes: Slopes
+
+    @classmethod
+    def of(
+        cls,
+        positions: NDArray[np.float64],
+        uncertainty: Uncertainty | None,
+        wall: SmoothWall,
+        end_diastole: int,
+    ) -> WallMotion:
+        """Fit the wall to all frames.
+
+        Parameters
+        ----------
+        positions : (frames, vertices, 3) float64, length unit
+        uncertainty : Uncertainty or None
+        wall : SmoothWall
+        end_diastole : int
+        """
+        coefficients = wall.coefficients(positions)
+        if uncertainty is None:
+            noise = wall.noise(positions, coefficients)
+        else:
+            noise = np.zeros(len(positions))
+        places = wall.places(coefficients[:, end_diastole])
+        slopes = wall.slopes(places, coefficients, noise)
+        return cls(wall, places, coefficients, noise, uncertainty, slopes)
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return len(self.noise)
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """Weight of each place in the mean over the wall, (rows, columns)."""
+        columns = self.places.shape[1]
+        return np.repeat(self.places.weights[:, None] / columns, columns, axis=1)
+
+    @cached_property
+    def stretches(self) -> dict[str, NDArray[np.float64]]:
+        """Lengths of the slopes and the area between them, without the mean of their noise.
+
+        To second order |d + e| is |d| and half the variance of e across d over |d|; across are two
+        components. Each is (places, frames), length unit or its square.
+        """
+        along, around = self.slopes.along, self.slopes.around
+        raw, own = [], {}
+        for place, (name, slope) in enumerate(((LONGITUDINAL, along), (CIRCUMFERENTIAL, around))):
+            length = np.linalg.norm(slope, axis=2)
+            variance = self.slopes.noise[:, place]
+            own[name] = length - _over(variance, np.maximum(length, 2.0 * np.sqrt(variance)), 0.0)
+            raw.append(length)
+        kept = _over(own[LONGITUDINAL] * own[CIRCUMFERENTIAL], raw[0] * raw[1], 1.0)
+        own[AREA] = kept * np.linalg.norm(np.cross(along, around), axis=2)
+        return own
+
+    def strain(self, measure: Measure, start: int) -> NDArray[np.float64]:
+        """Relative change of a measure since a frame, (frames,), percent."""
+        sums = self._sums(measure)
+        change: NDArray[np.float64] = 100.0 * (sums / sums[:, [start]] - 1.0).mean(axis=0)
+        return change
+
+    def deviation(self, measure: Measure, frame: int, start: int) -> float:
+        """Standard deviation of a strain, percentage points; errors of two frames are apart."""
+        if frame == start:
+            return 0.0
+        gradients = self.gradients(measure, frame, start)
+        variance = sum(
+            self.variance(gradient, number)
+            for gradient, number in zip(gradients, (frame, start), strict=True)
+        )
+        return float(np.sqrt(variance))
+
+    def gradients(
+        self, measure: Measure, frame: int, start: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Differentiate a strain by the coefficients of its frame and of the first.
+
+        Returns
+        -------
+        (functions, 3) float64 each, percent per length unit
+        """
+        sums, n = self._sums(measure), len(measure.lines)
+        by_end = 100.0 / n * (measure.lines / sums[:, [start]]).sum(axis=0)
+        shares = sums[:, [frame]] / sums[:, [start]] ** 2
+        by_start = -100.0 / n * (measure.lines * shares).sum(axis=0)
+        return (
+            self._by_coefficients(measure.kind, by_end, frame),
+            self._by_coefficients(measure.kind, by_start, start),
+        )
+
+    def variance(self, gradient: NDArray[np.float64], frame: int) -> float:
+        """Variance of a number whose gradient by the coefficients of a frame is given."""
+        known = self.uncertainty
+        if known is None:
+            return float(self.noise[frame] * np.sum(gradient * (self.wall.spread @ gradient)))
+        by_vertex = self.wall.projector.T @ gradient
+        by_mode = (known.shapes.T @ by_vertex).ravel()
+        alike = np.where(np.isfinite(known.alike), known.alike, 0.0)
+        apart = float(known.rest[frame] ** 2 * (alike @ (by_vertex**2).sum(axis=1)))
+        return max(float(by_mode @ known.along[frame] @ by_mode), 0.0) + apart
+
+    def _sums(self, measure: Measure) -> NDArray[np.float64]:
+        sums: NDArray[np.float64] = measure.lines @ self.stretches[measure.kind]
+        return sums
+
+    def _by_coefficients(
+        self, kind: str, by_stretch: NDArray[np.float64], frame: int
+    ) -> NDArray[np.float64]:
+        places = self.places
+        along, around = self.slopes.along[:, frame], self.slopes.around[:, frame]
+        weight = by_stretch[:, None]
+        total: NDArray[np.float64]
+        if kind == LONGITUDINAL:
+            total = places.along.T @ (weight * _unit(along))
+        elif kind == CIRCUMFERENTIAL:
+            total = places.around.T @ (weight * _unit(around))
+        else:
+            normal = _unit(np.cross(along, around))
+            total = places.along.T @ (weight * np.cross(around, normal))
+            total += places.around.T @ (weight * np.cross(normal, along))
+        return total
+
+
+def _unit(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    return _over(x, np.linalg.norm(x, axis=-1, keepdims=True), 0.0)
+
+
+def _over(a: NDArray[np.float64], b: NDArray[np.float64], otherwise: float) -> NDArray[np.float64]:
+    """Divide where there is something to divide by."""
+    shape = np.broadcast_shapes(a.shape, b.shape)
+    quotient = np.full(shape, otherwise)
+    np.divide(a, b, out=quotient, where=np.broadcast_to(b > 0, shape))
+    return quotient
