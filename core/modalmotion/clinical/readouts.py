@@ -16,6 +16,7 @@ from modalmotion.facts.facts import UNKNOWN
 from modalmotion.fit.basis import make_basis
 from modalmotion.mesh import Cavity, cavity_of
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
+from modalmotion.mesh.uncertainty import Uncertainty
 from modalmotion.modes.topology import CUP, PLANE
 from modalmotion.numerals import counted, numeral, with_article
 from modalmotion.numeric.scale import power_of_two
@@ -147,7 +148,8 @@ def clinical_readouts(
     -----
     The volume is that of the triangles, with each opening closed by a fan to the mean of its
     vertices. The bound of a frame is |V(signature) - V(frame)|, measured, plus a bound on
-    rounding; those of derived figures follow by interval arithmetic.
+    rounding; those of derived figures follow by interval arithmetic. Of a track, intervals hold two
+    standard deviations by its own errors besides.
     """
     used = fitted_on(signature, sequence, template)
     basis = make_basis(used, signature.modes)
@@ -188,14 +190,21 @@ def clinical_readouts(
     own_bounds = rounding * own_sizes**3
     bounds = np.abs(volumes - own) + rounding * sizes**3 + own_bounds
     cube = scale**3
+    known = sequence.uncertainty
+    muscle = 0.0 if known is None else known.papillary_volume
+    deviations = None if known is None else known.volumes
     return ClinicalReadouts(
         curve=VolumeCurve(
-            sign * volumes * cube,
+            sign * volumes * cube - muscle,
             bounds * cube,
             name if moves and is_positive and is_own_positive else None,
+            deviations,
         ),
         mesh_curve=VolumeCurve(
-            sign * own * cube, own_bounds * cube, name if moves and is_own_positive else None
+            sign * own * cube - muscle,
+            own_bounds * cube,
+            name if moves and is_own_positive else None,
+            deviations,
         ),
         times=signature.times,
         unit=signature.unit,
@@ -206,8 +215,18 @@ def clinical_readouts(
         notes=(
             *_notes(sign * own, sign * volumes, name),
             *_unlikely(signature.unit, abs(largest) * cube),
+            *_of_track(known),
         ),
     )
+
+
+def _of_track(known: Uncertainty | None) -> tuple[str, ...]:
+    """Say that the surface was tracked, with the caveats of that."""
+    if known is None or known.volumes is None:
+        return ()
+    convention = ", papillary muscles taken off" if known.papillary_volume else ""
+    text = f"The surface was tracked from {known.source}{convention}; intervals hold its errors."
+    return (text, *known.notes)
 
 
 def _name_of_share(signature: ModalSignature, sequence: MeshSequence) -> Fraction:

@@ -20,6 +20,7 @@ from modalmotion.clinical.dyssynchrony import (
 )
 from modalmotion.clinical.segments import RINGS, at_places, rings_of
 from modalmotion.clinical.smooth_wall import smooth_walls
+from modalmotion.clinical.volume_curve import TWO_DEVIATIONS
 from modalmotion.clinical.wall_motion import (
     AREA,
     CIRCUMFERENTIAL,
@@ -55,9 +56,6 @@ _BEYOND: Final = 3.0
 _N_SEGMENTS: Final = 16
 _CAVITIES: Final = ("lv", "rv", "la", "ra", "other")
 
-# Standard deviations of a 95 % interval.
-_INTERVAL: Final = 1.96
-
 
 class Figure(NamedTuple):
     """A number and its 95 % interval, percent."""
@@ -68,7 +66,7 @@ class Figure(NamedTuple):
 
 
 def _figure(value: float, deviation: float, least: float = -np.inf) -> Figure:
-    reach = _INTERVAL * deviation
+    reach = TWO_DEVIATIONS * deviation
     return Figure(value, max(value - reach, least), value + reach)
 
 
@@ -190,7 +188,7 @@ def wall_strain(
             for frame in range(fine.n_frames)
         ]
     )
-    beyond = _BEYOND * np.sqrt(np.maximum((curves - rough) ** 2 - deviations**2, 0.0)) / _INTERVAL
+    beyond = _BEYOND * np.sqrt(np.maximum((curves - rough) ** 2 - deviations**2, 0.0)) / TWO_DEVIATIONS
     names, segment, reason = _segments(template, sequence.facts, fine)
     by_segment, segment_deviations = _by_segment(fine, segment, names, end_diastole, end_systole)
     return Strain(
@@ -206,7 +204,7 @@ def wall_strain(
         layer="endocardium, as traced" if sequence.facts.cavity in _CAVITIES else "as traced",
         source="mesh" if known is None else known.source,
         reason=reason,
-        notes=_notes(template),
+        notes=(*_notes(template), *(() if known is None else known.notes)),
         sequence_id=sequence.id,
     )
 

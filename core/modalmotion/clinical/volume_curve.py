@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.representation import shown
+
+
+TWO_DEVIATIONS: Final = 2.0
+"""Standard deviations of a 95 % interval, as tracks state theirs."""
 
 
 class Fraction(StrEnum):
@@ -33,15 +39,25 @@ class VolumeCurve:
     volumes : (frames,) float64, length unit cubed
         Positive as long as the surface does not turn inside out.
     bounds : (frames,) float64, length unit cubed
-        The true volume lies within volume - bound and volume + bound.
+        What leaving out all other modes, and rounding, do to it at most.
     fraction : Fraction or None
         Name of `share`: an ejection fraction where the surface is that of a cavity, else a
         volume change. None where there is none: of one frame, or where a volume is not positive.
+    deviations : (frames,) float64, length unit cubed, optional
+        Standard deviation of each volume by errors of the positions, where these are known.
     """
 
     volumes: NDArray[np.float64]
     bounds: NDArray[np.float64]
     fraction: Fraction | None = None
+    deviations: NDArray[np.float64] | None = None
+
+    @property
+    def reach(self) -> NDArray[np.float64]:
+        """How far each true volume may be off, (frames,): its bound and two deviations."""
+        if self.deviations is None:
+            return self.bounds
+        return self.bounds + TWO_DEVIATIONS * self.deviations
 
     @property
     def end_diastole(self) -> int:
@@ -88,32 +104,52 @@ class VolumeCurve:
     @property
     def end_diastolic_range(self) -> tuple[float, float]:
         """Interval of the true end-diastolic volume, length unit cubed."""
-        return float((self.volumes - self.bounds).max()), float((self.volumes + self.bounds).max())
+        return _range(self.volumes, self.reach, np.max)
 
     @property
     def end_systolic_range(self) -> tuple[float, float]:
         """Interval of the true end-systolic volume, length unit cubed."""
-        return float((self.volumes - self.bounds).min()), float((self.volumes + self.bounds).min())
+        return _range(self.volumes, self.reach, np.min)
 
     @property
     def stroke_range(self) -> tuple[float, float]:
-        """Interval of the true stroke volume, length unit cubed."""
-        (low, high), (least, most) = self.end_diastolic_range, self.end_systolic_range
-        return max(0.0, low - most), high - least
+        """Interval of the true stroke volume, length unit cubed.
+
+        Bounds add up; deviations of two frames do so as squares.
+        """
+        (low, high), (least, most) = self._within_bounds
+        extra = TWO_DEVIATIONS * float(np.hypot(*self._deviations_at_ends))
+        return max(0.0, low - most - extra), high - least + extra
 
     @property
     def share_range(self) -> tuple[float, float] | None:
         """Interval of the true share, percent; from 0 to 100, as true volumes are positive.
 
-        Falls with min V and rises with max V; each lies in its interval, wherever in time.
+        By bounds it falls with min V and rises with max V; each lies in its interval, wherever in
+        time. By deviations dF = (dV_ES - (1 - F) dV_ED) / V_ED, both as if independent.
         """
-        if self.fraction is None:
+        share = self.share
+        if share is None:
             return None
-        (low, high), (least, most) = self.end_diastolic_range, self.end_systolic_range
+        (low, high), (least, most) = self._within_bounds
+        at_start, at_end = self._deviations_at_ends
+        off = np.hypot(at_end, (1.0 - share / 100.0) * at_start) / self.end_diastolic_volume
+        extra = 100.0 * TWO_DEVIATIONS * float(off)
         return (
-            max(0.0, _lost(low, most)) if low > 0 else 0.0,
-            _lost(high, least) if least > 0 else 100.0,
+            max(0.0, _lost(low, most) - extra) if low > 0 else 0.0,
+            min(100.0, _lost(high, least) + extra) if least > 0 else 100.0,
         )
+
+    @property
+    def _within_bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        largest, smallest = (_range(self.volumes, self.bounds, end) for end in (np.max, np.min))
+        return largest, smallest
+
+    @property
+    def _deviations_at_ends(self) -> tuple[float, float]:
+        if self.deviations is None:
+            return 0.0, 0.0
+        return float(self.deviations[self.end_diastole]), float(self.deviations[self.end_systole])
 
     @property
     def share_bound(self) -> float | None:
@@ -122,6 +158,14 @@ class VolumeCurve:
         if share is None or interval is None:
             return None
         return max(interval[1] - share, share - interval[0])
+
+
+def _range(
+    volumes: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    end: Callable[[NDArray[np.float64]], np.float64],
+) -> tuple[float, float]:
+    return float(end(volumes - reach)), float(end(volumes + reach))
 
 
 def _lost(largest: float, smallest: float) -> float:

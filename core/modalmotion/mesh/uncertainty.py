@@ -19,7 +19,7 @@ class Uncertainty(FrozenArrays):
     Parameters
     ----------
     source : str
-        What it comes from: "track" or "noise".
+        What it comes from: "noise", "points" or "images".
     shapes : (vertices, modes) float64
         Phi; no modes where all errors are apart.
     across, along : (frames, 3 modes, 3 modes) float64, length unit squared
@@ -31,6 +31,12 @@ class Uncertainty(FrozenArrays):
         Vertices, itself included, whose d is the same as that of each: 1 where it is its own.
     between_frames : float
         Correlation of the error in one frame with that in the next.
+    volumes : (frames,) float64, length unit cubed, optional
+        Standard deviation of the volume in each frame.
+    papillary_volume : float, length unit cubed
+        Muscle within the surface that does not count as cavity.
+    notes : tuple of str
+        Caveats of how the surface was found.
     """
 
     source: str
@@ -40,6 +46,9 @@ class Uncertainty(FrozenArrays):
     rest: NDArray[np.float64]
     alike: NDArray[np.float64]
     between_frames: float = 0.0
+    volumes: NDArray[np.float64] | None = None
+    papillary_volume: float = 0.0
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("shapes", "across", "along", "rest", "alike"):

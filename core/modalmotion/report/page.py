@@ -224,7 +224,7 @@ def _draw_strain(axes: Axes, strain: Strain, times: Array | None) -> None:
     at = np.arange(len(strain.curves)) if times is None else times
     for name, colour in zip(DEFINITIONS, _CURVES, strict=True):
         place = strain.names.index(name)
-        curve, reach = strain.curves[:, place], 1.96 * strain.deviations[:, place]
+        curve, reach = strain.curves[:, place], 2.0 * strain.deviations[:, place]
         axes.fill_between(at, curve - reach, curve + reach, color=colour, alpha=0.22, lw=0)
         axes.plot(at, curve, lw=1.2, color=colour)
         axes.annotate(

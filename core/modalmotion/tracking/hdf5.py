@@ -240,7 +240,7 @@ def track_in(contents: Contents) -> Track:
             estimate["reference"],
         )
         sequence = replace(sequence, uncertainty=uncertainty)
-    return Track(
+    track = Track(
         sequence=sequence.with_facts(facts_from_json(contents.json("facts", dict))),
         template=template,
         modes=modes,
@@ -262,3 +262,4 @@ def track_in(contents: Contents) -> Track:
         provenance=provenance,
         images=None if estimate.get("images") is None else ImageAnswer(**estimate["images"]),
     )
+    return track.informed()

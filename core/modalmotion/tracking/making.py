@@ -266,7 +266,7 @@ def track(
     else:
         is_guessed = start is None and topology is None and not has_landmarks(stated)
         notes = (*notes, *doubts_of_ends(result, frames, is_guessed=is_guessed))
-    return replace(result, notes=(*notes, *notes_on(result)))
+    return replace(result, notes=(*notes, *notes_on(result))).informed()
 
 
 def _require_motion(n_frames: int, unseen: tuple[int, ...], known: int | None) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -118,6 +118,22 @@ class Track(FrozenArrays):
     def n_frames(self) -> int:
         """Number of frames."""
         return len(self.amplitudes)
+
+    def informed(self) -> Track:
+        """Return the track whose sequence carries what is known of it: errors, muscle, notes."""
+        known = self.sequence.uncertainty
+        if known is None:
+            return self
+        images = self.images
+        is_wall = images is not None and images.papillary == "wall"
+        known = replace(
+            known,
+            source="points" if images is None else "images",
+            volumes=self.volume_deviations,
+            papillary_volume=images.papillary_volume if images and is_wall else 0.0,
+            notes=self.notes,
+        )
+        return replace(self, sequence=replace(self.sequence, uncertainty=known))
 
     @cached_property
     def wavenumbers(self) -> NDArray[np.float64]:
