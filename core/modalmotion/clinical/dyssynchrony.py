@@ -51,7 +51,7 @@ def segment_volumes(motion: WallMotion, segment: NDArray[np.int64], n: int) -> N
     parts = (sectors * along).sum(axis=3) * motion.weights[:, :, None]
     flat = parts.reshape(rows * columns, motion.n_frames)
     volumes = np.stack([flat[segment == k].sum(axis=0) for k in range(n)], axis=1)
-    return volumes * np.sign(volumes.sum())
+    return np.asarray(volumes * np.sign(volumes.sum()), dtype=np.float64)
 
 
 def volume_variances(
@@ -110,8 +110,11 @@ def dyssynchrony(
     free = n_frames - 2 * most - 1
     noise = np.maximum(fits[most][2].mean() / free, variances)
     harmonics = min(
-        fits, key=lambda h: float((fits[h][2] / np.maximum(noise, 1e-300)).sum())
-        + 2 * (2 * h + 1) * volumes.shape[1]
+        fits,
+        key=lambda h: (
+            float((fits[h][2] / np.maximum(noise, 1e-300)).sum())
+            + 2 * (2 * h + 1) * volumes.shape[1]
+        ),
     )
     T, coefficients, _ = fits[harmonics]
     # Columns of L have the covariance of the coefficients for noise of variance 1.
@@ -137,7 +140,7 @@ def dyssynchrony(
 
 
 def _apart(curves: NDArray[np.float64]) -> float:
-    """Standard deviation of the instants where curves are least, as a share of the cycle."""
+    """Measure how far apart the instants are where curves are least, as a share of the cycle."""
     times = curves.argmin(axis=0) / len(curves)
     # About the mean direction: a cycle has no first instant.
     mean = np.angle(np.exp(2j * np.pi * times).mean()) / (2 * np.pi)

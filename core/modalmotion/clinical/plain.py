@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.clinical.strain import DEFINITIONS, DIRECTIONS, Strain
+from modalmotion.clinical.strain import DEFINITIONS, Strain
 from modalmotion.clinical.ventricle import VentricleReadouts
+from modalmotion.clinical.wall_motion import DIRECTIONS
 
 
 def ventricle_json(ventricle: VentricleReadouts) -> dict[str, Any]:
@@ -50,6 +51,7 @@ def strain_json(strain: Strain) -> dict[str, Any]:
             "end_systolic_deviations": _numbers(strain.segment_deviations),
             "reason": strain.reason,
         },
+        "dyssynchrony": None if strain.dyssynchrony is None else strain.dyssynchrony._asdict(),
         "end_diastole": strain.end_diastole,
         "end_systole": strain.end_systole,
         "found_by": "largest and smallest volume",

@@ -130,7 +130,7 @@ class SmoothWall:
             float(((x - self.shapes @ coefficients[:, frame]) ** 2).sum())
             for frame, x in enumerate(positions)
         ]
-        return np.array(squares) / (3 * (n_vertices - n_functions))
+        return np.asarray(squares, dtype=np.float64) / (3 * (n_vertices - n_functions))
 
     def places(self, coefficients: NDArray[np.float64]) -> Places:
         """Lay a grid by the lengths of lines from apex to base in one frame.
@@ -184,8 +184,8 @@ class SmoothWall:
         """
         of_unit = [((G @ self.spread) * G).sum(axis=1) for G in (places.along, places.around)]
         return Slopes(
-            np.tensordot(places.along, coefficients, axes=1),
-            np.tensordot(places.around, coefficients, axes=1),
+            np.asarray(np.tensordot(places.along, coefficients, axes=1), dtype=np.float64),
+            np.asarray(np.tensordot(places.around, coefficients, axes=1), dtype=np.float64),
             np.stack(of_unit, axis=1)[:, :, None] * noise,
         )
 

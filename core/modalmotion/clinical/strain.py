@@ -49,8 +49,8 @@ _LEVEL_NAMES: Final = tuple(f"GCS {level}" for level in LEVELS)
 NAMES: Final = (*DEFINITIONS, *_LEVEL_NAMES)
 """Of the curves of a `Strain`."""
 
-# Errors of the smooth surface itself, in differences that a coarser set of functions makes beyond
-# noise: three of them hold nine errors of ten where there is no noise.
+# Standard deviation of what the functions leave out, in differences that a coarser set of them
+# makes beyond noise.
 _BEYOND: Final = 3.0
 
 _N_SEGMENTS: Final = 16
@@ -188,7 +188,7 @@ def wall_strain(
             for frame in range(fine.n_frames)
         ]
     )
-    beyond = _BEYOND * np.sqrt(np.maximum((curves - rough) ** 2 - deviations**2, 0.0)) / TWO_DEVIATIONS
+    beyond = _BEYOND * np.sqrt(np.maximum((curves - rough) ** 2 - deviations**2, 0.0))
     names, segment, reason = _segments(template, sequence.facts, fine)
     by_segment, segment_deviations = _by_segment(fine, segment, names, end_diastole, end_systole)
     return Strain(
@@ -271,7 +271,7 @@ def _phases(sequence: MeshSequence) -> NDArray[np.float64]:
     times = np.arange(n, dtype=np.float64) if sequence.times is None else sequence.times
     times = times - times[0]
     period = sequence.facts.period or times[-1] * n / max(n - 1, 1) or 1.0
-    return times / period
+    return np.asarray(times / period, dtype=np.float64)
 
 
 def _segments(

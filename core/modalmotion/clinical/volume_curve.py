@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from modalmotion.representation import shown
 
-
 TWO_DEVIATIONS: Final = 2.0
 """Standard deviations of a 95 % interval, as tracks state theirs."""
 

@@ -124,7 +124,7 @@ class WallMotion:
         return change
 
     def deviation(self, measure: Measure, frame: int, start: int) -> float:
-        """Standard deviation of a strain, percentage points; errors of two frames are apart."""
+        """Give the standard deviation of a strain, points; errors of two frames are apart."""
         if frame == start:
             return 0.0
         gradients = self.gradients(measure, frame, start)
@@ -179,7 +179,7 @@ class WallMotion:
         elif kind == CIRCUMFERENTIAL:
             total = places.around.T @ (weight * _unit(around))
         else:
-            normal = _unit(np.cross(along, around))
+            normal = _unit(np.asarray(np.cross(along, around), dtype=np.float64))
             total = places.along.T @ (weight * np.cross(around, normal))
             total += places.around.T @ (weight * np.cross(normal, along))
         return total

@@ -129,9 +129,7 @@ def frame_table(
             columns[f"inward_{name.replace(' ', '_')}_percent"] = share
     if ventricle is not None and ventricle.strain is not None:
         strain = ventricle.strain
-        for name, curve, sd in zip(
-            strain.names, strain.curves.T, strain.deviations.T, strict=True
-        ):
+        for name, curve, sd in zip(strain.names, strain.curves.T, strain.deviations.T, strict=True):
             columns[f"{name.lower().replace(' ', '_')}_percent"] = curve
             columns[f"{name.lower().replace(' ', '_')}_deviation"] = sd
     return Table(columns)

@@ -91,20 +91,43 @@ class SegmentsAnswer(BaseModel):
     reason: str = Field(description="Why there are rings only; empty where there are segments.")
 
 
-class StrainAnswer(BaseModel):
-    """Lagrangian strain since end diastole, percent; negative is shorter."""
+class StrainFigureAnswer(BaseModel):
+    """A strain since end diastole, percent; negative is shorter."""
 
-    directions: list[str]
-    whole: list[list[float]] = Field(description="By frame, then by direction.")
-    whole_bounds: list[list[float]] = Field(
-        description="What leaving out other modes does to it, percentage points."
-    )
-    peak: list[float] = Field(description="Most negative, by direction.")
+    name: str = Field(description="GLS, GCS, GAS, or GCS at one level.")
+    definition: str = Field(description="What it is the relative change of.")
+    end_systolic: FigureAnswer = Field(description="At end systole, with its 95 % interval.")
+    peak: FigureAnswer = Field(description="Where it is most negative.")
+    curve: list[float] = Field(description="By frame.")
+    deviations: list[float] = Field(description="Standard deviation by frame, points.")
+
+
+class SegmentStrainAnswer(BaseModel):
+    """Strain of the segments, percent."""
+
     names: list[str] = Field(description="The 17 segments, or the four rings.")
-    by_segment: list[list[list[float | None]]] = Field(
-        description="By frame, segment and direction."
+    directions: list[str]
+    percent: list[list[list[float | None]]] = Field(description="By frame, segment, direction.")
+    end_systolic_deviations: list[list[float | None]] = Field(
+        description="Standard deviation at end systole by segment and direction, points."
+    )
+    reason: str = Field(description="Why there are rings only; empty where there are segments.")
+
+
+class StrainAnswer(BaseModel):
+    """Strain of the wall as lengths and areas of its smooth surface (Voigt 2015)."""
+
+    figures: list[StrainFigureAnswer]
+    segments: SegmentStrainAnswer
+    dyssynchrony: FigureAnswer | None = Field(
+        description="Systolic dyssynchrony index, percent of the cycle; null of too few frames."
     )
     end_diastole: int
+    end_systole: int
+    found_by: str = Field(description="How these frames were found.")
+    layer: str = Field(description="Surface of the wall that was measured.")
+    source: str = Field(description="What the surface came from.")
+    notes: list[str]
 
 
 class ReadoutsAnswer(BaseModel):
@@ -124,7 +147,7 @@ class ReadoutsAnswer(BaseModel):
     rates: RatesAnswer | None = Field(description="Null where times are unknown.")
     segments: SegmentsAnswer | None = Field(description="Null where this is not a ventricle.")
     strain: StrainAnswer | None = Field(
-        description="Null where nothing says that vertices follow the tissue (tracking=material)."
+        description="Null of a surface without coordinates along and around it."
     )
     notes: list[str]
     intended_use: str = INTENDED_USE

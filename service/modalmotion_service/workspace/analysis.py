@@ -30,9 +30,10 @@ class Analysis(UploadWork, TemplateWork, SignatureWork):
         sequence, signature = await self._with_sequence(sequence_id, parameters)
         template = self.template_path(parameters)
         facts = self._store.sequence_record(sequence_id).facts
+        track = await asyncio.to_thread(self._track_path, sequence_id)
         with stage("readouts"):
             return await self.work(
-                derived.read_out, sequence, signature, template, media_type, facts
+                derived.read_out, sequence, signature, template, media_type, facts, track
             )
 
     async def reconstruction(
@@ -69,6 +70,7 @@ class Analysis(UploadWork, TemplateWork, SignatureWork):
         sequence, signature = await self._with_sequence(sequence_id, parameters)
         template = self.template_path(parameters)
         record = self._store.sequence_record(sequence_id)
+        track = await asyncio.to_thread(self._track_path, sequence_id)
         with stage("report"):
             return await self.work(
                 reports.make_report,
@@ -79,6 +81,7 @@ class Analysis(UploadWork, TemplateWork, SignatureWork):
                 record.facts,
                 classification,
                 record.created,
+                track,
             )
 
     async def dicom(
@@ -93,11 +96,12 @@ class Analysis(UploadWork, TemplateWork, SignatureWork):
         sequence, signature = await self._with_sequence(sequence_id, parameters)
         template = self.template_path(parameters)
         record = self._store.sequence_record(sequence_id)
+        track = await asyncio.to_thread(self._track_path, sequence_id)
         with self.output() as output, stage("report"):
             await self.work(
                 reports.make_dicom,
                 *(sequence, signature, template, instance, limits),
-                *(record.facts, classification, record.created, output),
+                *(record.facts, classification, record.created, track, output),
             )
         return output
 
@@ -109,8 +113,7 @@ class Analysis(UploadWork, TemplateWork, SignatureWork):
         template = self.template_path(parameters)
         facts = self._store.sequence_record(sequence_id).facts
         with self.output() as output, stage("view"):
-            is_tracked = self._store.is_tracked(sequence_id)
-            how = (as_page, self._store.track_path(sequence_id) if is_tracked else None)
+            how = as_page, await asyncio.to_thread(self._track_path, sequence_id)
             await self.work(views.make_view, sequence, signature, template, facts, *how, output)
         return output
 

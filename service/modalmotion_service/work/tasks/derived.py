@@ -22,15 +22,20 @@ from modalmotion.tradeoff.plain import as_plain
 from modalmotion_service.http.negotiation import CSV, PNG
 from modalmotion_service.schemas import ReadoutsAnswer, TradeoffAnswer
 from modalmotion_service.work.task_progress import ProgressFile
-from modalmotion_service.work.tasks.files import png_of, whole_file, write_whole
+from modalmotion_service.work.tasks.files import loaded_sequence, png_of, whole_file, write_whole
 
 
 def read_out(
-    sequence: Path, signature: Path, template: Path | None, media_type: str, facts: Facts
+    sequence: Path,
+    signature: Path,
+    template: Path | None,
+    media_type: str,
+    facts: Facts,
+    track: Path | None,
 ) -> bytes:
     """Read volume and ejection fraction from a kept signature, as JSON, PNG or a table."""
     fitted = signature_from_hdf5(signature)
-    loaded = sequence_from_hdf5(sequence).with_facts(facts)
+    loaded = loaded_sequence(sequence, track).with_facts(facts)
     named = None if template is None else template_from_hdf5(template)
     result = clinical_readouts(fitted, loaded, template=named)
     if media_type == PNG:

@@ -6,12 +6,14 @@ import io
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from modalmotion.fit.cache import TemplateCache
-from modalmotion.store import template_from_hdf5
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.store import sequence_from_hdf5, template_from_hdf5, track_from_hdf5
 from modalmotion.template import Template
 
 if TYPE_CHECKING:
@@ -48,6 +50,14 @@ def png_of(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     return buffer.getvalue()
+
+
+def loaded_sequence(sequence: Path, track: Path | None) -> MeshSequence:
+    """Load a kept sequence; with its track, where one made it, it says how far it may be off."""
+    loaded = sequence_from_hdf5(sequence)
+    if track is None:
+        return loaded
+    return replace(loaded, uncertainty=track_from_hdf5(track).sequence.uncertainty)
 
 
 def named_template(template: Path | None) -> Template | None:

@@ -11,10 +11,10 @@ from modalmotion.facts import Facts
 from modalmotion.formats import ReadLimits
 from modalmotion.report import Report, fhir_json, report_of, report_pdf
 from modalmotion.report.dicom import dicom_zip, read_study
-from modalmotion.store import sequence_from_hdf5, signature_from_hdf5, template_from_hdf5
+from modalmotion.store import signature_from_hdf5, template_from_hdf5
 from modalmotion_service.http.negotiation import CSV, PDF
 from modalmotion_service.work.parsing import parser_for
-from modalmotion_service.work.tasks.files import write_whole
+from modalmotion_service.work.tasks.files import loaded_sequence, write_whole
 
 
 def make_report(
@@ -25,9 +25,10 @@ def make_report(
     facts: Facts,
     classification: Path | None,
     issued: str,
+    track: Path | None,
 ) -> bytes:
     """Report on a kept signature, as FHIR, PDF or a table; the same bytes every time."""
-    report = _report(sequence, signature, template, facts, classification, issued)
+    report = _report(sequence, signature, template, facts, classification, issued, track)
     if media_type == PDF:
         return report_pdf(report)
     if media_type == CSV:
@@ -45,11 +46,12 @@ def make_dicom(
     facts: Facts,
     classification: Path | None,
     issued: str,
+    track: Path | None,
     output: Path,
 ) -> None:
     """Write a report on a kept signature as a zip of objects of an instance's study."""
     study = read_study(instance, parser=parser_for(limits))
-    report = _report(sequence, signature, template, facts, classification, issued)
+    report = _report(sequence, signature, template, facts, classification, issued, track)
     write_whole(output, dicom_zip(report, study))
 
 
@@ -60,10 +62,11 @@ def _report(
     facts: Facts,
     classification: Path | None,
     issued: str,
+    track: Path | None,
 ) -> Report:
     return report_of(
         signature_from_hdf5(signature),
-        sequence_from_hdf5(sequence).with_facts(facts),
+        loaded_sequence(sequence, track).with_facts(facts),
         issued=datetime.fromisoformat(issued),
         template=None if template is None else template_from_hdf5(template),
         classification=None if classification is None else classification_from_hdf5(classification),

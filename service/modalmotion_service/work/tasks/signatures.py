@@ -26,13 +26,13 @@ from modalmotion.store import (
     signature_from_hdf5,
     signature_image,
     signature_to_hdf5,
-    track_from_hdf5,
 )
 from modalmotion_service.http.negotiation import CSV, HDF5, JSON, NPZ, PNG, RAW
 from modalmotion_service.schemas import SignatureAnswer
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import (
     cache_for,
+    loaded_sequence,
     named_template,
     png_of,
     whole_file,
@@ -59,9 +59,7 @@ def sign(
     """
     watch = Stopwatch(_SHARES, ProgressFile(progress).write)
     with watch.stage("load"):
-        loaded = sequence_from_hdf5(sequence)
-        if track is not None:
-            loaded = replace(loaded, uncertainty=track_from_hdf5(track).sequence.uncertainty)
+        loaded = loaded_sequence(sequence, track)
         named = named_template(template)
     signature = modal_signature(
         loaded, parameters, template=named, cache=cache_for(template), watch=watch

@@ -8,7 +8,6 @@ from typing import Final
 
 from modalmotion.errors import LimitError
 from modalmotion.facts import Facts
-from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature
 from modalmotion.store import (
     sequence_from_hdf5,
@@ -18,7 +17,7 @@ from modalmotion.store import (
 )
 from modalmotion.viewer.page import View, view_page
 from modalmotion.viewer.payload import frames_payload
-from modalmotion_service.work.tasks.files import write_whole
+from modalmotion_service.work.tasks.files import loaded_sequence, write_whole
 
 # Of one answer: a page asks for the frames of a large surface a piece at a time.
 MOST_FRAME_BYTES: Final = 64_000_000
@@ -37,7 +36,7 @@ def make_view(
 
     A page of one file is shown without a service: it holds the data of a track itself.
     """
-    view = _view(sequence, signature, template, facts)
+    view = _view(sequence, signature, template, facts, track)
     if not as_page:
         write_whole(output, replace(view, is_tracked=track is not None).payload())
         return
@@ -74,8 +73,10 @@ def make_frames(
     write_whole(output, frames_payload(loaded, fitted, first, stop, template=named))
 
 
-def _view(sequence: Path, signature: Path, template: Path | None, facts: Facts) -> View:
-    loaded: MeshSequence = sequence_from_hdf5(sequence).with_facts(facts)
+def _view(
+    sequence: Path, signature: Path, template: Path | None, facts: Facts, track: Path | None
+) -> View:
+    loaded = loaded_sequence(sequence, track).with_facts(facts)
     fitted: ModalSignature = signature_from_hdf5(signature)
     named = None if template is None else template_from_hdf5(template)
     return View(fitted, loaded, template=named)
