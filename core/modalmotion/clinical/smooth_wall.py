@@ -130,7 +130,8 @@ class SmoothWall:
             float(((x - self.shapes @ coefficients[:, frame]) ** 2).sum())
             for frame, x in enumerate(positions)
         ]
-        return np.asarray(squares, dtype=np.float64) / (3 * (n_vertices - n_functions))
+        per_value: NDArray[np.float64] = np.array(squares) / (3 * (n_vertices - n_functions))
+        return per_value
 
     def places(self, coefficients: NDArray[np.float64]) -> Places:
         """Lay a grid by the lengths of lines from apex to base in one frame.

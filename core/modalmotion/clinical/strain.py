@@ -179,12 +179,12 @@ def wall_strain(
     )
     fine, coarse = (WallMotion.of(positions, known, wall, end_diastole) for wall in walls)
     curves, rough = (
-        np.stack([motion.strain(one, end_diastole) for one in _measures(motion)], axis=1)
+        np.stack([motion.strain(one, end_diastole) for one in measures_of(motion)], axis=1)
         for motion in (fine, coarse)
     )
     deviations = np.array(
         [
-            [fine.deviation(one, frame, end_diastole) for one in _measures(fine)]
+            [fine.deviation(one, frame, end_diastole) for one in measures_of(fine)]
             for frame in range(fine.n_frames)
         ]
     )
@@ -209,7 +209,7 @@ def wall_strain(
     )
 
 
-def _measures(motion: WallMotion) -> list[Measure]:
+def measures_of(motion: WallMotion) -> list[Measure]:
     """Lines and levels whose strains are the curves."""
     rows, columns = motion.places.shape
     lines = np.zeros((columns, rows, columns))

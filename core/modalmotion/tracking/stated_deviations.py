@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.mesh import face_areas
+from modalmotion.mesh.cavity_gradient import lid_gradient, volume_gradient
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.posterior import across_covariance, deviations_at, volume_deviation
-from modalmotion.tracking.result import cavity_in, lid_gradient, normals_of, volume_gradient
+from modalmotion.tracking.result import cavity_in, normals_of
 from modalmotion.tracking.together import Together
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from clouds import ends_of, rim_of, sampled
 
+from modalmotion.mesh.cavity_gradient import lid_gradient, volume_gradient
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
@@ -13,7 +14,7 @@ from modalmotion.modes.topology import CUP
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation, track
 from modalmotion.tracking.posterior import volume_deviation
-from modalmotion.tracking.result import cavity_in, lid_gradient, volume_gradient
+from modalmotion.tracking.result import cavity_in
 
 BASE = standard_surface(Lattice(CUP, (12, 32)))
 X = BASE.vertices[0] * 20.0

@@ -1,0 +1,43 @@
+"""The systolic dyssynchrony index."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from modalmotion.clinical.dyssynchrony import dyssynchrony
+
+PHASES = np.arange(30) / 30
+
+
+def volumes(times: np.ndarray) -> np.ndarray:
+    """Curves that are least at given instants."""
+    turns = 2 * np.pi * (PHASES[:, None] - times)
+    return 10.0 - 3.0 * np.cos(turns) - 0.5 * np.cos(2 * turns)
+
+
+def test_it_is_the_deviation_of_the_times_between_frames_and_over_the_end_of_the_cycle() -> None:
+    rng = np.random.default_rng(0)
+    for middle in (0.4, 0.99):
+        times = middle + 0.05 * rng.normal(size=16)
+        found = dyssynchrony(volumes(times), PHASES, np.zeros(16))
+        assert found is not None
+        assert found[0] == pytest.approx(100 * times.std(ddof=1), abs=0.1)
+
+
+def test_noise_does_not_count_as_dyssynchrony() -> None:
+    rng = np.random.default_rng(1)
+    times = 0.4 + 0.04 * rng.normal(size=16)
+    true = 100 * times.std(ddof=1)
+    found = [
+        dyssynchrony(volumes(times) + 0.3 * rng.normal(size=(30, 16)), PHASES, np.zeros(16))
+        for _ in range(12)
+    ]
+    values, deviations = np.array([one for one in found if one is not None]).T
+    assert abs(values.mean() - true) < 0.5
+    assert (np.abs(values - true) <= 2.0 * deviations).mean() > 0.8
+
+
+def test_few_frames_and_part_of_a_cycle_have_none() -> None:
+    assert dyssynchrony(volumes(np.zeros(16))[:7], PHASES[:7], np.zeros(16)) is None
+    assert dyssynchrony(volumes(np.zeros(16)), PHASES / 3, np.zeros(16)) is None
