@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
@@ -27,6 +28,7 @@ from modalmotion.clinical.plain import ventricle_json
 from modalmotion.clinical.strain import DEFINITIONS
 from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_readouts
 from modalmotion.errors import TopologyError
+from modalmotion.exports.table import direction_names
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numerals import counted, numeral
@@ -78,7 +80,15 @@ def readouts(
         click.echo(json.dumps({**_numbers(result), **ventricle_json(ventricle)}, indent=2))
     else:
         notes = [f"note: {note}" for note in (*result.notes, *ventricle.reasons)]
-        click.echo("\n".join([*_lines(result), *_further(ventricle, result.volume_unit), *notes]))
+        click.echo(
+            "\n".join(
+                [
+                    *_lines(result),
+                    *_further(ventricle, result.volume_unit, direction_names(signature)),
+                    *notes,
+                ]
+            )
+        )
     list_written(plot, bulls_eye, as_json=as_json)
 
 
@@ -138,7 +148,7 @@ def _lines(readouts: ClinicalReadouts) -> list[str]:
     return lines
 
 
-def _further(ventricle: VentricleReadouts, unit: str) -> list[str]:
+def _further(ventricle: VentricleReadouts, unit: str, directions: tuple[str, ...]) -> list[str]:
     lines = []
     if (rates := ventricle.rates) is not None:
         for name, value, bound in (
@@ -152,11 +162,23 @@ def _further(ventricle: VentricleReadouts, unit: str) -> list[str]:
     if (strain := ventricle.strain) is not None:
         for name, figure in strain.end_systolic.items():
             lines.append(f"{name:<24}{figure.value:12.1f}{figure.low:10.1f}{figure.high:10.1f} %")
+        if (index := strain.dyssynchrony) is not None:
+            lines.append(
+                f"{'SDI':<24}{index.value:12.1f}{index.low:10.1f}{index.high:10.1f} % of the cycle"
+            )
         lines.append(
             f"strain in frame {strain.end_systole}, since frame {strain.end_diastole}, of "
             f"{strain.source}, {strain.layer}:"
         )
         lines += [f"  {name} is the change of the {what}" for name, what in DEFINITIONS.items()]
+    if (per_mode := ventricle.per_mode) is not None:
+        lines += ["largest effect of an amplitude, for each length unit of it:"]
+        for name, what, values in zip(per_mode.names, per_mode.units, per_mode.values, strict=True):
+            mode, direction = np.unravel_index(np.abs(values).argmax(), values.shape)
+            lines.append(
+                f"  {name.replace('_', ' '):<22}{values[mode, direction]:12.2f} {what}, mode "
+                f"{per_mode.labels[mode]}, {directions[direction]}"
+            )
     if (regions := ventricle.regions) is not None:
         frame = most_moved(regions)
         lines.append(f"inward motion over the radius at end diastole, frame {frame}, %:")

@@ -99,7 +99,7 @@ def sensitivities(
 def _moves(
     signature: ModalSignature, sequence: MeshSequence, frame: int, template: Template | None
 ) -> NDArray[np.float64]:
-    """What a unit of each amplitude moves each vertex by, (modes, directions, vertices, 3)."""
+    """Give what a unit of each amplitude moves vertices by, (modes, directions, vertices, 3)."""
     _, m, n = signature.amplitudes.shape
     units = np.concatenate([np.zeros((1, m, n)), np.eye(m * n).reshape(m * n, m, n)])
     # Superposition is linear: as many frames of one pose as there are amplitudes.

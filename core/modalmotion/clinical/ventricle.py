@@ -9,6 +9,7 @@ from typing import TypeVar
 from modalmotion.clinical.rates import Rates, rates_of
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.segments import RegionalMotion, regional_motion
+from modalmotion.clinical.sensitivity import Sensitivities, sensitivities
 from modalmotion.clinical.strain import Strain, wall_strain
 from modalmotion.errors import InputError
 from modalmotion.mesh.sequence import MeshSequence
@@ -30,6 +31,8 @@ class VentricleReadouts:
     rates : Rates or None
     regions : RegionalMotion or None
     strain : Strain or None
+    per_mode : Sensitivities or None
+        What a unit of each amplitude does to the read-outs.
     reasons : tuple of str
         Why each of those that are None is.
     """
@@ -37,6 +40,7 @@ class VentricleReadouts:
     rates: Rates | None
     regions: RegionalMotion | None
     strain: Strain | None
+    per_mode: Sensitivities | None
     reasons: tuple[str, ...]
 
 
@@ -75,5 +79,6 @@ def ventricle_readouts(
         strain=attempt(
             lambda: wall_strain(sequence, fitted_on(signature, sequence, template), start, end)
         ),
+        per_mode=attempt(lambda: sensitivities(signature, sequence, readouts, template=template)),
         reasons=tuple(dict.fromkeys(reasons)),
     )

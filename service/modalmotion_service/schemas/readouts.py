@@ -130,6 +130,15 @@ class StrainAnswer(BaseModel):
     notes: list[str]
 
 
+class PerModeAnswer(BaseModel):
+    """What one length unit of each amplitude does to the read-outs at end systole."""
+
+    names: list[str] = Field(description="Of the read-outs; volumes at their own moment.")
+    units: list[str]
+    modes: list[str]
+    values: list[list[list[float]]] = Field(description="By read-out, mode and direction.")
+
+
 class ReadoutsAnswer(BaseModel):
     """Read-outs from a cavity's volume over time."""
 
@@ -149,6 +158,7 @@ class ReadoutsAnswer(BaseModel):
     strain: StrainAnswer | None = Field(
         description="Null of a surface without coordinates along and around it."
     )
+    per_mode: PerModeAnswer | None = Field(description="Null where a volume is not known.")
     notes: list[str]
     intended_use: str = INTENDED_USE
 
