@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from modalmotion.classification import load_model as load_model
     from modalmotion.clinical import ClinicalReadouts as ClinicalReadouts
     from modalmotion.clinical import clinical_readouts as clinical_readouts
+    from modalmotion.clinical.strain_of import strain as strain
     from modalmotion.errors import ConnectivityError as ConnectivityError
     from modalmotion.errors import CorruptFileError as CorruptFileError
     from modalmotion.errors import InputError as InputError

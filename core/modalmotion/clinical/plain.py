@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.clinical.sensitivity import Sensitivities
 from modalmotion.clinical.strain import DEFINITIONS, Strain
 from modalmotion.clinical.ventricle import VentricleReadouts
 from modalmotion.clinical.wall_motion import DIRECTIONS
@@ -27,6 +28,17 @@ def ventricle_json(ventricle: VentricleReadouts) -> dict[str, Any]:
             "reason": regions.reason,
         },
         "strain": None if strain is None else strain_json(strain),
+        "per_mode": None if ventricle.per_mode is None else per_mode_json(ventricle.per_mode),
+    }
+
+
+def per_mode_json(per_mode: Sensitivities) -> dict[str, Any]:
+    """Write gradients by amplitudes out."""
+    return {
+        "names": list(per_mode.names),
+        "units": list(per_mode.units),
+        "modes": [str(label) for label in per_mode.labels],
+        "values": per_mode.values.tolist(),
     }
 
 
