@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from modalmotion.signature.making import SignatureParameters as SignatureParameters
     from modalmotion.signature.making import modal_signature as modal_signature
     from modalmotion.signature.reconstruction import reconstruct as reconstruct
+    from modalmotion.signature.resampling import resample as resample
     from modalmotion.simulate import Acquisition as Acquisition
     from modalmotion.simulate import VentricleParameters as VentricleParameters
     from modalmotion.simulate import simulate_ventricle as simulate_ventricle
