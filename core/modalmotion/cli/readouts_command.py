@@ -171,6 +171,13 @@ def _further(ventricle: VentricleReadouts, unit: str, directions: tuple[str, ...
             f"{strain.source}, {strain.layer}:"
         )
         lines += [f"  {name} is the change of the {what}" for name, what in DEFINITIONS.items()]
+    if (turning := ventricle.torsion) is not None:
+        for name, values, deviations in (
+            ("twist", turning.twist, turning.twist_deviations),
+            ("shear", turning.shear, turning.shear_deviations),
+        ):
+            value, reach = values[turning.end_systole], 2.0 * deviations[turning.end_systole]
+            lines.append(f"{name:<24}{value:12.1f}{value - reach:10.1f}{value + reach:10.1f} deg")
     if (per_mode := ventricle.per_mode) is not None:
         lines += ["largest effect of an amplitude, for each length unit of it:"]
         for name, what, values in zip(per_mode.names, per_mode.units, per_mode.values, strict=True):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from modalmotion.clinical.sensitivity import Sensitivities
 from modalmotion.clinical.strain import DEFINITIONS, Strain
+from modalmotion.clinical.torsion import Torsion
 from modalmotion.clinical.ventricle import VentricleReadouts
 from modalmotion.clinical.wall_motion import DIRECTIONS
 
@@ -28,7 +29,20 @@ def ventricle_json(ventricle: VentricleReadouts) -> dict[str, Any]:
             "reason": regions.reason,
         },
         "strain": None if strain is None else strain_json(strain),
+        "torsion": None if ventricle.torsion is None else torsion_json(ventricle.torsion),
         "per_mode": None if ventricle.per_mode is None else per_mode_json(ventricle.per_mode),
+    }
+
+
+def torsion_json(torsion: Torsion) -> dict[str, Any]:
+    """Write twist and shear out, degrees."""
+    return {
+        "twist": torsion.twist.tolist(),
+        "twist_deviations": torsion.twist_deviations.tolist(),
+        "shear": torsion.shear.tolist(),
+        "shear_deviations": torsion.shear_deviations.tolist(),
+        "end_diastole": torsion.end_diastole,
+        "end_systole": torsion.end_systole,
     }
 
 

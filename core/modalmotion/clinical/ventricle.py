@@ -11,6 +11,7 @@ from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.segments import RegionalMotion, regional_motion
 from modalmotion.clinical.sensitivity import Sensitivities, sensitivities
 from modalmotion.clinical.strain import Strain, wall_strain
+from modalmotion.clinical.torsion import Torsion, torsion
 from modalmotion.errors import InputError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import shown
@@ -31,6 +32,8 @@ class VentricleReadouts:
     rates : Rates or None
     regions : RegionalMotion or None
     strain : Strain or None
+    torsion : Torsion or None
+        None where nothing says that vertices follow the tissue.
     per_mode : Sensitivities or None
         What a unit of each amplitude does to the read-outs.
     reasons : tuple of str
@@ -40,6 +43,7 @@ class VentricleReadouts:
     rates: Rates | None
     regions: RegionalMotion | None
     strain: Strain | None
+    torsion: Torsion | None
     per_mode: Sensitivities | None
     reasons: tuple[str, ...]
 
@@ -78,6 +82,9 @@ def ventricle_readouts(
         regions=attempt(lambda: regional_motion(signature, sequence, start, template=template)),
         strain=attempt(
             lambda: wall_strain(sequence, fitted_on(signature, sequence, template), start, end)
+        ),
+        torsion=attempt(
+            lambda: torsion(sequence, fitted_on(signature, sequence, template), start, end)
         ),
         per_mode=attempt(lambda: sensitivities(signature, sequence, readouts, template=template)),
         reasons=tuple(dict.fromkeys(reasons)),

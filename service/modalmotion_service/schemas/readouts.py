@@ -130,6 +130,22 @@ class StrainAnswer(BaseModel):
     notes: list[str]
 
 
+class TorsionAnswer(BaseModel):
+    """Turning and shear of a wall of material points since end diastole, degrees, by frame."""
+
+    twist: list[float] = Field(
+        description="Rotation of the apical less that of the basal third, right-handed about the "
+        "axis from apex to base."
+    )
+    twist_deviations: list[float] = Field(description="Standard deviations.")
+    shear: list[float] = Field(
+        description="Mean change of the angle between lines along and around the wall."
+    )
+    shear_deviations: list[float] = Field(description="Standard deviations.")
+    end_diastole: int
+    end_systole: int
+
+
 class PerModeAnswer(BaseModel):
     """What one length unit of each amplitude does to the read-outs at end systole."""
 
@@ -157,6 +173,9 @@ class ReadoutsAnswer(BaseModel):
     segments: SegmentsAnswer | None = Field(description="Null where this is not a ventricle.")
     strain: StrainAnswer | None = Field(
         description="Null of a surface without coordinates along and around it."
+    )
+    torsion: TorsionAnswer | None = Field(
+        description="Null where nothing says that vertices follow the tissue (tracking=material)."
     )
     per_mode: PerModeAnswer | None = Field(description="Null where a volume is not known.")
     notes: list[str]
