@@ -98,10 +98,10 @@ def volume_lines(signature: ModalSignature, sequence: MeshSequence) -> list[str]
         readouts = clinical_readouts(signature, sequence)
     except TopologyError:
         return []
-    large, small, _ = _volumes(readouts.curve, readouts.shown_in)
+    large, small, _ = _volumes(readouts.stated, readouts.shown_in)
     return [
         f"volume {numeral(large, 1)} to {numeral(small, 1, of=large)} {readouts.volume_unit}",
-        *_share_line(readouts.curve),
+        *_share_line(readouts.stated),
         *(f"note: {note}" for note in readouts.notes if signature.n_frames > 1),
     ]
 
@@ -115,14 +115,17 @@ def _share_line(curve: VolumeCurve) -> list[str]:
 
 def _lines(readouts: ClinicalReadouts) -> list[str]:
     unit = readouts.volume_unit
+    names, mesh = ("signature", "mesh"), readouts.mesh_curve
+    if readouts.stated is mesh:
+        names, mesh = ("surface", "signature"), readouts.curve
     lines = [
         (
             f"{readouts.n_amplitudes} amplitudes a frame; {counted(readouts.n_openings, 'opening')}"
             f"{', closed by fans' if readouts.n_openings else ''}"
         ),
-        f"{'':>24}{'signature':>12}{'low':>10}{'high':>10}{'mesh':>10}",
+        f"{'':>24}{names[0]:>12}{'low':>10}{'high':>10}{names[1]:>10}",
     ]
-    curve, mesh, factor = readouts.curve, readouts.mesh_curve, readouts.shown_in
+    curve, factor = readouts.stated, readouts.shown_in
     intervals = (curve.end_diastolic_range, curve.end_systolic_range, curve.stroke_range)
     largest = abs(curve.end_diastolic_volume) * factor
     rows = zip(

@@ -83,6 +83,11 @@ class ClinicalReadouts:
     notes: tuple[str, ...]
 
     @property
+    def stated(self) -> VolumeCurve:
+        """The curve to report: of a track that of its own surfaces, whose errors are known."""
+        return self.curve if self.mesh_curve.deviations is None else self.mesh_curve
+
+    @property
     def millilitres(self) -> float:
         """Volume of one cubed length unit in ml.
 

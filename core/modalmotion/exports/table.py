@@ -121,7 +121,7 @@ def frame_table(
         unit = "ml" if readouts.unit is not None else "cubed_units"
         factor = readouts.shown_in
         columns[f"volume_{unit}"] = readouts.curve.volumes * factor
-        columns[f"volume_bound_{unit}"] = readouts.curve.bounds * factor
+        columns[f"volume_bound_{unit}"] = readouts.curve.reach * factor
         columns[f"mesh_volume_{unit}"] = readouts.mesh_curve.volumes * factor
     if ventricle is not None and ventricle.regions is not None:
         regions = ventricle.regions
@@ -209,7 +209,7 @@ def _recording_row(one: Recording) -> dict[str, Any]:
         ),
     }
     if one.readouts is not None:
-        curve, share = one.readouts.curve, one.readouts.curve.share
+        curve, share = one.readouts.stated, one.readouts.stated.share
         if one.readouts.unit is not None:
             row["end_diastolic_volume_ml"] = curve.end_diastolic_volume * one.readouts.millilitres
             row["end_systolic_volume_ml"] = curve.end_systolic_volume * one.readouts.millilitres

@@ -160,7 +160,7 @@ def _volumes(
         readouts = clinical_readouts(signature, sequence)
     except (TopologyError, ParameterError):
         return nothing, None
-    curve = readouts.curve
+    curve = readouts.stated
     if curve.share is None:
         return nothing, None
     in_ml = math.nan if readouts.unit is None else readouts.millilitres

@@ -200,7 +200,7 @@ def _amplitudes(report: Report) -> Found:
 
 def _volume_curve(readouts: ClinicalReadouts) -> Found:
     unit, ucum = ("ml", "mL") if readouts.unit is not None else ("cubed length units", "1")
-    volumes = readouts.curve.volumes * readouts.shown_in
+    volumes = readouts.stated.volumes * readouts.shown_in
     return Found(
         "volume_curve",
         [f"Volume in each of {len(volumes)} frames, in {unit}."],

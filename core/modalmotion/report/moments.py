@@ -14,6 +14,6 @@ def moments_of(report: Report) -> list[tuple[int, str]]:
         return [(0, "first frame"), (middle, "largest motion")]
     curve = report.readouts.mesh_curve
     names = ("end diastole", "end systole")
-    if report.readouts.curve.fraction != "ejection_fraction":
+    if report.readouts.stated.fraction != "ejection_fraction":
         names = ("largest volume", "smallest volume")
     return list(zip((curve.end_diastole, curve.end_systole), names, strict=True))

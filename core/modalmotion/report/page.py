@@ -207,8 +207,8 @@ def _draw_regions(figure: Figure, axes: Any, regions: RegionalMotion, frame: int
 
 def _draw_volume(axes: Axes, readouts: ClinicalReadouts) -> None:
     times = readouts.times
-    v = readouts.curve.volumes * readouts.shown_in
-    b = readouts.curve.bounds * readouts.shown_in
+    v = readouts.stated.volumes * readouts.shown_in
+    b = readouts.stated.reach * readouts.shown_in
     at = np.arange(len(v)) if times is None else times
     axes.fill_between(at, v - b, v + b, color=_BLUE, alpha=0.22, lw=0)
     axes.plot(at, v, "o-", ms=2.5, lw=1.2, color=_BLUE)

@@ -40,7 +40,7 @@ def quantities_of(report: Report) -> tuple[Quantity, ...]:
     readouts = report.readouts
     if readouts is None:
         return ()
-    curve, factor = readouts.curve, readouts.shown_in
+    curve, factor = readouts.stated, readouts.shown_in
     unit, ucum = ("ml", "mL") if readouts.unit is not None else ("cubed length units", "1")
     found = []
     if curve.fraction is not None and curve.share is not None and curve.share_range is not None:

@@ -298,7 +298,7 @@ def _strain_words(strain: Strain) -> dict[str, Any]:
 
 
 def _volume_words(readouts: ClinicalReadouts) -> dict[str, Any]:
-    curve, factor = readouts.curve, readouts.shown_in
+    curve, factor = readouts.stated, readouts.shown_in
     words: dict[str, Any] = {
         "unit": readouts.volume_unit,
         "end_diastole": curve.end_diastole,
