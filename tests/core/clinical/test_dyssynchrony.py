@@ -13,7 +13,7 @@ PHASES = np.arange(30) / 30
 def volumes(times: np.ndarray) -> np.ndarray:
     """Curves that are least at given instants."""
     turns = 2 * np.pi * (PHASES[:, None] - times)
-    return 10.0 - 3.0 * np.cos(turns) - 0.5 * np.cos(2 * turns)
+    return np.asarray(10.0 - 3.0 * np.cos(turns) - 0.5 * np.cos(2 * turns))
 
 
 def test_it_is_the_deviation_of_the_times_between_frames_and_over_the_end_of_the_cycle() -> None:

@@ -131,7 +131,7 @@ def test_known_errors_of_positions_count_and_their_notes_are_passed_on() -> None
         covariance = np.tile(sd**2 * np.eye(3), (sequence.n_frames, 1, 1))
         known = Uncertainty(
             source="points",
-            shapes=sequence.vertices[0, :, 2:] / 40.0,
+            shapes=sequence.vertices[0, :, 2:].astype(np.float64) / 40.0,
             across=covariance,
             along=covariance,
             rest=np.zeros(sequence.n_frames),

@@ -66,8 +66,9 @@ def test_frames_have_errors_volumes_and_segments() -> None:
     np.testing.assert_array_equal(
         table.columns["inward_basal_percent"], ventricle.regions.shares[:, 0]
     )
+    np.testing.assert_array_equal(table.columns["gls_percent"], ventricle.strain.curves[:, 0])
     np.testing.assert_array_equal(
-        table.columns["longitudinal_strain_percent"], ventricle.strain.whole[:, 1]
+        table.columns["gcs_basal_deviation"], ventricle.strain.deviations[:, 5]
     )
 
 

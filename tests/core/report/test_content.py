@@ -36,6 +36,9 @@ def test_quantities_lie_in_their_intervals() -> None:
         "end_diastolic_volume",
         "end_systolic_volume",
         "stroke_volume",
+        "gls",
+        "gcs",
+        "gas",
     ]
     assert all(one.low <= one.value <= one.high for one in found)
     assert {one.ucum for one in found} == {"%", "mL"}
