@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import reference_positions
+from modalmotion.alignment.reference import middle_positions, reference_positions
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
@@ -17,12 +17,12 @@ from modalmotion.numeric.kinds import one_of
 from modalmotion.numeric.scale import power_of_two
 from modalmotion.progress import ShareReport, part_of, silent
 from modalmotion.template.coordinates.axis import degree
-from modalmotion.template.coordinates.cup import cup_coordinates
+from modalmotion.template.coordinates.cup import cup_axes, cup_coordinates
 from modalmotion.template.coordinates.curve import curve_coordinates
-from modalmotion.template.coordinates.cylinder import cylinder_coordinates
-from modalmotion.template.coordinates.plane import plane_coordinates
-from modalmotion.template.coordinates.sphere import sphere_coordinates
-from modalmotion.template.coordinates.torus import torus_coordinates
+from modalmotion.template.coordinates.cylinder import cylinder_axes, cylinder_coordinates
+from modalmotion.template.coordinates.plane import plane_axes, plane_coordinates
+from modalmotion.template.coordinates.sphere import sphere_axes, sphere_coordinates
+from modalmotion.template.coordinates.torus import torus_axes, torus_coordinates
 from modalmotion.template.coordinates.value import Coordinates
 from modalmotion.template.landmarks import (
     GivenLandmarks,
@@ -41,6 +41,7 @@ from modalmotion.template.notes import (
 )
 from modalmotion.template.recognition import recognise, require_fit
 from modalmotion.template.shares import shares_of
+from modalmotion.template.steady_shape import steady_shape
 from modalmotion.template.surface import Surface, surface_of
 from modalmotion.template.template import (
     Template,
@@ -57,11 +58,11 @@ _FOLDED = 0.8
 _MEASURED, _RECOGNISED, _SOLVED = 0.25, 0.3, 0.8
 
 _MAKERS = {
-    CUP: cup_coordinates,
-    CYLINDER: cylinder_coordinates,
-    PLANE: plane_coordinates,
-    SPHERE: sphere_coordinates,
-    TORUS: torus_coordinates,
+    CUP: (cup_axes, cup_coordinates),
+    CYLINDER: (cylinder_axes, cylinder_coordinates),
+    PLANE: (plane_axes, plane_coordinates),
+    SPHERE: (sphere_axes, sphere_coordinates),
+    TORUS: (torus_axes, torus_coordinates),
 }
 
 
@@ -114,6 +115,7 @@ def make_template(
         return _recognised_in_frame_0(sequence, weights, landmarks, merge_vertices, report)
     own_landmarks = landmarks_read(sequence, landmarks, closed_form=closed_form)
     start = reference_positions(sequence, reference)
+    middle = middle_positions(sequence, reference)
     faces = _faces_of(sequence)
     first = sequence.representatives if merge_vertices else np.arange(len(start))
     notes = notes_on_merging(first)
@@ -123,12 +125,17 @@ def make_template(
     # The nodes of a lattice and the points of a curve are in an order that says something.
     stated = sequence.topology
     is_mesh = sequence.grid is None and (stated is None or stated.n_axes == 2)
-    surface, corner, scale = _normalised(start, faces, in_any_order=is_mesh)
+    steady = steady_shape(start, middle, faces, stated)[first]
+    surface, corner, scale = _normalised(steady, faces, in_any_order=is_mesh)
     report(_MEASURED)
-    places = {
-        name: (place - corner) / scale
-        for name, place in resolve_places(own_landmarks, start).items()
-    }
+    mean = _mean_surface(surface, (middle[first] - corner) / scale)
+    places, mean_places = (
+        {
+            name: (place - corner) / scale
+            for name, place in resolve_places(own_landmarks, positions).items()
+        }
+        for positions in (steady, mean.of_mesh(mean.vertices) * scale + corner)
+    )
     isolated = np.zeros(0, dtype=np.int64)
     if len(faces):
         is_isolated = np.zeros(len(start), dtype=np.bool_)
@@ -143,7 +150,7 @@ def make_template(
         of_surface = not by_rows and is_placed_by_shape(sequence)
         solving = part_of(report, _RECOGNISED, _SOLVED)
         coordinates = _coordinates(
-            sequence, topology, surface, places, solving, of_surface=of_surface
+            sequence, topology, surface, mean, places, mean_places, solving, of_surface=of_surface
         )
     report(_SOLVED)
     if (
@@ -285,24 +292,29 @@ def _coordinates(
     sequence: MeshSequence,
     topology: Topology,
     surface: Surface,
+    mean: Surface,
     places: dict[str, NDArray[np.float64]],
+    mean_places: dict[str, NDArray[np.float64]],
     report: ShareReport,
     *,
     of_surface: bool,
 ) -> Coordinates | None:
+    """Coordinates on the reference, about the axes of the mean of all frames."""
     if sequence.grid is not None:
         values = Lattice(topology, sequence.grid).natural_coordinates
-        landmarks = lattice_landmarks(surface, topology, values)
+        landmarks = lattice_landmarks(mean, topology, values)
         if not of_surface or landmarks is None:
             return Coordinates(topology, values, landmarks)
         # The lattice still says where theta is 0 and, of a cylinder, which end is which.
-        zero = landmarks.origin + landmarks.theta_zero * np.sqrt(surface.area)
+        zero = landmarks.origin + landmarks.theta_zero * np.sqrt(mean.area)
         places = {"theta_zero": zero}
         if topology == CYLINDER:
             places["base"] = landmarks.base
+        mean_places = places
     if topology.n_axes == 1:
         return curve_coordinates(surface.vertices, topology, places)
-    return _MAKERS[topology](surface, places, report)
+    axes_of, make = _MAKERS[topology]
+    return make(surface, places, axes_of(mean, mean_places), report)
 
 
 def _faces_of(sequence: MeshSequence) -> NDArray[np.int64]:
@@ -343,6 +355,16 @@ def _normalised(
     scale = power_of_two(largest)
     surface = surface_of(vertices / scale, faces, in_any_order=in_any_order)
     return surface, corner, scale
+
+
+def _mean_surface(surface: Surface, middle: NDArray[np.float64]) -> Surface:
+    """The same triangles at the mean of all frames, its area centroid at the reference's."""
+    middle = middle.copy()
+    middle[surface.isolated] = surface.of_mesh(surface.vertices)[surface.isolated]
+    mean = surface.moved_to(middle)
+    if not (mean.area > 0 and surface.area > 0) or np.array_equal(mean.vertices, surface.vertices):
+        return surface
+    return replace(mean, vertices=mean.vertices + (surface.centroid - mean.centroid))
 
 
 def _carried_over(

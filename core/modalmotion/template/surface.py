@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -42,6 +42,16 @@ class Surface:
     order: NDArray[np.int64] | None = None
     sides: Sides | None = None
     weights: NDArray[np.float64] | None = None
+
+    def moved_to(self, vertices: NDArray[np.float64]) -> Surface:
+        """Give the same triangles at other places, (vertices, 3), in the order of the mesh."""
+        if self.order is not None:
+            vertices = np.take(vertices, self.order, axis=0)
+        if self.sides is None:
+            areas = vertex_areas(vertices, self.faces)
+            return replace(self, vertices=vertices, areas=areas, weights=None)
+        weights, areas = self.sides.stiffness(vertices)
+        return replace(self, vertices=vertices, areas=areas, weights=weights)
 
     @property
     def area(self) -> float:

@@ -10,7 +10,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import reference_positions
+from modalmotion.alignment.reference import middle_positions, reference_positions
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import CUP, CYLINDER, Topology
@@ -19,7 +19,7 @@ from modalmotion.representation import shown
 from modalmotion.template.landmarks import GivenLandmarks, Landmarks, landmarks_in
 
 # Changes with everything that changes coordinates, so that no old template answers for a new one.
-_SCHEMA = 2
+_SCHEMA = 3
 
 
 class Weights(StrEnum):
@@ -123,10 +123,10 @@ def template_id(
     Returns
     -------
     str
-        sha256 in hex, over faces, reference vertices, topology, grid, weights, landmarks and
-        merged vertices.
+        sha256 in hex, over faces, reference vertices, those of the mean of all frames, topology,
+        grid, weights, landmarks and merged vertices.
     """
-    start = reference_positions(sequence, reference).astype("<f8")
+    shapes = [reference_positions(sequence, reference), middle_positions(sequence, reference)]
     own_landmarks = landmarks_read(sequence, landmarks, closed_form=closed_form)
     header = {
         "schema": _SCHEMA,
@@ -135,13 +135,14 @@ def template_id(
         "weights": weights.value,
         "landmarks": own_landmarks.as_json(),
         "closed_form": closed_form,
-        "n_vertices": len(start),
+        "n_vertices": sequence.n_vertices,
     }
     if not by_rows and is_placed_by_shape(sequence):
         header["by_rows"] = False
     digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
     digest.update(np.ascontiguousarray(sequence.faces.astype("<i8")).data)
-    digest.update(np.ascontiguousarray(start).data)
+    for positions in shapes:
+        digest.update(np.ascontiguousarray(positions.astype("<f8")).data)
     first = sequence.representatives
     if merge_vertices and is_merged(first):
         digest.update(first.astype("<i8").data)

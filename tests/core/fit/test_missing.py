@@ -28,7 +28,8 @@ def fitted(
     components: Components = Components.CARTESIAN,
 ) -> Fit:
     sequence = mesh_sequence(*moving)
-    template = make_template(sequence)
+    # Of the whole frame alone.
+    template = make_template(mesh_sequence(moving[0][:1], moving[1]))
     basis = make_basis(template, choose_modes(template, n_modes).modes)
     return fit_sequence(sequence, template, basis, present=present, components=components)
 
