@@ -113,7 +113,7 @@ def _shares(sequence: MeshSequence, positions: NDArray[np.float64]) -> NDArray[n
     used = np.full(len(positions), not len(faces))
     used[faces.ravel()] = True
     extent = float(np.ptp(positions[used], axis=0).max(initial=0.0))
-    scaled = (positions - positions[0]) / extent if extent > 0 else positions
+    scaled = (positions - positions[np.argmax(used)]) / extent if extent > 0 else positions
     if topology is not None and topology.n_axes == 1:
         sizes = curve_weights(scaled, topology)
     elif not len(faces) and grid is not None and topology is not None and topology.n_axes == 2:

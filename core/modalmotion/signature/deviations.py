@@ -14,7 +14,7 @@ from modalmotion.choice.noise import Noise
 from modalmotion.choice.noise_level import measure_noise
 from modalmotion.choice.parameters import SignatureKind
 from modalmotion.fit.basis import make_basis
-from modalmotion.fit.deviations import amplitude_deviations
+from modalmotion.fit.deviations import amplitude_deviations, turns_of_axes
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.mesh.uncertainty import Uncertainty
 
@@ -54,17 +54,29 @@ def deviations_of(
     else:
         words = "the deviations of the track"
     is_offset = fitter.offsets is not None
+    basis = make_basis(fitter.template, model.modes)
     deviations = amplitude_deviations(
         sequence,
         uncertainty,
         fitter.template,
-        make_basis(fitter.template, model.modes),
+        basis,
         rotations.matrices,
         fitter.parameters.reference,
         directions=fitter.frames,
         is_offset=is_offset,
         remove_rotation=fitter.parameters.remove_rotation,
     )
+    placement = fitter.template.placement
+    if placement is not None and fitter.parameters.template is None:
+        # Of the sequence itself: where its axes point is part of the error.
+        fitted = fitter.fit(basis).amplitudes
+        squares = deviations**2
+        for turn in turns_of_axes(placement, uncertainty, rotations.matrices):
+            turned = replace(fitter, template=fitter.template.turned(turn))
+            other = turned.fit(make_basis(turned.template, model.modes)).amplitudes
+            squares += (other - fitted) ** 2
+        deviations = np.sqrt(squares)
+        words += ", and from how far they leave axis and zero of theta undecided"
     text = f"The standard deviations of the amplitudes follow from {words}."
     return deviations, (*notes, text)
 

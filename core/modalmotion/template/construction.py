@@ -34,11 +34,13 @@ from modalmotion.template.lattice_landmarks import lattice_landmarks
 from modalmotion.template.lengths import axis_lengths
 from modalmotion.template.loose_vertices import nearest_in_use
 from modalmotion.template.notes import (
+    note_on_border,
     notes_on_landmarks,
     notes_on_merging,
     notes_on_mesh,
     places_wanted,
 )
+from modalmotion.template.placement import Placement
 from modalmotion.template.recognition import recognise, require_fit
 from modalmotion.template.shares import shares_of
 from modalmotion.template.steady_shape import steady_shape
@@ -53,6 +55,9 @@ from modalmotion.template.template import (
 
 # Below this degree too many places share the same natural coordinates.
 _FOLDED = 0.8
+
+# So near to it noise, or another recording of the same, may fall on the other side.
+_BORDER = 0.1
 
 # Of the time on a large mesh, until it is measured, recognised, and has its coordinates.
 _MEASURED, _RECOGNISED, _SOLVED = 0.25, 0.3, 0.8
@@ -136,6 +141,11 @@ def make_template(
         }
         for positions in (steady, mean.of_mesh(mean.vertices) * scale + corner)
     )
+    at_vertices = {
+        name: int(first[place])
+        for name in own_landmarks.names
+        if isinstance(place := getattr(own_landmarks, name), int | np.integer)
+    }
     isolated = np.zeros(0, dtype=np.int64)
     if len(faces):
         is_isolated = np.zeros(len(start), dtype=np.bool_)
@@ -144,14 +154,24 @@ def make_template(
     if len(sequence.faces):
         notes += notes_on_mesh(surface, isolated)
     topology, reason = _decide(sequence, surface, closed_form, notes)
-    coordinates = None
+    coordinates = placement = None
     report(_RECOGNISED)
     if topology is not None:
         of_surface = not by_rows and is_placed_by_shape(sequence)
         solving = part_of(report, _RECOGNISED, _SOLVED)
-        coordinates = _coordinates(
-            sequence, topology, surface, mean, places, mean_places, solving, of_surface=of_surface
-        )
+        if sequence.grid is not None:
+            coordinates, places = _of_lattice(
+                sequence.grid, topology, surface, mean, of_surface=of_surface
+            )
+            mean_places = places
+        if topology.n_axes == 1:
+            coordinates = curve_coordinates(surface.vertices, topology, places)
+        elif coordinates is None:
+            axes_of, make = _MAKERS[topology]
+            placement = Placement(
+                topology, surface, mean, places, mean_places, at_vertices, scale, axes_of, make
+            )
+            coordinates = make(surface, places, placement.axes, solving)
     report(_SOLVED)
     if (
         coordinates is not None
@@ -160,7 +180,10 @@ def make_template(
         and not sequence.grid
     ):
         cover = degree(surface, coordinates.values, topology)
-        if cover < _FOLDED and topology == SPHERE and sequence.topology is None:
+        is_choice = topology == SPHERE and sequence.topology is None
+        if is_choice and abs(cover - _FOLDED) < _BORDER:
+            notes.append(note_on_border(cover, _FOLDED))
+        if cover < _FOLDED and is_choice:
             coordinates = None
         elif cover < _FOLDED:
             notes.append(
@@ -207,6 +230,7 @@ def make_template(
         faces=faces,
         representatives=first,
         isolated=isolated,
+        placement=placement,
         reason="" if topology is not None else reason,
         notes=tuple(notes),
     )
@@ -288,33 +312,24 @@ def _decide(
     return recognition.topology, recognition.reason
 
 
-def _coordinates(
-    sequence: MeshSequence,
+def _of_lattice(
+    grid: tuple[int, ...],
     topology: Topology,
     surface: Surface,
     mean: Surface,
-    places: dict[str, NDArray[np.float64]],
-    mean_places: dict[str, NDArray[np.float64]],
-    report: ShareReport,
     *,
     of_surface: bool,
-) -> Coordinates | None:
-    """Coordinates on the reference, about the axes of the mean of all frames."""
-    if sequence.grid is not None:
-        values = Lattice(topology, sequence.grid).natural_coordinates
-        landmarks = lattice_landmarks(mean, topology, values)
-        if not of_surface or landmarks is None:
-            return Coordinates(topology, values, landmarks)
-        # The lattice still says where theta is 0 and, of a cylinder, which end is which.
-        zero = landmarks.origin + landmarks.theta_zero * np.sqrt(mean.area)
-        places = {"theta_zero": zero}
-        if topology == CYLINDER:
-            places["base"] = landmarks.base
-        mean_places = places
-    if topology.n_axes == 1:
-        return curve_coordinates(surface.vertices, topology, places)
-    axes_of, make = _MAKERS[topology]
-    return make(surface, places, axes_of(mean, mean_places), report)
+) -> tuple[Coordinates | None, dict[str, NDArray[np.float64]]]:
+    """Coordinates by rows and columns; or where those of the surface, if wanted, begin."""
+    values = Lattice(topology, grid).natural_coordinates
+    landmarks = lattice_landmarks(mean, topology, values)
+    if not of_surface or landmarks is None:
+        return Coordinates(topology, values, landmarks), {}
+    # The lattice still says where theta is 0 and, of a cylinder, which end is which.
+    places = {"theta_zero": landmarks.origin + landmarks.theta_zero * np.sqrt(mean.area)}
+    if topology == CYLINDER:
+        places["base"] = landmarks.base
+    return None, places
 
 
 def _faces_of(sequence: MeshSequence) -> NDArray[np.int64]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -17,6 +17,7 @@ from modalmotion.modes.topology import CUP, CYLINDER, Topology
 from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
 from modalmotion.template.landmarks import GivenLandmarks, Landmarks, landmarks_in
+from modalmotion.template.placement import Placement
 
 # Changes with everything that changes coordinates, so that no old template answers for a new one.
 _SCHEMA = 3
@@ -60,6 +61,9 @@ class Template(FrozenArrays):
     isolated : (n,) int64
         Vertices in no triangle: they carry no weight, are moved as the nearest vertex of the
         surface, and count in every error but the weighted one.
+    placement : Placement or None
+        What the axes were found on, for the errors that they have of it; None where they are
+        stated by a lattice, there are none, or the template was read from a file.
     reason : str
         Why there are no natural coordinates; empty if there are.
     notes : tuple of str
@@ -78,6 +82,7 @@ class Template(FrozenArrays):
     isolated: NDArray[np.int64]
     reason: str
     notes: tuple[str, ...]
+    placement: Placement | None = None
 
     def __post_init__(self) -> None:
         for name in (
@@ -101,6 +106,19 @@ class Template(FrozenArrays):
                 "surface, or a lattice with grid and topology.",
             )
         return self.surface
+
+    def turned(self, w: NDArray[np.float64]) -> Template:
+        """Return the same about axes that are turned by a rotation vector w, (3,), rad.
+
+        Of a template with a placement.
+        """
+        placed, landmarks = self.placement, self.landmarks
+        if placed is None or landmarks is None:
+            return self
+        axes = placed.axes.turned(w)
+        values = placed.coordinates(axes, self.coordinates)[self.representatives]
+        landmarks = replace(landmarks, axis=axes.axis, theta_zero=axes.zero)
+        return replace(self, coordinates=values, landmarks=landmarks)
 
     @property
     def n_vertices(self) -> int:
