@@ -63,7 +63,8 @@ def mean_onto(sequence: MeshSequence, reference: int) -> NDArray[np.float64]:
     start: NDArray[np.float64] = sequence.vertices[reference].astype(np.float64)
     counted = _counted_once(sequence)
     first = sequence.representatives
-    shares = np.bincount(first, weights=_shares(counted, start), minlength=len(first))
+    shares = np.zeros(len(first))
+    np.add.at(shares, first, _shares(counted, start))
     shape = ReferenceShape.at(counted, shares, start, np.flatnonzero(shares == 0))
     step = np.zeros_like(start.T)
     for block in Displacements(counted, start, shape).blocks():

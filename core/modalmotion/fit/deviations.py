@@ -221,7 +221,7 @@ def _rigid(
 def _parts(
     P: NDArray[np.float64], q: NDArray[np.float64], rigid: _Rigid, uncertainty: Uncertainty
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """What errors make of amplitudes: variances by errors apart, (modes, n), of variance 1.
+    """Find variances of amplitudes by errors apart of variance 1, (modes, n).
 
     And amplitudes by the errors in modes, (modes, n, shapes, 3).
     """

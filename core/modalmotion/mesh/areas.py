@@ -65,7 +65,7 @@ def mean_slopes(
     values: NDArray[np.float64],
     gradients: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Derivatives, by the positions, of means of functions over the area.
+    """Differentiate means of functions over the area by the positions.
 
     F = sum A m / sum A with areas A and means m over corners: dF = sum ((m - F) dA + A dm) / sum A.
 

@@ -160,9 +160,7 @@ def make_template(
         of_surface = not by_rows and is_placed_by_shape(sequence)
         solving = part_of(report, _RECOGNISED, _SOLVED)
         if sequence.grid is not None:
-            coordinates, places = _of_lattice(
-                sequence.grid, topology, surface, mean, of_surface=of_surface
-            )
+            coordinates, places = _of_lattice(sequence.grid, topology, mean, of_surface=of_surface)
             mean_places = places
         if topology.n_axes == 1:
             coordinates = curve_coordinates(surface.vertices, topology, places)
@@ -315,7 +313,6 @@ def _decide(
 def _of_lattice(
     grid: tuple[int, ...],
     topology: Topology,
-    surface: Surface,
     mean: Surface,
     *,
     of_surface: bool,
@@ -373,7 +370,7 @@ def _normalised(
 
 
 def _mean_surface(surface: Surface, middle: NDArray[np.float64]) -> Surface:
-    """The same triangles at the mean of all frames, its area centroid at the reference's."""
+    """Move the triangles to the mean of all frames, its area centroid to the reference's."""
     middle = middle.copy()
     middle[surface.isolated] = surface.of_mesh(surface.vertices)[surface.isolated]
     mean = surface.moved_to(middle)

@@ -16,7 +16,7 @@ from modalmotion.template.coordinates.axis import Axes, azimuth, origin_on
 from modalmotion.template.coordinates.value import Coordinates
 from modalmotion.template.surface import Opening, Surface
 
-Places = Mapping[str, NDArray[np.float64]]
+Places = dict[str, NDArray[np.float64]]
 
 # Step of a difference, on a surface of about size 1.
 _STEP: Final = 1e-6
@@ -49,7 +49,7 @@ class Placement:
     vertices: Mapping[str, int]
     scale: float
     axes_of: Callable[[Surface, Places], Axes]
-    make: Callable[[Surface, Places, Axes], Coordinates | None]
+    make: Callable[..., Coordinates | None]
 
     @property
     def axes(self) -> Axes:
@@ -101,7 +101,7 @@ class Placement:
             slopes += opening.slopes(mean.vertices, of_centre, of_length[:, 0])
         slopes = np.stack([mean.of_mesh(one) for one in slopes])
         for name, vertex in self.vertices.items():
-            slopes[:, vertex] += self._turns(lambda step: {}, name)
+            slopes[:, vertex] += self._turns(lambda _: {}, name)
         return slopes / self.scale
 
     def _turns(

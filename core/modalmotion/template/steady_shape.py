@@ -21,7 +21,7 @@ def steady_shape(
     faces: NDArray[np.int64],
     topology: Topology | None,
 ) -> NDArray[np.float64]:
-    """Reference without the roughness that its frame alone has.
+    """Take out of a reference the roughness that its frame alone has.
 
     The mean of all frames, and the reference's difference from it as far as it is smooth: over
     what is left of it after averages the same averages are taken once more, so that long waves

@@ -139,7 +139,7 @@ class Opening:
         weights: NDArray[np.float64],
         of_length: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        """Derivatives of weights @ centre + of_length * length by the positions.
+        """Differentiate weights @ centre + of_length * length by the positions.
 
         Parameters
         ----------

@@ -141,7 +141,7 @@ class _Run:
             self._sign()
 
     def _odd_ones(self) -> list[Entry]:
-        """Closed surfaces fitted as spheres, of a mesh of which others have spring modes by shape.
+        """Find closed surfaces taken for spheres, of a mesh of which others have springs by shape.
 
         So all recordings of one mesh have modes that compare, whichever came first.
         """

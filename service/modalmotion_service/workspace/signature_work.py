@@ -91,8 +91,9 @@ class SignatureWork(OwnerWork):
         """Compare the signatures of two sequences, made with the same parameters."""
         own = await self.signature(sequence_id, parameters)
         other = await self.signature(other_id, parameters)
-        both = await self._of_one_kind([sequence_id, other_id], parameters, [own, other])
-        return await self.work(signatures.compare_signatures, *both, closed)
+        ids = [sequence_id, other_id]
+        own, other = await self._of_one_kind(ids, parameters, [own, other])
+        return await self.work(signatures.compare_signatures, own, other, closed)
 
     async def signature_json(self, sequence_id: str, parameters: SignatureParameters) -> bytes:
         """Give a signature as the service's JSON."""

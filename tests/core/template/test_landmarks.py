@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.spatial import Delaunay
@@ -12,10 +14,10 @@ from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.template import GivenLandmarks, Landmarks, make_template
 
 
-def landmarks_of(topology: str, n_frames: int | None = None, **given: object) -> Landmarks:
+def landmarks_of(topology: str, n_frames: Any = None, **given: Any) -> Landmarks:
     vertices, faces = MAKERS[topology](900, np.random.default_rng(0))
     sequence = mesh_sequence(vertices[:n_frames], faces, topology=topology)
-    found = make_template(sequence, landmarks=GivenLandmarks(**given)).landmarks  # type: ignore[arg-type]
+    found = make_template(sequence, landmarks=GivenLandmarks(**given)).landmarks
     assert found is not None
     return found
 

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from bent_surfaces import bent_beat
+from click.testing import CliRunner
 from clouds import small_recording
 from dask_cluster import DaskCluster
 from warm_start import WarmProcess, start_warm

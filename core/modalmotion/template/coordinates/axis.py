@@ -50,7 +50,7 @@ class Axes:
 def direction_between(
     surface: Surface, apex: NDArray[np.float64], base: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Unit vector from one place to another, (3,).
+    """Find the unit vector from one place to another, (3,).
 
     Raises
     ------

@@ -193,7 +193,7 @@ def _torsion(surface: Surface, report: ShareReport) -> NDArray[np.float64] | Non
 
 
 def cup_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
-    """Axis from the apex, or the area centroid, to the base, and the side to which the wall leans.
+    """Find the axis from apex, or area centroid, to base, and the side to which the wall leans.
 
     Raises
     ------

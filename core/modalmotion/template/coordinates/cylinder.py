@@ -23,7 +23,7 @@ from modalmotion.template.surface import Opening, Surface
 
 
 def cylinder_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
-    """Axis between the centres of both ends, and the side to which the wall leans.
+    """Find the axis between the centres of both ends, and the side to which the wall leans.
 
     Raises
     ------

@@ -17,7 +17,7 @@ from modalmotion.template.surface import Surface
 
 
 def plane_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
-    """Normal, and the longest axis of inertia or the side between stated corners."""
+    """Find the normal, and the longest axis of inertia or the side between stated corners."""
     variances, directions = principal_axes(surface)
     long = directions[0]
     # The sense of the normal follows from the other two, so that all three are right-handed.

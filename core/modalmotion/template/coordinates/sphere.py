@@ -30,7 +30,7 @@ _CAP: Final = 8
 
 
 def sphere_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
-    """Longest axis of inertia towards its blunt end, and the widest direction across it.
+    """Find the longest axis of inertia towards its blunt end, and the widest direction across it.
 
     Raises
     ------
