@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -51,7 +52,7 @@ class Placement:
     axes_of: Callable[[Surface, Places], Axes]
     make: Callable[..., Coordinates | None]
 
-    @property
+    @cached_property
     def axes(self) -> Axes:
         """Those of the mean of all frames."""
         return self.axes_of(self.mean, self.mean_places)
@@ -97,7 +98,9 @@ class Placement:
                 return {"openings": (*mean.openings[:n], other, *mean.openings[n + 1 :])}
 
             of_centre = self._turns(lambda step, changed=changed: changed(*step, 0.0))  # type: ignore[misc]
-            of_length = self._turns(lambda step, changed=changed: changed(0.0, 0.0, 0.0, step[0]))  # type: ignore[misc]
+            of_length = self._turns(
+                lambda step, changed=changed: changed(0.0, 0.0, 0.0, *step), n=1
+            )  # type: ignore[misc]
             slopes += opening.slopes(mean.vertices, of_centre, of_length[:, 0])
         slopes = np.stack([mean.of_mesh(one) for one in slopes])
         for name, vertex in self.vertices.items():
@@ -105,11 +108,14 @@ class Placement:
         return slopes / self.scale
 
     def _turns(
-        self, changed: Callable[[NDArray[np.float64]], Mapping[str, object]], place: str = ""
+        self,
+        changed: Callable[[NDArray[np.float64]], Mapping[str, object]],
+        place: str = "",
+        n: int = 3,
     ) -> NDArray[np.float64]:
         """Rotation vector by each direction of a step in parts of the mean, or in a place."""
         before, columns = self.axes.matrix, []
-        for step in _STEP * np.eye(3):
+        for step in _STEP * np.eye(n):
             other, places = copy.copy(self.mean), dict(self.mean_places)
             # Instead of what the surface would work out.
             vars(other).update(changed(step))

@@ -27,7 +27,7 @@ from modalmotion.template.surface import Surface
 
 
 def torus_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
-    """Find the shortest axis of inertia, towards the stated base, and the widest direction across it.
+    """Find the shortest axis of inertia, towards the stated base, and the widest across it.
 
     Raises
     ------
