@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bent_surfaces import bent_beat
 from fastapi.testclient import TestClient
 from matplotlib.image import imread
 
-from modalmotion.formats import read_npz
+from modalmotion.formats import read_npz, write_npz
 from modalmotion.pictures.signature import signature_figure
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import signature_from_hdf5, signature_image, signature_to_hdf5
@@ -132,6 +133,31 @@ def test_a_cohort_is_a_table_with_a_row_for_each(client: TestClient, beat: bytes
     assert [row["recording"] for row in rows] == [sequence_id, sequence_id]
     own = client.get(f"/v1/sequences/{sequence_id}/readouts?modes=4").json()["from_signature"]
     assert float(rows[0]["ejection_fraction_percent"]) == own["ejection_fraction"]["value"]
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2], [2, 1, 0]])
+def test_closed_surfaces_of_one_mesh_have_one_kind_of_modes(
+    order: list[int], client: TestClient
+) -> None:
+    rng = np.random.default_rng(3)
+    # By their shapes the first two are spheres, the last has the springs of its mesh.
+    beats = [write_npz(bent_beat("strong", angle, rng)) for angle in (0.3, 0.6, 3.4)]
+    ids = [send(client, beats[number]) for number in order]
+
+    def kinds(ids: list[str]) -> set[str]:
+        answer = client.post("/v1/signatures/query", json={"ids": ids, "modes": 4})
+        assert answer.status_code == 200, answer.text
+        with np.load(io.BytesIO(answer.content)) as arrays:
+            return {str(arrays[f"modes_{k}"].tolist()) for k in range(len(ids))}
+
+    alone = {number: kinds([one]) for number, one in zip(order, ids, strict=True)}
+    assert alone[0] == alone[1] != alone[2]
+    assert kinds(ids) == alone[2]
+    straight = [one for number, one in zip(order, ids, strict=True) if number < 2]
+    assert kinds(straight) == alone[0]
+    # Two compare too.
+    answer = client.get(f"/v1/sequences/{straight[0]}/distance?to={ids[order.index(2)]}")
+    assert answer.status_code == 200, answer.text
 
 
 def test_a_file_is_a_stream_of_octets_where_no_other_is(client: TestClient, beat: bytes) -> None:

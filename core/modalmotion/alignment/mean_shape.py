@@ -42,10 +42,7 @@ def mean_shape(sequence: MeshSequence) -> NDArray[np.float64]:
     Gower, Generalized Procrustes analysis, Psychometrika, 1975, without reflection and without
     scaling; vertices count by their area on the mean shape.
     """
-    if _ends_as_it_began(sequence):
-        # A repeated frame counts once.
-        times = None if sequence.times is None else sequence.times[:-1]
-        sequence = replace(sequence, vertices=sequence.vertices[:-1], times=times)
+    sequence = _counted_once(sequence)
     mean: NDArray[np.float64] = sequence.vertices[0].astype(np.float64)
     for _ in range(_N_ROUNDS):
         shape = ReferenceShape.at(sequence, _shares(sequence, mean), mean)
@@ -56,6 +53,31 @@ def mean_shape(sequence: MeshSequence) -> NDArray[np.float64]:
             break
         mean = mean + step.T * (shape.scale / sequence.n_frames)
     return _turned_to_the_middle(sequence, mean)
+
+
+def mean_onto(sequence: MeshSequence, reference: int) -> NDArray[np.float64]:
+    """Mean of all frames, each turned and moved onto one of them, (vertices, 3) float64.
+
+    Vertices without a share of the surface stay where they are.
+    """
+    start: NDArray[np.float64] = sequence.vertices[reference].astype(np.float64)
+    counted = _counted_once(sequence)
+    first = sequence.representatives
+    shares = np.zeros(len(first))
+    np.add.at(shares, first, _shares(counted, start))
+    shape = ReferenceShape.at(counted, shares, start, np.flatnonzero(shares == 0))
+    step = np.zeros_like(start.T)
+    for block in Displacements(counted, start, shape).blocks():
+        step += (block.u - block.drifts[:, :, None]).sum(axis=0)
+    return (start + step.T * (shape.scale / counted.n_frames))[first]
+
+
+def _counted_once(sequence: MeshSequence) -> MeshSequence:
+    """Leave out a last frame that repeats the first."""
+    if not _ends_as_it_began(sequence):
+        return sequence
+    times = None if sequence.times is None else sequence.times[:-1]
+    return replace(sequence, vertices=sequence.vertices[:-1], times=times)
 
 
 def _turned_to_the_middle(sequence: MeshSequence, mean: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -89,8 +111,10 @@ def _shares(sequence: MeshSequence, positions: NDArray[np.float64]) -> NDArray[n
     topology, faces, grid = sequence.topology, sequence.faces, sequence.grid
     sizes = np.ones(len(positions))
     # Near size 1 no square is lost, in any unit.
-    extent = float(np.ptp(positions, axis=0).max(initial=0.0))
-    scaled = (positions - positions[0]) / extent if extent > 0 else positions
+    used = np.full(len(positions), not len(faces))
+    used[faces.ravel()] = True
+    extent = float(np.ptp(positions[used], axis=0).max(initial=0.0))
+    scaled = (positions - positions[np.argmax(used)]) / extent if extent > 0 else positions
     if topology is not None and topology.n_axes == 1:
         sizes = curve_weights(scaled, topology)
     elif not len(faces) and grid is not None and topology is not None and topology.n_axes == 2:

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.alignment.displacements import Displacements
-from modalmotion.alignment.mean_shape import mean_shape
+from modalmotion.alignment.mean_shape import mean_onto, mean_shape
 from modalmotion.alignment.reference_shape import ReferenceShape
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 
-# A mean takes three passes over all frames, and several steps ask for it.
-_MEANS: WeakKeyDictionary[MeshSequence, NDArray[np.float64]] = WeakKeyDictionary()
+# A mean takes up to three passes over all frames, and several steps ask for it.
+_MEANS: WeakKeyDictionary[MeshSequence, dict[Reference, NDArray[np.float64]]] = WeakKeyDictionary()
 
 
 def reference_positions(sequence: MeshSequence, reference: Reference) -> NDArray[np.float64]:
@@ -33,9 +33,30 @@ def reference_positions(sequence: MeshSequence, reference: Reference) -> NDArray
     if reference != MEAN:
         positions: NDArray[np.float64] = sequence.vertices[reference].astype(np.float64)
         return positions
-    if sequence not in _MEANS:
-        _MEANS[sequence] = mean_shape(sequence)
-    return _MEANS[sequence]
+    return middle_positions(sequence, reference)
+
+
+def middle_positions(sequence: MeshSequence, reference: Reference) -> NDArray[np.float64]:
+    """Mean of all frames where the reference lies: each turned and moved onto it.
+
+    Its noise is that of a frame over the root of their number.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    reference : int or "mean"
+
+    Returns
+    -------
+    (vertices, 3) float64, in the sequence's unit
+        The reference itself, to the last bit, where nothing moves or it is the mean.
+    """
+    means = _MEANS.setdefault(sequence, {})
+    if reference not in means:
+        means[reference] = (
+            mean_shape(sequence) if reference == MEAN else mean_onto(sequence, reference)
+        )
+    return means[reference]
 
 
 def displacements_from(

@@ -267,6 +267,11 @@ class SignatureParameters:
         """Whether the number of modes follows from the data."""
         return self.modes is None
 
+    @property
+    def fixes_kind(self) -> bool:
+        """Whether the kind of modes is stated, and not left to the shape of each recording."""
+        return self.topology is not None or self.template is not None or not self.closed_form
+
     def with_facts(
         self, facts: Facts, topology: Topology | str | None, grid: tuple[int, ...] | None
     ) -> SignatureParameters:

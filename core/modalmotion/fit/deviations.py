@@ -4,12 +4,16 @@ To first order an amplitude is linear in the errors e of the positions. Its erro
 
     sum_v P_jv q_vi . (e_v - rho_v(e)),
 
-P the projector of the fit, q_vi what component i of vertex v answers to, and rho(e) the rigid
-motion that the fit takes out of e: for displacements the turn that fits them best, for offsets the
-path of the area centroid and the turn that makes offsets least.
+e turned back as the frame is, P the projector of the fit, q_vi what component i of vertex v answers
+to, and rho(e) the rigid motion that the fit takes out of e: for displacements the turn that fits
+them best, taken on the reference; for offsets the path of the area centroid and the turn that makes
+offsets least.
 
 An offset answers to the part of e along the normal n of the frame's surface, over the cosine of its
 angle with the line that the offset is measured on.
+
+A template that is made of the sequence itself has axes with errors too, of the mean of all frames:
+`turns_of_axes`. They and the errors above, which are differences between frames, are independent.
 """
 
 from __future__ import annotations
@@ -19,14 +23,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.alignment.reference import reference_positions
 from modalmotion.fit.basis import Basis
-from modalmotion.mesh.areas import face_normals
+from modalmotion.mesh import mean_slopes, vertex_areas
 from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.mesh.uncertainty import Uncertainty
 from modalmotion.numeric.products import product
 from modalmotion.numeric.scale import power_of_two
 from modalmotion.template import Template
+from modalmotion.template.placement import Placement
 
 # Below this cosine the surface has turned away from the line: it meets it at the rim, whose
 # points move along the line as they are.
@@ -34,6 +40,9 @@ _STEEP = 0.5
 
 # Of the mean square radius: keeps the turn that the shape says nothing about.
 _PULL = 1e-2
+
+# Standard deviation, rad, of an angle that is not known at all.
+_UNKNOWN = np.pi / np.sqrt(3.0)
 
 
 def amplitude_deviations(
@@ -56,7 +65,7 @@ def amplitude_deviations(
     uncertainty : Uncertainty
         Of its positions.
     template : Template
-        Taken as exact: an error of the coordinates on it is not counted.
+        Taken as exact.
     basis : Basis
         The modes that were fitted.
     rotations : (frames, 3, 3) float64
@@ -79,13 +88,56 @@ def amplitude_deviations(
     )
     # Squares of lengths in any unit neither overflow nor vanish.
     unit = power_of_two(float(np.abs(sequence.vertices).max(initial=0.0)))
-    for f, vertices in enumerate(sequence.vertices):
-        x, R = vertices.astype(np.float64) / unit, rotations[f]
-        q = _answers(x, template, R, directions, is_offset=is_offset)
-        rigid = _rigid(x, template, q, is_offset=is_offset, remove_rotation=remove_rotation)
-        covariance, rest = covariances[f] / unit / unit, float(uncertainty.rest[f]) / unit
-        own[f] = _deviations(basis.projector, q, rigid, uncertainty, covariance, rest)
+    rest, parts = uncertainty.rest / unit, None
+    for f, R in enumerate(rotations):
+        if parts is None or is_offset:
+            x = sequence.vertices[f] @ R if is_offset else reference_positions(sequence, reference)
+            x = x / unit
+            q = _answers(x, template, directions, is_offset=is_offset)
+            rigid = _rigid(x, template, q, is_offset=is_offset, remove_rotation=remove_rotation)
+            parts = _parts(basis.projector, q, rigid, uncertainty)
+        variances = parts[0] * rest[f] ** 2
+        if len(parts[1][0, 0]):
+            L = (parts[1] @ R.T).reshape(variances.size, -1) / unit
+            variances += (product(L, covariances[f]) * L).sum(axis=1).reshape(variances.shape)
+        own[f] = np.sqrt(np.maximum(variances, 0.0))
     return unit * _from_reference(own, uncertainty.between_frames, reference)
+
+
+def turns_of_axes(
+    placement: Placement, uncertainty: Uncertainty, rotations: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Independent turns of a template's axes that make up their errors.
+
+    Parameters
+    ----------
+    placement : Placement
+    uncertainty : Uncertainty
+        Of the positions of the sequence that it is the template of.
+    rotations : (frames, 3, 3) float64
+        That carry the reference onto each frame.
+
+    Returns
+    -------
+    (n, 3) float64, rad
+        Rotation vectors, one standard deviation each, n <= 3: their outer products add up to the
+        covariance. An angle that is not known has the standard deviation of all angles.
+    """
+    slopes, n_frames = placement.slopes(), len(rotations)
+    lags = np.abs(np.subtract.outer(np.arange(n_frames), np.arange(n_frames)))
+    # Of the mean of all frames' errors.
+    share = float((np.float64(uncertainty.between_frames) ** lags).mean())
+    apart = (slopes * uncertainty.alike[:, None]).reshape(3, -1) @ slopes.reshape(3, -1).T
+    covariance = apart * float((uncertainty.rest**2).mean())
+    if uncertainty.shapes.shape[1]:
+        L = np.stack([slopes[:, :, c] @ uncertainty.shapes for c in range(3)], axis=2)
+        for R, of_frame in zip(rotations, uncertainty.along, strict=True):
+            rows = (L @ R.T).reshape(3, -1)
+            covariance += rows @ of_frame @ rows.T / n_frames
+    variances, columns = np.linalg.eigh(share * covariance)
+    sizes = np.minimum(np.sqrt(np.maximum(variances, 0.0)), _UNKNOWN)
+    turns: NDArray[np.float64] = (columns * sizes).T[sizes > 0]
+    return turns
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,19 +159,17 @@ class _Rigid:
 def _answers(
     x: NDArray[np.float64],
     template: Template,
-    R: NDArray[np.float64],
     directions: NDArray[np.float64] | None,
     *,
     is_offset: bool,
 ) -> NDArray[np.float64]:
-    """Find what each component of each vertex answers to, (vertices, n, 3), before turning back."""
+    """Find what each component of each vertex answers to, (vertices, n, 3)."""
     if directions is None:
-        return np.broadcast_to(R.T, (len(x), 3, 3))
-    lines: NDArray[np.float64] = directions @ R.T
+        return np.broadcast_to(np.eye(3), (len(x), 3, 3))
     if not is_offset:
-        return lines
+        return directions
     normals = vertex_normals(x, template.faces)[template.representatives]
-    line = lines[:, 0]
+    line = directions[:, 0]
     cosines = (normals * line).sum(axis=1)
     # Which way triangles are wound is no matter.
     steep = np.abs(cosines) < _STEEP
@@ -148,7 +198,9 @@ def _rigid(
             np.linalg.pinv(inertia, hermitian=True) @ (turns * w[:, None, None]).reshape(-1, 3).T
         )
         return _Rigid(turns, sizes.reshape(3, len(x), 3))
-    centroid, drift = _centroid_slopes(x, template.faces)
+    areas = vertex_areas(x, template.faces)
+    centroid = areas @ x / (float(areas.sum()) or 1.0)
+    drift = mean_slopes(x, template.faces, (x - centroid).T, np.eye(3)[:, None])
     shifts = np.broadcast_to(np.eye(3), (len(x), 3, 3))
     if not remove_rotation:
         return _Rigid(shifts, drift)
@@ -166,38 +218,13 @@ def _rigid(
     return _Rigid(np.concatenate([shifts, turns], axis=2), np.concatenate([drift, turn]))
 
 
-def _centroid_slopes(
-    x: NDArray[np.float64], faces: NDArray[np.int64]
+def _parts(
+    P: NDArray[np.float64], q: NDArray[np.float64], rigid: _Rigid, uncertainty: Uncertainty
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Area centroid, (3,), and its derivatives by the positions, (3, vertices, 3).
+    """Find variances of amplitudes by errors apart of variance 1, (modes, n).
 
-    C = sum A m / sum A with areas A and middles m: dC = sum ((m - C) dA + A dm) / sum A.
+    And amplitudes by the errors in modes, (modes, n, shapes, 3).
     """
-    n = face_normals(x, faces)
-    size = np.linalg.norm(n, axis=1)
-    areas, unit = size / 2.0, n / np.where(size > 0, size, 1.0)[:, None]
-    total = float(areas.sum()) or 1.0
-    middles = x[faces].mean(axis=1)
-    centroid: NDArray[np.float64] = areas @ middles / total
-    slopes = np.zeros((len(x), 3, 3))
-    for k in range(3):
-        side = x[faces[:, (k + 2) % 3]] - x[faces[:, (k + 1) % 3]]
-        growth = 0.5 * np.cross(unit, side)
-        part = (middles - centroid)[:, :, None] * growth[:, None]
-        part += (areas / 3.0)[:, None, None] * np.eye(3)
-        np.add.at(slopes, faces[:, k], part / total)
-    return centroid, np.ascontiguousarray(slopes.transpose(1, 0, 2))
-
-
-def _deviations(
-    P: NDArray[np.float64],
-    q: NDArray[np.float64],
-    rigid: _Rigid,
-    uncertainty: Uncertainty,
-    covariance: NDArray[np.float64],
-    rest: float,
-) -> NDArray[np.float64]:
-    """State the standard deviations in one frame, (modes, n)."""
     n_modes, n_vertices = P.shape
     n, k, m = q.shape[1], len(rigid.sizes), uncertainty.shapes.shape[1]
     # How much each rigid motion adds to each amplitude.
@@ -211,19 +238,15 @@ def _deviations(
     gram = np.einsum("kvc,lvc->kl", spread, rigid.sizes)
     variances = squares - 2.0 * (mixed * of_rigid).sum(axis=2)
     variances += np.einsum("jik,kl,jil->ji", of_rigid, gram, of_rigid)
-    variances *= rest**2
+    L = np.empty((n_modes, n, m, 3))
     if m:
-        L = np.empty((n_modes, n, m, 3))
         sizes = np.empty((k, m, 3))
         for c in range(3):
             for i in range(n):
                 L[:, i, :, c] = product(P * q[:, i, c], uncertainty.shapes)
             sizes[:, :, c] = product(np.ascontiguousarray(rigid.sizes[:, :, c]), uncertainty.shapes)
         L -= np.tensordot(of_rigid, sizes, axes=1)
-        flat = L.reshape(n_modes * n, 3 * m)
-        variances += (product(flat, covariance) * flat).sum(axis=1).reshape(n_modes, n)
-    deviations: NDArray[np.float64] = np.sqrt(np.maximum(variances, 0.0))
-    return deviations
+    return variances, L
 
 
 def _from_reference(

@@ -1,6 +1,12 @@
 """Triangle meshes: connectivity, areas, Laplacians and the solver for them."""
 
-from modalmotion.mesh.areas import face_areas, face_gradients, face_normals, vertex_areas
+from modalmotion.mesh.areas import (
+    face_areas,
+    face_gradients,
+    face_normals,
+    mean_slopes,
+    vertex_areas,
+)
 from modalmotion.mesh.cavity import Cavity, cavity_of
 from modalmotion.mesh.connectivity import (
     Connectivity,
@@ -25,6 +31,7 @@ __all__ = [
     "graph_laplacian",
     "grouped_edges",
     "lattice_faces",
+    "mean_slopes",
     "nested_dissection",
     "oriented_faces",
     "solve_positive_definite",

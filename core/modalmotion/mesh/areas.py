@@ -59,6 +59,45 @@ def vertex_areas(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDA
     return areas
 
 
+def mean_slopes(
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    values: NDArray[np.float64],
+    gradients: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Differentiate means of functions over the area by the positions.
+
+    F = sum A m / sum A with areas A and means m over corners: dF = sum ((m - F) dA + A dm) / sum A.
+
+    Parameters
+    ----------
+    vertices : (vertices, 3) float64, length unit
+    faces : (faces, 3) int64
+    values : (functions, vertices) float64
+    gradients : (functions, vertices or 1, 3) float64, value per length unit
+
+    Returns
+    -------
+    (functions, vertices, 3) float64, value per length unit
+    """
+    n = face_normals(vertices, faces)
+    size = np.linalg.norm(n, axis=1)
+    areas, unit = size / 2.0, n / np.where(size > 0, size, 1.0)[:, None]
+    total = float(areas.sum()) or 1.0
+    means = values[:, faces].mean(axis=2)
+    means -= (means @ areas / total)[:, None]
+    shares = np.bincount(faces.ravel(), np.repeat(areas / (3.0 * total), 3), len(vertices))
+    slopes: NDArray[np.float64] = gradients * shares[:, None]
+    for k in range(3):
+        side = vertices[faces[:, (k + 2) % 3]] - vertices[faces[:, (k + 1) % 3]]
+        growth = np.cross(unit, side) / (2.0 * total)
+        for function, part in zip(slopes, means, strict=True):
+            for i in range(3):
+                weights = part * growth[:, i]
+                function[:, i] += np.bincount(faces[:, k], weights, len(vertices))
+    return slopes
+
+
 def face_gradients(
     vertices: NDArray[np.float64], faces: NDArray[np.int64], values: NDArray[np.float64]
 ) -> NDArray[np.float64]:

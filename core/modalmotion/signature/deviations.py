@@ -13,10 +13,11 @@ from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.noise import Noise
 from modalmotion.choice.noise_level import measure_noise
 from modalmotion.choice.parameters import SignatureKind
-from modalmotion.fit.basis import make_basis
-from modalmotion.fit.deviations import amplitude_deviations
+from modalmotion.fit.basis import Basis, make_basis
+from modalmotion.fit.deviations import amplitude_deviations, turns_of_axes
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.mesh.uncertainty import Uncertainty
+from modalmotion.numeric.products import product
 
 
 def deviations_of(
@@ -54,19 +55,42 @@ def deviations_of(
     else:
         words = "the deviations of the track"
     is_offset = fitter.offsets is not None
+    basis = make_basis(fitter.template, model.modes)
     deviations = amplitude_deviations(
         sequence,
         uncertainty,
         fitter.template,
-        make_basis(fitter.template, model.modes),
+        basis,
         rotations.matrices,
         fitter.parameters.reference,
         directions=fitter.frames,
         is_offset=is_offset,
         remove_rotation=fitter.parameters.remove_rotation,
     )
+    placement = fitter.template.placement
+    if placement is not None and fitter.parameters.template is None:
+        # Of the sequence itself: where its axes point is part of the error.
+        fits = [(fitter, basis)]
+        for turn in turns_of_axes(placement, uncertainty, rotations.matrices):
+            turned = replace(fitter, template=fitter.template.turned(turn))
+            fits.append((turned, make_basis(turned.template, model.modes)))
+        fitted, *others = _amplitudes(fits)
+        deviations = np.sqrt(deviations**2 + sum((other - fitted) ** 2 for other in others))
+        words += ", and from how far they leave axis and zero of theta undecided"
     text = f"The standard deviations of the amplitudes follow from {words}."
     return deviations, (*notes, text)
+
+
+def _amplitudes(fits: list[tuple[Fitter, Basis]]) -> list[NDArray[np.float64]]:
+    """Amplitudes of the displacements of the first fitter on each template."""
+    parts: list[list[NDArray[np.float64]]] = [[] for _ in fits]
+    for block in fits[0][0].displacements.blocks():
+        for (fitter, basis), found in zip(fits, parts, strict=True):
+            u = fitter.in_components(block)[0]
+            rows = u.reshape(-1, u.shape[2])
+            a = product(rows, basis.columns)[:, : len(basis.modes)] * block.shape.scale
+            found.append(a.reshape(len(u), u.shape[1], -1).transpose(0, 2, 1))
+    return [np.concatenate(found) for found in parts]
 
 
 def _of_noise(noise: Noise, sequence: MeshSequence) -> Uncertainty:

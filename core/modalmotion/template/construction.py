@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import reference_positions
+from modalmotion.alignment.reference import middle_positions, reference_positions
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
@@ -17,12 +17,12 @@ from modalmotion.numeric.kinds import one_of
 from modalmotion.numeric.scale import power_of_two
 from modalmotion.progress import ShareReport, part_of, silent
 from modalmotion.template.coordinates.axis import degree
-from modalmotion.template.coordinates.cup import cup_coordinates
+from modalmotion.template.coordinates.cup import cup_axes, cup_coordinates
 from modalmotion.template.coordinates.curve import curve_coordinates
-from modalmotion.template.coordinates.cylinder import cylinder_coordinates
-from modalmotion.template.coordinates.plane import plane_coordinates
-from modalmotion.template.coordinates.sphere import sphere_coordinates
-from modalmotion.template.coordinates.torus import torus_coordinates
+from modalmotion.template.coordinates.cylinder import cylinder_axes, cylinder_coordinates
+from modalmotion.template.coordinates.plane import plane_axes, plane_coordinates
+from modalmotion.template.coordinates.sphere import sphere_axes, sphere_coordinates
+from modalmotion.template.coordinates.torus import torus_axes, torus_coordinates
 from modalmotion.template.coordinates.value import Coordinates
 from modalmotion.template.landmarks import (
     GivenLandmarks,
@@ -34,13 +34,16 @@ from modalmotion.template.lattice_landmarks import lattice_landmarks
 from modalmotion.template.lengths import axis_lengths
 from modalmotion.template.loose_vertices import nearest_in_use
 from modalmotion.template.notes import (
+    note_on_border,
     notes_on_landmarks,
     notes_on_merging,
     notes_on_mesh,
     places_wanted,
 )
+from modalmotion.template.placement import Placement
 from modalmotion.template.recognition import recognise, require_fit
 from modalmotion.template.shares import shares_of
+from modalmotion.template.steady_shape import steady_shape
 from modalmotion.template.surface import Surface, surface_of
 from modalmotion.template.template import (
     Template,
@@ -53,15 +56,18 @@ from modalmotion.template.template import (
 # Below this degree too many places share the same natural coordinates.
 _FOLDED = 0.8
 
+# So near to it noise, or another recording of the same, may fall on the other side.
+_BORDER = 0.1
+
 # Of the time on a large mesh, until it is measured, recognised, and has its coordinates.
 _MEASURED, _RECOGNISED, _SOLVED = 0.25, 0.3, 0.8
 
 _MAKERS = {
-    CUP: cup_coordinates,
-    CYLINDER: cylinder_coordinates,
-    PLANE: plane_coordinates,
-    SPHERE: sphere_coordinates,
-    TORUS: torus_coordinates,
+    CUP: (cup_axes, cup_coordinates),
+    CYLINDER: (cylinder_axes, cylinder_coordinates),
+    PLANE: (plane_axes, plane_coordinates),
+    SPHERE: (sphere_axes, sphere_coordinates),
+    TORUS: (torus_axes, torus_coordinates),
 }
 
 
@@ -114,6 +120,7 @@ def make_template(
         return _recognised_in_frame_0(sequence, weights, landmarks, merge_vertices, report)
     own_landmarks = landmarks_read(sequence, landmarks, closed_form=closed_form)
     start = reference_positions(sequence, reference)
+    middle = middle_positions(sequence, reference)
     faces = _faces_of(sequence)
     first = sequence.representatives if merge_vertices else np.arange(len(start))
     notes = notes_on_merging(first)
@@ -123,11 +130,21 @@ def make_template(
     # The nodes of a lattice and the points of a curve are in an order that says something.
     stated = sequence.topology
     is_mesh = sequence.grid is None and (stated is None or stated.n_axes == 2)
-    surface, corner, scale = _normalised(start, faces, in_any_order=is_mesh)
+    steady = steady_shape(start, middle, faces, stated)[first]
+    surface, corner, scale = _normalised(steady, faces, in_any_order=is_mesh)
     report(_MEASURED)
-    places = {
-        name: (place - corner) / scale
-        for name, place in resolve_places(own_landmarks, start).items()
+    mean = _mean_surface(surface, (middle[first] - corner) / scale)
+    places, mean_places = (
+        {
+            name: (place - corner) / scale
+            for name, place in resolve_places(own_landmarks, positions).items()
+        }
+        for positions in (steady, mean.of_mesh(mean.vertices) * scale + corner)
+    )
+    at_vertices = {
+        name: int(first[place])
+        for name in own_landmarks.names
+        if isinstance(place := getattr(own_landmarks, name), int | np.integer)
     }
     isolated = np.zeros(0, dtype=np.int64)
     if len(faces):
@@ -137,14 +154,22 @@ def make_template(
     if len(sequence.faces):
         notes += notes_on_mesh(surface, isolated)
     topology, reason = _decide(sequence, surface, closed_form, notes)
-    coordinates = None
+    coordinates = placement = None
     report(_RECOGNISED)
     if topology is not None:
         of_surface = not by_rows and is_placed_by_shape(sequence)
         solving = part_of(report, _RECOGNISED, _SOLVED)
-        coordinates = _coordinates(
-            sequence, topology, surface, places, solving, of_surface=of_surface
-        )
+        if sequence.grid is not None:
+            coordinates, places = _of_lattice(sequence.grid, topology, mean, of_surface=of_surface)
+            mean_places = places
+        if topology.n_axes == 1:
+            coordinates = curve_coordinates(surface.vertices, topology, places)
+        elif coordinates is None:
+            axes_of, make = _MAKERS[topology]
+            placement = Placement(
+                topology, surface, mean, places, mean_places, at_vertices, scale, axes_of, make
+            )
+            coordinates = make(surface, places, placement.axes, solving)
     report(_SOLVED)
     if (
         coordinates is not None
@@ -153,7 +178,10 @@ def make_template(
         and not sequence.grid
     ):
         cover = degree(surface, coordinates.values, topology)
-        if cover < _FOLDED and topology == SPHERE and sequence.topology is None:
+        is_choice = topology == SPHERE and sequence.topology is None
+        if is_choice and abs(cover - _FOLDED) < _BORDER:
+            notes.append(note_on_border(cover, _FOLDED))
+        if cover < _FOLDED and is_choice:
             coordinates = None
         elif cover < _FOLDED:
             notes.append(
@@ -200,6 +228,7 @@ def make_template(
         faces=faces,
         representatives=first,
         isolated=isolated,
+        placement=placement,
         reason="" if topology is not None else reason,
         notes=tuple(notes),
     )
@@ -281,28 +310,23 @@ def _decide(
     return recognition.topology, recognition.reason
 
 
-def _coordinates(
-    sequence: MeshSequence,
+def _of_lattice(
+    grid: tuple[int, ...],
     topology: Topology,
-    surface: Surface,
-    places: dict[str, NDArray[np.float64]],
-    report: ShareReport,
+    mean: Surface,
     *,
     of_surface: bool,
-) -> Coordinates | None:
-    if sequence.grid is not None:
-        values = Lattice(topology, sequence.grid).natural_coordinates
-        landmarks = lattice_landmarks(surface, topology, values)
-        if not of_surface or landmarks is None:
-            return Coordinates(topology, values, landmarks)
-        # The lattice still says where theta is 0 and, of a cylinder, which end is which.
-        zero = landmarks.origin + landmarks.theta_zero * np.sqrt(surface.area)
-        places = {"theta_zero": zero}
-        if topology == CYLINDER:
-            places["base"] = landmarks.base
-    if topology.n_axes == 1:
-        return curve_coordinates(surface.vertices, topology, places)
-    return _MAKERS[topology](surface, places, report)
+) -> tuple[Coordinates | None, dict[str, NDArray[np.float64]]]:
+    """Coordinates by rows and columns; or where those of the surface, if wanted, begin."""
+    values = Lattice(topology, grid).natural_coordinates
+    landmarks = lattice_landmarks(mean, topology, values)
+    if not of_surface or landmarks is None:
+        return Coordinates(topology, values, landmarks), {}
+    # The lattice still says where theta is 0 and, of a cylinder, which end is which.
+    places = {"theta_zero": landmarks.origin + landmarks.theta_zero * np.sqrt(mean.area)}
+    if topology == CYLINDER:
+        places["base"] = landmarks.base
+    return None, places
 
 
 def _faces_of(sequence: MeshSequence) -> NDArray[np.int64]:
@@ -343,6 +367,16 @@ def _normalised(
     scale = power_of_two(largest)
     surface = surface_of(vertices / scale, faces, in_any_order=in_any_order)
     return surface, corner, scale
+
+
+def _mean_surface(surface: Surface, middle: NDArray[np.float64]) -> Surface:
+    """Move the triangles to the mean of all frames, its area centroid to the reference's."""
+    middle = middle.copy()
+    middle[surface.isolated] = surface.of_mesh(surface.vertices)[surface.isolated]
+    mean = surface.moved_to(middle)
+    if not (mean.area > 0 and surface.area > 0) or np.array_equal(mean.vertices, surface.vertices):
+        return surface
+    return replace(mean, vertices=mean.vertices + (surface.centroid - mean.centroid))
 
 
 def _carried_over(

@@ -56,6 +56,16 @@ def notes_on_mesh(surface: Surface, isolated: NDArray[np.int64]) -> list[str]:
     return notes
 
 
+def note_on_border(cover: float, border: float) -> str:
+    """Say that the kind of a closed surface's modes is nearly the other."""
+    return (
+        f"The kind of modes is near its border: the coordinates of a sphere cover this surface "
+        f"{cover:.2f} times, and below {border:g} it has the springs of its own mesh. Another "
+        "recording of it may have the other kind; where several are compared, name one template "
+        "or state one topology, sphere or mesh, for all."
+    )
+
+
 def notes_on_landmarks(coordinates: Coordinates) -> list[str]:
     """Name the landmarks that the shape does not determine."""
     if coordinates.landmarks is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -42,6 +42,16 @@ class Surface:
     order: NDArray[np.int64] | None = None
     sides: Sides | None = None
     weights: NDArray[np.float64] | None = None
+
+    def moved_to(self, vertices: NDArray[np.float64]) -> Surface:
+        """Give the same triangles at other places, (vertices, 3), in the order of the mesh."""
+        if self.order is not None:
+            vertices = np.take(vertices, self.order, axis=0)
+        if self.sides is None:
+            areas = vertex_areas(vertices, self.faces)
+            return replace(self, vertices=vertices, areas=areas, weights=None)
+        weights, areas = self.sides.stiffness(vertices)
+        return replace(self, vertices=vertices, areas=areas, weights=weights)
 
     @property
     def area(self) -> float:
@@ -106,11 +116,13 @@ class Opening:
     centre : (3,) float64
         Centroid of its edges by length.
     length : float
+    edges : (edges, 2) int64
     """
 
     vertices: NDArray[np.int64]
     centre: NDArray[np.float64]
     length: float
+    edges: NDArray[np.int64]
 
     @staticmethod
     def of(vertices: NDArray[np.float64], loop: NDArray[np.int64]) -> Opening:
@@ -119,7 +131,39 @@ class Opening:
         lengths = np.linalg.norm(b - a, axis=1)
         total = float(lengths.sum())
         centre = weighted_sum(lengths, (a + b) / 2) / total if total > 0 else a.mean(axis=0)
-        return Opening(np.unique(loop), centre, total)
+        return Opening(np.unique(loop), centre, total, loop)
+
+    def slopes(
+        self,
+        vertices: NDArray[np.float64],
+        weights: NDArray[np.float64],
+        of_length: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Differentiate weights @ centre + of_length * length by the positions.
+
+        Parameters
+        ----------
+        vertices : (vertices, 3) float64
+        weights : (functions, 3) float64
+        of_length : (functions,) float64
+
+        Returns
+        -------
+        (functions, vertices, 3) float64
+        """
+        a, b = vertices[self.edges[:, 0]], vertices[self.edges[:, 1]]
+        sides, total = b - a, self.length or 1.0
+        lengths = np.linalg.norm(sides, axis=1)
+        sides /= np.where(lengths > 0, lengths, 1.0)[:, None]
+        # C = sum L m / sum L: dC = sum ((m - C) dL + L dm) / sum L
+        apart = weights @ ((a + b) / 2 - self.centre).T + (of_length * total)[:, None]
+        along = apart[:, :, None] * sides
+        of_middle = 0.5 * weights[:, None] * lengths[:, None]
+        slopes = np.zeros((len(weights), len(vertices), 3))
+        for function, length, middle in zip(slopes, along, of_middle, strict=True):
+            np.add.at(function, self.edges[:, 0], (middle - length) / total)
+            np.add.at(function, self.edges[:, 1], (middle + length) / total)
+        return slopes
 
 
 def mean_of(openings: tuple[Opening, ...]) -> NDArray[np.float64]:

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import reference_positions
+from modalmotion.alignment.reference import middle_positions, reference_positions
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import CUP, CYLINDER, Topology
 from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
 from modalmotion.template.landmarks import GivenLandmarks, Landmarks, landmarks_in
+from modalmotion.template.placement import Placement
 
 # Changes with everything that changes coordinates, so that no old template answers for a new one.
-_SCHEMA = 2
+_SCHEMA = 3
 
 
 class Weights(StrEnum):
@@ -60,6 +61,9 @@ class Template(FrozenArrays):
     isolated : (n,) int64
         Vertices in no triangle: they carry no weight, are moved as the nearest vertex of the
         surface, and count in every error but the weighted one.
+    placement : Placement or None
+        What the axes were found on, for the errors that they have of it; None where they are
+        stated by a lattice, there are none, or the template was read from a file.
     reason : str
         Why there are no natural coordinates; empty if there are.
     notes : tuple of str
@@ -78,6 +82,7 @@ class Template(FrozenArrays):
     isolated: NDArray[np.int64]
     reason: str
     notes: tuple[str, ...]
+    placement: Placement | None = None
 
     def __post_init__(self) -> None:
         for name in (
@@ -102,6 +107,19 @@ class Template(FrozenArrays):
             )
         return self.surface
 
+    def turned(self, w: NDArray[np.float64]) -> Template:
+        """Return the same about axes that are turned by a rotation vector w, (3,), rad.
+
+        Of a template with a placement.
+        """
+        placed, landmarks = self.placement, self.landmarks
+        if placed is None or landmarks is None:
+            return self
+        axes = placed.axes.turned(w)
+        values = placed.coordinates(axes, self.coordinates)[self.representatives]
+        landmarks = replace(landmarks, axis=axes.axis, theta_zero=axes.zero)
+        return replace(self, coordinates=values, landmarks=landmarks)
+
     @property
     def n_vertices(self) -> int:
         """Number of vertices."""
@@ -123,10 +141,10 @@ def template_id(
     Returns
     -------
     str
-        sha256 in hex, over faces, reference vertices, topology, grid, weights, landmarks and
-        merged vertices.
+        sha256 in hex, over faces, reference vertices, those of the mean of all frames, topology,
+        grid, weights, landmarks and merged vertices.
     """
-    start = reference_positions(sequence, reference).astype("<f8")
+    shapes = [reference_positions(sequence, reference), middle_positions(sequence, reference)]
     own_landmarks = landmarks_read(sequence, landmarks, closed_form=closed_form)
     header = {
         "schema": _SCHEMA,
@@ -135,13 +153,14 @@ def template_id(
         "weights": weights.value,
         "landmarks": own_landmarks.as_json(),
         "closed_form": closed_form,
-        "n_vertices": len(start),
+        "n_vertices": sequence.n_vertices,
     }
     if not by_rows and is_placed_by_shape(sequence):
         header["by_rows"] = False
     digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
     digest.update(np.ascontiguousarray(sequence.faces.astype("<i8")).data)
-    digest.update(np.ascontiguousarray(start).data)
+    for positions in shapes:
+        digest.update(np.ascontiguousarray(positions.astype("<f8")).data)
     first = sequence.representatives
     if merge_vertices and is_merged(first):
         digest.update(first.astype("<i8").data)

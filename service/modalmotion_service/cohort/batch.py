@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from modalmotion.errors import ModalMotionError
 from modalmotion.facts import Facts
 from modalmotion.formats import ReadOptions
-from modalmotion.signature.making import SignatureParameters, modal_signature
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.modes.topology import MESH, SPHERE
+from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.store import (
     SequenceRecord,
     record_of,
@@ -81,12 +86,15 @@ class Signed:
     key : str
         Of the signature's parameters, with what the fit read of the facts.
     rms_error, weighted_rms_error : float
+    kind : str
+        Topology of a closed surface that its shape alone gave it, and its mesh; else empty.
     """
 
     record: SequenceRecord
     key: str
     rms_error: float
     weighted_rms_error: float
+    kind: str = ""
 
 
 @dataclass(frozen=True)
@@ -138,5 +146,16 @@ def sign_batch(
                 files.write(item.vertices, upload_image(sequence))
             files.write(item.signature, signature_image(signature))
             errors = signature.rms_error, signature.weighted_rms_error
-            outcomes.append(Signed(record, signature.parameters.key, *errors))
+            kind = _kind_by_shape(sequence, signature)
+            outcomes.append(Signed(record, signature.parameters.key, *errors, kind))
     return outcomes
+
+
+def _kind_by_shape(sequence: MeshSequence, signature: ModalSignature) -> str:
+    if sequence.topology is not None or signature.parameters.fixes_kind:
+        return ""
+    if signature.surface not in (SPHERE.name, MESH):
+        return ""
+    digest = hashlib.sha256(str(sequence.n_vertices).encode())
+    digest.update(np.ascontiguousarray(sequence.faces, dtype="<i8").data)
+    return f"{signature.surface} {digest.hexdigest()[:16]}"

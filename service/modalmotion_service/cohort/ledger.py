@@ -31,6 +31,10 @@ class Done:
     unit : str or None
     key : str
         Of its signature.
+    kind : str
+        See `Signed`.
+    springs : bool
+        Whether it has the spring modes of its mesh because others of the cohort do.
     """
 
     path: str
@@ -41,6 +45,8 @@ class Done:
     weighted_rms_error: float
     unit: str | None
     key: str = ""
+    kind: str = ""
+    springs: bool = False
 
 
 class Ledger:
@@ -57,24 +63,27 @@ class Ledger:
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / NAME
-        done = {one.path: one for one in self._read()}
+        done = {(one.path, one.springs): one for one in self._read()}
         # Without cut or outdated lines, so that it does not grow from run to run.
         write_atomic(self._path, "".join(map(_line, done.values())).encode())
-        self._earlier = {one.path: (one.stamp, one.settings) for one in done.values()}
-        self._places: dict[str, int] = {}
+        self._earlier = {which: (one.stamp, one.settings) for which, one in done.items()}
+        self._places: dict[tuple[str, bool], int] = {}
         place = 0
-        for path, one in done.items():
-            self._places[path] = place
+        for which, one in done.items():
+            self._places[which] = place
             place += len(_line(one).encode())
 
-    def find(self, path: object, stamp: str, settings: str) -> int | None:
+    def find(self, path: object, stamp: str, settings: str, *, springs: bool = False) -> int | None:
         """Give the place of an earlier run's line, if the file and the settings are the same."""
-        is_same = self._earlier.get(str(path)) == (stamp, settings)
-        return self._places[str(path)] if is_same else None
+        which = str(path), springs
+        is_same = self._earlier.get(which) == (stamp, settings)
+        return self._places[which] if is_same else None
 
     def forget_earlier(self) -> None:
-        """Free what `find` needs."""
-        self._earlier, self._places = {}, {}
+        """Free what `find` needs, but for spring modes, which are looked for last."""
+        for named in (self._earlier, self._places):
+            for which in [which for which in named if not which[1]]:
+                del named[which]
 
     def at(self, place: int) -> Done:
         """Read the line at a place."""

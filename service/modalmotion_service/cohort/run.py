@@ -16,6 +16,7 @@ from typing import Any
 
 from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
 from modalmotion.facts import Facts
+from modalmotion.modes.topology import MESH, SPHERE
 from modalmotion.progress import Progress
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ResultStore, StagedSignature, write_atomic
@@ -101,6 +102,9 @@ class _Run:
         self._template, self._parameters = self._make_template()
         settings = repr((astuple(job.options), self._parameters.key))
         self._settings = hashlib.sha256(settings.encode()).hexdigest()[:16]
+        # Whether recordings are fitted as others of their mesh are: see `_odd_ones`.
+        self._springs = False
+        self._kinds: dict[str, list[Entry]] = {}
         self.n_made = 0
         self.n_known = 0
         self.failures: dict[Source, str] = {}
@@ -122,6 +126,31 @@ class _Run:
         self._stamps.update((file, text) for file, text in elsewhere.items())
         self._waiting.extend(entry for entry in self._job.entries if not self._is_known(entry))
         self._ledger.forget_earlier()
+        self._sign()
+        odd = self._odd_ones()
+        if odd:
+            self._springs = True
+            self._parameters = replace(self._parameters, closed_form=False)
+            for entry in odd:
+                self._places[self._numbers[entry.path]] = -1
+                if self._keys.pop(entry.path, None) is None:
+                    self.n_made -= 1
+                else:
+                    self.n_known -= 1
+            self._waiting.extend(entry for entry in odd if not self._is_known(entry))
+            self._sign()
+
+    def _odd_ones(self) -> list[Entry]:
+        """Find closed surfaces taken for spheres, of a mesh of which others have springs by shape.
+
+        So all recordings of one mesh have modes that compare, whichever came first.
+        """
+        kinds = self._kinds
+        meshes = sorted(kind.split()[1] for kind in kinds if kind.startswith(MESH))
+        return [one for mesh in meshes for one in kinds.get(f"{SPHERE.name} {mesh}", [])]
+
+    def _sign(self) -> None:
+        """Process what waits."""
         self._show()
         while self._waiting or self._suspects or self._running:
             self._submit()
@@ -184,7 +213,7 @@ class _Run:
             # A worker tries to read it, and says why it cannot.
             stamp = ""
         self._stamps[entry.path] = stamp
-        place = self._ledger.find(entry.path, stamp, self._settings)
+        place = self._ledger.find(entry.path, stamp, self._settings, springs=self._springs)
         if place is None or not stamp:
             return False
         done = self._ledger.at(place)
@@ -201,6 +230,7 @@ class _Run:
         self._name(entry, done.sequence_id)
         self._keys[entry.path] = parameters.key
         self._places[self._numbers[entry.path]] = place
+        self._note_kind(entry, done.kind)
         self.n_known += 1
         return True
 
@@ -309,12 +339,19 @@ class _Run:
                 one.weighted_rms_error,
                 one.record.unit,
                 one.key,
+                one.kind,
+                self._springs,
             )
             lines.append(done)
         places = self._ledger.add(*lines)
-        for (entry, _, _), place in zip(signed, places, strict=True):
+        for (entry, _, one), place in zip(signed, places, strict=True):
             self._places[self._numbers[entry.path]] = place
+            self._note_kind(entry, one.kind)
         self.n_made += len(lines)
+
+    def _note_kind(self, entry: Entry, kind: str) -> None:
+        if kind:
+            self._kinds.setdefault(kind, []).append(entry)
 
     def _show(self) -> None:
         done = self.n_made + self.n_known + len(self.failures)

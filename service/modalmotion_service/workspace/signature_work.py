@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 
 from modalmotion.errors import NotFoundError
 from modalmotion.facts import Facts
+from modalmotion.modes.topology import SPHERE
 from modalmotion.signature.comparison import Comparison
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import StageReport
@@ -89,6 +91,8 @@ class SignatureWork(OwnerWork):
         """Compare the signatures of two sequences, made with the same parameters."""
         own = await self.signature(sequence_id, parameters)
         other = await self.signature(other_id, parameters)
+        ids = [sequence_id, other_id]
+        own, other = await self._of_one_kind(ids, parameters, [own, other])
         return await self.work(signatures.compare_signatures, own, other, closed)
 
     async def signature_json(self, sequence_id: str, parameters: SignatureParameters) -> bytes:
@@ -136,6 +140,7 @@ class SignatureWork(OwnerWork):
             paths.append(await self.signature(sequence_id, parameters, tell))
             report((done + 1) / whole, f"signature {done + 1} of {whole - 1}")
         records = [self._store.sequence_record(sequence_id) for sequence_id in sequence_ids]
+        paths = await self._of_one_kind(sequence_ids, parameters, paths)
         with self.output() as output:
             if media_type == CSV:
                 kept = await asyncio.to_thread(self._kept_vertices, records)
@@ -145,6 +150,24 @@ class SignatureWork(OwnerWork):
                 task = signatures.pack_hdf5 if media_type == HDF5 else signatures.pack_npz
                 await self.work(task, paths, records, output)
         return output
+
+    async def _of_one_kind(
+        self, sequence_ids: list[str], parameters: SignatureParameters, paths: list[Path]
+    ) -> list[Path]:
+        """Take spring modes of all closed surfaces of a mesh of which some have them by shape."""
+        if parameters.fixes_kind:
+            return paths
+        kinds = await self.work(signatures.kinds_of, paths)
+        meshes = {mesh for _, mesh in kinds if mesh}
+        springs, chosen = replace(parameters, closed_form=False), []
+        for sequence_id, path, (surface, _) in zip(sequence_ids, paths, kinds, strict=True):
+            chosen.append(path)
+            is_stated = self._store.sequence_record(sequence_id).topology is not None
+            if meshes and surface == SPHERE.name and not is_stated:
+                other = await self.signature(sequence_id, springs)
+                ((_, mesh),) = await self.work(signatures.kinds_of, [other])
+                chosen[-1] = other if mesh in meshes else path
+        return chosen
 
     async def _with_sequence(
         self, sequence_id: str, parameters: SignatureParameters

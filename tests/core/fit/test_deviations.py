@@ -71,7 +71,9 @@ def drawn() -> MeshSequence:
 def test_deviations_are_those_of_drawn_errors(
     drawn: MeshSequence, parameters: SignatureParameters
 ) -> None:
-    signature = modal_signature(drawn, parameters)
+    # All draws on one template.
+    template = make_template(drawn)
+    signature = modal_signature(drawn, replace(parameters, template=template.id), template=template)
     stated = signature.amplitude_deviations
     assert stated is not None
     assert not stated[0].any()
@@ -109,8 +111,13 @@ def test_errors_of_the_reference_count_and_those_in_common_do_not(reference: Ref
 def test_errors_in_common_do_not_average_out() -> None:
     x = mesh_sequence(np.stack([REST, MOVED]), CUP_SHAPE.faces)
     n = len(REST)
+    template = make_template(x)
     single, alike = (
-        modal_signature(replace(x, uncertainty=Uncertainty.of_noise(0.1, 2, n, independent)))
+        modal_signature(
+            replace(x, uncertainty=Uncertainty.of_noise(0.1, 2, n, independent)),
+            SignatureParameters(template=template.id),
+            template=template,
+        )
         for independent in (n, n / 9)
     )
     assert single.amplitude_deviations is not None

@@ -26,9 +26,10 @@ def fitted(
     present: np.ndarray,
     n_modes: int = 7,
     components: Components = Components.CARTESIAN,
+    whole: Moving | None = None,
 ) -> Fit:
     sequence = mesh_sequence(*moving)
-    template = make_template(sequence)
+    template = make_template(sequence if whole is None else mesh_sequence(*whole))
     basis = make_basis(template, choose_modes(template, n_modes).modes)
     return fit_sequence(sequence, template, basis, present=present, components=components)
 
@@ -65,9 +66,9 @@ def test_what_is_not_there_is_not_read(heart: Moving) -> None:
     present = holes(heart, 0.2)
     vertices = heart[0].copy()
     vertices[~present] = 1e30
-    garbage = fitted((vertices, heart[1]), present)
+    garbage = fitted((vertices, heart[1]), present, whole=heart)
     elsewhere = np.where(present[:, :, None], heart[0], -7.0)
-    other = fitted((elsewhere, heart[1]), present)
+    other = fitted((elsewhere, heart[1]), present, whole=heart)
     assert garbage.amplitudes == pytest.approx(other.amplitudes, abs=1e-11)
     assert garbage.errors.max == pytest.approx(other.errors.max, abs=1e-11)
 

@@ -7,14 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from clouds import breathing_spheroid, sampled
+from template_surfaces import MAKERS
 
+from modalmotion.clinical import clinical_readouts
+from modalmotion.clinical.strain import wall_strain
+from modalmotion.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.mesh.uncertainty import Uncertainty
 from modalmotion.signature.comparison import compare
 from modalmotion.signature.first_modes import first_modes
 from modalmotion.signature.hdf5 import signature_from_hdf5, signature_to_hdf5
 from modalmotion.signature.interpolation import at_times
 from modalmotion.signature.making import SignatureKind, SignatureParameters, modal_signature
-from modalmotion.template import make_template
+from modalmotion.simulate import Acquisition, simulate_ventricle
+from modalmotion.template import GivenLandmarks, make_template
 from modalmotion.tracking import Track, track
 
 OFFSET = SignatureParameters(kind=SignatureKind.OFFSET, modes=4)
@@ -67,7 +73,7 @@ def test_material_motion_of_a_track_is_less_sure_than_its_offsets(tracked: Track
 def test_deviations_follow_from_the_noise_on_request(noisy: MeshSequence) -> None:
     assert modal_signature(noisy).amplitude_deviations is None
     clean = breathing_spheroid(20)
-    # Where theta begins on the noisy surface is another error, which is not counted.
+    # A body of revolution: where theta begins on the noisy one is another error.
     template = make_template(clean)
     parameters = SignatureParameters(modes=4, deviations=True, template=template.id)
     true = modal_signature(clean, parameters, template=template)
@@ -134,3 +140,57 @@ def test_a_share_of_nothing_is_none(tracked: Track) -> None:
     assert still.deviation_share == np.inf
     zero = np.zeros_like(signature.amplitudes)
     assert replace(signature, amplitude_deviations=zero).deviation_share == 0.0
+
+
+@pytest.mark.parametrize("given", [{}, {"theta_zero": 40}], ids=["by shape", "landmark"])
+@pytest.mark.parametrize("topology", ["cup", "cylinder"])
+def test_deviations_of_a_recording_of_its_own_template_hold(
+    topology: str, given: dict[str, int]
+) -> None:
+    vertices, faces = MAKERS[topology](400, np.random.default_rng(0))
+    clean = mesh_sequence(vertices, faces, topology=topology, unit="mm")
+    own = SignatureParameters(landmarks=GivenLandmarks.from_json(given))
+    template = make_template(clean, landmarks=own.landmarks)
+    fixed = SignatureParameters(template=template.id)
+    rng, f, n = np.random.default_rng(2), clean.n_frames, clean.n_vertices
+    found, at_fixed, stated = [], [], []
+    for _ in range(24):
+        noise = rng.normal(0.0, 0.5, vertices.shape)
+        noisy = replace(
+            clean,
+            vertices=vertices + noise,
+            uncertainty=Uncertainty.of_noise(0.5, f, n, n),
+        )
+        signature = modal_signature(noisy, own)
+        found.append(signature.amplitudes[1:])
+        at_fixed.append(modal_signature(noisy, fixed, template=template).amplitudes[1:])
+        assert signature.amplitude_deviations is not None
+        stated.append(signature.amplitude_deviations[1:] ** 2)
+    true = np.sqrt(np.var(found, axis=0, ddof=1).mean())
+    # Errors of axes are the same in all frames: 24 draws tell their size to a seventh.
+    assert 0.8 < np.sqrt(np.mean(stated)) / true < 1.25
+    assert true < 1.5 * np.sqrt(np.var(at_fixed, axis=0, ddof=1).mean())
+
+
+def test_a_zero_of_theta_that_nobody_knows_widens_no_read_out() -> None:
+    # A body of revolution: of a pair, cosine and sine are known together alone.
+    beat = simulate_ventricle(
+        n_vertices=500,
+        acquisition=Acquisition(n_frames=10, noise=0.6),
+        rng=np.random.default_rng(4),
+    ).with_facts(Facts(tracking="material"))
+    plain, sure = (
+        modal_signature(beat, SignatureParameters(deviations=asked)) for asked in (False, True)
+    )
+    deviations = sure.amplitude_deviations
+    assert deviations is not None
+    assert any("zero of theta" in note for note in sure.notes)
+    # The first two modes of a cup are even around its axis, the next four are pairs.
+    of_pairs = np.sqrt((deviations[1:, 2:6] ** 2).mean())
+    assert of_pairs > 0.3 * np.sqrt((sure.amplitudes[1:, 2:6] ** 2).mean())
+    assert of_pairs > 5.0 * np.sqrt((deviations[1:, :2] ** 2).mean())
+    curves = [clinical_readouts(one, beat).curve for one in (plain, sure)]
+    assert np.array_equal(curves[0].volumes, curves[1].volumes)
+    assert np.array_equal(curves[0].bounds, curves[1].bounds)
+    strains = [wall_strain(one, beat, curves[0].end_diastole) for one in (plain, sure)]
+    assert repr(strains[0]) == repr(strains[1])

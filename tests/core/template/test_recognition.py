@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from bent_surfaces import bent_beat
 from template_surfaces import MAKERS, Moving, describe, shared, sheet
 
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import CUP, Topology
+from modalmotion.modes.topology import CUP, SPHERE, Topology
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.template import Weights, make_template, require_same_mesh, template_id
 
 
@@ -204,15 +208,15 @@ def test_the_identity_is_that_of_what_it_was_made_from() -> None:
     sequence = mesh_sequence(vertices, faces)
     template = make_template(sequence)
     assert template.id == make_template(sequence).id == template_id(sequence)
-    # Other frames have no part in it.
-    assert make_template(mesh_sequence(vertices[:1], faces)).id == template.id
+    # All frames have a part in it: the axes are those of their mean.
     others = [
+        make_template(mesh_sequence(vertices[:-1], faces)),
         make_template(sequence, reference=3),
         make_template(sequence, weights=Weights.UNIFORM),
         make_template(mesh_sequence(vertices, faces, topology="cup")),
         make_template(mesh_sequence(vertices, faces[::-1])),
     ]
-    assert len({template.id, *(other.id for other in others)}) == 5
+    assert len({template.id, *(other.id for other in others)}) == 6
 
 
 def test_a_template_serves_meshes_that_correspond() -> None:
@@ -276,3 +280,42 @@ def test_the_real_meshes() -> None:
         vertices, faces = shared(name)
         template = make_template(mesh_sequence(vertices[:1], faces))
         assert template.surface == topology, name
+
+
+def bent(number: int) -> MeshSequence:
+    """A closed surface of one mesh, its axis more or less bent: on both sides of the border."""
+    rng = np.random.default_rng(number)
+    return bent_beat("strong", rng.uniform(1.0, 3.6), rng)
+
+
+def test_noise_changes_the_kind_of_modes_near_its_border_alone() -> None:
+    rng = np.random.default_rng(0)
+    kinds, noted = set(), 0
+    for number in range(20):
+        sequence = bent(number)
+        noisy = replace(
+            sequence, vertices=sequence.vertices + rng.normal(0.0, 0.5, sequence.vertices.shape)
+        )
+        one, other = make_template(sequence), make_template(noisy)
+        kinds.add(one.surface)
+        near = [any("near its border" in note for note in t.notes) for t in (one, other)]
+        noted += near[0]
+        assert one.surface == other.surface or all(near)
+        # A template fixes the kind, as a stated topology does.
+        asked = SignatureParameters(template=one.id)
+        kind = "mesh" if one.surface is None else "sphere"
+        assert modal_signature(noisy, asked, template=one).surface == kind
+        assert modal_signature(noisy, SignatureParameters(topology=kind)).surface == kind
+    assert kinds == {None, SPHERE}
+    assert 5 <= noted < 20
+
+
+def test_a_stated_kind_has_no_border() -> None:
+    near = next(
+        one
+        for one in map(bent, range(20))
+        if any("near its border" in note for note in make_template(one).notes)
+    )
+    for topology in ("sphere", "mesh"):
+        signature = modal_signature(near, SignatureParameters(topology=topology))
+        assert not any("near its border" in note for note in signature.notes)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bent_surfaces import bent_beat
 from click.testing import CliRunner
 from clouds import small_recording
 from dask_cluster import DaskCluster
@@ -22,9 +23,10 @@ from modalmotion import Acquisition, simulate_ventricle
 from modalmotion.errors import MalformedFileError, ParameterError
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.signature.making import SignatureParameters, modal_signature
-from modalmotion.store import ResultStore, verify
+from modalmotion.store import ResultStore, signature_from_hdf5, verify
 from modalmotion_service.cohort import CohortJob, read_manifest, sign_cohort
 from modalmotion_service.cohort.ledger import Done, Ledger
+from modalmotion_service.cohort.manifest import Entry
 from modalmotion_service.cohort.run import MOST_IN_BATCH, batch_size
 from modalmotion_service.commands.cohort import cohort
 from modalmotion_service.work.pool import WorkerPool
@@ -371,3 +373,32 @@ def test_facts_of_a_manifest_are_kept_and_read_and_known_again(tmp_path: Path) -
         assert store.sequence_record(mesh.id).facts.tracking == "material"
     manifest.write_text('path,tracking,landmark:theta_zero\na.npz,offset,"0,30,0"\n')
     assert "1 known" in CliRunner().invoke(cohort, arguments).output
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_closed_surfaces_of_one_mesh_have_one_kind_of_modes(
+    tmp_path: Path, *, backwards: bool
+) -> None:
+    rng = np.random.default_rng(3)
+    files = tmp_path / "files"
+    files.mkdir()
+    # By their shapes the first two are spheres, the last has the springs of its mesh.
+    for number, angle in enumerate((0.3, 0.6, 3.4)):
+        (files / f"{number}.npz").write_bytes(write_npz(bent_beat("strong", angle, rng)))
+    paths = sorted(files.glob("*.npz"), reverse=backwards)
+    straight = [one for one in paths if one.stem != "2"]
+    folder = tmp_path / "cohort"
+
+    def kinds(paths: list[Path]) -> list[str]:
+        job = CohortJob(tuple(Entry(path) for path in paths), folder)
+        report = sign_cohort(job, lambda _: WorkerPool(1, 60, 1 << 30))
+        assert (report.n_made + report.n_known, report.failures) == (len(paths), ())
+        with (folder / "cohort.csv").open(newline="") as table:
+            rows = list(csv.DictReader(table))
+        return [signature_from_hdf5(folder / row["signature"]).surface for row in rows]
+
+    assert kinds(straight) == ["sphere"] * 2
+    assert kinds(paths) == ["mesh"] * 3
+    # Nothing is made again, and what is stored decides nothing.
+    assert kinds(paths) == ["mesh"] * 3
+    assert kinds(straight) == ["sphere"] * 2

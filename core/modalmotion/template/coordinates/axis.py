@@ -2,28 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
 from modalmotion.modes.topology import CLOSED, Topology
-from modalmotion.numeric.products import along, second_moments, weighted_sum
+from modalmotion.numeric.products import along
 from modalmotion.template.surface import Surface
 
 # An axis through two places closer than this share of the surface's size has no direction.
 _SHORTEST = 1e-9
 
 
-def axis_between(
-    surface: Surface, apex: NDArray[np.float64], base: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Axis through two places, and the foot of the area centroid on it.
+@dataclass(frozen=True, eq=False)
+class Axes:
+    """Directions that natural coordinates are placed by.
 
-    Returns
-    -------
-    origin, axis : (3,) float64
+    Parameters
+    ----------
+    axis : (3,) float64
+        Unit vector; the normal of a plane.
+    zero : (3,) float64
+        Unit vector across it, in which theta is 0; along s of a plane.
+    strengths : mapping of str to float
+        How well each is determined, 0 to 1: see `Landmarks`.
+    """
+
+    axis: NDArray[np.float64]
+    zero: NDArray[np.float64]
+    strengths: Mapping[str, float]
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """The two and the one across both in the columns of a rotation, (3, 3)."""
+        return np.stack([self.zero, np.cross(self.axis, self.zero), self.axis], axis=1)
+
+    def turned(self, w: NDArray[np.float64]) -> Axes:
+        """Turn both by the rotation vector w, (3,), rad."""
+        R = scipy.spatial.transform.Rotation.from_rotvec(w).as_matrix()
+        return Axes(R @ self.axis, R @ self.zero, self.strengths)
+
+
+def direction_between(
+    surface: Surface, apex: NDArray[np.float64], base: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Find the unit vector from one place to another, (3,).
 
     Raises
     ------
@@ -37,8 +64,19 @@ def axis_between(
             "The apex and the base lie in the same place, so they give no axis.",
             remedy="Give two places at opposite ends of the surface.",
         )
-    axis = span / size
-    return apex + ((surface.centroid - apex) @ axis) * axis, axis
+    axis: NDArray[np.float64] = span / size
+    return axis
+
+
+def origin_on(
+    surface: Surface, axis: NDArray[np.float64], places: Mapping[str, NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """Foot of the area centroid on the axis through a stated end; the centroid without one."""
+    place = places.get("apex", places.get("base"))
+    if place is None:
+        return surface.centroid
+    foot: NDArray[np.float64] = place + ((surface.centroid - place) @ axis) * axis
+    return foot
 
 
 def principal_axes(surface: Surface) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -75,13 +113,10 @@ def lean(surface: Surface, axis: NDArray[np.float64]) -> tuple[NDArray[np.float6
     The product moment of height and offset across the axis. It turns with the surface, is
     the same for any triangulation, and vanishes on a surface of revolution.
     """
-    offsets, areas = surface.offsets, surface.areas
-    height = along(offsets, axis)
-    across = offsets - height[:, None] * axis
-    direction = weighted_sum(areas * height, across)
-    wide = float(weighted_sum(areas, across**2).sum())
-    spread = float(np.sqrt((areas * height**2).sum() * wide))
-    return _unit_across(direction, axis, spread)
+    of_axis = surface.covariance @ axis
+    high = float(of_axis @ axis)
+    wide = float(np.trace(surface.covariance)) - high
+    return _unit_across(of_axis, axis, float(np.sqrt(max(high * wide, 0.0))))
 
 
 def widest_across(surface: Surface, axis: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
@@ -89,11 +124,10 @@ def widest_across(surface: Surface, axis: NDArray[np.float64]) -> tuple[NDArray[
 
     For an axis of inertia, along which nothing leans. Its sense is that of `principal_axes`.
     """
-    offsets, areas = surface.offsets, surface.areas
-    across = offsets - along(offsets, axis)[:, None] * axis
-    variances, columns = np.linalg.eigh(second_moments(areas, across, across))
+    across = np.eye(3) - np.outer(axis, axis)
+    variances, columns = np.linalg.eigh(across @ surface.covariance @ across)
     direction: NDArray[np.float64] = columns[:, 2]
-    if float((areas * along(across, direction) ** 3).sum()) > 0:
+    if float((surface.areas * along(surface.offsets, direction) ** 3).sum()) > 0:
         direction = -direction
     gap = float((variances[2] - variances[1]) / variances[2]) if variances[2] > 0 else 0.0
     direction, strength = _unit_across(direction * gap, axis, 1.0)
@@ -125,27 +159,31 @@ def towards(
     return unit
 
 
-def theta_zero(
+def axes_about(
     surface: Surface,
     places: Mapping[str, NDArray[np.float64]],
-    origin: NDArray[np.float64],
     axis: NDArray[np.float64],
-    by_shape: Callable[[Surface, NDArray[np.float64]], tuple[NDArray[np.float64], float]],
-) -> tuple[NDArray[np.float64], float]:
-    """Direction in which theta is 0, and how well it is determined, 0 to 1.
+    by_shape: tuple[NDArray[np.float64], float],
+    strengths: Mapping[str, float],
+) -> Axes:
+    """Axes of a known axis, and the zero of theta on it.
 
     Parameters
     ----------
     surface : Surface
     places : mapping of str to (3,) float64
         Positions of the stated landmarks; "theta_zero" decides where it is one of them.
-    origin, axis : (3,) float64
-    by_shape : callable
+    axis : (3,) float64
+    by_shape : (3,) float64 and float
         `lean` or `widest_across`: how the shape decides otherwise.
+    strengths : mapping of str to float
+        Of the axis.
     """
+    zero, strength = by_shape
     if "theta_zero" in places:
-        return towards(places["theta_zero"], origin, axis, surface.area**0.5), 1.0
-    return by_shape(surface, axis)
+        origin = origin_on(surface, axis, places)
+        zero, strength = towards(places["theta_zero"], origin, axis, surface.area**0.5), 1.0
+    return Axes(axis, zero, {**strengths, "theta_zero": strength})
 
 
 def azimuth(

@@ -11,11 +11,13 @@ from modalmotion.modes.topology import CUP
 from modalmotion.numeric.products import along, second_moments, weighted_sum
 from modalmotion.progress import ShareReport, silent
 from modalmotion.template.coordinates.axis import (
-    axis_between,
+    Axes,
+    axes_about,
     azimuth,
+    direction_between,
     lean,
+    origin_on,
     principal_axes,
-    theta_zero,
 )
 from modalmotion.template.coordinates.potential import potential
 from modalmotion.template.coordinates.value import Coordinates
@@ -41,7 +43,10 @@ _FLAT_CAP: Final = 1e-3
 
 
 def cup_coordinates(
-    surface: Surface, places: dict[str, NDArray[np.float64]], report: ShareReport = silent
+    surface: Surface,
+    places: dict[str, NDArray[np.float64]],
+    axes: Axes,
+    report: ShareReport = silent,
 ) -> Coordinates:
     """Torsion function towards the openings, and azimuth about the axis.
 
@@ -51,13 +56,10 @@ def cup_coordinates(
         One piece with openings, all of them at its base.
     places : dict of str to (3,) float64
         Positions of the stated landmarks.
+    axes : Axes
+        From `cup_axes`.
     report : callable, optional
         Told the share that is done.
-
-    Raises
-    ------
-    ParameterError
-        If a stated landmark gives no direction.
     """
     notes: list[str] = []
     u = _torsion(surface, report)
@@ -68,10 +70,10 @@ def cup_coordinates(
         cap = np.clip(u, 0.0, 1.0) ** _CAP
     apex, roundness = _centre_of_cap(surface, cap)
     base = places.get("base", _base(surface))
-    origin, axis, strength = _axis(surface, places, base)
-    zero, zero_strength = theta_zero(surface, places, origin, axis, lean)
+    axis = axes.axis
+    origin = origin_on(surface, axis, places)
     offsets = surface.vertices - origin
-    theta = azimuth(offsets, axis, zero)
+    theta = azimuth(offsets, axis, axes.zero)
     s = along(offsets, axis) if u is None else (1 - np.clip(u, 0.0, 1.0)) ** _EXPONENT
     if u is None:
         s = (s - s.min()) / (np.ptp(s) or 1.0)
@@ -83,14 +85,13 @@ def cup_coordinates(
     landmarks = Landmarks(
         origin=origin,
         axis=axis,
-        theta_zero=zero,
+        theta_zero=axes.zero,
         apex=places.get("apex", apex),
         base=base,
         strengths={
-            "axis": strength,
+            **axes.strengths,
             "apex": 1.0 if "apex" in places else roundness,
             "base": 1.0 if "base" in places else _agreement(surface),
-            "theta_zero": zero_strength,
         },
         n_loops=len(surface.openings),
         given=tuple(places),
@@ -191,21 +192,22 @@ def _torsion(surface: Surface, report: ShareReport) -> NDArray[np.float64] | Non
     return np.asarray(u / max(float(u.max()), highest + above))
 
 
-def _axis(
-    surface: Surface, places: dict[str, NDArray[np.float64]], base: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    if "apex" in places:
-        origin, axis = axis_between(surface, places["apex"], base)
-        return origin, axis, 1.0
-    if "base" in places:
-        _, axis = axis_between(surface, surface.centroid, base)
-        return surface.centroid, axis, 1.0
-    strength = axis_strength(surface)
-    if strength < FAINT_AXIS or is_flat(surface):
+def cup_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
+    """Find the axis from apex, or area centroid, to base, and the side to which the wall leans.
+
+    Raises
+    ------
+    ParameterError
+        If a stated landmark gives no direction.
+    """
+    strength = 1.0 if {"apex", "base"} & set(places) else axis_strength(surface)
+    if strength < FAINT_AXIS or (strength < 1.0 and is_flat(surface)):
         # The base lies on neither side, but the normal still is an axis.
-        return surface.centroid, principal_axes(surface)[1][2], 0.0
-    _, axis = axis_between(surface, surface.centroid, base)
-    return surface.centroid, axis, strength
+        axis, strength = principal_axes(surface)[1][2], 0.0
+    else:
+        apex, base = places.get("apex", surface.centroid), places.get("base", _base(surface))
+        axis = direction_between(surface, apex, base)
+    return axes_about(surface, places, axis, lean(surface, axis), {"axis": strength})
 
 
 def _centre_of_cap(surface: Surface, cap: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:

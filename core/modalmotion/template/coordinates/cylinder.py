@@ -8,15 +8,39 @@ from numpy.typing import NDArray
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.numeric.products import along
 from modalmotion.progress import ShareReport, silent
-from modalmotion.template.coordinates.axis import axis_between, azimuth, lean, theta_zero
+from modalmotion.template.coordinates.axis import (
+    Axes,
+    axes_about,
+    azimuth,
+    direction_between,
+    lean,
+    origin_on,
+)
 from modalmotion.template.coordinates.potential import potential
 from modalmotion.template.coordinates.value import Coordinates
 from modalmotion.template.landmarks import Landmarks
 from modalmotion.template.surface import Opening, Surface
 
 
+def cylinder_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
+    """Find the axis between the centres of both ends, and the side to which the wall leans.
+
+    Raises
+    ------
+    ParameterError
+        If a stated landmark gives no direction.
+    """
+    near, far, strength = _ends(surface, places)
+    apex, base = places.get("apex", near.centre), places.get("base", far.centre)
+    axis = direction_between(surface, apex, base)
+    return axes_about(surface, places, axis, lean(surface, axis), {"axis": strength})
+
+
 def cylinder_coordinates(
-    surface: Surface, places: dict[str, NDArray[np.float64]], report: ShareReport = silent
+    surface: Surface,
+    places: dict[str, NDArray[np.float64]],
+    axes: Axes,
+    report: ShareReport = silent,
 ) -> Coordinates:
     """Harmonic function between the openings, and azimuth about the axis.
 
@@ -27,22 +51,16 @@ def cylinder_coordinates(
     surface : Surface
         One piece with two openings.
     places : dict of str to (3,) float64
+    axes : Axes
+        From `cylinder_axes`, which decide which end is which.
     report : callable, optional
         Told the share that is done.
-
-    Raises
-    ------
-    ParameterError
-        If a stated landmark gives no direction.
     """
-    near, far, strength = _ends(surface, places)
-    apex, base = places.get("apex", near.centre), places.get("base", far.centre)
-    origin, axis = axis_between(surface, apex, base)
-    if not {"apex", "base"} & set(places):
-        origin = surface.centroid
-    zero, zero_strength = theta_zero(surface, places, origin, axis, lean)
+    axis = axes.axis
+    near, far = sorted(surface.openings, key=lambda opening: float(opening.centre @ axis))
+    origin = origin_on(surface, axis, places)
     offsets = surface.vertices - origin
-    theta = azimuth(offsets, axis, zero)
+    theta = azimuth(offsets, axis, axes.zero)
     notes: list[str] = []
     held = np.concatenate([near.vertices, far.vertices])
     values = np.repeat([0.0, 1.0], [len(near.vertices), len(far.vertices)])
@@ -54,15 +72,10 @@ def cylinder_coordinates(
     landmarks = Landmarks(
         origin=origin,
         axis=axis,
-        theta_zero=zero,
-        apex=apex,
-        base=base,
-        strengths={
-            "axis": strength,
-            "apex": 1.0,
-            "base": 1.0,
-            "theta_zero": zero_strength,
-        },
+        theta_zero=axes.zero,
+        apex=places.get("apex", near.centre),
+        base=places.get("base", far.centre),
+        strengths={**axes.strengths, "apex": 1.0, "base": 1.0},
         n_loops=2,
         given=tuple(places),
     )

@@ -9,15 +9,36 @@ from modalmotion.errors import ParameterError
 from modalmotion.modes.topology import PLANE
 from modalmotion.numeric.products import along
 from modalmotion.progress import ShareReport, part_of, silent
-from modalmotion.template.coordinates.axis import principal_axes, skewness
+from modalmotion.template.coordinates.axis import Axes, principal_axes, skewness
 from modalmotion.template.coordinates.potential import potential
 from modalmotion.template.coordinates.value import Coordinates
 from modalmotion.template.landmarks import Landmarks
 from modalmotion.template.surface import Surface
 
 
+def plane_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
+    """Find the normal, and the longest axis of inertia or the side between stated corners."""
+    variances, directions = principal_axes(surface)
+    long = directions[0]
+    # The sense of the normal follows from the other two, so that all three are right-handed.
+    normal = np.cross(long, directions[1])
+    gap = float((variances[0] - variances[1]) / variances[0]) if variances[0] > 0 else 0.0
+    start = min(skewness(surface, directions[0]), skewness(surface, directions[1]))
+    flatness = 1 - float(np.sqrt(variances[2] / variances[1])) if variances[1] > 0 else 0.0
+    if "corners" in places:
+        origin, right, opposite, left = places["corners"]
+        long = right + opposite - origin - left
+        long = long - (long @ normal) * normal
+        long /= np.linalg.norm(long)
+        gap = start = 1.0
+    return Axes(normal, long, {"axis": flatness, "theta_zero": gap, "start": start})
+
+
 def plane_coordinates(
-    surface: Surface, places: dict[str, NDArray[np.float64]], report: ShareReport = silent
+    surface: Surface,
+    places: dict[str, NDArray[np.float64]],
+    axes: Axes,
+    report: ShareReport = silent,
 ) -> Coordinates:
     """Place along the longer and the shorter axis of inertia, or between four stated corners.
 
@@ -30,6 +51,8 @@ def plane_coordinates(
     surface : Surface
         One piece with one opening: its rim.
     places : dict of str to (4, 3) float64
+    axes : Axes
+        From `plane_axes`.
     report : callable, optional
         Told the share that is done.
 
@@ -38,10 +61,6 @@ def plane_coordinates(
     ParameterError
         If the corners do not follow one another along the rim.
     """
-    variances, directions = principal_axes(surface)
-    long = directions[0]
-    # The sense of the normal follows from the other two, so that all three are right-handed.
-    normal = np.cross(long, directions[1])
     notes: list[str] = []
     values = None
     if "corners" in places:
@@ -49,35 +68,19 @@ def plane_coordinates(
         values = _between_corners(surface, corners, report)
         if values is None:
             notes.append("The triangles are too thin to solve on; the corners were not used.")
-        origin, right, opposite, left = places["corners"]
-        long = right + opposite - origin - left
-        long = long - (long @ normal) * normal
-        long /= np.linalg.norm(long)
     if values is None:
-        sides = np.sqrt(12 * variances[:2])
-        values = np.stack(
-            [
-                0.5 + along(surface.offsets, direction) / (side or 1.0)
-                for direction, side in zip(directions[:2], sides, strict=True)
-            ],
-            axis=1,
-        )
-    is_given = "corners" in places
-    gap = float((variances[0] - variances[1]) / variances[0]) if variances[0] > 0 else 0.0
-    flatness = 1 - float(np.sqrt(variances[2] / variances[1])) if variances[1] > 0 else 0.0
+        columns = []
+        for direction in axes.matrix.T[:2]:
+            side = np.sqrt(12 * max(float(direction @ surface.covariance @ direction), 0.0))
+            columns.append(0.5 + along(surface.offsets, direction) / (side or 1.0))
+        values = np.stack(columns, axis=1)
     landmarks = Landmarks(
         origin=surface.centroid,
-        axis=normal,
-        theta_zero=long,
+        axis=axes.axis,
+        theta_zero=axes.zero,
         apex=surface.centroid,
         base=surface.centroid,
-        strengths={
-            "axis": flatness,
-            "theta_zero": 1.0 if is_given else gap,
-            "start": 1.0
-            if is_given
-            else min(skewness(surface, directions[0]), skewness(surface, directions[1])),
-        },
+        strengths=axes.strengths,
         n_loops=len(surface.openings),
         given=tuple(places),
     )

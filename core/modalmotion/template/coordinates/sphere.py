@@ -11,11 +11,13 @@ from modalmotion.modes.topology import SPHERE
 from modalmotion.numeric.products import along, weighted_sum
 from modalmotion.progress import ShareReport, silent
 from modalmotion.template.coordinates.axis import (
-    axis_between,
+    Axes,
+    axes_about,
     azimuth,
+    direction_between,
+    origin_on,
     principal_axes,
     skewness,
-    theta_zero,
     widest_across,
 )
 from modalmotion.template.coordinates.potential import potential
@@ -27,8 +29,32 @@ from modalmotion.template.surface import Surface
 _CAP: Final = 8
 
 
+def sphere_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
+    """Find the longest axis of inertia towards its blunt end, and the widest direction across it.
+
+    Raises
+    ------
+    ParameterError
+        If a stated landmark gives no direction.
+    """
+    if {"apex", "base"} & set(places):
+        apex = places.get("apex", 2 * surface.centroid - places.get("base", surface.centroid))
+        base = places.get("base", 2 * surface.centroid - apex)
+        axis, strength, sense = direction_between(surface, apex, base), 1.0, 1.0
+    else:
+        variances, directions = principal_axes(surface)
+        axis = directions[0]
+        strength = float((variances[0] - variances[1]) / variances[0])
+        sense = skewness(surface, axis)
+    strengths = {"axis": strength, "apex": sense, "base": sense}
+    return axes_about(surface, places, axis, widest_across(surface, axis), strengths)
+
+
 def sphere_coordinates(
-    surface: Surface, places: dict[str, NDArray[np.float64]], report: ShareReport = silent
+    surface: Surface,
+    places: dict[str, NDArray[np.float64]],
+    axes: Axes,
+    report: ShareReport = silent,
 ) -> Coordinates:
     """Angle between the poles of the long axis, and azimuth about it.
 
@@ -40,27 +66,15 @@ def sphere_coordinates(
     surface : Surface
         One closed piece.
     places : dict of str to (3,) float64
+    axes : Axes
+        From `sphere_axes`.
     report : callable, optional
         Told the share that is done.
-
-    Raises
-    ------
-    ParameterError
-        If a stated landmark gives no direction.
     """
-    variances, directions = principal_axes(surface)
-    if {"apex", "base"} & set(places):
-        apex = places.get("apex", 2 * surface.centroid - places.get("base", surface.centroid))
-        base = places.get("base", 2 * surface.centroid - apex)
-        origin, axis = axis_between(surface, apex, base)
-        strength, sense = 1.0, 1.0
-    else:
-        origin, axis = surface.centroid, directions[0]
-        strength = float((variances[0] - variances[1]) / variances[0])
-        sense = skewness(surface, axis)
-    zero, zero_strength = theta_zero(surface, places, origin, axis, widest_across)
+    axis = axes.axis
+    origin = origin_on(surface, axis, places)
     height = along(surface.offsets, axis)
-    theta = azimuth(surface.vertices - origin, axis, zero)
+    theta = azimuth(surface.vertices - origin, axis, axes.zero)
     notes: list[str] = []
     none = np.zeros(0, dtype=np.int64)
     u = potential(surface, surface.areas * height, none, np.zeros(0), report)
@@ -79,10 +93,10 @@ def sphere_coordinates(
     landmarks = Landmarks(
         origin=origin,
         axis=axis,
-        theta_zero=zero,
+        theta_zero=axes.zero,
         apex=places.get("apex", near),
         base=places.get("base", far),
-        strengths={"axis": strength, "apex": sense, "base": sense, "theta_zero": zero_strength},
+        strengths=axes.strengths,
         n_loops=0,
         given=tuple(places),
     )

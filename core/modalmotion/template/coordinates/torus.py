@@ -10,13 +10,14 @@ from modalmotion.modes.topology import TORUS
 from modalmotion.numeric.products import along
 from modalmotion.progress import ShareReport, part_of, silent
 from modalmotion.template.coordinates.axis import (
+    Axes,
+    axes_about,
     azimuth,
     corner_steps,
     degree,
     n_vortices,
     principal_axes,
     skewness,
-    theta_zero,
     widest_across,
 )
 from modalmotion.template.coordinates.potential import potential
@@ -25,8 +26,32 @@ from modalmotion.template.landmarks import Landmarks
 from modalmotion.template.surface import Surface
 
 
+def torus_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
+    """Find the shortest axis of inertia, towards the stated base, and the widest across it.
+
+    Raises
+    ------
+    ParameterError
+        If a stated landmark gives no direction.
+    """
+    variances, directions = principal_axes(surface)
+    axis = directions[2]
+    sense = skewness(surface, axis)
+    # A ring has twice the variance across the axis in each direction; 0 for a ball.
+    strength = float((variances[1] - variances[2]) / variances[1]) if variances[1] > 0 else 0.0
+    if "base" in places:
+        sense = 1.0
+        if (places["base"] - surface.centroid) @ axis < 0:
+            axis = -axis
+    strengths = {"axis": strength, "base": sense}
+    return axes_about(surface, places, axis, widest_across(surface, axis), strengths)
+
+
 def torus_coordinates(
-    surface: Surface, places: dict[str, NDArray[np.float64]], report: ShareReport = silent
+    surface: Surface,
+    places: dict[str, NDArray[np.float64]],
+    axes: Axes,
+    report: ShareReport = silent,
 ) -> Coordinates | None:
     """Angle around the tube and angle around the hole, both smoothed to be harmonic.
 
@@ -37,6 +62,8 @@ def torus_coordinates(
     surface : Surface
         One closed piece with one handle.
     places : dict of str to (3,) float64
+    axes : Axes
+        From `torus_axes`.
     report : callable, optional
         Told the share that is done.
 
@@ -44,28 +71,13 @@ def torus_coordinates(
     -------
     Coordinates or None
         None where the tube does not run once around a straight axis, as on a knot.
-
-    Raises
-    ------
-    ParameterError
-        If a stated landmark gives no direction.
     """
-    origin = surface.centroid
-    variances, directions = principal_axes(surface)
-    axis = directions[2]
-    sense = skewness(surface, axis)
-    # A ring has twice the variance across the axis in each direction; 0 for a ball.
-    strength = float((variances[1] - variances[2]) / variances[1]) if variances[1] > 0 else 0.0
-    if "base" in places:
-        sense = 1.0
-        if (places["base"] - origin) @ axis < 0:
-            axis = -axis
-    zero, zero_strength = theta_zero(surface, places, origin, axis, widest_across)
+    origin, axis = surface.centroid, axes.axis
     offsets = surface.offsets
     height = along(offsets, axis)
     radius = np.linalg.norm(offsets - height[:, None] * axis, axis=1)
     core = float((surface.areas * radius).sum() / surface.area)
-    theta = azimuth(offsets, axis, zero)
+    theta = azimuth(offsets, axis, axes.zero)
     tube = np.arctan2(height, radius - core) / (2 * np.pi)
     if n_vortices(theta, surface.faces) or n_vortices(tube, surface.faces):
         return None
@@ -89,10 +101,10 @@ def torus_coordinates(
     landmarks = Landmarks(
         origin=origin,
         axis=axis,
-        theta_zero=zero,
+        theta_zero=axes.zero,
         apex=origin,
         base=places.get("base", origin),
-        strengths={"axis": strength, "base": sense, "theta_zero": zero_strength},
+        strengths=axes.strengths,
         n_loops=0,
         given=tuple(places),
     )

@@ -114,6 +114,12 @@ def compare_signatures(a: Path, b: Path, closed: bool) -> Comparison:
     return compare(signature_from_hdf5(a), signature_from_hdf5(b), closed=closed)
 
 
+def kinds_of(signatures: list[Path]) -> list[tuple[str, str]]:
+    """Topology of each signature, and of spring modes the mesh that they belong to."""
+    loaded = map(signature_from_hdf5, signatures)
+    return [(signature.surface, signature.modes.connectivity_id) for signature in loaded]
+
+
 def pack_npz(signatures: list[Path], records: list[SequenceRecord], output: Path) -> None:
     """Pack the trajectories of many signatures into one .npz archive.
 
