@@ -145,6 +145,14 @@ DOCTYPE = b"<!DOCTYPE VTKFile [<!ENTITY a SYSTEM 'file:///etc/passwd'>]><VTKFile
             MalformedFileError,
             "strips",
         ),
+        (
+            vtk_text(VERTICES[0], [[0, 1, 2, 3]])
+            .replace(b"POLYDATA", b"UNSTRUCTURED_GRID")
+            .replace(b"POLYGONS", b"CELLS")
+            + b"CELL_TYPES 1\n10\n",
+            MalformedFileError,
+            "no polygons",
+        ),
         (vtk_text(VERTICES[0], [[0, 1, 99]]), InputError, "Face 0 names vertex 99"),
         (vtk_text(VERTICES[0]).replace(b"made by", b"nan"), None, ""),
         (vtk_text(VERTICES[0] * np.nan), InputError, "not finite"),
