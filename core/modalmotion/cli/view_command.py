@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from modalmotion.classification.answer.classification import Classification
-from modalmotion.cli.files import read, sequence_argument, track_in
+from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
     components_option,
     example,
@@ -64,6 +64,7 @@ def view(
     the data that it was tracked through are drawn over the surface.
     """
     from modalmotion.store import write_atomic
+    from modalmotion.tracking.hdf5 import kept_track
     from modalmotion.viewer.page import View, view_page
 
     parameters = signature_parameters(options)
@@ -74,7 +75,7 @@ def view(
                 sequence = read(path, **options)
             signature = modal_signature(sequence, parameters, watch=waiting.watch)
             answer = _answer(sequence, signature) if classify else None
-            tracked = track_in(path)
+            tracked = kept_track(path)
             data = None if tracked is None else tracked.data
             views.append(View(signature, sequence, path.name, classification=answer, data=data))
         with waiting.watch.stage("write"):

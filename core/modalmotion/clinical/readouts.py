@@ -279,9 +279,9 @@ def _slow(sequence: MeshSequence) -> tuple[str, ...]:
         return ()
     return (
         (
-            f"The beat lasts {beat:.3g} s, longer than any heartbeat: rates of ejection and filling "
-            "are wrong if times are not in seconds. State the interval of frames in seconds, or "
-            "send one beat alone."
+            f"The beat lasts {beat:.3g} s, longer than any heartbeat: rates of ejection and "
+            "filling are wrong if times are not in seconds. State the interval of frames in "
+            "seconds, or send one beat alone."
         ),
     )
 
