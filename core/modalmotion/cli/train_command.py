@@ -48,7 +48,7 @@ def _training_options(command: Callable[..., None]) -> Callable[..., None]:
         command = click.option(
             f"--{name.replace('_', '-')}",
             name,
-            type=str if value is None else type(value),
+            type=int if name == "modes" else str if value is None else type(value),
             default=value,
             show_default=True,
             help=_HELP.get(name),
