@@ -1,5 +1,6 @@
 """Triangle meshes: connectivity, areas, Laplacians and the solver for them."""
 
+from modalmotion.arguments.checking import check_arguments
 from modalmotion.mesh.areas import face_areas, face_gradients, face_normals, vertex_areas
 from modalmotion.mesh.cavity import Cavity, cavity_of
 from modalmotion.mesh.connectivity import (
@@ -30,3 +31,5 @@ __all__ = [
     "solve_positive_definite",
     "vertex_areas",
 ]
+
+check_arguments(globals())

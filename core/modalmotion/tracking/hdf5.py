@@ -13,7 +13,7 @@ from modalmotion.facts import facts_as_json, facts_from_json
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import form_of
 from modalmotion.hdf5.image import UNKNOWN, Dataset, json_text
-from modalmotion.mesh.hdf5 import TRACK as FORM
+from modalmotion.mesh.hdf5 import TRACK
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import Topology
@@ -27,6 +27,8 @@ from modalmotion.tracking.prior import Prior
 from modalmotion.tracking.result import Track
 from modalmotion.tracking.sampled_data import SampledData
 from modalmotion.tracking.shapes import track_shapes
+
+FORM: Final = TRACK
 
 # One number for each frame.
 _OF_FRAMES: Final = ("truncations", "inliers", "coverage")

@@ -87,8 +87,8 @@ def _collected(
         if known.label != row.label:
             what = f"The recording {row.sequence_id[:12]}"
             if row.name and known.name:
-                same = row.name == known.name
-                what = row.name if same else f"{known.name} and {row.name} are one recording, which"
+                both = f"{known.name} and {row.name} are one recording, which"
+                what = row.name if row.name == known.name else both
             raise ParameterError(
                 f"{what} has two classes, {known.label!r} and {row.label!r}.",
                 remedy="Give each recording one class.",
