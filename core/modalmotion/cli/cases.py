@@ -35,7 +35,6 @@ labelled_sources = several(
         required=True,
         type=click.Path(path_type=Path),
     ),
-    click.option("--unit", help="Length unit of all files; overrides their own."),
     click.option(
         "--skip-unreadable",
         is_flag=True,
@@ -44,6 +43,9 @@ labelled_sources = several(
     ),
 )
 """MANIFEST or FILES, as `sources`, and the options of all of them."""
+
+unit_option = click.option("--unit", help="Length unit of all files; overrides their own.")
+"""Where the answer depends on the unit: features do not."""
 
 cases_option = click.option(
     "--cases",

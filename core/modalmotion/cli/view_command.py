@@ -10,6 +10,7 @@ import click
 from modalmotion.classification.answer.classification import Classification
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
+    Command,
     components_option,
     example,
     json_option,
@@ -28,7 +29,7 @@ from modalmotion.modes.topology import CUP
 from modalmotion.signature.making import ModalSignature, modal_signature
 
 
-@click.command(epilog=example("view beat.npz -o beat.html"))
+@click.command(cls=Command, epilog=example("view beat.npz -o beat.html"))
 @sequence_argument
 @output_option("Page to write.", ".html")
 @click.option(
