@@ -70,6 +70,21 @@ def test_the_table_of_extras_is_that_of_the_project() -> None:
     assert sorted(named) == sorted(project["optional-dependencies"])
 
 
+def test_all_is_what_users_need_and_no_remedy_names_what_nobody_has_registered() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    (whole,) = extras["all"]
+    inner = set(re.search(r"\[(.*)\]", whole)[1].split(","))  # type: ignore[index]
+    sites = {"oidc", "telemetry", "cluster", "remote"}
+    assert inner == extras.keys() - sites - {"all", "browser", "bench", "dev"}
+    folders = ("core", "service", "docs")
+    texts = [p for folder in folders for p in (ROOT / folder).rglob("*") if p.suffix in _TEXTS]
+    assert not [p for p in (*texts, ROOT / "README.md") if "modalmotion[" in p.read_text()]
+
+
+_TEXTS = (".py", ".md", ".ipynb", ".json")
+
+
 def test_ten_questions_lead_to_their_files() -> None:
     rows = re.findall(
         r"^\| (.+\?) \| `([\w/.]+)` \| `(.+)` \|$",

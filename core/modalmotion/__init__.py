@@ -84,7 +84,9 @@ def __getattr__(name: str) -> object:
     """Import a public name (PEP 562)."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value: object = getattr(import_module(_HOMES[name]), name)
+    from modalmotion.arguments.checking import checked
+
+    value: object = checked(getattr(import_module(_HOMES[name]), name), __name__)
     globals()[name] = value
     return value
 

@@ -27,7 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import ClassVar
+from typing import ClassVar, Final
 
 
 class ModalMotionError(Exception):
@@ -151,6 +151,24 @@ class MissingExtraError(ModalMotionError, ModuleNotFoundError):
     code = "missing_extra"
 
 
+# Where the name of what is imported is not the name of what is installed.
+_PACKAGES: Final = {
+    "jwt": "'PyJWT[crypto]'",
+    "nrrd": "pynrrd",
+    "opentelemetry": "opentelemetry-sdk opentelemetry-exporter-otlp-proto-http",
+    "vtkmodules": "vtk",
+}
+
+
+def install_command(module: str) -> str:
+    """Give the command that installs what a module is in.
+
+    The package by itself, not an extra of modalmotion, which no registry knows before its release.
+    """
+    root = module.partition(".")[0]
+    return f"pip install {_PACKAGES.get(root, root)}"
+
+
 @contextmanager
 def needs_extra(extra: str) -> Iterator[None]:
     """Turn a failed import in the block into an error that names the installing command."""
@@ -159,7 +177,7 @@ def needs_extra(extra: str) -> Iterator[None]:
     except ModuleNotFoundError as error:
         raise MissingExtraError(
             f"This needs the package {error.name}, which is not installed.",
-            remedy=f"Install it: pip install 'modalmotion[{extra}]'.",
+            remedy=f"Install it: {install_command(error.name or extra)}.",
             details={"package": error.name, "extra": extra},
         ) from error
 

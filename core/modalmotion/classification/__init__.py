@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+from modalmotion.arguments.checking import check_arguments
 from modalmotion.classification.answer.classification import Classification
 from modalmotion.classification.answer.classifier import classify
 from modalmotion.classification.answer.explanation import ModeContribution, only_modes
@@ -61,6 +62,8 @@ __all__ = [
     "shipped_for",
     "train",
 ]
+
+check_arguments(globals())
 
 
 def __getattr__(name: str) -> object:

@@ -11,6 +11,7 @@ import click
 
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
+    Command,
     components_option,
     deviations_option,
     example,
@@ -39,7 +40,7 @@ from modalmotion.signature.making import ModalSignature, SignatureKind, modal_si
 from modalmotion.tradeoff import Price, price_of
 
 
-@click.command(epilog=example("signature beat.npz --modes 18 --plot beat.png"))
+@click.command(cls=Command, epilog=example("signature beat.npz --modes 18 --plot beat.png"))
 @sequence_argument
 @output_option("HDF5 file to write.", required=False)
 @mode_options
@@ -89,7 +90,7 @@ def signature(
     list_written(output, plot, as_json=as_json)
 
 
-@click.command(epilog=example("reconstruct beat.npz -o beat.glb --modes 7"))
+@click.command(cls=Command, epilog=example("reconstruct beat.npz -o beat.glb --modes 7"))
 @sequence_argument
 @output_option("File to write: .npz, .vtkhdf, .glb or .zip (of PLY).", *SUFFIXES)
 @mode_options

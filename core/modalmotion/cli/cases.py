@@ -35,7 +35,6 @@ labelled_sources = several(
         required=True,
         type=click.Path(path_type=Path),
     ),
-    click.option("--unit", help="Length unit of all files; overrides their own."),
     click.option(
         "--skip-unreadable",
         is_flag=True,
@@ -44,6 +43,9 @@ labelled_sources = several(
     ),
 )
 """MANIFEST or FILES, as `sources`, and the options of all of them."""
+
+unit_option = click.option("--unit", help="Length unit of all files; overrides their own.")
+"""Where the answer depends on the unit: features do not."""
 
 cases_option = click.option(
     "--cases",
@@ -97,8 +99,10 @@ def labelled_files(
         files = [_by_folder(path, skip_unreadable) for path in sources]
     path, n = Counter(file.path for file in files).most_common(1)[0] if files else (None, 0)
     if n > 1:
+        labels = sorted({file.label for file in files if file.path == path})
+        as_two = f", with the labels {' and '.join(map(repr, labels[:3]))}" if labels[1:] else ""
         raise ParameterError(
-            f"'{path}' is named {n} times.",
+            f"'{path}' is named {n} times{as_two}.",
             remedy="Name each file once: repeated, it would stand on both sides of a split.",
         )
     return files

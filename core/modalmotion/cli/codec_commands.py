@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from modalmotion.cli.files import read, sequence_argument
-from modalmotion.cli.options import example, json_option, output_option, tell
+from modalmotion.cli.options import Command, example, json_option, output_option, tell
 from modalmotion.cli.outputs import OutputFolder
 from modalmotion.formats import write_npz, write_raw, write_vtkhdf
 from modalmotion.store import write_atomic
@@ -17,7 +17,7 @@ from modalmotion.store import write_atomic
 _WRITERS = {".npz": write_npz, ".vtkhdf": write_vtkhdf, ".raw": write_raw}
 
 
-@click.command(epilog=example("encode beat.npz -o beat.mms --max-error 0.1"))
+@click.command(cls=Command, epilog=example("encode beat.npz -o beat.mms --max-error 0.1"))
 @sequence_argument
 @output_option("Stream to write.")
 @click.option("--rms", type=float, help="Largest RMS distance of the vertices, in their unit.")

@@ -63,7 +63,6 @@ _HELP: Final = {
 def features(
     sources: tuple[Path, ...],
     out: Path,
-    unit: str | None,
     skip_unreadable: bool,
     covariates: tuple[str, ...],
     as_json: bool,
@@ -84,7 +83,7 @@ def features(
     files = labelled_files(sources, skip_unreadable=skip_unreadable, needs_label=False)
     with click.progressbar(length=len(files), label="cases", file=sys.stderr) as bar:
         table = feature_table(
-            [LabelledSequence(file, {"unit": unit}) for file in files],
+            [LabelledSequence(file, {}) for file in files],
             transformer,
             on_error="leave out" if skip_unreadable else "raise",
             progress=lambda done: bar.update(done - bar.pos),

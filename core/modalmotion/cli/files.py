@@ -5,22 +5,17 @@ from __future__ import annotations
 import contextlib
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from modalmotion.cli.options import Member, several
+from modalmotion.cli.options import Member, ReadingOption, several
 from modalmotion.cli.stated_facts import fact_options, stated_facts
-from modalmotion.errors import StoreError
 from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.formats import Format, ReadOptions, read_sequence
 from modalmotion.formats.raw import RAW_TYPES
 from modalmotion.formats.result import Reading
-from modalmotion.hdf5.form import form_of
 from modalmotion.mesh.sequence import MeshSequence
-
-if TYPE_CHECKING:
-    from modalmotion.tracking import Track
 
 
 def _one_path(_: click.Context, parameter: click.Parameter, paths: tuple[Path, ...]) -> Path:
@@ -44,16 +39,29 @@ sequence_argument = several(
         type=click.Path(path_type=Path),
         callback=_one_path,
     ),
-    click.option("--unit", help="Length unit: m, cm, mm, um or nm; overrides the file's own."),
-    click.option("--format", type=Member(Format), help="Recognised from the content by default."),
+    click.option(
+        "--unit",
+        cls=ReadingOption,
+        help="Length unit: m, cm, mm, um or nm; overrides the file's own.",
+    ),
+    click.option(
+        "--format",
+        cls=ReadingOption,
+        type=Member(Format),
+        help="Recognised from the content by default.",
+    ),
     click.option(
         "--frame-interval",
+        cls=ReadingOption,
         type=float,
         help="Seconds from frame to frame; overrides the file's own.",
     ),
-    click.option("--n-vertices", type=int, help="Of raw numbers: vertices a frame."),
+    click.option(
+        "--n-vertices", cls=ReadingOption, type=int, help="Of raw numbers: vertices a frame."
+    ),
     click.option(
         "--dtype",
+        cls=ReadingOption,
         type=click.Choice(list(RAW_TYPES)),
         default="float32",
         show_default=True,
@@ -87,7 +95,9 @@ def read(
         from modalmotion.tracking.recording import sequence_of
 
         return sequence_of(source, options)
-    kept = track_in(source)
+    from modalmotion.tracking.hdf5 import kept_track
+
+    kept = kept_track(source)
     if kept is not None:
         result = options.apply(Reading(kept.sequence, format="hdf5"))
     else:
@@ -98,19 +108,6 @@ def read(
     for note in result.notes:
         click.echo(f"note: {note}", err=True)
     return result.sequence
-
-
-def track_in(source: Path) -> Track | None:
-    """Track that a file holds; None of other files."""
-    if source.suffix.lower() not in (".h5", ".hdf5") or not source.is_file():
-        return None
-    from modalmotion.tracking.hdf5 import FORM, track_from_hdf5
-
-    try:
-        is_track = form_of(source).kind == FORM.kind
-    except StoreError:
-        return None
-    return track_from_hdf5(source) if is_track else None
 
 
 class _FrameBar:

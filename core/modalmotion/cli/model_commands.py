@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from modalmotion.cli.cases import LabelledSequence, cases_option, labelled_files, labelled_sources
+from modalmotion.cli.cases import (
+    LabelledSequence,
+    cases_option,
+    labelled_files,
+    labelled_sources,
+    unit_option,
+)
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.model_texts import (
     answer_json,
@@ -22,6 +28,7 @@ from modalmotion.cli.model_texts import (
     model_json,
 )
 from modalmotion.cli.options import (
+    Command,
     coverage_option,
     example,
     json_option,
@@ -40,6 +47,7 @@ if TYPE_CHECKING:
 @click.command(epilog=example("evaluate mine.h5 others.csv"))
 @click.argument("model", metavar="MODEL")
 @labelled_sources
+@unit_option
 @coverage_option
 @plot_option
 @cases_option
@@ -89,6 +97,7 @@ def evaluate(
 @click.argument("first", metavar="MODEL")
 @click.argument("second", metavar="OTHER")
 @labelled_sources
+@unit_option
 @coverage_option
 @json_option
 def compare_models(
@@ -178,7 +187,7 @@ def decide(
     tell(model_json(result), said, out, as_json=as_json)
 
 
-@click.command(epilog=example("classify beat.npz --model mine.h5"))
+@click.command(cls=Command, epilog=example("classify beat.npz --model mine.h5"))
 @sequence_argument
 @click.option(
     "--model",

@@ -161,7 +161,7 @@ def _decision(card: ModelCard) -> list[str]:
 def _learning_curve(card: ModelCard) -> list[str]:
     if not card.learning_curve:
         return []
-    lines = ["learning curve (training cases a class: accuracy, AUC, log loss):"]
+    lines = ["learning curve (most training cases of a class: accuracy, AUC, log loss):"]
     for point in card.learning_curve:
         area = "-" if point["auc"] is None else f"{point['auc']:.3f}"
         lines.append(

@@ -13,6 +13,7 @@ import numpy as np
 
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
+    Command,
     Member,
     example,
     json_option,
@@ -93,7 +94,7 @@ class _Surface(NamedTuple):
     unit: str | None
 
 
-@click.command(epilog=example("modes cylinder --grid 32,64 --modes 7 -o modes.png"))
+@click.command(cls=Command, epilog=example("modes cylinder --grid 32,64 --modes 7 -o modes.png"))
 @sequence_argument
 @click.option("--modes", default=7, show_default=True, help="How many; no pair is split.")
 @surface_options
@@ -131,7 +132,9 @@ def modes(
     list_written(output, as_json=as_json)
 
 
-@click.command(epilog=example("animate beat.npz --mode 1,1,cos=5 --mode 0,2,sin=3 -o swing.glb"))
+@click.command(
+    cls=Command, epilog=example("animate beat.npz --mode 1,1,cos=5 --mode 0,2,sin=3 -o swing.glb")
+)
 @sequence_argument
 @click.option(
     "--mode",

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from modalmotion.cli.cases import LabelledSequence, labelled_files, labelled_sources
+from modalmotion.cli.cases import LabelledSequence, labelled_files, labelled_sources, unit_option
 from modalmotion.cli.options import example, json_option, list_written
 from modalmotion.cli.outputs import OutputFile
 
@@ -21,6 +21,7 @@ def norm() -> None:
 
 @norm.command(epilog=example("norm train controls.csv --name volunteers -o volunteers.h5"))
 @labelled_sources
+@unit_option
 @click.option("--name", required=True, help="Of the norm: lower-case letters, digits, '._-'.")
 @click.option("-o", "--out", required=True, type=OutputFile(), help="File to write (HDF5).")
 @click.option(
@@ -84,6 +85,7 @@ def train(
 @norm.command(epilog=example("norm ask volunteers.h5 beat.npz"))
 @click.argument("norm_file", metavar="NORM", type=click.Path(exists=True, path_type=Path))
 @labelled_sources
+@unit_option
 @click.option(
     "--level",
     default=0.05,

@@ -64,6 +64,27 @@ class ReferenceShape(click.ParamType[Reference]):
             self.fail(f"{value!r} is not a frame; give its number, or {MEAN}.", param, ctx)
 
 
+class ReadingOption(click.Option):
+    """An option that says how FILE is read: help lists it after a command's own."""
+
+
+class Command(click.Command):
+    """A command whose own options come first in its help."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write a command's own options, then those of reading FILE."""
+        sections: dict[str, list[tuple[str, str]]] = {"Options": [], "Reading FILE": []}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is not None:
+                title = list(sections)[isinstance(parameter, ReadingOption)]
+                sections[title].append(record)
+        for title, records in sections.items():
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+
 def several(*options: Decorator) -> Decorator:
     """Join options to one decorator; help lists them in this order."""
 

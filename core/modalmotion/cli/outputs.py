@@ -60,13 +60,22 @@ class OutputFile(click.Path):
 
 
 class OutputFolder(click.Path):
-    """A folder to write in, which is there or can be made."""
+    """A folder to write in, which is there or can be made; or one file of those it would hold.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    *suffixes : str
+        Of such files, in small letters.
+    """
+
+    def __init__(self, *suffixes: str) -> None:
         super().__init__(path_type=Path)
+        self.suffixes = suffixes
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Check it, or the nearest folder above that is there."""
+        if Path(str(value)).suffix.lower() in self.suffixes:
+            return OutputFile().convert(value, param, ctx)
         if "://" in str(value):
             self.fail(f"'{value}' is no folder of this machine; name one that is.", param, ctx)
         path = Path(str(super().convert(value, param, ctx)))

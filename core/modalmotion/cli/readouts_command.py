@@ -11,6 +11,7 @@ import numpy as np
 
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
+    Command,
     components_option,
     example,
     json_option,
@@ -37,7 +38,7 @@ from modalmotion.pictures.readouts import volume_figure
 from modalmotion.signature.making import ModalSignature, modal_signature
 
 
-@click.command(epilog=example("readouts beat.npz --modes 18 --plot volumes.png"))
+@click.command(cls=Command, epilog=example("readouts beat.npz --modes 18 --plot volumes.png"))
 @sequence_argument
 @click.option("--modes", default=7, show_default=True, help="Modes, 3 amplitudes a frame each.")
 @surface_options

@@ -2,26 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
 
-from modalmotion.cli.options import example, json_option, tell
+from modalmotion.cli.options import Command, example, json_option, tell
+from modalmotion.cli.outputs import OutputFolder
 from modalmotion.cli.reported import Wanted, report_options
 from modalmotion.cli.waiting import Waiting
 
+_PIECES: Final = {
+    ".pdf": "report.pdf",
+    ".json": "report.fhir.json",
+    ".csv": "frames.csv",
+    ".html": "view.html",
+}
+
 
 @click.command(
-    epilog=example("report study/ --landmarks heart.mrk.json --model ventricle-simulated -o folder")
+    cls=Command,
+    epilog=example(
+        "report study/ --landmarks heart.mrk.json --model ventricle-simulated -o folder"
+    ),
 )
 @report_options
+@click.option(
+    "-o",
+    "--out",
+    required=True,
+    type=OutputFolder(*_PIECES),
+    help="Folder to write; or one file: .pdf, .json (FHIR), .csv or .html.",
+)
 @json_option
 def report(source: Path, out: Path, as_json: bool, **options: Any) -> None:
     """Report on the sequence in FILE: PDF for people, FHIR for systems, CSV, a page to look at.
 
     FILE may be images, points or contours too, which are tracked first: with --landmarks.
-    The folder gets report.pdf, report.fhir.json, frames.csv and view.html. A person has the last
+    A folder gets report.pdf, report.fhir.json, frames.csv and view.html. A person has the last
     word: all is marked as preliminary.
     """
     from modalmotion.exports.table import frame_table
@@ -35,16 +54,20 @@ def report(source: Path, out: Path, as_json: bool, **options: Any) -> None:
         signature = found.signature
         with waiting.watch.stage("write"):
             view = View(signature, found.sequence, source.name, classification=found.classification)
-            pieces = {
-                "report.pdf": report_pdf(found),
-                "report.fhir.json": fhir_json(found),
-                "frames.csv": frame_table(signature, found.readouts, found.ventricle)
-                .to_csv()
-                .encode(),
-                "view.html": view_page([view]).encode(),
+            pieces: dict[str, Callable[[], bytes]] = {
+                "report.pdf": lambda: report_pdf(found),
+                "report.fhir.json": lambda: fhir_json(found),
+                "frames.csv": lambda: (
+                    frame_table(signature, found.readouts, found.ventricle).to_csv().encode()
+                ),
+                "view.html": lambda: view_page([view]).encode(),
             }
-            out.mkdir(parents=True, exist_ok=True)
-            for name, data in pieces.items():
-                write_atomic(out / name, data)
+            paths = {name: out / name for name in pieces}
+            if (only := _PIECES.get(out.suffix.lower())) is not None:
+                paths = {only: out}
+            else:
+                out.mkdir(parents=True, exist_ok=True)
+            for name, path in paths.items():
+                write_atomic(path, pieces[name]())
     said = [f"note: {note}" for note in found.caveats]
-    tell({"notes": found.caveats}, said, *(out / name for name in pieces), as_json=as_json)
+    tell({"notes": found.caveats}, said, *paths.values(), as_json=as_json)

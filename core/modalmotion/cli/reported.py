@@ -19,7 +19,6 @@ from modalmotion.cli.options import (
     signature_parameters,
     surface_options,
 )
-from modalmotion.cli.outputs import OutputFolder
 from modalmotion.cli.stated_facts import stated_facts
 from modalmotion.cli.waiting import Waiting
 from modalmotion.signature.making import modal_signature
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
 
 _OPTIONS: Final = (
     sequence_argument,
-    click.option("-o", "--out", required=True, type=OutputFolder(), help="Folder to write."),
     click.option("--modes", default=7, show_default=True, help="Modes, 3 amplitudes a frame each."),
     click.option("--model", help="Model: the name of a shipped one, or a file; none by default."),
     click.option(

@@ -13,6 +13,7 @@ from modalmotion.classification.training.cases import named
 from modalmotion.cli.cases import LabelledFile, labelled_files
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
+    Command,
     components_option,
     example,
     kind_option,
@@ -34,7 +35,7 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 
 
-@click.command(epilog=example("table beat.npz --frames -o frames.csv"))
+@click.command(cls=Command, epilog=example("table beat.npz --frames -o frames.csv"))
 @sequence_argument
 @output_option("CSV file to write; printed by default.", ".csv", required=False)
 @click.option(

@@ -12,6 +12,7 @@ import click
 from modalmotion.cli.analysis_commands import price_lines
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
+    Command,
     GridShape,
     Member,
     example,
@@ -30,7 +31,7 @@ from modalmotion.tradeoff import MOST_OF_FRONT, Tradeoff, measure_tradeoff
 from modalmotion.tradeoff.plain import as_plain
 
 
-@click.command(epilog=example("tradeoff beat.npz --tolerance 1 --plot tradeoff.png"))
+@click.command(cls=Command, epilog=example("tradeoff beat.npz --tolerance 1 --plot tradeoff.png"))
 @sequence_argument
 @mode_options
 @click.option("--topology", help="Overrides the file's own; the only topology that is measured.")

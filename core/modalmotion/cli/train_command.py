@@ -9,7 +9,13 @@ from typing import Any, Final
 
 import click
 
-from modalmotion.cli.cases import LabelledSequence, cases_option, labelled_files, labelled_sources
+from modalmotion.cli.cases import (
+    LabelledSequence,
+    cases_option,
+    labelled_files,
+    labelled_sources,
+    unit_option,
+)
 from modalmotion.cli.model_texts import card_lines, model_json
 from modalmotion.cli.options import example, json_option, plot_option, tell
 from modalmotion.cli.outputs import OutputFile, write_picture
@@ -48,7 +54,7 @@ def _training_options(command: Callable[..., None]) -> Callable[..., None]:
         command = click.option(
             f"--{name.replace('_', '-')}",
             name,
-            type=str if value is None else type(value),
+            type=int if name == "modes" else str if value is None else type(value),
             default=value,
             show_default=True,
             help=_HELP.get(name),
@@ -58,6 +64,7 @@ def _training_options(command: Callable[..., None]) -> Callable[..., None]:
 
 @click.command(epilog=example("train cases.csv --name mine -o mine.h5"))
 @labelled_sources
+@unit_option
 @click.option("--name", required=True, help="Name of the model: lower-case letters, digits, . _ -")
 @click.option("-o", "--out", required=True, type=OutputFile(), help="File to write (HDF5).")
 @plot_option

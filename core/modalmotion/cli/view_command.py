@@ -8,8 +8,9 @@ from typing import Any
 import click
 
 from modalmotion.classification.answer.classification import Classification
-from modalmotion.cli.files import read, sequence_argument, track_in
+from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
+    Command,
     components_option,
     example,
     json_option,
@@ -28,7 +29,7 @@ from modalmotion.modes.topology import CUP
 from modalmotion.signature.making import ModalSignature, modal_signature
 
 
-@click.command(epilog=example("view beat.npz -o beat.html"))
+@click.command(cls=Command, epilog=example("view beat.npz -o beat.html"))
 @sequence_argument
 @output_option("Page to write.", ".html")
 @click.option(
@@ -64,6 +65,7 @@ def view(
     the data that it was tracked through are drawn over the surface.
     """
     from modalmotion.store import write_atomic
+    from modalmotion.tracking.hdf5 import kept_track
     from modalmotion.viewer.page import View, view_page
 
     parameters = signature_parameters(options)
@@ -74,7 +76,7 @@ def view(
                 sequence = read(path, **options)
             signature = modal_signature(sequence, parameters, watch=waiting.watch)
             answer = _answer(sequence, signature) if classify else None
-            tracked = track_in(path)
+            tracked = kept_track(path)
             data = None if tracked is None else tracked.data
             views.append(View(signature, sequence, path.name, classification=answer, data=data))
         with waiting.watch.stage("write"):

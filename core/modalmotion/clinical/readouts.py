@@ -36,6 +36,9 @@ _LARGEST: Final = 1e90
 _MOUSE: Final = 1e-3
 _ELEPHANT: Final = 2e4
 
+# Of a heartbeat, in s: 20 a minute.
+_LONGEST: Final = 3.0
+
 # Rounding of one triangle's term and of its place in the sum, in units of eps.
 _ROUNDING: Final = 64.0
 
@@ -221,6 +224,7 @@ def clinical_readouts(
             *_notes(sign * own, sign * volumes, name),
             *_unlikely(signature.unit, abs(largest) * cube),
             *_of_track(known),
+            *(_slow(sequence) if name == Fraction.EJECTION_FRACTION else ()),
         ),
     )
 
@@ -286,6 +290,22 @@ def _unlikely(unit: str | None, volume: float) -> tuple[str, ...]:
         (
             f"The surface encloses {amount} ml, which no ventricle does: check the unit, which "
             f"is stated as {unit}."
+        ),
+    )
+
+
+def _slow(sequence: MeshSequence) -> tuple[str, ...]:
+    """Note a beat that lasts longer than hearts take."""
+    times, beat = sequence.times, sequence.facts.period
+    if beat is None and times is not None:
+        beat = float(times[-1] - times[0])
+    if beat is None or beat <= _LONGEST:
+        return ()
+    return (
+        (
+            f"The beat lasts {beat:.3g} s, longer than any heartbeat: rates of ejection and "
+            "filling are wrong if times are not in seconds. State the interval of frames in "
+            "seconds, or send one beat alone."
         ),
     )
 

@@ -1,5 +1,6 @@
 """The codec: mesh sequences at an error you choose."""
 
+from modalmotion.arguments.checking import check_arguments
 from modalmotion.codec.container import Header
 from modalmotion.codec.decoder import decode, inspect
 from modalmotion.codec.encoder import encode
@@ -7,3 +8,5 @@ from modalmotion.codec.measure import Encoded
 from modalmotion.codec.target import Effort
 
 __all__ = ["Effort", "Encoded", "Header", "decode", "encode", "inspect"]
+
+check_arguments(globals())

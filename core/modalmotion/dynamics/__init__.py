@@ -1,5 +1,6 @@
 """Dynamics of modes: oscillators (3) advanced exactly, and phonons, waves on lattices."""
 
+from modalmotion.arguments.checking import check_arguments
 from modalmotion.dynamics.animation import animate_along, directional_mode
 from modalmotion.dynamics.damping import nodal_damping, rayleigh_damping
 from modalmotion.dynamics.dispersion_relation import (
@@ -61,3 +62,5 @@ __all__ = [
     "wave_field",
     "wave_vectors",
 ]
+
+check_arguments(globals())

@@ -1,5 +1,6 @@
 """Facts: statements of the sender about a sequence beside its arrays."""
 
+from modalmotion.arguments.checking import check_arguments
 from modalmotion.facts.columns import facts_in, states_fact
 from modalmotion.facts.facts import NAMES, NO_FACTS, UNKNOWN, WORDS, Facts
 from modalmotion.facts.json_form import facts_as_json, facts_from_json, facts_patched
@@ -25,3 +26,5 @@ __all__ = [
     "is_fact",
     "states_fact",
 ]
+
+check_arguments(globals())

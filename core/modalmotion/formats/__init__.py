@@ -1,5 +1,6 @@
 """File formats of mesh sequences."""
 
+from modalmotion.arguments.checking import check_arguments
 from modalmotion.formats.detect import Format, detect_format
 from modalmotion.formats.frames.archive import write_ply_zip
 from modalmotion.formats.gltf import MorphAnimation, write_glb
@@ -36,3 +37,5 @@ __all__ = [
     "write_raw",
     "write_vtkhdf",
 ]
+
+check_arguments(globals())

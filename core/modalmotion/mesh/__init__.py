@@ -1,5 +1,6 @@
 """Triangle meshes: connectivity, areas, Laplacians and the solver for them."""
 
+from modalmotion.arguments.checking import check_arguments
 from modalmotion.mesh.areas import (
     face_areas,
     face_gradients,
@@ -37,3 +38,5 @@ __all__ = [
     "solve_positive_definite",
     "vertex_areas",
 ]
+
+check_arguments(globals())

@@ -15,6 +15,9 @@ from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 FORM: Final = Form("sequence", 2)
 """Version 1 had no facts."""
 
+TRACK: Final = Form("track", 2)
+"""Of a track, which holds its sequence in the same way."""
+
 
 def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
     """Write a mesh sequence as a sealed HDF5 file in memory.
@@ -46,24 +49,26 @@ def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
     )
 
 
-def sequence_from_hdf5(source: bytes | Path) -> MeshSequence:
+def sequence_from_hdf5(source: bytes | Path, form: Form = FORM) -> MeshSequence:
     """Read a mesh sequence, bit for bit as written.
 
     Parameters
     ----------
     source : bytes or Path
+    form : Form
+        `TRACK` reads the sequence of a track, without its errors.
 
     Raises
     ------
     StoreError
         As `Form.read` says.
     """
-    return read_sequence(source)[0]
+    return read_sequence(source, form)[0]
 
 
-def read_sequence(source: bytes | Path) -> tuple[MeshSequence, Contents]:
+def read_sequence(source: bytes | Path, form: Form = FORM) -> tuple[MeshSequence, Contents]:
     """Read a mesh sequence together with the contents of its file."""
-    with FORM.read(source) as contents:
+    with form.read(source) as contents:
         facts = facts_from_json(contents.json("facts", dict))
         return sequence_in(contents).with_facts(facts), contents
 

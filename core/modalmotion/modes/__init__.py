@@ -1,5 +1,6 @@
 """Modes: labels, their fixed order, shapes and wavenumbers."""
 
+from modalmotion.arguments.checking import check_arguments
 from modalmotion.modes.label import ModeLabel
 from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.modes import Modes, wave_pairs, whole_counts
@@ -15,3 +16,5 @@ __all__ = [
     "whole_count",
     "whole_counts",
 ]
+
+check_arguments(globals())

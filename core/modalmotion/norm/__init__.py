@@ -1,5 +1,6 @@
 """Deviation of a recording from one's own controls."""
 
+from modalmotion.arguments.checking import check_arguments
 from modalmotion.norm.cohort import CohortDeviation, cohort_deviation
 from modalmotion.norm.deviation import Deviation, GroupDeviation, QuantityDeviation
 from modalmotion.norm.hdf5 import norm_from_hdf5, norm_to_hdf5
@@ -17,3 +18,5 @@ __all__ = [
     "norm_to_hdf5",
     "train_norm",
 ]
+
+check_arguments(globals())

@@ -1,5 +1,6 @@
 """A report of one recording: for systems, for tables and for people."""
 
+from modalmotion.arguments.checking import check_arguments
 from modalmotion.report.content import Report, report_of
 from modalmotion.report.fhir import fhir_bundle, fhir_json
 from modalmotion.report.page import report_figure, report_pdf
@@ -15,3 +16,5 @@ __all__ = [
     "report_of",
     "report_pdf",
 ]
+
+check_arguments(globals())

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import Final
 
 from modalmotion.classification.answer.classification import Classification
 from modalmotion.clinical import ClinicalReadouts, clinical_readouts
@@ -16,6 +18,8 @@ from modalmotion.norm import Deviation
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template import Template
+
+_OF_COMMANDS: Final = re.compile(r" \(--[^)]*\)")
 
 
 @shown("sequence_id", "readouts", "classification", "deviation")
@@ -66,7 +70,9 @@ class Report:
             notes += self.readouts.notes
         if self.classification is not None:
             notes += self.classification.notes
-        return tuple(dict.fromkeys([*notes, *self.absent]))
+        # Whoever reads a report has no command line.
+        plain = [_OF_COMMANDS.sub("", note) for note in (*notes, *self.absent)]
+        return tuple(dict.fromkeys(plain))
 
     @property
     def intended_use(self) -> str:

@@ -1,5 +1,6 @@
 """Simulated left ventricles with known motion, and labelled cohorts of them."""
 
+from modalmotion.arguments.checking import check_arguments
 from modalmotion.simulate.classes import MotionClass, draw_parameters
 from modalmotion.simulate.cohort import Case, simulate_cohort
 from modalmotion.simulate.parameters import Territory, VentricleParameters
@@ -24,3 +25,5 @@ __all__ = [
     "simulate_images",
     "simulate_ventricle",
 ]
+
+check_arguments(globals())

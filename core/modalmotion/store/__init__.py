@@ -1,5 +1,6 @@
 """Results in files: written wholly or not at all, indexed, checked."""
 
+from modalmotion.arguments.checking import check_arguments
 from modalmotion.classification.answer.hdf5 import (
     classification_from_hdf5,
     classification_key,
@@ -86,3 +87,5 @@ __all__ = [
     "verify",
     "write_atomic",
 ]
+
+check_arguments(globals())

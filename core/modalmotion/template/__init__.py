@@ -1,5 +1,6 @@
 """Templates: natural coordinates, weights, lengths and landmarks of a surface."""
 
+from modalmotion.arguments.checking import check_arguments
 from modalmotion.template.construction import make_template
 from modalmotion.template.landmarks import GivenLandmarks, Landmarks
 from modalmotion.template.numbered_modes import ModeChoice, choose_modes
@@ -21,3 +22,5 @@ __all__ = [
     "require_same_mesh",
     "template_id",
 ]
+
+check_arguments(globals())

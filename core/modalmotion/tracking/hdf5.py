@@ -8,10 +8,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from modalmotion.errors import StoreError
 from modalmotion.facts import facts_as_json, facts_from_json
 from modalmotion.hdf5.contents import Contents
-from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.form import form_of
 from modalmotion.hdf5.image import UNKNOWN, Dataset, json_text
+from modalmotion.mesh.hdf5 import TRACK
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import Topology
@@ -26,7 +28,7 @@ from modalmotion.tracking.result import Track
 from modalmotion.tracking.sampled_data import SampledData
 from modalmotion.tracking.shapes import track_shapes
 
-FORM: Final = Form("track", 2)
+FORM: Final = TRACK
 
 # One number for each frame.
 _OF_FRAMES: Final = ("truncations", "inliers", "coverage")
@@ -126,6 +128,17 @@ def read_track(source: bytes | Path) -> tuple[Track, Contents]:
     """
     with FORM.read(source) as contents:
         return track_in(contents), contents
+
+
+def kept_track(source: Path) -> Track | None:
+    """Read the track that a file holds; None of other files."""
+    if source.suffix.lower() not in (".h5", ".hdf5") or not source.is_file():
+        return None
+    try:
+        is_track = form_of(source).kind == FORM.kind
+    except StoreError:
+        return None
+    return track_from_hdf5(source) if is_track else None
 
 
 def _across(track: Track, unit: str) -> list[Dataset]:

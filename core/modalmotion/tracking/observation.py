@@ -221,7 +221,10 @@ def of_surface(vertices: Any, faces: Any) -> Observation:
     faces : (faces, 3) array_like of int
         In any winding; vertices in no triangle are left out.
     """
-    x, faces = np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64)
+    try:
+        x, faces = np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64)
+    except (TypeError, ValueError):
+        x = faces = np.zeros(0)
     if x.ndim != 2 or x.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
         raise ShapeError(
             f"Vertices of shape {x.shape} and faces of shape {faces.shape} are not a mesh.",

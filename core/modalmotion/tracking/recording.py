@@ -9,7 +9,9 @@ from modalmotion.formats import ReadOptions, read_sequence
 from modalmotion.formats.frames.frame import TRACK
 from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.parser.process import ParserProcess
+from modalmotion.formats.result import Reading
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.tracking.hdf5 import kept_track
 from modalmotion.tracking.landmarks import landmarks_of
 from modalmotion.tracking.parameters import TrackParameters
 from modalmotion.tracking.reading import read_observed
@@ -20,9 +22,10 @@ def sequence_of(
 ) -> MeshSequence:
     """Read a recording as a sequence; what holds no one mesh is tracked.
 
-    Clouds and contours are tracked as they come; meshes of changing connectivity where the facts
-    state `tracking` offset, for a mesh that ought to have been one is a mistake. Landmarks of the
-    facts, apex and base as points, place the start.
+    A track's own file is its sequence, with the errors that it states. Clouds and contours are
+    tracked as they come; meshes of changing connectivity where the facts state `tracking` offset,
+    for a mesh that ought to have been one is a mistake. Landmarks of the facts, apex and base as
+    points, place the start.
 
     Parameters
     ----------
@@ -42,7 +45,9 @@ def sequence_of(
         with ParserProcess(options.limits) as own:
             return sequence_of(source, options, parser=own)
     try:
-        return read_sequence(source, options, parser=parser).sequence
+        sequence = read_sequence(source, options, parser=parser).sequence
+        track = kept_track(source)
+        return sequence if track is None else options.apply(Reading(track.sequence)).sequence
     except InputError as error:
         if TRACK not in error.remedy:
             raise

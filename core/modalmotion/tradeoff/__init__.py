@@ -1,5 +1,6 @@
 """Speed for accuracy: cost and error of each choice, measured on the sequence itself."""
 
+from modalmotion.arguments.checking import check_arguments
 from modalmotion.tradeoff.answer import Tradeoff, measure_tradeoff
 from modalmotion.tradeoff.chosen import Chosen
 from modalmotion.tradeoff.front import MOST_OF_FRONT, Branch, Front, measure_front
@@ -16,3 +17,5 @@ __all__ = [
     "measure_tradeoff",
     "price_of",
 ]
+
+check_arguments(globals())

@@ -15,6 +15,7 @@ from modalmotion.errors import (
     MissingExtraError,
     ModalMotionError,
     ParameterError,
+    install_command,
     needs_extra,
 )
 from modalmotion_service.cohort.remote import WEB, RemoteFile
@@ -144,8 +145,8 @@ def _missing(file: RemoteFile) -> MissingExtraError:
     else:
         what = f"{package}, the package for {scheme},"
         remedy = (
-            f"Install it: pip install {package}; or what http, https and s3 need together: "
-            "pip install 'modalmotion[remote]'."
+            f"Install it: {install_command(package)}; or what http, https and s3 need together: "
+            "pip install fsspec aiohttp s3fs."
         )
     return MissingExtraError(
         f"'{file.shown}' cannot be reached: {what} is not installed.",

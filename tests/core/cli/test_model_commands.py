@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from bent_surfaces import bent_cohort
 from click.testing import CliRunner, Result
+from clouds import small_recording
 
 from modalmotion import Facts
 from modalmotion.classification import classify
@@ -20,7 +21,7 @@ from modalmotion.formats import read_npz, write_npz
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.signature.making import modal_signature
 from modalmotion.simulate import Acquisition, MotionClass, draw_parameters, simulate_ventricle
-from modalmotion.store import model_from_hdf5
+from modalmotion.store import model_from_hdf5, track_from_hdf5
 
 N_PER_CLASS = 6
 # Where it does not matter how scores come about, and where they are read.
@@ -297,6 +298,25 @@ def test_columns_of_the_manifest_are_folds_and_groups(folder: Path, tmp_path: Pa
     refused = run(*asked, "--groups", "scanner")
     assert refused.exit_code == 1
     assert "part, site" in refused.output
+
+
+def test_tracks_stand_in_tables_as_their_sequences(tmp_path: Path) -> None:
+    rows = []
+    for k in range(6):
+        (tmp_path / f"{k}.npz").write_bytes(small_recording(4, seed=k))
+        name = f"{k}.h5"
+        succeed("track", tmp_path / f"{k}.npz", "-o", tmp_path / name, "--modes", 4)
+        rows.append(f"{name},{'ab'[k % 2]},s{k}")
+    manifest = with_manifest(tmp_path, "cases.csv", "path,label,subject", *rows)
+    model, out = tmp_path / "tracks.h5", tmp_path / "features.csv"
+    options = ("--estimator", "linear", "--card", "quick", "--modes", 4, "--repetitions", 1)
+    said = succeed("train", manifest, "--name", "tracks", "-o", model, *options, "--folds", 3)
+    assert "6 " in said.output
+    succeed("features", manifest, "-o", out, "--modes", 4)
+    with out.open() as file:
+        found = [line["sequence_id"] for line in csv.DictReader(file)]
+    assert found == [track_from_hdf5(tmp_path / f"{k}.h5").sequence.id for k in range(6)]
+    assert succeed("classify", tmp_path / "0.h5", "--model", model).output
 
 
 def test_the_features_of_a_cohort_are_a_table(folder: Path, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import click
 import pytest
+from click.testing import CliRunner
 
 from modalmotion.cli import main
 from modalmotion.cli.options import aligned
@@ -39,3 +40,20 @@ def test_columns_are_aligned_and_numbers_end_below_one_another() -> None:
     rows = [("name", "MB"), ("a", "1.5"), ("longer", "12.0")]
     assert aligned(rows).splitlines() == ["name      MB", "a        1.5", "longer  12.0"]
     assert aligned([("name", "MB")]) == "name  MB"
+
+
+@pytest.mark.parametrize("name", ["signature", "report", "classify", "modes", "encode", "view"])
+def test_a_commands_own_options_come_before_those_of_reading(name: str) -> None:
+    text = CliRunner().invoke(main, [name, "--help"]).output
+    own, _, reading = text.partition("Reading FILE:")
+    assert "--json" in own
+    assert "--help" in own
+    for option in ("--unit", "--frame-interval", "--dtype", "--cavity", "--landmark "):
+        assert option in reading
+        assert f"\n  {option.strip()} " not in own
+
+
+def test_a_unit_is_asked_for_where_it_matters() -> None:
+    # Features are the same in any unit, and images are in mm.
+    for name in ("features", "segment", "card", "decode"):
+        assert "--unit" not in CliRunner().invoke(main, [name, "--help"]).output

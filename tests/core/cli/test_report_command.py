@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -57,6 +58,31 @@ def test_from_images_to_the_folder_with_no_other_option(tmp_path: Path) -> None:
     assert without.exit_code == 1
     assert "apex" in without.output
     assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "start"),
+    [("x.pdf", b"%PDF"), ("x.json", b"{"), ("x.csv", b"frame"), ("x.HTML", b"<!")],
+)
+def test_a_name_with_a_suffix_is_that_file(tmp_path: Path, name: str, start: bytes) -> None:
+    path = tmp_path / "beat.npz"
+    path.write_bytes(write_npz(beat(1)))
+    result = run(path, "-o", tmp_path / name)
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / name).read_bytes().startswith(start)
+    assert f"written: {tmp_path / name}" in result.output
+    assert len(list(tmp_path.iterdir())) == 2
+    refused = run(path, "-o", tmp_path / "no" / name)
+    assert (refused.exit_code, "does not exist" in refused.output) == (2, True)
+
+
+def test_a_report_has_no_words_of_the_command_line(tmp_path: Path) -> None:
+    path = tmp_path / "beat.npz"
+    path.write_bytes(write_npz(replace(beat(1), times=None)))
+    result = run(path, "-o", tmp_path / "x.json")
+    assert "State times or the interval of frames." in result.output
+    assert "--" not in result.output
+    assert b"--" not in (tmp_path / "x.json").read_bytes()
 
 
 def test_the_whole_road_in_one_command(tmp_path: Path) -> None:

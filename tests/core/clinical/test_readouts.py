@@ -45,6 +45,27 @@ def own_volumes(sequence: MeshSequence, frames: slice = slice(None)) -> np.ndarr
     return v if v[0] > 0 else -v
 
 
+@pytest.mark.parametrize(
+    ("seconds", "facts", "is_noted"),
+    [
+        (0.8, Facts(cavity="lv"), False),
+        (2.9, Facts(cavity="lv"), False),
+        (800.0, Facts(cavity="lv"), True),
+        (3.1, Facts(cavity="rv"), True),
+        (800.0, Facts(), True),
+        (800.0, Facts(cavity="none"), False),
+        (0.8, Facts(cavity="lv", period=3.1), True),
+        (None, Facts(cavity="lv"), False),
+    ],
+)
+def test_a_beat_that_lasts_too_long_is_noted(
+    beat: MeshSequence, seconds: float | None, facts: Facts, is_noted: bool
+) -> None:
+    times = None if seconds is None else np.linspace(0.0, seconds, beat.n_frames)
+    found = read(replace(beat, times=times, facts=facts), modes=3)
+    assert any("longer than any heartbeat" in note for note in found.notes) == is_noted
+
+
 @pytest.mark.parametrize("components", list(Components))
 def test_an_affine_motion_is_read_exactly(beat: MeshSequence, components: Components) -> None:
     # Even contraction, shear, lean: no few modes hold them, and the volume is a determinant.

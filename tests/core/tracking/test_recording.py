@@ -10,8 +10,11 @@ from clouds import as_npz, breathing_spheroid, sampled, small_recording
 
 from modalmotion.errors import ConnectivityError, MalformedFileError, ParameterError
 from modalmotion.facts import Facts
-from modalmotion.formats import ReadOptions, write_npz
+from modalmotion.formats import ReadOptions, read_sequence, write_npz
 from modalmotion.formats.ply.ply import write_ply
+from modalmotion.tracking.hdf5 import track_to_hdf5
+from modalmotion.tracking.parameters import TrackParameters
+from modalmotion.tracking.reading import read_observed
 from modalmotion.tracking.recording import sequence_of
 
 BALL = breathing_spheroid(2)
@@ -20,6 +23,20 @@ BALL = breathing_spheroid(2)
 def test_a_sequence_of_one_mesh_is_read_as_it_is(tmp_path: Path) -> None:
     (tmp_path / "beat.npz").write_bytes(write_npz(BALL))
     assert sequence_of(tmp_path / "beat.npz").id == BALL.id
+
+
+def test_a_track_is_its_sequence_with_its_errors(tmp_path: Path) -> None:
+    (tmp_path / "clouds.npz").write_bytes(small_recording(2))
+    track = TrackParameters(modes=4).follow(read_observed(tmp_path / "clouds.npz"))
+    (tmp_path / "beat.h5").write_bytes(track_to_hdf5(track))
+    found = sequence_of(tmp_path / "beat.h5", ReadOptions(facts=Facts(cavity="lv")))
+    assert found.id == track.sequence.id
+    assert (found.facts.tracking, found.facts.cavity) == ("offset", "lv")
+    assert found.uncertainty is not None
+    # To who reads bytes, it is a sequence like any other.
+    read = read_sequence((tmp_path / "beat.h5").read_bytes())
+    assert (read.sequence.id, read.sequence.facts) == (track.sequence.id, track.sequence.facts)
+    assert read.notes[0].startswith("The file is a track")
 
 
 def test_clouds_are_tracked_with_the_facts_of_their_row(tmp_path: Path) -> None:

@@ -271,7 +271,7 @@ def test_what_no_package_reaches_names_the_command(tmp_path: Path, monkeypatch: 
         with pytest.raises(MissingExtraError, match=f"{package}, the package for") as caught:
             listed(RemoteFile(url))
         assert f"pip install {package};" in caught.value.remedy
-        assert "pip install 'modalmotion[remote]'" in caught.value.remedy
+        assert "pip install fsspec aiohttp s3fs" in caught.value.remedy
         assert "word" not in f"{caught.value.message}{caught.value.remedy}"
     with pytest.raises(MissingExtraError, match="a package for gs is not") as caught:
         listed(RemoteFile("gs://bucket/scans"))

@@ -87,4 +87,4 @@ def test_without_an_exporter_the_extra_is_named(
     monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(MissingExtraError) as missing:
         create_app(Settings(data_dir=tmp_path, telemetry=True))
-    assert "modalmotion[telemetry]" in missing.value.remedy
+    assert "pip install opentelemetry-sdk" in missing.value.remedy

@@ -69,6 +69,15 @@ def test_a_track_is_made_once_and_is_the_librarys_bit_for_bit(
     assert client.get(link, headers=HDF5).content == track_to_hdf5(own)
 
 
+def test_a_track_sent_as_a_sequence_is_one(client: TestClient, recording: bytes) -> None:
+    own = TrackParameters(modes=5).follow(read_observed(recording))
+    answer = client.post("/v1/sequences", content=track_to_hdf5(own))
+    assert answer.status_code == 201, answer.text
+    assert answer.json()["id"] == own.sequence.id
+    assert answer.json()["facts"]["tracking"] == "offset"
+    assert any("is a track" in note for note in answer.json()["reading"]["notes"])
+
+
 def test_the_tracked_sequence_is_one_like_any_other(client: TestClient, link: str) -> None:
     sequence = client.get(link).json()["links"]["sequence"]
     summary = client.get(sequence).json()

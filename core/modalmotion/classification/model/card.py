@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from modalmotion.classification.measures.performance import Interval, Measured
 from modalmotion.classification.measures.roc import RocCurve
+from modalmotion.numerals import counted
 from modalmotion.representation import shown
 
 # Choices of features that are named in words, the weightiest.
@@ -112,7 +113,8 @@ class ModelCard:
         choices = self.options.get("features", ())
         parts = [f"{name} (weight {weight:.2f})" for name, weight in choices[:_N_NAMED]]
         if len(choices) > _N_NAMED:
-            parts.append(f"{len(choices) - _N_NAMED} more")
+            more = counted(len(choices) - _N_NAMED, "further choice")
+            parts.append(f"{more} of features, each of less weight")
         return " and ".join(parts)
 
     def as_json(self) -> dict[str, Any]:

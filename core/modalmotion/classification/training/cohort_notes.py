@@ -14,6 +14,7 @@ import numpy as np
 from modalmotion.classification.features import Further
 from modalmotion.classification.training.case_row import CaseRow
 from modalmotion.classification.training.cases import case_name
+from modalmotion.numerals import counted
 
 # A class of one case is called misspelt beside a class of as many.
 _MANY: Final = 5
@@ -22,6 +23,9 @@ _MANY: Final = 5
 _ALIKE: Final = 0.74
 
 _TIMES_LARGER: Final = 30.0
+
+# Share of subjects in several classes from which on their ids may be numbered by class.
+_RESTARTED: Final = 0.5
 
 # Cases that are named for one reason.
 _MOST_NAMED: Final = 5
@@ -33,14 +37,30 @@ SUBJECT_NOTE: Final = (
 
 
 def cohort_notes(rows: Sequence[CaseRow]) -> tuple[str, ...]:
-    """Name classes that are spelt alike, recordings without subjects, and sizes far from others'.
+    """Name classes spelt alike, subjects unstated or in several classes, sizes far from others'.
 
     Parameters
     ----------
     rows : sequence of CaseRow
     """
     unstated = () if any(row.subject for row in rows) else (SUBJECT_NOTE,)
-    return (*_spelling(rows), *unstated, *_sizes(rows))
+    return (*_spelling(rows), *unstated, *_restarted(rows), *_sizes(rows))
+
+
+def _restarted(rows: Sequence[CaseRow]) -> Iterator[str]:
+    """Note ids of subjects that most classes share: their numbering may begin anew in each."""
+    classes: dict[str, set[str]] = {}
+    for row in rows:
+        if row.subject is not None:
+            classes.setdefault(row.subject, set()).add(row.label)
+    shared = [subject for subject, labels in classes.items() if len(labels) > 1]
+    if len(shared) >= 2 and len(shared) >= _RESTARTED * len(classes):
+        yield (
+            f"{len(shared)} of {len(classes)} subjects have recordings of several classes, and "
+            "count as one person each. If their numbering begins anew in each class, put the class "
+            "before the number, such as 'normal 1': else persons that have nothing to do with one "
+            "another are kept together."
+        )
 
 
 def _spelling(rows: Sequence[CaseRow]) -> Iterator[str]:
@@ -89,7 +109,8 @@ def _sizes(rows: Sequence[CaseRow]) -> Iterator[str]:
         times = float(f"{math.exp(min(away[k], 100.0)):.2g}")
         yield f"{_name(rows[k])} is {times:g} times as large as the others: check its unit."
     if len(odd) > _MOST_NAMED:
-        yield f"{len(odd) - _MOST_NAMED} more are so much larger or smaller: check their units."
+        more = counted(len(odd) - _MOST_NAMED, "further case")
+        yield f"The size of {more} differs as much from the others': check units."
 
 
 def _name(row: CaseRow) -> str:
@@ -98,4 +119,6 @@ def _name(row: CaseRow) -> str:
 
 def _named(names: Sequence[str]) -> str:
     more = len(names) - _MOST_NAMED
-    return ", ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+    return ", ".join(names[:_MOST_NAMED]) + (
+        f" and {counted(more, 'other case')}" if more > 0 else ""
+    )

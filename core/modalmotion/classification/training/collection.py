@@ -79,15 +79,18 @@ def _collected(
     rows: list[CaseRow] = []
     numbers: list[int] = []
     by_id: dict[str, list[CaseRow]] = {}
-    labels: dict[str, str] = {}
+    labels: dict[str, CaseRow] = {}
     topologies: dict[str, list[tuple[str, str]]] = {}
     for number, case in zip(kept.numbers, kept.cases, strict=True):
         row = case.row
-        known = labels.setdefault(row.sequence_id, row.label)
-        if known != row.label:
+        known = labels.setdefault(row.sequence_id, row)
+        if known.label != row.label:
+            what = f"The recording {row.sequence_id[:12]}"
+            if row.name and known.name:
+                both = f"{known.name} and {row.name} are one recording, which"
+                what = row.name if row.name == known.name else both
             raise ParameterError(
-                f"The recording {row.sequence_id[:12]} has two classes, {known!r} "
-                f"and {row.label!r}.",
+                f"{what} has two classes, {known.label!r} and {row.label!r}.",
                 remedy="Give each recording one class.",
                 details={"case": number, "sequence_id": row.sequence_id},
             )

@@ -13,8 +13,9 @@ from modalmotion.classification.training.repetitions import PlannedFold
 from modalmotion.classification.training.table import CaseTable
 
 CurvePoint = dict[str, Any]
-"""per_class, n_cases (the mean of the folds), accuracy, auc, log_loss (means over repetitions),
-and the least and largest of each repetition as accuracy_range, auc_range and log_loss_range."""
+"""per_class (the most of any class), n_cases (the mean of the folds), accuracy, auc,
+log_loss (means over repetitions), and the least and largest of each repetition as accuracy_range,
+auc_range and log_loss_range."""
 
 
 def learning_curve(
@@ -48,8 +49,9 @@ def _point(
         shares[fold.repetition, fold.outer] = held_out.probabilities
     answers = Answers(table.classes, table.y, table.subjects, shares, shares.argmax(axis=2))
     n_cases = float(np.mean([len(fold.inner) for fold, _ in folds]))
+    most = max(int(np.bincount(table.y[fold.inner]).max()) for fold, _ in folds)
     point: CurvePoint = {
-        "per_class": round(n_cases / len(table.classes)) if size is None else size,
+        "per_class": most if size is None else size,
         "n_cases": round(n_cases),
     }
     repeated = spread(answers)

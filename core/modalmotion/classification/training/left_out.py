@@ -12,6 +12,7 @@ from modalmotion.errors import (
     NotFoundError,
     OlderFileError,
 )
+from modalmotion.numerals import counted
 
 UNUSABLE: Final = (InputError, NotFoundError, CorruptFileError, OlderFileError)
 """Errors of one case. Others, such as a full disk, are of all cases and end a training."""
@@ -50,5 +51,9 @@ def left_out_notes(cases: Sequence[LeftOut]) -> tuple[str, ...]:
     return (
         f"Cases left out: {len(cases)}.",
         *(f"Left out: {case}" for case in cases[:_MOST_NAMED]),
-        *((f"Left out: {more} more.",) if more > 0 else ()),
+        *(
+            (f"Left out besides: {counted(more, 'case')} that this list is too short for.",)
+            if more > 0
+            else ()
+        ),
     )

@@ -1,7 +1,10 @@
 """Binary glTF: animations of morph targets, in and out."""
 
+from modalmotion.arguments.checking import check_arguments
 from modalmotion.formats.gltf.morph_animation import MorphAnimation
 from modalmotion.formats.gltf.reading import read_glb
 from modalmotion.formats.gltf.writing import write_glb
 
 __all__ = ["MorphAnimation", "read_glb", "write_glb"]
+
+check_arguments(globals())

@@ -7,14 +7,18 @@ from typing import Any, Final
 from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError, StoreError
+from modalmotion.facts import facts_as_json
 from modalmotion.formats.frames.frame import NOTHING_TO_TRACK
 from modalmotion.formats.parser.answer import Parsed
 from modalmotion.formats.vtk.vtkhdf import parse_vtkhdf
 from modalmotion.formats.vtk.vtkhdf_clouds import parse_vtkhdf_clouds
+from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.gate import open_gated
 from modalmotion.limits import ReadLimits
+from modalmotion.mesh.hdf5 import FORM, TRACK, sequence_from_hdf5
 
 _OURS: Final = "modalmotion."
+_OF_TRACK: Final = "The file is a track: its surface was read, without the errors that it states."
 
 
 def parse_hdf5(data: bytes, limits: ReadLimits) -> Parsed:
@@ -31,7 +35,7 @@ def parse_hdf5(data: bytes, limits: ReadLimits) -> Parsed:
             f"The HDF5 file holds {names}: neither a group 'VTKHDF' nor a sequence of ours.",
             remedy="Send VTKHDF PolyData, a file that modalmotion wrote, or npz.",
         )
-    return _parse_ours(data, limits)
+    return _parse_ours(data, limits, TRACK if text == f"{_OURS}{TRACK.kind}" else FORM)
 
 
 def parse_clouds(data: bytes, limits: ReadLimits) -> Parsed:
@@ -46,12 +50,9 @@ def parse_clouds(data: bytes, limits: ReadLimits) -> Parsed:
     )
 
 
-def _parse_ours(data: bytes, limits: ReadLimits) -> Parsed:
-    from modalmotion.facts import facts_as_json
-    from modalmotion.mesh.hdf5 import sequence_from_hdf5
-
+def _parse_ours(data: bytes, limits: ReadLimits, form: Form) -> Parsed:
     try:
-        sequence = sequence_from_hdf5(data)
+        sequence = sequence_from_hdf5(data, form)
     except StoreError as error:
         raise MalformedFileError(error.message, remedy=error.remedy) from error
     limits.require("frames", sequence.n_frames)
@@ -67,6 +68,6 @@ def _parse_ours(data: bytes, limits: ReadLimits) -> Parsed:
         "grid": sequence.grid,
         "facts": facts_as_json(sequence.facts),
         "ignored": [],
-        "notes": [],
+        "notes": [_OF_TRACK] if form == TRACK else [],
     }
     return info, arrays

@@ -21,7 +21,7 @@ from modalmotion.formats.volumes.stack import (
 from modalmotion.limits import ReadLimits
 
 _MM: Final = {"mm": 1.0, "meter": 1e3, "micron": 1e-3, "unknown": 1.0}
-_SECONDS: Final = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6, "unknown": 1.0}
+_SECONDS: Final = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}
 
 _REMEDY: Final = "Write it again as one .nii or .nii.gz of a volume, or of volumes over time."
 
@@ -73,5 +73,11 @@ def _of(image: Any, limits: ReadLimits) -> Parsed:
     if not int(header["sform_code"]) and not int(header["qform_code"]):
         notes.append("The NIfTI file does not say where it lies in space; its axes count as RAS.")
     zooms = header.get_zooms()
-    interval = float(zooms[3]) * _SECONDS.get(duration, 1.0) if len(zooms) > 3 else 0.0
+    interval = float(zooms[3]) if len(zooms) > 3 else 0.0
+    if n_frames > 1 and interval > 0 and duration not in _SECONDS:
+        notes.append(
+            f"The NIfTI file states no unit for its interval of {interval:g} between frames, which "
+            "is therefore not read: state the interval in seconds."
+        )
+    interval *= _SECONDS.get(duration, 0.0)
     return parsed(values, affine, regular(interval, n_frames), notes)

@@ -30,11 +30,13 @@ _BLOCK: Final = 1 << 24
 # Letters of a corner of a polygon, with the blanks around it.
 _WIDEST_NUMBER: Final = 24
 
-_CELLS: Final = (b"polygons", b"vertices", b"lines", b"triangle_strips")
+_POLYGONS: Final = (b"polygons", b"cells")
+_CELLS: Final = (*_POLYGONS, b"vertices", b"lines", b"triangle_strips")
 # Words before a size, by the number of words between.
+_TABLE: Final = b"lookup_table"
 _SIZED: Final = {
-    **dict.fromkeys((b"point_data", b"cell_data", b"information", b"data"), 0),
-    **dict.fromkeys((b"field", b"lookup_table"), 1),
+    **dict.fromkeys((b"point_data", b"cell_data", b"cell_types", b"information", b"data"), 0),
+    **dict.fromkeys((b"field", _TABLE), 1),
 }
 # Words before a number of columns, likewise.
 _WIDE: Final = {b"scalars": 2, b"color_scalars": 1, b"texture_coordinates": 1}
@@ -76,12 +78,15 @@ def require_plain_legacy(data: bytes, limits: ReadLimits) -> None:
     for word in _CELLS:
         for end in _ends(text, word):
             n, n_numbers = declared.size(text, end, 0), declared.size(text, end, 1)
-            if word == b"polygons":
+            if word in _POLYGONS:
                 limits.require("faces", n)
             declared.hold(n + n_numbers)
             _require_cells(text, data, start - 1, end, n, n_numbers, is_binary=is_binary)
     for word, n_between in _SIZED.items():
         for end in _ends(text, word):
+            if word == _TABLE and b"scalars" in _words_before(text, end - len(word), 4)[:2]:
+                # SCALARS name type [columns] names its table: the numbers behind it are data.
+                continue
             declared.hold(declared.size(text, end, n_between))
     for word, n_between in _WIDE.items():
         for end in _ends(text, word):
@@ -119,20 +124,22 @@ class _Declared:
 
     def array(self, before: list[bytes]) -> None:
         """Count an array whose type follows these words: name, columns, rows in a field."""
-        if any(len(word) > _LONGEST_WORD for word in before):
+        shape = [_number(word) for word in before[-2:] if word[-1:].isdigit()]
+        is_of_field = len(shape) == 2 and None not in shape
+        # Before a name may be the bytes of other data, of any length.
+        if any(len(word) > _LONGEST_WORD for word in before[0 if is_of_field else -1 :]):
             raise _long_word()
-        columns, rows = (_number(word) or 0 for word in before[-2:]) if len(before) > 1 else (0, 0)
-        self.hold(columns * rows)
+        self.hold((shape[0] or 0) * (shape[1] or 0) if is_of_field else 0)
 
     def size(self, text: bytes, at: int, n_between: int, default: int = 0) -> int:
         """Size behind some words; `default` where there is no number, as in free text."""
-        word = b""
-        for _ in range(n_between + 1):
+        for k in range(n_between + 1):
             match = _NEXT.match(text, at)
             if match is None:
                 return default
             word, at = match[1], match.end()
-            if len(word) > _LONGEST_WORD:
+            # The last one is read as a number, however long.
+            if len(word) > _LONGEST_WORD and k < n_between:
                 raise _long_word()
         number = _number(word)
         return default if number is None else number

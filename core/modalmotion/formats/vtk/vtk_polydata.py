@@ -20,13 +20,20 @@ from modalmotion.limits import ReadLimits
 _malformed: Final = partial(
     MalformedFileError, remedy="Save the frame again as a polygonal surface (vtkPolyData)."
 )
+# The first two lines are short, and the third and fourth.
+_HEAD: Final = 1024
 # ParaView stores the time of a frame under this name.
 _TIME: Final = "TimeValue"
+# Cells of an unstructured grid, by VTK's numbers: vertices and lines are left out as of a surface.
+_POLYGONS: Final = (5, 7, 9)
+_NO_FACES: Final = (1, 2, 3, 4)
 
 
 def parse_legacy(data: bytes, limits: ReadLimits) -> Parsed:
     """Read a legacy .vtk file (text or binary)."""
-    reader = _module("vtkIOLegacy").vtkPolyDataReader()
+    is_grid = b"unstructured_grid" in data[:_HEAD].lower()
+    kind = "UnstructuredGrid" if is_grid else "PolyData"
+    reader = getattr(_module("vtkIOLegacy"), f"vtk{kind}Reader")()
     reader.ReadFromInputStringOn()
     reader.SetBinaryInputString(data, len(data))
     return _parse(reader, limits)
@@ -56,23 +63,38 @@ def _parse(reader: Any, limits: ReadLimits) -> Parsed:
     if n_points == 0:
         raise _malformed("The VTK file holds no points.")
     limits.require("vertices", n_points)
-    limits.require("faces", surface.GetNumberOfPolys())
-    if surface.GetNumberOfStrips():
+    is_grid = surface.IsA("vtkUnstructuredGrid")
+    polygons = surface.GetCells() if is_grid else surface.GetPolys()
+    limits.require("faces", polygons.GetNumberOfCells())
+    if not is_grid and surface.GetNumberOfStrips():
         raise MalformedFileError(
             "The VTK file holds triangle strips.",
             remedy="Apply the filter 'Triangulate' and save again.",
         )
     points = vtk_to_numpy(surface.GetPoints().GetData())
-    polygons = surface.GetPolys()
+    offsets = vtk_to_numpy(polygons.GetOffsetsArray()).astype(np.int64)
+    corners = vtk_to_numpy(polygons.GetConnectivityArray()).astype(np.int64)
+    if len(offsets) == 0:
+        offsets = np.zeros(1, dtype=np.int64)
+    _require_offsets(offsets, corners)
+    ignored = _ignored(surface)
+    if is_grid and len(offsets) > 1:
+        types = vtk_to_numpy(surface.GetCellTypes())
+        are_faces, sizes = np.isin(types, _POLYGONS), np.diff(offsets)
+        if not (are_faces | np.isin(types, _NO_FACES)).all():
+            raise MalformedFileError(
+                "The VTK file's grid has cells that are no polygons.",
+                remedy="Apply the filter 'Extract Surface' and save again.",
+            )
+        corners = corners[np.repeat(are_faces, sizes)]
+        offsets = np.concatenate([[0], np.cumsum(sizes[are_faces])])
+        ignored += [] if are_faces.all() else ["vertices or lines"]
     arrays = {
         "positions": points if points.dtype == np.float32 else points.astype(np.float64),
-        "offsets": vtk_to_numpy(polygons.GetOffsetsArray()).astype(np.int64),
-        "corners": vtk_to_numpy(polygons.GetConnectivityArray()).astype(np.int64),
+        "offsets": offsets,
+        "corners": corners,
     }
-    if len(arrays["offsets"]) == 0:
-        arrays["offsets"] = np.zeros(1, dtype=np.int64)
-    _require_offsets(arrays["offsets"], arrays["corners"])
-    return {"ignored": _ignored(surface), "statements": _statements(reader, surface)}, arrays
+    return {"ignored": ignored, "statements": _statements(reader, surface)}, arrays
 
 
 def _module(name: str) -> Any:
@@ -89,10 +111,9 @@ def _ignored(surface: Any) -> list[str]:
     names = []
     for kind, data in (("point", surface.GetPointData()), ("cell", surface.GetCellData())):
         names += [f"{kind}.{data.GetArrayName(i)}" for i in range(data.GetNumberOfArrays())]
-    if surface.GetNumberOfVerts():
-        names.append("vertices")
-    if surface.GetNumberOfLines():
-        names.append("lines")
+    if surface.IsA("vtkPolyData"):
+        names += ["vertices"] * bool(surface.GetNumberOfVerts())
+        names += ["lines"] * bool(surface.GetNumberOfLines())
     return names
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from modalmotion.errors import MalformedFileError
 from modalmotion.formats import Parser
 from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.limits import DEFAULT_LIMITS
@@ -60,7 +61,12 @@ def read_study(source: bytes | Path, *, parser: Parser | None = None) -> Study:
     MissingExtraError
         If pydicom is absent.
     """
-    data = source.read_bytes() if isinstance(source, Path) else source
+    try:
+        data = source.read_bytes() if isinstance(source, Path) else source
+    except OSError as error:
+        raise MalformedFileError(
+            f"The instance cannot be read: {error.strerror}.", remedy="Name a DICOM file."
+        ) from error
     if parser is None:
         with ParserProcess(DEFAULT_LIMITS) as own:
             return Study(own.parse("study", data).info["header"])

@@ -42,7 +42,10 @@ def test_the_card_says_what_is_read_and_not_how_motion_would_have_been() -> None
 
     both = tuple((name, 0.25) for name in "abcd")
     several = replace(model.card, options={"features": both}).reads
-    assert several == "a (weight 0.25) and b (weight 0.25) and c (weight 0.25) and 1 more"
+    assert several == (
+        "a (weight 0.25) and b (weight 0.25) and c (weight 0.25) and "
+        "1 further choice of features, each of less weight"
+    )
 
 
 def test_an_answer_says_why_no_mode_explains_it() -> None:

@@ -15,6 +15,7 @@ from modalmotion.classification.training.case_row import CaseRow
 from modalmotion.classification.training.cases import TrainingCase
 from modalmotion.classification.training.cohort_notes import SUBJECT_NOTE, cohort_notes
 from modalmotion.classification.training.collection import collect
+from modalmotion.errors import ParameterError
 
 
 @cache
@@ -57,6 +58,33 @@ def test_recordings_without_subjects() -> None:
     assert cohort_notes([*without[1:], rows()[0]]) == ()
     cases = [TrainingCase(case.motion, case.label) for case in cohort(3)]
     assert SUBJECT_NOTE in collect(cases, TrainingOptions()).notes
+
+
+def test_subjects_that_are_numbered_anew_in_each_class() -> None:
+    seen: dict[str, int] = {}
+    anew = []
+    for row in rows():
+        seen[row.label] = seen.get(row.label, 0) + 1
+        anew.append(replace(row, subject=str(seen[row.label])))
+    (note,) = cohort_notes(anew)
+    assert note.startswith("6 of 6 subjects have recordings of several classes")
+    # Few were recorded in several states, and some have no id: that is no numbering.
+    apart = [replace(row, subject=f"{row.label} {row.subject}") for row in anew]
+    assert cohort_notes(apart) == ()
+    assert cohort_notes([*apart[:-2], *anew[:1], *anew[-1:]]) == ()
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_one_recording_with_two_labels_is_named_by_its_files(named: bool) -> None:
+    first, *rest = cohort(2)
+    names = ("a.npz", "b.npz") if named else ("", "")
+    other = next(case.label for case in rest if case.label != first.label)
+    twice = [replace(first, name=names[0]), replace(first, name=names[1], label=other)]
+    with pytest.raises(ParameterError) as caught:
+        collect([*twice, *rest], TrainingOptions())
+    start = "a.npz and b.npz are one recording, which has" if named else "The recording "
+    assert str(caught.value).startswith(start)
+    assert f"two classes, {first.label!r} and {other!r}" in str(caught.value)
 
 
 @pytest.mark.parametrize("times", [1e-3, 1e3])

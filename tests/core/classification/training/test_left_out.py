@@ -100,5 +100,5 @@ def test_a_card_names_so_many_and_counts_the_rest() -> None:
     assert left_out_notes([]) == ()
     notes = left_out_notes([LeftOut(f"{k}.npz", "No.") for k in range(25)])
     assert notes[0] == "Cases left out: 25."
-    assert notes[-1] == "Left out: 5 more."
+    assert notes[-1] == "Left out besides: 5 cases that this list is too short for."
     assert len(notes) == 22

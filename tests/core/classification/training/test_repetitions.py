@@ -52,6 +52,17 @@ def test_each_repetition_holds_out_every_case_once_in_folds_of_its_own() -> None
     assert len(few) == 6
 
 
+def test_the_curve_goes_from_few_cases_to_all_where_classes_differ_in_size() -> None:
+    # 3 beside 15: fitted to 10 and 2, which is 6 in the mean, after a point of 8 at most.
+    every = curves(15)
+    rare = [case for case in every if case.label == every[0].label]
+    cases = [case for case in every if case not in rare[3:]]
+    points = train(cases, "uneven", replace(FULL, repetitions=1)).card.learning_curve
+    assert [point["per_class"] for point in points] == [4, 8, 10]
+    counts = [point["n_cases"] for point in points]
+    assert counts == sorted(counts)
+
+
 def test_the_card_states_what_was_measured_and_chosen(model: object) -> None:
     card, validation = model.card, model.cross_validation  # type: ignore[attr-defined]
     *fewer, whole = card.learning_curve

@@ -99,6 +99,31 @@ def test_units_slope_and_intercept_of_nifti_are_read() -> None:
     assert read(bytes(nowhere.to_bytes())).notes[0].startswith("The NIfTI file does not")
 
 
+@pytest.mark.parametrize(
+    ("unit", "interval", "times"),
+    [
+        ("sec", 0.04, [0.0, 0.04]),
+        ("msec", 40.0, [0.0, 0.04]),
+        ("usec", 4e4, [0.0, 0.04]),
+        # 40 of something: seconds would make rates a thousandth of what they are.
+        (None, 40.0, None),
+        ("hz", 40.0, None),
+        (None, 0.0, None),
+    ],
+)
+def test_an_interval_without_a_unit_of_time_is_no_time(
+    unit: str | None, interval: float, times: list[float] | None
+) -> None:
+    image = nibabel.Nifti1Image(np.moveaxis(VALUES, 0, 3), np.eye(4))
+    image.header.set_xyzt_units("mm", unit)
+    image.header["pixdim"][4] = interval
+    images = read(bytes(image.to_bytes()))
+    assert images.n_frames == 2
+    assert (None if images.times is None else images.times.tolist()) == pytest.approx(times)
+    notes = [note for note in images.notes if "no unit for its interval of 40" in note]
+    assert len(notes) == (times is None and interval > 0)
+
+
 def nrrd_bytes(values: np.ndarray, header: dict[str, Any]) -> bytes:
     out = io.BytesIO()
     nrrd.write(out, values, header)

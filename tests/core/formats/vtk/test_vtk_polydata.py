@@ -145,6 +145,14 @@ DOCTYPE = b"<!DOCTYPE VTKFile [<!ENTITY a SYSTEM 'file:///etc/passwd'>]><VTKFile
             MalformedFileError,
             "strips",
         ),
+        (
+            vtk_text(VERTICES[0], [[0, 1, 2, 3]])
+            .replace(b"POLYDATA", b"UNSTRUCTURED_GRID")
+            .replace(b"POLYGONS", b"CELLS")
+            + b"CELL_TYPES 1\n10\n",
+            MalformedFileError,
+            "no polygons",
+        ),
         (vtk_text(VERTICES[0], [[0, 1, 99]]), InputError, "Face 0 names vertex 99"),
         (vtk_text(VERTICES[0]).replace(b"made by", b"nan"), None, ""),
         (vtk_text(VERTICES[0] * np.nan), InputError, "not finite"),
@@ -197,7 +205,7 @@ def test_a_frame_that_brings_the_reader_down_is_an_error_like_any_other() -> Non
 
 def test_without_the_extra_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'modalmotion\[vtk\]'"):
+    with pytest.raises(MissingExtraError, match="pip install vtk"):
         read_sequence(vtk_text(VERTICES[0]))
 
 

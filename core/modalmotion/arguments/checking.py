@@ -1,0 +1,215 @@
+"""Public functions check what they are given, once, by their own annotations.
+
+The functions within trust what reaches them. The error says what came, what is meant and how to
+make it.
+"""
+
+from __future__ import annotations
+
+import builtins
+import functools
+import inspect
+import types
+import typing
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import fields, is_dataclass
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any, Final
+
+from modalmotion.errors import ParameterError
+from modalmotion.numerals import with_article
+
+# How what is meant is made, by the name of its class.
+_MADE: Final = {
+    "MeshSequence": "Make one: mesh_sequence(vertices, faces) of arrays, "
+    "read_sequence(path).sequence of a file.",
+    "ModalSignature": "Make one: modal_signature(sequence), with a MeshSequence.",
+    "ImageSequence": "Read one: read_images(path).",
+    "Template": "Make one: make_template(sequence).",
+    "Model": "Load one: load_model(name or path).",
+    "Track": "Make one: track(clouds), or track_from_hdf5(path).",
+    "Path": "Name a file: pathlib.Path('...').",
+}
+# Elements of a sequence that are looked at.
+_FEW: Final = 10
+
+
+def check_arguments(public: dict[str, Any]) -> None:
+    """Replace the functions of a package's public list by ones that check what they are given.
+
+    Parameters
+    ----------
+    public : dict
+        The package's `globals()`.
+    """
+    for name in public["__all__"]:
+        if name in public:
+            public[name] = checked(public[name], public["__name__"])
+
+
+def checked(value: Any, package: str) -> Any:
+    """Make the function of that name in a package that checks what it is given; see `_bound`.
+
+    What is no function, or checks already, stays what it is.
+    """
+    if not isinstance(value, types.FunctionType) or hasattr(value, "__wrapped__"):
+        return value
+    function = value
+
+    @functools.wraps(function)
+    def door(*args: Any, **kwargs: Any) -> Any:
+        bound = _bound(function, args, kwargs)
+        return function(*bound.args, **bound.kwargs)
+
+    # It is pickled by its name here.
+    door.__module__, door.__qualname__ = package, function.__name__
+    return door
+
+
+@functools.cache
+def _hints(function: Callable[..., Any]) -> tuple[inspect.Signature, dict[str, Any]]:
+    names = _Names(function.__globals__)
+    taken = {k: v for k, v in function.__annotations__.items() if k != "return"}
+    holder = types.SimpleNamespace(__annotations__=taken)
+    return inspect.signature(function), typing.get_type_hints(holder, names, names)
+
+
+class _Names(dict[str, Any]):
+    """Names of a module; what it imports for type checkers alone may be anything."""
+
+    def __missing__(self, name: str) -> Any:
+        return getattr(builtins, name, Any)
+
+
+def _bound(
+    function: types.FunctionType, args: tuple[Any, ...], kwargs: dict[str, Any]
+) -> inspect.BoundArguments:
+    """Bind arguments to a function, and turn what is clear into what is meant.
+
+    A `Reading` stands for its sequence, a text for a path, and keywords that the function has not
+    for fields of its parameters: modal_signature(sequence, modes=7).
+
+    Raises
+    ------
+    ParameterError
+        If they do not fit; it says how to make what does.
+    """
+    signature, hints = _hints(function)
+    name = function.__name__
+    unknown = {key: kwargs[key] for key in kwargs if key not in signature.parameters}
+    if unknown and not any(p.kind is p.VAR_KEYWORD for p in signature.parameters.values()):
+        holder = next((key for key, hint in hints.items() if _has_fields(hint, unknown)), None)
+        if holder is not None and holder not in kwargs:
+            made = _class_of(hints[holder])(**unknown)
+            kwargs = {k: v for k, v in kwargs.items() if k not in unknown} | {holder: made}
+    try:
+        bound = signature.bind(*args, **kwargs)
+    except TypeError as error:
+        raise ParameterError(
+            f"{name}() cannot be called so: {error}.", remedy=f"Write {name}{_shown(signature)}."
+        ) from None
+    for key, value in bound.arguments.items():
+        hint, kind = hints.get(key, Any), signature.parameters[key].kind
+        if kind in (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD):
+            continue
+        if _fits(value, hint):
+            continue
+        meant = _meant(value)
+        if meant is None or not _fits(meant, hint):
+            raise _unfit(name, key, value, hint)
+        bound.arguments[key] = meant
+    return bound
+
+
+def _meant(value: Any) -> Any:
+    """Give what a value stands for: a path, a reading's sequence, an array; None if nothing."""
+    import numpy as np
+
+    if isinstance(value, str):
+        return Path(value)
+    if isinstance(value, (list, tuple)) and value:
+        try:
+            return np.array(value)
+        except ValueError:
+            return None
+    return getattr(value, "sequence", None)
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether a value is of a kind; elements of a list are looked at, of what is read once none."""
+    if hint is Any or hint is object or isinstance(hint, (typing.TypeVar, str)):
+        return True
+    if hint is None or hint is types.NoneType:
+        return value is None
+    origin, inner = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        return any(_fits(value, one) for one in inner)
+    if origin is typing.Literal:
+        return value in inner
+    if origin is typing.Annotated:
+        return _fits(value, inner[0])
+    kind = hint if origin is None else origin
+    if not isinstance(kind, type):
+        return True
+    if getattr(kind, "_is_protocol", False):
+        return all(hasattr(value, name) for name in vars(kind) if name[0] != "_")
+    if kind.__module__ == "numpy" and kind.__name__ == "ndarray":
+        return _is_array(value, inner)
+    if kind in (float, int):
+        wanted: type = Real if kind is float else Integral
+        return isinstance(value, wanted)
+    if not isinstance(value, kind) or (isinstance(value, str) and inner not in ((), (str,))):
+        return False
+    if isinstance(value, Sequence) or hasattr(value, "dtype"):
+        value = [] if isinstance(value, (str, bytes)) or not inner else value
+        each = inner if kind is tuple and inner[-1] is not Ellipsis else inner[:1] * len(value)
+        return len(each) == len(value) and all(
+            _fits(one, of) for one, of in list(zip(value, each, strict=True))[:_FEW]
+        )
+    return True
+
+
+def _is_array(value: Any, inner: tuple[Any, ...]) -> bool:
+    """Whether a value is an array of numbers, whole ones where these are meant."""
+    import numpy as np
+
+    if not isinstance(value, np.ndarray) or value.ndim == 0:
+        return False
+    (scalar,) = typing.get_args(inner[1]) if inner else (np.generic,)
+    is_whole = isinstance(scalar, type) and issubclass(scalar, (np.integer, np.bool_))
+    return value.dtype.kind in ("biu" if is_whole else "biufc") or value.size == 0
+
+
+def _class_of(hint: Any) -> type:
+    """Class among the alternatives of a hint whose fields are options; None's class if none is."""
+    found = [one for one in (typing.get_args(hint) or (hint,)) if is_dataclass(one)]
+    return typing.cast(type, found[0]) if len(found) == 1 else types.NoneType
+
+
+def _has_fields(hint: Any, names: Iterable[str]) -> bool:
+    kind = _class_of(hint)
+    return is_dataclass(kind) and {*names} <= {field.name for field in fields(kind) if field.init}
+
+
+def _shown(signature: inspect.Signature) -> str:
+    """Write the parameters of a function without their types."""
+    plain = [p.replace(annotation=p.empty) for p in signature.parameters.values()]
+    return str(inspect.Signature(plain))
+
+
+def _unfit(function: str, key: str, value: Any, hint: Any) -> ParameterError:
+    kinds = [one for one in (typing.get_args(hint) or (hint,)) if one is not types.NoneType]
+    names = [getattr(one, "__name__", str(one)) for one in kinds]
+    meant = " or ".join(dict.fromkeys(names)).replace("ndarray", "array of numbers")
+    remedy = next((_MADE[name] for name in names if name in _MADE), f"Give {meant}.")
+    options = _class_of(hint)
+    if remedy.startswith("Give") and is_dataclass(options) and isinstance(value, (int, float)):
+        first = fields(options)[0].name
+        remedy = f"Write {function}(..., {options.__name__}({first}={value}))."
+    came = with_article(type(value).__name__)
+    return ParameterError(
+        f"{function}() has {came} for {key!r}, which is to be {meant}.",
+        remedy=remedy,
+        details={"option": key},
+    )

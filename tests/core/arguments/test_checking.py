@@ -1,0 +1,126 @@
+"""Whatever is given to a public function in place of what it takes, the error is one of ours."""
+
+from __future__ import annotations
+
+import inspect
+import pickle
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from types import FunctionType
+from typing import Any, Final
+
+import numpy as np
+import pytest
+
+import modalmotion as mm
+from modalmotion.errors import ModalMotionError
+from modalmotion.formats import write_npz
+from modalmotion.formats.volumes import read_images
+
+ROOT: Final = Path(mm.__file__).parent
+# The command line, and numbers that models read, which have no user.
+LEFT_OUT: Final = ("modalmotion.cli", "modalmotion.classification.features")
+
+
+def packages() -> Iterator[str]:
+    for path in sorted(ROOT.rglob("__init__.py")):
+        name = ".".join(["modalmotion", *path.parent.relative_to(ROOT).parts])
+        if "__all__" in path.read_text() and name not in LEFT_OUT:
+            yield name
+
+
+def doors() -> dict[str, Callable[..., Any]]:
+    """Every function of a public list, by its name."""
+    return {
+        f"{package}.{name}": value
+        for package in packages()
+        for name in import_module(package).__all__
+        if isinstance(value := getattr(import_module(package), name), FunctionType)
+    }
+
+
+@cache
+def beat() -> mm.MeshSequence:
+    return mm.simulate_ventricle(
+        grid=(8, 12), acquisition=mm.Acquisition(n_frames=4), rng=np.random.default_rng(1)
+    )
+
+
+@cache
+def wrong() -> dict[str, Any]:
+    return {
+        "a word": "no such thing",
+        "an array": np.zeros((4, 96, 3)),
+        "nothing": None,
+        "a list": [],
+        "a list of things": [object(), object()],
+        "a number": 7,
+        "a signature": mm.modal_signature(beat(), mm.SignatureParameters(modes=3)),
+        "a thing": object(),
+    }
+
+
+def needs(door: Callable[..., Any], given: object) -> tuple[list[object], dict[str, object]]:
+    """Give one thing for all that a function needs, and for the first if it needs nothing."""
+    taken = inspect.signature(door).parameters.values()
+    kinds = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    plain = [p for p in taken if p.kind in kinds]
+    needed = [p for p in plain if p.default is p.empty] or plain[:1]
+    named = [p for p in taken if p.kind is p.KEYWORD_ONLY and p.default is p.empty]
+    return [given for _ in needed], {p.name: given for p in named}
+
+
+@pytest.mark.parametrize("name", doors())
+def test_what_is_wrong_is_told_by_an_error_of_ours(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for given in wrong().values():
+        args, kwargs = needs(doors()[name], given)
+        # What is right by chance, such as a word for a word, is no error.
+        with suppress(ModalMotionError):
+            doors()[name](*args, **kwargs)
+
+
+BEAT: Final = "mesh_sequence(vertices, faces)"
+
+
+@pytest.mark.parametrize(
+    ("attempt", "remedy"),
+    [
+        (lambda: mm.modal_signature(7), BEAT),  # type: ignore[arg-type]
+        (lambda: mm.modal_signature(beat().vertices), BEAT),  # type: ignore[arg-type]
+        (lambda: mm.modal_signature(beat(), 7), "(..., SignatureParameters(modes=7))"),  # type: ignore[arg-type]
+        (lambda: mm.modal_signature(beat(), node=7), "modal_signature(sequence, parameters=None"),  # type: ignore[call-arg]
+        (lambda: mm.classify(beat().vertices), "modal_signature(sequence)"),  # type: ignore[arg-type]
+        (lambda: mm.to_html(beat()), "modal_signature(sequence)"),  # type: ignore[arg-type]
+        (lambda: mm.mesh_sequence(None), "float32 or float64 coordinates"),
+        (lambda: read_images("there is none.nii.gz"), "NIfTI"),  # type: ignore[arg-type]
+        (lambda: mm.read_sequence(7), "Name a file"),  # type: ignore[arg-type]
+    ],
+)
+def test_first_guesses_are_told_what_to_write(attempt: Callable[[], Any], remedy: str) -> None:
+    with pytest.raises(ModalMotionError) as caught:
+        attempt()
+    assert remedy in caught.value.remedy
+
+
+def test_what_is_clear_is_taken_as_it_is_meant(tmp_path: Path) -> None:
+    path = tmp_path / "beat.npz"
+    path.write_bytes(write_npz(beat()))
+    own = mm.modal_signature(beat(), mm.SignatureParameters(modes=4))
+    reading = mm.read_sequence(str(path))
+    assert mm.modal_signature(reading, modes=4).rms_error == own.rms_error  # type: ignore[arg-type,call-arg]
+    assert mm.classify(reading, coverage=0.8).coverage == 0.8  # type: ignore[arg-type]
+    assert mm.read_sequence(path, frame_interval=0.1).sequence.times is not None  # type: ignore[call-arg]
+
+
+def test_an_error_within_is_not_hidden_and_a_door_is_the_function() -> None:
+    again = pickle.loads(pickle.dumps(mm.modal_signature))  # noqa: S301 (our own bytes)
+    assert again is mm.modal_signature
+    assert inspect.signature(mm.modal_signature).parameters.keys() >= {"sequence", "parameters"}
+    assert mm.modal_signature.__doc__
+    assert mm.modal_signature.__name__ == "modal_signature"
