@@ -17,7 +17,7 @@ from image_files import metaimage
 from modalmotion.errors import InputError, LimitError, MalformedFileError, ShapeError
 from modalmotion.formats import NO_LIMITS, ParserHere
 from modalmotion.formats.volumes import read_images, write_nifti_zip
-from modalmotion.formats.volumes.stack import inflated, scaled
+from modalmotion.formats.volumes.stack import scaled
 from modalmotion.formats.volumes.writing import write_nifti
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.limits import DEFAULT_LIMITS
@@ -255,15 +255,11 @@ def test_other_files_are_refused(data: bytes) -> None:
 
 
 def test_a_file_that_unfolds_to_much_is_refused_before() -> None:
-    small = ParserHere(replace(DEFAULT_LIMITS, decompressed_bytes=1000))
-    with pytest.raises(LimitError):
-        read_images(gzip.compress(bytes(10_000_000)), parser=small)
     huge = bytearray(nifti())
     huge[40:56] = np.array([3, 30000, 30000, 30000, 1, 1, 1, 1], dtype="<i2").tobytes()
-    with pytest.raises(LimitError):
-        read_images(bytes(huge), parser=HERE)
-    with pytest.raises(LimitError):
-        inflated(gzip.compress(bytes(5000)), small.limits, 31)
+    for data in (bytes(huge), gzip.compress(huge)):
+        with pytest.raises(LimitError):
+            read_images(data, parser=HERE)
 
 
 @pytest.mark.parametrize("seed", range(3))
