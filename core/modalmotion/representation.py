@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import unicodedata
 from collections.abc import Callable, Iterable, Sized
 from dataclasses import Field
 from enum import Enum
@@ -18,6 +19,8 @@ LONGEST_LINE: Final = 120
 # Of one attribute; a longer one is shown by its type and size, a text by its start.
 _LONGEST: Final = 40
 _START: Final = 12
+# Joiners, which the writing of some languages needs.
+_JOINERS: Final = "\u200c\u200d"
 # First letters of what spreadsheets run.
 _FORMULAS: Final = ("=", "+", "-", "@", "\t", "\n")
 
@@ -70,6 +73,17 @@ def _brief(value: object) -> str:
     if text and len(text) <= _LONGEST and "\n" not in text:
         return text
     return f"{kind.__name__}[{len(value)}]" if isinstance(value, Sized) else f"{kind.__name__}(...)"
+
+
+def is_readable(text: str) -> bool:
+    """Tell whether a text shows what it holds.
+
+    Control characters do not, nor what turns its direction or has no width; and the sign in place
+    of broken UTF-8 stands for what nobody knows.
+    """
+    return "\ufffd" not in text and not any(
+        unicodedata.category(one) in ("Cc", "Cs", "Cf") and one not in _JOINERS for one in text
+    )
 
 
 def csv_text(rows: Iterable[Iterable[object]], line_end: str = "\n") -> str:

@@ -13,7 +13,7 @@ from modalmotion.errors import InputError, MalformedFileError, needs_extra
 from modalmotion.formats.parser.answer import Parsed
 from modalmotion.formats.volumes.stack import BROKEN, declared_bytes, parsed, regular, unheard
 from modalmotion.limits import ReadLimits
-from modalmotion.numeric.unpacking import Packing, unpacked
+from modalmotion.numeric.unpacking import PIECE, Packing, unpacked
 
 # Signs that turn a space's coordinates to LPS.
 _SPACES: Final = {
@@ -124,13 +124,10 @@ def _samples(header: Any, data: bytes, start: int, limits: ReadLimits) -> NDArra
     n_bytes = declared_bytes(sizes, kind.itemsize, limits)
     n, before = n_bytes // kind.itemsize, _skipped(header, "byte")
     start = _behind_lines(data, start, _skipped(header, "line"))
-    if before < 0 and encoding != "raw":
+    if before < (-1 if encoding == "raw" else 0):
         raise _skips_too_much("byte", before)
     if encoding in _TEXTS:
-        # One more, if there is one too many.
-        values = np.fromstring(data[start + before :], kind, n + 1, sep=" ")
-        if len(values) != n:
-            raise _other_count(n, "more" if len(values) > n else f"{len(values)}")
+        values = _numbers_in(data, start + before, n, kind)
     elif encoding == "raw":
         start = len(data) - n_bytes if before < 0 else start + before
         if start < 0 or len(data) - start < n_bytes:
@@ -141,6 +138,23 @@ def _samples(header: Any, data: bytes, start: int, limits: ReadLimits) -> NDArra
         plain = unpacked(data, _PACKINGS[encoding], before + n_bytes, start)
         values = np.frombuffer(plain, kind, n, before)
     return values.reshape(sizes, order="F")
+
+
+def _numbers_in(data: bytes, start: int, n: int, kind: np.dtype[Any]) -> NDArray[Any]:
+    """Read so many numbers from text, a piece at a time."""
+    values, n_read, stream = np.empty(n, kind), 0, io.BytesIO(data)
+    stream.seek(start)
+    while piece := stream.read(PIECE):
+        while not piece[-1:].isspace() and (letter := stream.read(1)):
+            piece += letter
+        numbers = np.fromstring(piece, kind, sep=" ") if piece.strip() else values[:0]
+        if n_read + len(numbers) > n:
+            raise _other_count(n, "more")
+        values[n_read : n_read + len(numbers)] = numbers
+        n_read += len(numbers)
+    if n_read < n:
+        raise _other_count(n, f"{n_read}")
+    return values
 
 
 def _skipped(header: Any, what: str) -> int:
