@@ -103,6 +103,8 @@ def filled(
             break
     if n < n_bytes:
         raise _other_size(f"{n}", n_bytes, n_packed)
+    # Nobody copies what cannot change.
+    plain.setflags(write=False)
     return plain
 
 

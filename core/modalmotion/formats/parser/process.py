@@ -202,6 +202,8 @@ def _receive_arrays(stream: Any, header: dict[str, Any], limits: ReadLimits) -> 
         array = np.empty(shape, kind)
         if array.size and stream.readinto(array.reshape(-1).view(np.uint8).data) != array.nbytes:
             raise EOFError(name)
+        # Nobody copies what cannot change.
+        array.setflags(write=False)
         arrays[name] = array.transpose(np.argsort(axes))
     return Answer(header["info"], arrays)
 
