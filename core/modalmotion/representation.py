@@ -1,8 +1,11 @@
-"""Values in one line, as a prompt or a log shows them."""
+"""Values as others show them: in one line of a prompt or a log, and in tables."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sized
+import csv
+import io
+import unicodedata
+from collections.abc import Callable, Iterable, Sized
 from dataclasses import Field
 from enum import Enum
 from operator import attrgetter
@@ -16,6 +19,10 @@ LONGEST_LINE: Final = 120
 # Of one attribute; a longer one is shown by its type and size, a text by its start.
 _LONGEST: Final = 40
 _START: Final = 12
+# Joiners, which the writing of some languages needs.
+_JOINERS: Final = "\u200c\u200d"
+# First letters of what spreadsheets run.
+_FORMULAS: Final = ("=", "+", "-", "@", "\t", "\n")
 
 
 def shown(*names: str) -> Callable[[type[T]], type[T]]:
@@ -66,3 +73,47 @@ def _brief(value: object) -> str:
     if text and len(text) <= _LONGEST and "\n" not in text:
         return text
     return f"{kind.__name__}[{len(value)}]" if isinstance(value, Sized) else f"{kind.__name__}(...)"
+
+
+def is_readable(text: str) -> bool:
+    """Tell whether a text shows what it holds.
+
+    Control characters do not, nor what turns its direction or has no width; and the sign in place
+    of broken UTF-8 stands for what nobody knows.
+    """
+    return "\ufffd" not in text and not any(
+        unicodedata.category(one) in ("Cc", "Cs", "Cf") and one not in _JOINERS for one in text
+    )
+
+
+def csv_text(rows: Iterable[Iterable[object]], line_end: str = "\n") -> str:
+    """Write rows as CSV that a spreadsheet takes for text and numbers, and never for formulas.
+
+    Parameters
+    ----------
+    rows : iterable of rows
+    line_end : str
+
+    Returns
+    -------
+    str
+        Texts that a spreadsheet would run have an apostrophe in front (CWE-1236); numbers, in
+        words or not, stay as they are.
+    """
+    text = io.StringIO(newline="")
+    csv.writer(text, lineterminator=line_end).writerows([_cell(one) for one in row] for row in rows)
+    return text.getvalue()
+
+
+def _cell(value: object) -> object:
+    if value is None or isinstance(value, int | float):
+        return value
+    # The writer quotes no carriage return, and readers begin a row at one.
+    text = str(value).replace("\r", "\n")
+    if not text.startswith(_FORMULAS):
+        return text
+    try:
+        float(text)
+    except ValueError:
+        return f"'{text}"
+    return text

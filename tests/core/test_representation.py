@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from project import ROOT
 from reachable_values import reachable_values
 
 import modalmotion as mm
@@ -20,7 +23,7 @@ from modalmotion.formats import read_npz, write_npz
 from modalmotion.limits import NO_LIMITS
 from modalmotion.mesh import cavity_of, connectivity_of
 from modalmotion.mesh.spring_modes import spring_modes
-from modalmotion.representation import LONGEST_LINE, shown
+from modalmotion.representation import LONGEST_LINE, csv_text, shown
 from modalmotion.signature.comparison import compare
 from modalmotion.store import ResultStore, backup, verify
 from modalmotion.tradeoff import measure_tradeoff
@@ -161,3 +164,23 @@ def test_a_full_line_ends_with_an_ellipsis() -> None:
     line = repr(NO_LIMITS)
     assert len(line) == LONGEST_LINE
     assert line.endswith("...)")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["=1+1", "+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1", "\r=1", "\n=1", "=HYPERLINK(1)"],
+)
+def test_no_cell_of_a_table_is_a_formula(text: str) -> None:
+    (row,) = csv.reader(io.StringIO(csv_text([[text, "b"]]), newline=""))
+    assert row == ["'" + text.replace("\r", "\n"), "b"]
+
+
+@pytest.mark.parametrize("number", [-1.5, -3, "-1.5e-07", "+2", "-inf", np.float64(-0.25)])
+def test_numbers_stay_numbers(number: object) -> None:
+    assert float(csv_text([[number]])) == float(str(number))
+
+
+def test_every_table_is_written_by_one_function() -> None:
+    for folder in ("core", "service"):
+        for path in (ROOT / folder).rglob("*.py"):
+            assert "csv.writer" not in path.read_text() or path.name == "representation.py", path

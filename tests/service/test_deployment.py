@@ -61,6 +61,7 @@ def test_every_container_is_hardened_and_of_one_image() -> None:
         # Neither the log nor processes without end.
         assert {"max-size", "max-file"} <= set(service["logging"]["options"])
         assert service["pids_limit"] >= 1024
+        assert service["mem_limit"] == "${MODALMOTION_MEMORY_LIMIT:-8g}"
         assert service["restart"] == "unless-stopped"
 
 
@@ -251,6 +252,8 @@ def test_units_start_commands_that_exist(name: str) -> None:
     assert "StartLimitIntervalSec=0" in text
     assert "RequiresMountsFor=/var/lib/modalmotion" in text
     assert "KillMode=mixed" in text
+    # One process without memory is not the end of the others.
+    assert "MemoryMax=80%\nOOMPolicy=continue\n" in text
     if name == "modalmotion.service":
         # Behind the proxy everybody comes over loopback.
         assert "MODALMOTION_REQUIRE_KEYS=true" in text

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import base64
 import copy
-import gzip
 import io
 import json
 import random
@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from format_samples import zipped
+from image_files import repacked
 
 from modalmotion.formats.gltf.container import read_container, write_container
 from modalmotion.hdf5.sealed import SEAL_LENGTH, seal
@@ -22,6 +23,15 @@ _NUMBERS: Final = (
     b"nan inf -0 [] {} null true .. / \xff\xff\xff\xff \xc3\xa9"
 )
 _WORDS: Final = (*_NUMBERS.split(b" "), b"", b"\n", b"\0\0\0\0", b"1" * 400)
+
+# What a length in binary may be said to be.
+_LENGTHS: Final = (0, 1, 255, 2**15, 2**16 - 1, 10**8, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63)
+
+# Heads of arrays in base64.
+_HEADS: Final = re.compile(rb"(?<=>)\s*([A-Za-z0-9+/=]{32})")
+
+PACKED: Final = (" gz", " gzip", " bzip2", " zlib", " deflate")
+"""Ends of the names of files that are packed behind a head."""
 
 _VALUES: Final[tuple[Any, ...]] = (
     *(None, True, False, -1, 0, 1, 2, 3, 12, 255, 2**31, 2**62, 2**70, 0.5, -0.5, 1e308, 1.0),
@@ -39,10 +49,14 @@ def mutant(name: str, data: bytes, number: int) -> bytes:
     """
     chance = random.Random(f"{name} {number}")  # noqa: S311 - reproducible damage
     if chance.random() < 0.5:
-        if name.endswith("zip"):
+        if name.endswith(" zip"):
             return _in_member(data, chance)
-        if name.endswith(" gz"):
-            return gzip.compress(_damaged(gzip.decompress(data), chance), mtime=0)
+        if name.endswith(PACKED):
+            return repacked(name, data, lambda plain: _damaged(plain, chance))
+        if name.startswith("vtp Binary"):
+            found = chance.choice(list(_HEADS.finditer(data)))
+            head = base64.b64encode(_damaged(base64.b64decode(found[1]), chance))
+            return data[: found.start(1)] + head + data[found.end(1) :]
         if name == "glb":
             return _in_document(data, chance)
         if name == "hdf5":
@@ -59,7 +73,7 @@ def _damaged(data: bytes, chance: random.Random) -> bytes:
         near = chance.random() < 0.5
         at = chance.randrange(min(len(damaged), 400) + 1 if near else len(damaged) + 1)
         end = min(at + chance.randrange(1, 40), len(damaged))
-        match chance.randrange(6):
+        match chance.randrange(7):
             case 0:
                 damaged[at : at + 1] = bytes([chance.randrange(256)])
             case 1 if at < len(damaged):
@@ -70,6 +84,10 @@ def _damaged(data: bytes, chance: random.Random) -> bytes:
                 damaged[at:at] = damaged[chance.randrange(len(damaged) + 1) :][: end - at]
             case 4:
                 damaged[at : at + chance.randrange(6)] = chance.choice(_WORDS)
+            case 5:
+                size, order = chance.choice((2, 4, 8)), chance.choice(("little", "big"))
+                number = chance.choice(_LENGTHS) % 256**size
+                damaged[at : at + size] = number.to_bytes(size, order)
             case _:
                 numbers = list(re.finditer(rb"\d+", bytes(damaged[:4000])))
                 if numbers:

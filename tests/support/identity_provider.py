@@ -17,6 +17,8 @@ class IdentityProvider:
         self.published: dict[str, dict[str, Any]] = {}
         self.requests: list[str] = []
         self.is_down = False
+        self.seconds_between_bytes = 0.0
+        self.nesting = 0
         outer = self
 
         class Handler(BaseHTTPRequestHandler):
@@ -30,10 +32,14 @@ class IdentityProvider:
                     "/keys": {"keys": list(outer.published.values())},
                 }
                 body = json.dumps(pages.get(self.path, {})).encode()
+                body = b"[" * outer.nesting + body + b"]" * outer.nesting
                 self.send_response(503 if outer.is_down else 200)
                 self.send_header("Content-Length", str(len(body)))
                 self.end_headers()
-                self.wfile.write(body)
+                for start in range(0, len(body), 1 if outer.seconds_between_bytes else len(body)):
+                    end = start + (1 if outer.seconds_between_bytes else len(body))
+                    self.wfile.write(body[start:end])
+                    time.sleep(outer.seconds_between_bytes)
 
             def log_message(self, *_: object) -> None:
                 pass
@@ -51,13 +57,13 @@ class IdentityProvider:
         self._server.server_close()
         self._thread.join()
 
-    def rotate(self, key_id: str, kind: str = "RSA") -> None:
+    def rotate(self, key_id: str, kind: str = "RSA", n_bits: int = 2048) -> None:
         """Publish a new key, and no other one."""
         import jwt
         from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
 
         if kind == "RSA":
-            own: Any = rsa.generate_private_key(public_exponent=65537, key_size=2048)
+            own: Any = rsa.generate_private_key(public_exponent=65537, key_size=n_bits)
             algorithm: Any = jwt.algorithms.RSAAlgorithm
         elif kind == "EC":
             own, algorithm = ec.generate_private_key(ec.SECP256R1()), jwt.algorithms.ECAlgorithm
@@ -87,3 +93,11 @@ class IdentityProvider:
         signing = self.keys.get(key_id) if key is None else key
         token: str = jwt.encode(whole, signing, algorithm=algorithm, headers={"kid": key_id})
         return token
+
+    def sign(self, key_id: str, data: bytes) -> bytes:
+        """Sign bytes, as RS256 does."""
+        from cryptography.hazmat.primitives import hashes
+        from cryptography.hazmat.primitives.asymmetric import padding
+
+        signature: bytes = self.keys[key_id].sign(data, padding.PKCS1v15(), hashes.SHA256())
+        return signature

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import bz2
 import gzip
+import io
 import zipfile
+import zlib
+from collections.abc import Callable
 from importlib.util import find_spec
 
 import numpy as np
@@ -32,7 +36,10 @@ def metaimage(values: np.ndarray | None = None, spacing: str = "2 2 2 0.1") -> b
 
 def image_files() -> dict[str, bytes]:
     """Write a small file of each format whose package is there; names ending with zip are zips."""
-    files = {"metaimage": metaimage()}
+    plain = metaimage()
+    head, _, body = plain.partition(b"LOCAL\n")
+    packed = head.replace(b"ElementType", b"CompressedData = True\nElementType")
+    files = {"metaimage": plain, "metaimage zlib": packed + b"LOCAL\n" + zlib.compress(body)}
     if find_spec("nibabel") is not None:
         rng = np.random.default_rng(0)
         frames = [Volume(rng.integers(0, 99, (5, 4, 3), np.int16), np.eye(4)) for _ in range(2)]
@@ -40,6 +47,12 @@ def image_files() -> dict[str, bytes]:
         files |= {"nifti gz": packed, "nifti": gzip.decompress(packed)}
     if find_spec("nrrd") is not None:
         files["nrrd"] = nrrd_file()
+        head, _, body = files["nrrd"].partition(b"\n\n")
+        for name, pack in (("gzip", gzip.compress), ("bzip2", bz2.compress)):
+            own = head.replace(b"encoding: raw", f"encoding: {name}".encode())
+            files[f"nrrd {name}"] = own + b"\n\n" + pack(body)
+        words = " ".join(map(str, range(24))).encode()
+        files["nrrd text"] = head.replace(b"encoding: raw", b"encoding: text") + b"\n\n" + words
     if find_spec("pydicom") is not None:
         slices = {
             f"{z}_{t}.dcm": slice_file(
@@ -48,8 +61,38 @@ def image_files() -> dict[str, bytes]:
             for z in range(3)
             for t in range(2)
         }
+        files["dicom deflate"] = deflated(slices["0_0.dcm"])
         files |= {"dicom": slices["0_0.dcm"], "dicom zip": zipped(slices, zipfile.ZIP_STORED)}
     return files
+
+
+def deflated(data: bytes) -> bytes:
+    """Write a DICOM file again, deflated behind its head."""
+    import pydicom
+
+    own = pydicom.dcmread(io.BytesIO(data))
+    own.file_meta.TransferSyntaxUID = pydicom.uid.DeflatedExplicitVRLittleEndian
+    out = io.BytesIO()
+    own.save_as(out, enforce_file_format=True)
+    return out.getvalue()
+
+
+def repacked(name: str, data: bytes, damage: Callable[[bytes], bytes]) -> bytes:
+    """Change what is packed behind the head of a file whose name ends with how it is."""
+    if name.startswith("dicom"):
+        start = 144 + int.from_bytes(data[140:144], "little")
+        body = damage(zlib.decompress(data[start:], wbits=-15))
+        return data[:start] + zlib.compress(body, wbits=-15)
+    forms: dict[str, tuple[Callable[[bytes], bytes], Callable[[bytes], bytes]]] = {
+        "gz": (gzip.decompress, gzip.compress),
+        "gzip": (gzip.decompress, gzip.compress),
+        "bzip2": (bz2.decompress, bz2.compress),
+        "zlib": (zlib.decompress, zlib.compress),
+    }
+    unpack, pack = forms[name.split()[-1]]
+    mark = {"nrrd": b"\n\n", "metaimage": b"LOCAL\n", "nifti": b""}[name.split()[0]]
+    start = data.index(mark) + len(mark)
+    return data[:start] + pack(damage(unpack(data[start:])))
 
 
 def nrrd_file() -> bytes:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import sys
 from collections.abc import Callable
@@ -18,6 +16,7 @@ from modalmotion.cli.options import GridShape, example, json_option, output_opti
 from modalmotion.cli.outputs import OutputFolder
 from modalmotion.formats import write_npz
 from modalmotion.formats.volumes import write_nifti_zip
+from modalmotion.representation import csv_text
 from modalmotion.simulate import (
     Acquisition,
     ImageKind,
@@ -161,9 +160,7 @@ def _write_images(
 def simulate_cohort(output: Path, per_class: int, noise: float, seed: int, as_json: bool) -> None:
     """Simulate labelled ventricles that differ in motion, shape, mesh, frames and pose."""
     output.mkdir(parents=True, exist_ok=True)
-    table = io.StringIO()
-    rows = csv.writer(table, lineterminator="\n")
-    rows.writerow(["path", "label", "subject", *_STATED])
+    rows: list[list[object]] = [["path", "label", "subject", *_STATED]]
     total = per_class * len(MotionClass)
     cases = cohort(per_class, rng=np.random.default_rng(seed), noise=noise)
     with click.progressbar(cases, length=total, label="ventricles", file=sys.stderr) as bar:
@@ -171,8 +168,8 @@ def simulate_cohort(output: Path, per_class: int, noise: float, seed: int, as_js
             name = f"ventricle-{seed}-{number:04d}"
             write_atomic(output / f"{name}.npz", write_npz(case.sequence))
             facts = [getattr(case.sequence.facts, fact) for fact in _STATED]
-            rows.writerow([f"{name}.npz", case.label, name, *facts])
-    write_atomic(output / "cases.csv", table.getvalue().encode())
+            rows.append([f"{name}.npz", case.label, name, *facts])
+    write_atomic(output / "cases.csv", csv_text(rows).encode())
     found = {"n_cases": total, "classes": [one.value for one in MotionClass]}
     said = f"{total} ventricles of {len(MotionClass)} classes"
     tell(found, [said], output / "cases.csv", as_json=as_json)

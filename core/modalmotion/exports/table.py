@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -14,7 +12,7 @@ from numpy.typing import NDArray
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.ventricle import VentricleReadouts
 from modalmotion.clinical.volume_curve import Fraction
-from modalmotion.representation import shown
+from modalmotion.representation import csv_text, shown
 from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.template.body_frame import Components
 
@@ -50,12 +48,8 @@ class Table:
 
         Numbers are written so that reading them gives the same bits.
         """
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\r\n")
-        writer.writerow(self.names)
         lists = [[_cell(value) for value in column.tolist()] for column in self.columns.values()]
-        writer.writerows(zip(*lists, strict=True))
-        return text.getvalue()
+        return csv_text([self.names, *zip(*lists, strict=True)], "\r\n")
 
 
 def amplitude_table(signature: ModalSignature) -> Table:

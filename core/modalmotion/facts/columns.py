@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from modalmotion.facts.facts import LONGEST_NAME, LONGEST_WORD, Facts, stated_twice
 from modalmotion.facts.texts import facts_from_texts, is_fact
+from modalmotion.representation import is_readable
 
 # Columns that name a file, and those that a table of results adds: `modalmotion cohort` writes
 # such a table, and how well a case was fitted is not knowledge of the person.
@@ -55,12 +56,16 @@ def facts_in(row: Mapping[Any, Any], *, decimal_comma: bool = False) -> Facts:
             continue
         value = _covariate(content, decimal_comma=decimal_comma)
         name = _NO_NAME.sub(" ", column).strip()[:LONGEST_NAME].strip()
-        if value is None or not name.isprintable() or not name:
+        if value is None or not _is_shown(name) or not name:
             continue
         if stated.get(f"covariate:{name}") not in (None, ""):
             raise stated_twice("covariate", name, name)
         stated[f"covariate:{name}"] = value
     return facts_from_texts(stated)
+
+
+def _is_shown(text: str) -> bool:
+    return text.isprintable() and is_readable(text)
 
 
 def _covariate(content: Any, *, decimal_comma: bool) -> float | str | None:
@@ -69,6 +74,6 @@ def _covariate(content: Any, *, decimal_comma: bool) -> float | str | None:
     if isinstance(content, int | float):
         return content if math.isfinite(content) else None
     text = content.strip() if isinstance(content, str) else ""
-    if text.lower() in _MISSING or len(text) > LONGEST_WORD or not text.isprintable():
+    if text.lower() in _MISSING or len(text) > LONGEST_WORD or not _is_shown(text):
         return None
     return text.replace(",", ".") if decimal_comma and _DECIMAL_COMMA.fullmatch(text) else text

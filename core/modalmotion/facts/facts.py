@@ -11,6 +11,7 @@ from typing import Any, Final, Literal, TypeAlias, get_args
 from modalmotion.errors import ParameterError
 from modalmotion.facts.named import Named
 from modalmotion.facts.places import Corners, Place, landmark_of
+from modalmotion.representation import is_readable
 
 Tracking: TypeAlias = Literal["material", "offset", "unknown"]
 Handedness: TypeAlias = Literal["right", "left", "unknown"]
@@ -280,7 +281,8 @@ def stated_twice(kind: str, name: str, other: str) -> ParameterError:
 
 
 def _is_plain(text: str, longest: int) -> bool:
-    return 0 < len(text) <= longest and text.isprintable() and text == text.strip()
+    is_shown = text.isprintable() and is_readable(text)
+    return is_shown and 0 < len(text) <= longest and text == text.strip()
 
 
 NO_FACTS: Final = Facts()

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from modalmotion.errors import InputError, LimitError, MalformedFileError
 from modalmotion.limits import ReadLimits
+from modalmotion.numeric.unpacking import unpacked
 
 SIGNATURE: Final = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file."""
@@ -29,6 +30,11 @@ MOST_ATTRIBUTES: Final = 5_000
 
 MOST_MEMBERS: Final = 100
 """Of a compound type."""
+
+_CHECKSUM_BYTES: Final = 4
+# Bytes that one of a deflated stream unpacks to, and what any chunk may: it is gone at once.
+_MOST_DEFLATED: Final = 1032
+_LITTLE: Final = 1 << 25
 
 _REMEDY: Final = (
     "Write plain datasets (contiguous or chunked, gzip, shuffle, fletcher32) into one file, "
@@ -112,19 +118,41 @@ def _declared_bytes(h5py: Any, name: str, dataset: Any, limits: ReadLimits) -> i
     n_bytes = math.prod(dataset.shape or ()) * int(dataset.dtype.itemsize)
     layout = plan.get_layout()
     if layout == h5py.h5d.CHUNKED:
-        known = (h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32)
-        for index in range(plan.get_nfilters()):
-            if (code := plan.get_filter(index)[0]) not in known:
-                raise _refused(name, f"the filter {code}")
         # Read at once, however small the dataset.
-        limits.require(
-            "decompressed_bytes", math.prod(plan.get_chunk()) * int(dataset.dtype.itemsize)
-        )
+        chunk_bytes = math.prod(plan.get_chunk()) * int(dataset.dtype.itemsize)
+        limits.require("decompressed_bytes", chunk_bytes)
+        _require_chunks(h5py, name, dataset, chunk_bytes)
     elif layout not in (h5py.h5d.CONTIGUOUS, h5py.h5d.COMPACT):
         raise _refused(name, "a virtual layout")
     elif dataset.dtype.kind != "O" and dataset.get_storage_size() not in (0, n_bytes):
         raise _refused(name, f"{dataset.get_storage_size()} bytes in place of {n_bytes}")
     return n_bytes
+
+
+def _require_chunks(h5py: Any, name: str, dataset: Any, chunk_bytes: int) -> None:
+    """Unpack chunks to their size first: the library's own filter unpacks to any size."""
+    plan = dataset.get_create_plist()
+    deflate, checksum = h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32
+    codes = [plan.get_filter(index)[0] for index in range(plan.get_nfilters())]
+    for code in codes:
+        if code not in (deflate, checksum, h5py.h5z.FILTER_SHUFFLE):
+            raise _refused(name, f"the filter {code}")
+    if deflate not in codes:
+        return
+    place = codes.index(deflate)
+    if any(code != checksum for code in codes[place + 1 :]):
+        raise _refused(name, "filters behind gzip")
+    n_bytes = chunk_bytes + _CHECKSUM_BYTES * codes[:place].count(checksum)
+    large: list[Any] = []
+
+    def pick(chunk: Any) -> None:
+        is_packed = not chunk.filter_mask & 1 << place
+        if is_packed and _MOST_DEFLATED * chunk.size > max(n_bytes, _LITTLE):
+            large.append(chunk.chunk_offset)
+
+    dataset.chunk_iter(pick)
+    for offset in large:
+        unpacked(bytes(dataset.read_direct_chunk(offset)[1]), "zlib", n_bytes)
 
 
 def _require_plain_type(h5py: Any, name: str, kind: Any) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import unicodedata
 from dataclasses import dataclass, fields
 from enum import Enum
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any, Final
 from modalmotion.errors import ParameterError
 from modalmotion.facts import NO_FACTS, Facts, facts_as_json, facts_from_json
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.representation import shown
+from modalmotion.representation import is_readable, shown
 from modalmotion.store.disk.sealed_json import JsonForm
 
 FORM: Final = JsonForm(
@@ -144,7 +143,7 @@ def require_name(name: str, text: str | None) -> str | None:
     Raises
     ------
     ParameterError
-        If it is too long, or holds control characters.
+        If it is too long, or not `is_readable`.
     """
     if text is None:
         return None
@@ -154,9 +153,9 @@ def require_name(name: str, text: str | None) -> str | None:
             remedy="Use a short name.",
             details={"longest": LONGEST_NAME},
         )
-    if any(unicodedata.category(character) in ("Cc", "Cs") for character in text):
+    if not is_readable(text):
         raise ParameterError(
-            f"The {name} {text[:40]!r} holds control characters.",
+            f"The {name} {text[:40]!a} holds control characters, or was not sent in UTF-8.",
             remedy="Use letters, digits, signs and spaces.",
         )
     return text

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from modalmotion.errors import ParameterError
@@ -38,6 +38,10 @@ class SequenceRecords(Opening):
         if record is None:
             raise unknown_sequence(sequence_id)
         return record
+
+    def sequence_records(self, sequence_ids: Iterable[str]) -> dict[str, SequenceRecord]:
+        """Look up the records of many sequences at once, by their ids; of those that there are."""
+        return self._open_index().find_all(filter(is_id, sequence_ids))
 
     def list_sequences(
         self,

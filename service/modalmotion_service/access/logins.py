@@ -28,6 +28,9 @@ _ALGORITHMS: Final = (
     "EdDSA",
 )
 
+# Of RSA, as NIST SP 800-131A asks.
+_FEWEST_BITS: Final = 2048
+
 _TOKEN: Final = re.compile(r"[A-Za-z0-9_-]{1,4000}\.[A-Za-z0-9_-]{1,16000}\.[A-Za-z0-9_-]{0,4000}")
 _LONGEST_KEY_ID: Final = 256
 _LEEWAY_SECONDS: Final = 60
@@ -94,6 +97,8 @@ class Logins:
         try:
             # Of the key's own kind: a key of RSA checks no curve.
             key = jwt.PyJWK(dict(described), algorithm=algorithm)
+            if described.get("kty") == "RSA" and key.key.key_size < _FEWEST_BITS:
+                raise _refused(f"is signed with a key of less than {_FEWEST_BITS} bits")
             claims: dict[str, Any] = jwt.decode(
                 token,
                 key,
@@ -111,7 +116,7 @@ class Logins:
             raise _refused("is for another service") from None
         except jwt.InvalidIssuerError:
             raise _refused("is of another issuer") from None
-        except jwt.PyJWTError:
+        except (jwt.PyJWTError, RecursionError):
             raise _refused("is not valid") from None
         return claims
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
+import threading
 import time
 import urllib.request
 from collections.abc import Callable
+from concurrent.futures import Future
 from http.client import HTTPException
 from typing import Any, Final
 from urllib.parse import urlsplit
@@ -24,6 +26,7 @@ _BETWEEN_SECONDS: Final = 10.0
 _STALE_SECONDS: Final = 86_400.0
 """Age up to which keys are used while the provider does not answer."""
 
+# For discovery and keys together: whoever logs in waits for them.
 _TIMEOUT: Final = 5.0
 _MOST_BYTES: Final = 1_000_000
 _DISCOVERY: Final = "/.well-known/openid-configuration"
@@ -72,6 +75,7 @@ class Provider:
         self._keys: dict[str, dict[str, Any]] = {}
         self._fetched = self._tried = -float("inf")
         self._fetching = asyncio.Lock()
+        self._asked: Future[dict[str, dict[str, Any]] | None] | None = None
 
     async def key(self, key_id: str) -> dict[str, Any] | None:
         """Find a key by its id, fetched where it is not known; None if there is none.
@@ -101,16 +105,38 @@ class Provider:
         return is_wanted and now - self._tried > _BETWEEN_SECONDS
 
     async def _refresh(self) -> None:
+        if self._asked is None:
+            self._asked = Future()
+            # By itself: one that does not end keeps neither other work nor the service's end.
+            threading.Thread(target=self._ask, args=[self._asked], daemon=True).start()
+        asked = self._asked
         try:
-            keys = await asyncio.to_thread(self._keys_of_issuer)
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, HTTPException):
-            # Those that are known serve on for a while.
-            return
-        else:
-            self._keys, self._fetched = keys, self._clock()
+            # What comes later than this is there for the next attempt.
+            keys = await asyncio.wait_for(asyncio.wrap_future(asked), _TIMEOUT)
+        except TimeoutError:
+            keys = None
         finally:
+            if asked.done():
+                self._asked = None
             # At the end: whoever comes meanwhile waits for it.
             self._tried = self._clock()
+        # Where there are none, those that are known serve on for a while.
+        if keys is not None:
+            self._keys, self._fetched = keys, self._clock()
+
+    def _ask(self, asked: Future[dict[str, dict[str, Any]] | None]) -> None:
+        # It cannot be cancelled then.
+        asked.set_running_or_notify_cancel()
+        keys = None
+        try:
+            keys = self._keys_of_issuer()
+        except RecursionError:
+            # What nests without end names no key.
+            keys = {}
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, HTTPException):
+            keys = None
+        finally:
+            asked.set_result(keys)
 
     def _keys_of_issuer(self) -> dict[str, dict[str, Any]]:
         about = json.loads(self._fetch(self.issuer.rstrip("/") + _DISCOVERY))

@@ -76,6 +76,11 @@ def heads_of(folder: Path) -> list[Place]:
     return places_in(path) if path.exists() else []
 
 
+def has_heads(folder: Path) -> bool:
+    """Tell whether there is a text for heads beside a log, be it empty."""
+    return (folder / _NAME).exists()
+
+
 def places_in(path: Path) -> list[Place]:
     """Find the places in a text: heads, a service's log, or what a command has printed.
 

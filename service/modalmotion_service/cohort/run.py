@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import time
 from array import array
 from collections import deque
@@ -18,6 +16,7 @@ from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
 from modalmotion.facts import Facts
 from modalmotion.modes.topology import MESH, SPHERE
 from modalmotion.progress import Progress
+from modalmotion.representation import csv_text
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ResultStore, StagedSignature, write_atomic
 from modalmotion.store.index.cursor import now
@@ -161,25 +160,23 @@ class _Run:
 
     def write_table(self, path: Path) -> None:
         """List all files with their outcomes, for spreadsheets and scripts."""
-        text = io.StringIO(newline="")
-        writer = csv.writer(text)
-        writer.writerow(
+        lines: list[list[object]] = [
             [
                 *("path", "subject", "label", "sequence_id", "signature"),
                 *("rms_error", "weighted_rms_error", "unit", "error"),
             ]
-        )
+        ]
         for entry in self._job.entries:
             names = [entry.path, entry.subject or "", entry.label or ""]
             place = self._places[self._numbers[entry.path]]
             if place < 0:
-                writer.writerow([*names, "", "", "", "", "", self.failures.get(entry.path, "")])
+                lines.append([*names, "", "", "", "", "", self.failures.get(entry.path, "")])
                 continue
             done = self._ledger.at(place)
             key = self._keys.get(entry.path, done.key)
             signature = self._store.signature_path(done.sequence_id, key)
             file = signature.relative_to(self._store.root).as_posix()
-            writer.writerow(
+            lines.append(
                 [
                     *names,
                     done.sequence_id,
@@ -190,7 +187,7 @@ class _Run:
                     "",
                 ]
             )
-        write_atomic(path, text.getvalue().encode())
+        write_atomic(path, csv_text(lines, "\r\n").encode())
 
     def _make_template(self) -> tuple[Path | None, SignatureParameters]:
         if self._job.template_from is None:

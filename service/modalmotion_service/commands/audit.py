@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from modalmotion.cli.outputs import OutputFolder
 from modalmotion_service.audit.archive import archive_audit
 from modalmotion_service.audit.check import check_audit, unfinished
 from modalmotion_service.audit.entry import AuditEntry, Place, place_from
-from modalmotion_service.audit.heads import heads_of, note_head, places_in
+from modalmotion_service.audit.heads import has_heads, heads_of, note_head, places_in
 from modalmotion_service.audit.key_events import of_command
 from modalmotion_service.audit.log import AuditLog, audit_folder, audit_page, head_of, parts_in
 from modalmotion_service.audit.part import AuditPart
@@ -97,8 +97,13 @@ def verify(
                 "--noted is NUMBER:SHA256, as this command prints it."
             ) from error
     parts, folder = _parts(data_dir, archive), audit_folder(folder_of(data_dir))
-    heads = [*heads_of(folder), *(head for path in notes for head in _noted_in(path))]
+    own = heads_of(folder)
+    heads = [*own, *(head for path in notes for head in _noted_in(path))]
     report = check_audit(parts, place, heads)
+    if not own and (has_heads(folder) or not (report.n_entries or heads or noted)):
+        # Every log notes its head when it is begun.
+        fault = "the heads beside the log are gone: its entries may be, too"
+        report = replace(report, faults=(*report.faults, fault))
     said = list(map(str, report.faults[:_MOST_PRINTED]))
     if not heads and noted is None:
         said.append("No head was noted: whether the end is gone, or all is new, cannot be told.")

@@ -119,12 +119,10 @@ def find_cases(
             remedy="Name each sequence once: repeated, it would stand on both sides of a split.",
             details=_ids(repeated),
         )
-    cases, unknown = [], []
+    cases, records = [], store.sequence_records(case.id for case in sequences)
+    unknown = [case.id for case in sequences if case.id not in records]
     for case in sequences:
-        try:
-            record = store.sequence_record(case.id)
-        except NotFoundError:
-            unknown.append(case.id)
+        if (record := records.get(case.id)) is None:
             continue
         label, subject = case.label or record.label or "", case.subject or record.subject
         stated = Facts(covariates=case.covariates or {}).over(record.facts)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import contextlib
 import json
 import time
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,7 +21,7 @@ from modalmotion_service.access import provider as provider_module
 from modalmotion_service.access.logins import is_login, logins_of
 from modalmotion_service.access.provider import Provider
 from modalmotion_service.app import create_app
-from modalmotion_service.errors import ProviderError
+from modalmotion_service.errors import AuthenticationError, ProviderError
 from modalmotion_service.settings import Settings
 
 pytest.importorskip("jwt")
@@ -195,6 +197,67 @@ def test_keys_rotate_and_those_that_are_withdrawn_end(
 
     asyncio.run(story())
     issuer.rotate("first")
+
+
+def test_an_issuer_whose_documents_nest_without_end_has_no_keys(
+    client: TestClient, issuer: IdentityProvider
+) -> None:
+    own = IdentityProvider()
+    own.rotate("first")
+    own.nesting = 100_000
+    keys = Provider(own.issuer)
+    assert asyncio.run(keys.key("first")) is None
+    own.close()
+    # So do claims.
+    deep = b'{"a":' + b"[" * 5_000 + b"]" * 5_000 + b"}"
+    head, _, _ = issuer.token("first").split(".")
+    signed = f"{head}.{base64.urlsafe_b64encode(deep).decode().rstrip('=')}"
+    signature = issuer.sign("first", signed.encode())
+    answer = ask(client, f"{signed}.{base64.urlsafe_b64encode(signature).decode().rstrip('=')}")
+    assert answer.status_code == 401
+    assert "not valid" in answer.json()["detail"]
+
+
+def test_a_slow_issuer_holds_nobody_longer_than_one_deadline(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(provider_module, "_TIMEOUT", 0.2)
+    own = IdentityProvider()
+    own.rotate("first")
+    own.seconds_between_bytes = 0.02
+    time_of = [0.0]
+    keys = Provider(own.issuer, clock=lambda: time_of[0])
+
+    async def story() -> None:
+        for _ in range(3):
+            with pytest.raises(ProviderError):
+                await keys.key("first")
+            time_of[0] += 11
+        # Asked once, however often somebody waits; what comes late is there for the next.
+        assert len(own.requests) == 1
+        own.seconds_between_bytes = 0.0
+        found = None
+        while found is None:
+            time_of[0] += 11
+            with contextlib.suppress(ProviderError):
+                found = await keys.key("first")
+
+    asyncio.run(story())
+    own.close()
+
+
+def test_a_short_key_of_rsa_signs_nothing() -> None:
+    own = IdentityProvider()
+    own.rotate("short", n_bits=1024)
+    logins = logins_of(own.issuer, "modalmotion", scope_prefix="", owner_claim="sub")
+    assert logins is not None
+    with warnings.catch_warnings():
+        # Of PyJWT, which signs with it all the same.
+        warnings.simplefilter("ignore")
+        token = own.token("short")
+    with pytest.raises(AuthenticationError, match="less than 2048 bits"):
+        asyncio.run(logins.principal(token))
+    own.close()
 
 
 def test_many_at_once_ask_the_provider_once(issuer: IdentityProvider) -> None:

@@ -180,3 +180,25 @@ def test_a_copy_of_a_log_reaches_as_far_as_its_heads(
     written(data, 1)
     assert verified(copy)[0] == 0
     assert verified(data, "--notes", copy)[0] == 0
+
+
+@pytest.mark.parametrize("entries", ["kept", "gone"])
+@pytest.mark.parametrize("heads", ["empty", "cut", "gone"])
+def test_a_log_without_its_heads_is_not_called_whole(
+    tmp_path: Path, entries: str, heads: str
+) -> None:
+    written(tmp_path, N)
+    assert verified(tmp_path)[0] == 0
+    path = audit_folder(tmp_path) / "heads"
+    if entries == "gone":
+        empty(tmp_path)
+    if heads == "gone":
+        path.unlink()
+    else:
+        path.write_bytes(b"" if heads == "empty" else path.read_bytes()[:30])
+    status, output = verified(tmp_path)
+    if (entries, heads) == ("kept", "gone"):
+        # As a log that was written before there were heads.
+        assert (status, "No head was noted" in output) == (0, True)
+    else:
+        assert (status, "heads beside the log are gone" in output) == (1, True)

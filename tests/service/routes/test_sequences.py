@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from urllib.parse import unquote_to_bytes
 
 import numpy as np
 import pytest
@@ -186,3 +187,18 @@ def test_answers_come_whole(client: TestClient, send: Callable[..., str], ranges
         answer = client.get(f"{here}/{path}", headers={**headers, "Range": ranges})
         assert (answer.status_code, len(answer.content)) == (200, len(whole.content))
         assert answer.headers["accept-ranges"] == "none"
+
+
+@pytest.mark.parametrize("name", ["subject", "label"])
+@pytest.mark.parametrize("sent", ["a%FFb", "a%E2%80%AEb", "a%E2%81%A6b", "%EF%BF%BD", "%00"])
+def test_names_that_do_not_show_what_they_hold_are_not_kept(
+    client: TestClient, send: Callable[..., str], npz: Callable[..., bytes], name: str, sent: str
+) -> None:
+    here = f"/v1/sequences/{send(1)}"
+    body = npz(vertices=np.random.default_rng(2).normal(size=(3, 16, 3)), grid=(4, 4))
+    answer = client.post(f"/v1/sequences?{name}={sent}", content=body)
+    assert (answer.status_code, bool(answer.json()["remedy"])) == (422, True)
+    text = unquote_to_bytes(sent).decode("utf-8", "replace")
+    assert client.patch(here, json={name: text}).status_code == 422
+    # Joiners are part of words.
+    assert client.patch(here, json={name: "می\u200cخواهم"}).status_code == 200

@@ -17,14 +17,17 @@ from fastapi.testclient import TestClient
 from running import RunningService
 from training_cohort import QUICK, cohort, finished, send
 
+from modalmotion.errors import NotFoundError
 from modalmotion.formats import read_npz
 from modalmotion.signature.making import modal_signature
 from modalmotion.store import ResultStore, model_from_hdf5, signature_to_hdf5
+from modalmotion.store.index.database import Database
 from modalmotion_service.app import create_app
-from modalmotion_service.schemas import JobState
+from modalmotion_service.schemas import JobState, LabelledSequence
 from modalmotion_service.settings import Settings
 from modalmotion_service.workspace.job_runner import JobRunner, Report
 from modalmotion_service.workspace.jobs import Jobs
+from modalmotion_service.workspace.training_set import find_cases
 
 
 @pytest.fixture
@@ -186,3 +189,22 @@ def test_a_training_takes_some_kilobytes_a_sequence(tmp_path: Path) -> None:
     small, large = (peak_memory(tmp_path, n) for n in (few, many))
     # Features and the matrices of the fit, whatever the frames and vertices.
     assert large - small < 30e3 * (many - few), f"peaks of {small} and {large} bytes"
+
+
+def test_unknown_sequences_are_found_in_one_query(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    read = Database.read
+
+    def counted(self: Database, *args: Any) -> Any:
+        asked.append(args[0])
+        return read(self, *args)
+
+    with ResultStore(tmp_path) as store:
+        store.count()
+        monkeypatch.setattr(Database, "read", counted)
+        cases = [LabelledSequence(id=f"{n:064x}", label="a") for n in range(5_000)]
+        with pytest.raises(NotFoundError, match="5000 sequences are not kept here"):
+            find_cases(store, cases, 10_000, "training_sequences")
+    assert len([one for one in asked if "FROM sequences" in one]) == 1

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -21,7 +19,7 @@ from modalmotion.classification.measures.performance import (
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.training.cases import TrainingCase
 from modalmotion.errors import ParameterError
-from modalmotion.representation import shown
+from modalmotion.representation import csv_text, shown
 
 
 @shown("truth", "answer", "probabilities", "flags", "sequence_id")
@@ -126,19 +124,17 @@ class Evaluation(Performance):
             With the columns case, sequence_id, subject, class, answer, class_set, flags and one
             for each class.
         """
-        table = io.StringIO()
-        lines = csv.writer(table, lineterminator="\n")
-        lines.writerow(
+        lines = [
             ["case", "sequence_id", "subject", "class", "answer", "class_set", "flags"]
             + [f"p {label}" for label in self.classes]
-        )
-        for case in self.cases:
-            lines.writerow(
-                [case.name, case.sequence_id, case.subject, case.truth, case.answer or ""]
-                + ["; ".join(case.class_set), "; ".join(case.flags)]
-                + [f"{share:.6g}" for share in case.probabilities]
-            )
-        return table.getvalue()
+        ]
+        lines += [
+            [case.name, case.sequence_id, case.subject, case.truth, case.answer or ""]
+            + ["; ".join(case.class_set), "; ".join(case.flags)]
+            + [f"{share:.6g}" for share in case.probabilities]
+            for case in self.cases
+        ]
+        return csv_text(lines)
 
 
 def evaluate(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +11,7 @@ from numpy.typing import NDArray
 
 from modalmotion.classification.measures.performance import Answers
 from modalmotion.hdf5.contents import Contents
-from modalmotion.representation import shown
+from modalmotion.representation import csv_text, shown
 
 
 @shown("probabilities", "classes")
@@ -72,24 +70,22 @@ class CrossValidation:
             for each class; repetitions and folds count from 1.
         """
         known = names or {}
-        table = io.StringIO()
-        lines = csv.writer(table, lineterminator="\n")
-        lines.writerow(
+        lines = [
             ["case", "sequence_id", "subject", "class", "repetition", "fold", "answer"]
             + [f"p {label}" for label in self.classes]
-        )
+        ]
         for repetition, (shares, folds) in enumerate(
             zip(self.probabilities, self.folds, strict=True)
         ):
             for i, sequence_id in enumerate(self.sequence_ids):
                 name, subject = known.get(sequence_id, (self.names[i], self.subjects[i]))
                 answer = self.classes[int(shares[i].argmax())]
-                lines.writerow(
+                lines.append(
                     [name, sequence_id, subject, self.classes[self.y[i]]]
                     + [str(repetition + 1), str(folds[i] + 1), answer]
                     + [f"{share:.6g}" for share in shares[i]]
                 )
-        return table.getvalue()
+        return csv_text(lines)
 
 
 def validation_arrays(validation: CrossValidation) -> dict[str, NDArray[Any]]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import csv
-import io
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -21,7 +19,7 @@ from modalmotion.classification.training.cases import AnyCase, TrainingCase, nam
 from modalmotion.classification.training.left_out import UNUSABLE, LeftOut
 from modalmotion.errors import ModalMotionError, ParameterError, UnlikeCasesError
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.representation import shown
+from modalmotion.representation import csv_text, shown
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 
 if TYPE_CHECKING:
@@ -65,14 +63,12 @@ class FeatureTable:
 
         What is unknown is empty.
         """
-        text = io.StringIO(newline="")
-        lines = csv.writer(text, lineterminator="\n")
-        lines.writerow([*OF_CASES, *self.columns])
+        lines: list[list[str]] = [[*OF_CASES, *self.columns]]
         cases = zip(self.names, self.sequence_ids, self.labels, self.subjects, strict=True)
         for case, values in zip(cases, self.values.tolist(), strict=True):
             numbers = ["" if math.isnan(value) else repr(value) for value in values]
-            lines.writerow([*(part or "" for part in case), *numbers])
-        return text.getvalue()
+            lines.append([*(part or "" for part in case), *numbers])
+        return csv_text(lines)
 
     def as_json(self) -> dict[str, Any]:
         """Return the table as JSON-able values; what is unknown is None."""

@@ -181,15 +181,15 @@ def _plain_members(archive: zipfile.ZipFile, limits: ReadLimits) -> dict[str, zi
 
 def _content(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:
     try:
-        data = member_content(archive, info)
+        return member_content(archive, info).tobytes()
     except UNREADABLE as error:
         raise MalformedFileError(
             f"The member {info.filename[-60:]!r} of the archive is damaged ({str(error)[:80]}).",
             remedy="Send the file again, or pack it anew.",
         ) from error
-    if len(data) != info.file_size:
-        raise _refused(info, f"{len(data)} bytes long, not {info.file_size} as declared")
-    return data
+    except MalformedFileError as error:
+        error.message = f"The member {info.filename[-60:]!r}: {error.message}"
+        raise
 
 
 def _refused(info: zipfile.ZipInfo, what: str) -> MalformedFileError:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, LimitError
 from modalmotion.formats.parser.confinement import confine, end_with
-from modalmotion.formats.parser.registry import parser_of
+from modalmotion.formats.parser.registry import limits_on, parser_of
 from modalmotion.limits import ReadLimits
 
 # For the libraries' own needs, besides the arrays that the limits allow.
@@ -42,7 +42,7 @@ def answer_next(source: IO[bytes], sink: IO[bytes]) -> bool:
         return False
     request = json.loads(source.read(length))
     data = source.read(request["bytes"])
-    limits = ReadLimits(**request["limits"])
+    limits = limits_on(request["task"], len(data), ReadLimits(**request["limits"]))
     try:
         parse = parser_of(request["task"])
         _limit_this_process(limits, len(data), request["seconds"])
@@ -62,8 +62,12 @@ def _answer(
     info: dict[str, Any],
     arrays: dict[str, NDArray[Any]],
 ) -> None:
-    plain = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
-    listed = [(name, array.dtype.str, array.shape) for name, array in plain.items()]
+    # Axes in the order in which they lie in memory: a copy of the samples would double it.
+    axes = {name: np.argsort(array.strides)[::-1].tolist() for name, array in arrays.items()}
+    plain = {
+        name: np.ascontiguousarray(array.transpose(axes[name])) for name, array in arrays.items()
+    }
+    listed = [(name, array.dtype.str, array.shape, axes[name]) for name, array in plain.items()]
     header = json.dumps({"error": error, "info": info, "arrays": listed}).encode()
     sink.write(len(header).to_bytes(8, "little"))
     sink.write(header)
@@ -104,7 +108,8 @@ def _limit_this_process(limits: ReadLimits, n_bytes: int, seconds: float | None)
     if seconds is not None:
         used = resource.getrusage(resource.RUSAGE_SELF)
         _lower(resource.RLIMIT_CPU, int(used.ru_utime + used.ru_stime + 2 * seconds) + 1)
-    most = 3 * limits.decompressed_bytes + 4 * n_bytes + _SPARE_BYTES
+    declared = min(limits.decompressed_bytes, limits.unfolded_bytes)
+    most = 3 * declared + 4 * n_bytes + _SPARE_BYTES
     if (now := _address_space()) is not None:
         _lower(resource.RLIMIT_AS, now + most)
 

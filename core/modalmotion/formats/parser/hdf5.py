@@ -23,7 +23,6 @@ _OF_TRACK: Final = "The file is a track: its surface was read, without the error
 
 def parse_hdf5(data: bytes, limits: ReadLimits) -> Parsed:
     """Parse an HDF5 file in this process; see `read_hdf5`."""
-    limits = limits.of_file(len(data))
     with open_gated(data, limits) as file:
         if "VTKHDF" in file:
             return parse_vtkhdf(file, limits)
@@ -40,7 +39,6 @@ def parse_hdf5(data: bytes, limits: ReadLimits) -> Parsed:
 
 def parse_clouds(data: bytes, limits: ReadLimits) -> Parsed:
     """Parse the points of a VTKHDF file in this process: see `parse_vtkhdf_clouds`."""
-    limits = limits.of_file(len(data))
     with open_gated(data, limits) as file:
         if "VTKHDF" in file:
             return parse_vtkhdf_clouds(file, limits)

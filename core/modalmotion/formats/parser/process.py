@@ -193,7 +193,7 @@ def _receive_header(stream: IO[bytes]) -> dict[str, Any]:
 def _receive_arrays(stream: Any, header: dict[str, Any], limits: ReadLimits) -> Answer:
     arrays = {}
     n_bytes = 0
-    for name, dtype, shape in header["arrays"]:
+    for name, dtype, shape, axes in header["arrays"]:
         kind = np.dtype(dtype)
         if kind.kind not in "fiu":
             raise ValueError(dtype)
@@ -202,7 +202,9 @@ def _receive_arrays(stream: Any, header: dict[str, Any], limits: ReadLimits) -> 
         array = np.empty(shape, kind)
         if array.size and stream.readinto(array.reshape(-1).view(np.uint8).data) != array.nbytes:
             raise EOFError(name)
-        arrays[name] = array
+        # Nobody copies what cannot change.
+        array.setflags(write=False)
+        arrays[name] = array.transpose(np.argsort(axes))
     return Answer(header["info"], arrays)
 
 

@@ -23,6 +23,9 @@ _TASKS: Final = {
     "vtp": "modalmotion.formats.vtk.vtk_polydata:parse_xml",
 }
 
+# Of meshes, which unfold in proportion to their files; images of one colour are packed to nothing.
+_IN_PROPORTION: Final = ("hdf5", "clouds", "vtk", "vtp")
+
 # What they import in turn.
 _LIBRARIES: Final = {
     "hdf5": ("h5py", "encodings.ascii"),
@@ -58,7 +61,7 @@ class ParserHere:
         InputError
             What the parser raised.
         """
-        return Answer(*parser_of(task)(data, self.limits))
+        return Answer(*parser_of(task)(data, limits_on(task, len(data), self.limits)))
 
 
 def parser_of(task: str) -> Callable[[bytes, ReadLimits], Parsed]:
@@ -66,6 +69,11 @@ def parser_of(task: str) -> Callable[[bytes, ReadLimits], Parsed]:
     module, _, function = _TASKS[task].partition(":")
     parse: Callable[[bytes, ReadLimits], Parsed] = getattr(import_module(module), function)
     return parse
+
+
+def limits_on(task: str, n_bytes: int, limits: ReadLimits) -> ReadLimits:
+    """Give the limits on a file of that size."""
+    return limits.of_file(n_bytes) if task in _IN_PROPORTION else limits
 
 
 def prepare(task: str) -> None:

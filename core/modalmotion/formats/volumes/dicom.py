@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
 from typing import Any, Final
 
 import numpy as np
@@ -11,7 +10,8 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, MalformedFileError, needs_extra
 from modalmotion.formats.parser.answer import Parsed
-from modalmotion.formats.volumes.stack import BROKEN, require_size, scaled, unheard
+from modalmotion.formats.volumes.dicom_stream import read_dicom
+from modalmotion.formats.volumes.stack import BROKEN, declared_bytes, scaled, unheard
 from modalmotion.limits import ReadLimits
 
 _REMEDY: Final = "Send the images of one cine series or more, one slice and phase in each file."
@@ -38,7 +38,7 @@ def parse_dicom(data: bytes, limits: ReadLimits) -> Parsed:
         import pydicom
     try:
         with unheard("pydicom"):
-            return _of(pydicom.dcmread(io.BytesIO(data), specific_tags=list(_TAGS)), limits)
+            return _of(read_dicom(data, _TAGS, limits), limits)
     except InputError:
         raise
     except (*BROKEN, pydicom.errors.InvalidDicomError, pydicom.errors.BytesLengthException):
@@ -60,7 +60,7 @@ def _of(dataset: Any, limits: ReadLimits) -> Parsed:
             remedy="Leave it out. " + _REMEDY,
         )
     rows, columns = int(dataset.Rows), int(dataset.Columns)
-    require_size((rows, columns), int(dataset.get("BitsAllocated") or 16) // 8 or 1, limits)
+    declared_bytes((rows, columns), int(dataset.get("BitsAllocated") or 16) // 8 or 1, limits)
     shade = str(dataset.get("PhotometricInterpretation") or "")
     if int(dataset.get("SamplesPerPixel") or 1) != 1 or shade == "PALETTE COLOR":
         raise MalformedFileError("The pixels of the DICOM file are colours.", remedy=_REMEDY)
@@ -69,10 +69,12 @@ def _of(dataset: Any, limits: ReadLimits) -> Parsed:
             "The pixels of the DICOM file are compressed.",
             remedy="Export it without compression (Explicit VR Little Endian).",
         )
+    from pydicom.pixels import pixel_array
+
     slope = float(dataset.get("RescaleSlope", 1) or 1)
     intercept = float(dataset.get("RescaleIntercept", 0) or 0)
     # Pixels run along the row first: index i goes down the rows, j along a row.
-    pixels = np.asarray(dataset.pixel_array)
+    pixels = np.asarray(pixel_array(dataset, view_only=True))
     if shade == "MONOCHROME1":
         # The least is white: turned, so that slices of one series are alike.
         is_signed = bool(dataset.get("PixelRepresentation"))

@@ -11,13 +11,13 @@ from modalmotion.errors import InputError, MalformedFileError
 from modalmotion.formats.parser.answer import Parsed
 from modalmotion.formats.volumes.stack import (
     BROKEN,
-    inflated,
+    declared_bytes,
     parsed,
     regular,
-    require_size,
     scaled,
 )
 from modalmotion.limits import ReadLimits
+from modalmotion.numeric.unpacking import unpacked
 
 _TYPES: Final = {
     "MET_CHAR": "i1",
@@ -75,16 +75,17 @@ def _parse(data: bytes, limits: ReadLimits) -> Parsed:
         )
     is_big = keys.get("ElementByteOrderMSB", keys.get("BinaryDataByteOrderMSB", "False"))
     kind = np.dtype((">" if is_big.lower() in ("true", "1") else "<") + _TYPES[keys["ElementType"]])
-    require_size(size, kind.itemsize, limits)
-    body = data[start:]
+    slope = _numbers(keys, ("ElementToIntensityFunctionSlope",), [1.0])[0]
+    intercept = _numbers(keys, ("ElementToIntensityFunctionOffset",), [0.0])[0]
+    is_scaled = (slope, intercept) != (1.0, 0.0)
+    n_bytes = declared_bytes(size, kind.itemsize, limits, is_scaled=is_scaled)
     if keys.get("CompressedData", "False").lower() in ("true", "1"):
-        body = inflated(body, limits, 15)
-    count = int(np.prod(size))
-    if len(body) < count * kind.itemsize:
+        body, start = unpacked(data, "zlib", n_bytes, start).data, 0
+    else:
+        body = memoryview(data)
+    if len(body) - start < n_bytes:
         raise MalformedFileError("The MetaImage file ends before its samples do.", remedy=_REMEDY)
-    values = (
-        np.frombuffer(body, kind, count).reshape(size, order="F").astype(kind.newbyteorder("="))
-    )
+    values = np.frombuffer(body, kind, n_bytes // kind.itemsize, start).reshape(size, order="F")
     spacing = _numbers(keys, ("ElementSpacing", "ElementSize"), [1.0] * n)
     origin = _numbers(keys, ("Offset", "Position", "Origin"), [0.0] * n)
     turn = _numbers(keys, ("TransformMatrix", "Rotation", "Orientation"), list(np.eye(n).ravel()))
@@ -93,8 +94,6 @@ def _parse(data: bytes, limits: ReadLimits) -> Parsed:
     affine = np.column_stack([axes, origin[:3]])
     frames = np.moveaxis(values, 3, 0) if n == 4 else values[None]
     limits.require("frames", len(frames))
-    slope = _numbers(keys, ("ElementToIntensityFunctionSlope",), [1.0])[0]
-    intercept = _numbers(keys, ("ElementToIntensityFunctionOffset",), [0.0])[0]
     frames = scaled(frames, slope, intercept)
     interval = spacing[3] if n == 4 else 0.0
     return parsed(frames, affine, regular(interval, len(frames)))

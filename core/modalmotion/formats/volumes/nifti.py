@@ -11,17 +11,20 @@ from modalmotion.formats.parser.answer import Parsed
 from modalmotion.formats.volumes.stack import (
     BROKEN,
     RAS_TO_LPS,
-    inflated,
+    declared_bytes,
     parsed,
     regular,
-    require_size,
     scaled,
     unheard,
 )
 from modalmotion.limits import ReadLimits
+from modalmotion.numeric.unpacking import unpacked, unpacked_head
 
 _MM: Final = {"mm": 1.0, "meter": 1e3, "micron": 1e-3, "unknown": 1.0}
 _SECONDS: Final = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}
+
+# The longer header, of NIfTI-2.
+_HEAD: Final = 540
 
 _REMEDY: Final = "Write it again as one .nii or .nii.gz of a volume, or of volumes over time."
 
@@ -39,22 +42,26 @@ def parse_nifti(data: bytes, limits: ReadLimits) -> Parsed:
         from nibabel.filebasedimages import ImageFileError
         from nibabel.spatialimages import HeaderDataError
         from nibabel.wrapstruct import WrapStructError
-    if data[:2] == b"\x1f\x8b":
-        data = inflated(data, limits, 31)
+    is_packed = data[:2] == b"\x1f\x8b"
+    head = unpacked_head(data, "gzip", _HEAD) if is_packed else data[:_HEAD]
+    kind = nibabel.Nifti2Header if head[4:7] == b"n+2" else nibabel.Nifti1Header
     try:
-        kind = nibabel.Nifti2Image if data[4:7] == b"n+2" else nibabel.Nifti1Image
         with unheard("nibabel", "nibabel.global"):
-            return _of(kind.from_bytes(data), limits)
+            return _of(kind(head[: kind.template_dtype.itemsize]), data, limits, is_packed)
     except InputError:
         raise
     except (*BROKEN, ImageFileError, HeaderDataError, WrapStructError):
         raise MalformedFileError("The NIfTI file is damaged.", remedy=_REMEDY) from None
 
 
-def _of(image: Any, limits: ReadLimits) -> Parsed:
-    header, shape = image.header, image.shape
-    require_size(shape, image.get_data_dtype().itemsize, limits)
-    if image.get_data_dtype().names or image.get_data_dtype().kind not in "iuf":
+def _of(header: Any, data: bytes, limits: ReadLimits, is_packed: bool) -> Parsed:
+    kind, shape = header.get_data_dtype(), header.get_data_shape()
+    slope, intercept = header.get_slope_inter()
+    slope, intercept = (1.0, 0.0) if slope is None else (float(slope), float(intercept))
+    n_bytes = declared_bytes(
+        shape, kind.itemsize, limits, is_scaled=(slope, intercept) != (1.0, 0.0)
+    )
+    if kind.names or kind.kind not in "iuf":
         raise MalformedFileError("The voxels are colours or complex numbers.", remedy=_REMEDY)
     full = (*shape, 1, 1, 1, 1)[: max(4, len(shape))]
     if any(n != 1 for n in full[4:]):
@@ -63,12 +70,15 @@ def _of(image: Any, limits: ReadLimits) -> Parsed:
         )
     n_frames = int(full[3])
     limits.require("frames", n_frames)
-    raw = np.asarray(image.dataobj.get_unscaled()).reshape(full[:4])
-    # Of the file: the header in memory has forgotten them.
-    slope, intercept = float(image.dataobj.slope), float(image.dataobj.inter)
-    values = scaled(np.moveaxis(raw, 3, 0), slope, intercept)
+    offset = int(header.get_data_offset())
+    limits.require("decompressed_bytes", offset + n_bytes)
+    plain = unpacked(data, "gzip", offset + n_bytes) if is_packed else data
+    raw = np.frombuffer(plain, kind, n_bytes // kind.itemsize, offset)
+    values = scaled(np.moveaxis(raw.reshape(full[:4], order="F"), 3, 0), slope, intercept)
     length, duration = header.get_xyzt_units()
-    affine = RAS_TO_LPS @ (np.asarray(image.affine, dtype=np.float64)[:3] * _MM.get(length, 1.0))
+    affine = RAS_TO_LPS @ (
+        np.asarray(header.get_best_affine(), dtype=np.float64)[:3] * _MM.get(length, 1.0)
+    )
     notes = []
     if not int(header["sform_code"]) and not int(header["qform_code"]):
         notes.append("The NIfTI file does not say where it lies in space; its axes count as RAS.")

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, MalformedFileError, needs_extra
 from modalmotion.formats.parser.answer import Parsed
-from modalmotion.formats.volumes.stack import BROKEN, parsed, regular, require_size, unheard
+from modalmotion.formats.volumes.stack import BROKEN, declared_bytes, parsed, regular, unheard
 from modalmotion.limits import ReadLimits
+from modalmotion.numeric.unpacking import PIECE, Packing, unpacked
 
 # Signs that turn a space's coordinates to LPS.
 _SPACES: Final = {
@@ -41,7 +42,32 @@ _MM: Final = {
     "nm": 1e-6,
 }
 
-_ENCODINGS: Final = ("raw", "gzip", "gz", "bzip2", "bz2", "ascii", "text", "txt")
+# Names of the field of samples that lie elsewhere.
+_DETACHED: Final = ("data file", "datafile")
+
+_PACKINGS: Final[dict[str, Packing]] = {
+    **dict.fromkeys(("gzip", "gz"), "gzip"),
+    **dict.fromkeys(("bzip2", "bz2"), "bzip2"),
+}
+_TEXTS: Final = ("ascii", "text", "txt")
+
+_TYPES: Final = {
+    **dict.fromkeys(("signed char", "int8", "int8_t"), "i1"),
+    **dict.fromkeys(("uchar", "unsigned char", "uint8", "uint8_t"), "u1"),
+    **{
+        f"{sign}{name}": f"{kind}{n}"
+        for n, names in (
+            (2, ("short", "short int", "int16", "int16_t")),
+            (4, ("int", "int32", "int32_t")),
+            (8, ("longlong", "long long", "long long int", "int64", "int64_t")),
+        )
+        for name in names
+        for sign, kind in (("", "i"), ("signed ", "i"), ("unsigned ", "u"), ("u", "u"))
+    },
+    "float": "f4",
+    "double": "f8",
+}
+_ORDERS: Final = {"little": "<", "big": ">"}
 
 _REMEDY: Final = "Write it as one .nrrd with its data inside, of a volume or a Slicer sequence."
 
@@ -55,30 +81,104 @@ def parse_nrrd(data: bytes, limits: ReadLimits) -> Parsed:
         If it is no such image.
     """
     with needs_extra("images"):
-        import nrrd
         from nrrd.errors import NRRDError
     try:
         with unheard("nrrd"):
-            stream = io.BytesIO(data)
-            header = nrrd.read_header(stream)
-            if "data file" in header or "datafile" in header:
-                raise MalformedFileError("The samples lie in another file.", remedy=_REMEDY)
-            if str(header["encoding"]).lower() not in _ENCODINGS:
-                raise MalformedFileError(
-                    "The samples of the NRRD file are encoded in a way that is not read.",
-                    remedy="Write it with encoding: raw, or gzip.",
-                )
-            sizes = [int(n) for n in header["sizes"]]
-            require_size(sizes, 8 if header["type"] == "double" else 4, limits)
-            if header["encoding"] in ("gzip", "gz", "bzip2", "bz2"):
-                # What it holds is known; a stream that holds more is cut off by its size.
-                limits.require("decompressed_bytes", len(data))
-            values = nrrd.read_data(header, stream, None)
-            return _of(header, values, limits)
+            header, start = _header(data)
+            return _of(header, _samples(header, data, start, limits), limits)
     except InputError:
         raise
     except (*BROKEN, NRRDError):
         raise MalformedFileError("The NRRD file is damaged.", remedy=_REMEDY) from None
+
+
+def _header(data: bytes) -> tuple[Any, int]:
+    """Read the fields, whose names are in any case, and where the samples begin."""
+    import nrrd
+
+    stream, lines = io.BytesIO(data), []
+    for line in stream:
+        if not line.strip():
+            break
+        field, colon, value = line.partition(b":")
+        is_own = colon and not value.startswith(b"=")
+        lines.append(field.lower() + colon + value if is_own else line)
+    return nrrd.read_header(lines), stream.tell()
+
+
+def _samples(header: Any, data: bytes, start: int, limits: ReadLimits) -> NDArray[Any]:
+    if any(name in header for name in _DETACHED):
+        raise MalformedFileError("The samples lie in another file.", remedy=_REMEDY)
+    encoding, name = (str(header[key]).lower() for key in ("encoding", "type"))
+    if encoding not in ("raw", *_PACKINGS, *_TEXTS):
+        raise MalformedFileError(
+            "The samples of the NRRD file are encoded in a way that is not read.",
+            remedy="Write it with encoding: raw, or gzip.",
+        )
+    kind = np.dtype(_TYPES[name])
+    if encoding not in _TEXTS and kind.itemsize > 1:
+        kind = np.dtype(_ORDERS[str(header["endian"]).lower()] + _TYPES[name])
+    sizes = [int(n) for n in header["sizes"]]
+    if len(sizes) != int(header["dimension"]):
+        raise MalformedFileError("The NRRD file has other 'sizes' than axes.", remedy=_REMEDY)
+    n_bytes = declared_bytes(sizes, kind.itemsize, limits)
+    n, before = n_bytes // kind.itemsize, _skipped(header, "byte")
+    start = _behind_lines(data, start, _skipped(header, "line"))
+    if before < (-1 if encoding == "raw" else 0):
+        raise _skips_too_much("byte", before)
+    if encoding in _TEXTS:
+        values = _numbers_in(data, start + before, n, kind)
+    elif encoding == "raw":
+        start = len(data) - n_bytes if before < 0 else start + before
+        if start < 0 or len(data) - start < n_bytes:
+            raise _other_count(n, "fewer")
+        values = np.frombuffer(data, kind, n, start)
+    else:
+        limits.require("decompressed_bytes", before + n_bytes)
+        plain = unpacked(data, _PACKINGS[encoding], before + n_bytes, start)
+        values = np.frombuffer(plain, kind, n, before)
+    return values.reshape(sizes, order="F")
+
+
+def _numbers_in(data: bytes, start: int, n: int, kind: np.dtype[Any]) -> NDArray[Any]:
+    """Read so many numbers from text, a piece at a time."""
+    values, n_read, stream = np.empty(n, kind), 0, io.BytesIO(data)
+    stream.seek(start)
+    while piece := stream.read(PIECE):
+        while not piece[-1:].isspace() and (letter := stream.read(1)):
+            piece += letter
+        numbers = np.fromstring(piece, kind, sep=" ") if piece.strip() else values[:0]
+        if n_read + len(numbers) > n:
+            raise _other_count(n, "more")
+        values[n_read : n_read + len(numbers)] = numbers
+        n_read += len(numbers)
+    if n_read < n:
+        raise _other_count(n, f"{n_read}")
+    return values
+
+
+def _skipped(header: Any, what: str) -> int:
+    return int(header.get(f"{what} skip", header.get(f"{what}skip", 0)))
+
+
+def _behind_lines(data: bytes, start: int, n: int) -> int:
+    if not 0 <= n <= data.count(b"\n", start):
+        raise _skips_too_much("line", n)
+    for _ in range(n):
+        start = data.index(b"\n", start) + 1
+    return start
+
+
+def _skips_too_much(what: str, n: int) -> MalformedFileError:
+    return MalformedFileError(
+        f"The NRRD file's '{what} skip' is {n}, which is not there to be skipped.", remedy=_REMEDY
+    )
+
+
+def _other_count(n: int, held: str) -> MalformedFileError:
+    return MalformedFileError(
+        f"The NRRD file declares {n} samples and holds {held}.", remedy=_REMEDY
+    )
 
 
 def _of(header: Any, values: NDArray[Any], limits: ReadLimits) -> Parsed:

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import LimitError, MalformedFileError
+from modalmotion.errors import MalformedFileError
 from modalmotion.formats.parser.answer import Parsed
 from modalmotion.limits import ReadLimits
 
@@ -73,58 +73,44 @@ def parsed(
     return info, {"values": values, "affine": np.asarray(affine, dtype=np.float64)[:3]}
 
 
-def require_size(shape: Sequence[int], itemsize: int, limits: ReadLimits) -> None:
-    """Refuse a declared size above the limits before anything is read of it."""
-    n = itemsize
+def declared_bytes(
+    shape: Sequence[int], itemsize: int, limits: ReadLimits, *, is_scaled: bool = False
+) -> int:
+    """Count the bytes that a header declares, before anything is read of them.
+
+    Parameters
+    ----------
+    shape : sequence of int
+    itemsize : int
+    limits : ReadLimits
+        On these bytes, and on the float32 that they become where they `is_scaled`.
+    is_scaled : bool
+
+    Raises
+    ------
+    MalformedFileError
+        If a length is none.
+    LimitError
+        If they are too many.
+    """
+    n = 1
     for length in shape:
         if not 0 < int(length) < 2**31:
             raise MalformedFileError(
                 f"The image has {length} samples along an axis.", remedy="Write the file again."
             )
         n *= int(length)
-    limits.require("decompressed_bytes", n)
-
-
-def inflated(data: bytes, limits: ReadLimits, wbits: int) -> bytes:
-    """Unpack zlib (15) or gzip (31) data, up to the limit.
-
-    Raises
-    ------
-    LimitError
-        If it holds more.
-    MalformedFileError
-        If it is damaged.
-    """
-    most = min(limits.decompressed_bytes, limits.unfolded_bytes)
-    parts: list[bytes] = []
-    left = most + 1
-    try:
-        # Parallel writers leave several members of gzip behind one another.
-        while left and (not parts or data[:2] == b"\x1f\x8b"):
-            unpack = zlib.decompressobj(wbits)
-            parts.append(unpack.decompress(data, left))
-            left -= len(parts[-1])
-            data = unpack.unused_data
-    except zlib.error:
-        raise MalformedFileError(
-            "The compressed part of the image is damaged.", remedy="Write the file again."
-        ) from None
-    plain = b"".join(parts)
-    if len(plain) > most:
-        raise LimitError(
-            f"The image unfolds to more than {most} bytes.",
-            remedy="Send fewer frames, or a part of the volume around the object.",
-            limit="decompressed_bytes",
-            details={"most": most},
-        )
-    return plain
+    limits.require("decompressed_bytes", n * (max(4, itemsize) if is_scaled else itemsize))
+    return n * itemsize
 
 
 def scaled(values: NDArray[Any], slope: float, intercept: float) -> NDArray[Any]:
     """Apply slope and intercept; stored numbers stay as they are where these change nothing."""
     if slope == 1.0 and intercept == 0.0:
         return values
-    return (values * np.float32(slope) + np.float32(intercept)).astype(np.float32)
+    plain: NDArray[np.float32] = np.multiply(values, np.float32(slope), dtype=np.float32)
+    plain += np.float32(intercept)
+    return plain
 
 
 def regular(interval: float, n: int) -> list[float] | None:

@@ -18,6 +18,7 @@ from modalmotion.formats.frames.frame import ONE_MESH
 from modalmotion.formats.parser.answer import Parsed
 from modalmotion.formats.polygons import Triangles, triangulate
 from modalmotion.limits import ReadLimits
+from modalmotion.mesh.checks import given_up
 
 TOPOLOGIES: Final = ("Vertices", "Lines", "Polygons", "Strips")
 """Groups of cells, in the order of their columns in the offsets of steps."""
@@ -214,7 +215,7 @@ def _positions(
     # Steps may all name the same points, so this can be far more than the file declares.
     limits.require("decompressed_bytes", len(starts) * n * 3 * dtype.itemsize)
     # All at once: a chunk that holds many frames would be unpacked again for each of them.
-    values = np.asarray(points[()], dtype=dtype)
+    values = given_up(np.asarray(points[()], dtype=dtype))
     if np.array_equal(starts, n * np.arange(len(starts))):
         return values[: n * len(starts)].reshape(len(starts), n, 3)
     vertices = np.empty((len(starts), n, 3), dtype)

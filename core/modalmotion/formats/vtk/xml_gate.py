@@ -13,6 +13,7 @@ from typing import Final
 from xml.parsers import expat
 
 from modalmotion.errors import LimitError, MalformedFileError
+from modalmotion.formats.vtk.array_heads import ArrayHeads
 from modalmotion.limits import UNFOLDING, ReadLimits
 
 _malformed: Final = partial(
@@ -56,8 +57,8 @@ def require_plain_xml(data: bytes, limits: ReadLimits) -> None:
     end = data.find(b"<AppendedData")
     if _LONG_TAG.search(data, 0, len(data) if end < 0 else end) is not None:
         raise _too_much("markup_bytes", f"a tag of more than {_LONGEST_MARKUP} bytes")
-    walk = _Walk(len(data), limits)
     parser = expat.ParserCreate()
+    walk = _Walk(data, limits, parser)
     parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = _refuse
     parser.XmlDeclHandler = _require_encoding
     parser.StartElementHandler, parser.EndElementHandler = walk.start, walk.end
@@ -65,8 +66,11 @@ def require_plain_xml(data: bytes, limits: ReadLimits) -> None:
     parser.ProcessingInstructionHandler = lambda _, text: _require_short(text)
     try:
         parser.Parse(data, True)
+        # VTK looks for it in comments too.
+        if end >= 0:
+            raise _malformed("The .vtp file's 'AppendedData' is no element.")
     except _AppendedDataError:
-        return
+        walk.require_appended(end)
     except (expat.ExpatError, LookupError) as error:
         raise _malformed(f"The .vtp file is not readable XML ({str(error)[:80]}).") from error
 
@@ -74,10 +78,14 @@ def require_plain_xml(data: bytes, limits: ReadLimits) -> None:
 class _Walk:
     """Counts what the elements of a .vtp file declare."""
 
-    def __init__(self, n_bytes: int, limits: ReadLimits) -> None:
+    def __init__(self, data: bytes, limits: ReadLimits, parser: expat.XMLParserType) -> None:
         self.limits = limits
-        self.most_values = n_bytes
-        self.n_bytes = n_bytes
+        self.parser = parser
+        self.most_values = self.n_bytes = len(data)
+        self.heads = ArrayHeads(data, limits.of_file(len(data)))
+        self.appended: list[tuple[str, str, int, int]] = []
+        self.appended_at = -1
+        self.is_raw = False
         self.n_elements = self.n_values = 0
         self.path: list[str] = []
         self.n_points = self.n_cells = 0
@@ -98,7 +106,14 @@ class _Walk:
                 raise _malformed(f"The .vtp file is of the type {kind[:40]!r}, not 'PolyData'.")
             if attributes.get("compressor", ""):
                 self.most_values = UNFOLDING * self.n_bytes
+                self.heads.is_compressed = True
+            if attributes.get("byte_order") == "BigEndian":
+                self.heads.order = "big"
+            if attributes.get("header_type") == "UInt64":
+                self.heads.word_bytes = 8
         elif tag == "AppendedData":
+            self.is_raw = attributes.get("encoding") == "raw"
+            self.appended_at = self.parser.CurrentByteIndex
             raise _AppendedDataError
         elif tag == "Piece":
             self._piece(attributes)
@@ -129,6 +144,33 @@ class _Walk:
         self._hold(
             f"the array {attributes.get('Name', '')[:40]!r}", max(rows, columns, rows * columns)
         )
+
+        name, kind = attributes.get("Name", ""), attributes.get("type", "")
+        # The corners of polygons are as many as the last offset says.
+        n_values = 0 if name == "connectivity" else rows * columns
+        if "offset" in attributes:
+            self.appended.append((name, kind, n_values, _whole(attributes, "offset")))
+        elif attributes.get("format") == "binary":
+            data = self.heads.data
+            at = data.find(b">", self.parser.CurrentByteIndex) + 1
+            while data[at : at + 1].isspace():
+                at += 1
+            self.heads.require(name, kind, n_values, at, is_raw=False)
+
+    def require_appended(self, found: int) -> None:
+        """Refuse arrays behind the elements whose heads declare too much.
+
+        Parameters
+        ----------
+        found : int
+            Where the bytes first name the element, as VTK looks for it.
+        """
+        if found != self.appended_at:
+            raise _malformed("The .vtp file names 'AppendedData' outside of its element.")
+        data = self.heads.data
+        first = data.find(b"_", data.find(b">", found)) + 1
+        for name, kind, n_values, offset in self.appended:
+            self.heads.require(name, kind, n_values, first + offset, is_raw=self.is_raw)
 
     def _hold(self, what: str, n_values: int) -> None:
         self.n_values += n_values

@@ -57,6 +57,14 @@ class Index:
         rows = self.database.read(f"{_RECORDS} WHERE id = ?{condition}", (sequence_id,))
         return self._record(rows[0]) if rows else None
 
+    def find_all(self, ids: Iterable[str]) -> dict[str, SequenceRecord]:
+        """Look up those sequences that there are, in one query: their records by their ids."""
+        rows = self.database.read(
+            f"{_RECORDS} WHERE id IN (SELECT value FROM json_each(?))",  # noqa: S608 (constants)
+            (json.dumps(list(ids)),),
+        )
+        return {record.id: record for record in map(self._record, rows)}
+
     def ids(self) -> Iterator[str]:
         """Ids of all sequences, sorted; a piece of them is in memory at a time."""
         last = ""

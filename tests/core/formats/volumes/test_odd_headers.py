@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import bz2
 import gzip
 import io
 from typing import Any
 
 import numpy as np
 import pytest
-from dicom_samples import slice_file
+from dicom_samples import slice_file, study_instance
 
-from modalmotion.errors import MalformedFileError
+from modalmotion.errors import LimitError, MalformedFileError
 from modalmotion.formats import ParserHere
 from modalmotion.formats.volumes import read_images
 from modalmotion.images import ImageSequence, PlaneSet, Volume
@@ -191,3 +192,49 @@ def test_directions_of_dicom_have_no_length() -> None:
     own = read(dicom(PIXELS, ImageOrientationPatient=[2, 0, 0, 0, 1, 0])).frames[0]
     assert isinstance(own, PlaneSet)
     assert sorted(own.planes[0].spacing) == pytest.approx([2.0, 3.0])
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "line skip: 1000000000000",
+        "LineSkip: 1000000000000",
+        "line skip: -1",
+        "byte skip: 1000000000000",
+        "byte skip: -2",
+        "Data File: elsewhere.raw",
+        "DATAFILE: elsewhere.raw",
+        "data file: /etc/hostname",
+    ],
+)
+def test_fields_of_nrrd_that_lead_elsewhere_are_refused_in_any_case(line: str) -> None:
+    with pytest.raises((MalformedFileError, LimitError)) as error:
+        read(nrrd(VALUES, line))
+    assert error.value.remedy
+
+
+@pytest.mark.parametrize("encoding", ["raw", "gzip", "bz2", "text"])
+def test_what_nrrd_skips_is_skipped(encoding: str) -> None:
+    head, _, body = nrrd(VALUES, encoding=encoding).partition(b"\n\n")
+    head = head.replace(b"sizes", b"Sizes") + b"\nline skip: 2\nbyte skip: 3\n\n"
+    packed = {
+        "raw": lambda: b"abc" + body,
+        "gzip": lambda: gzip.compress(b"abc" + body),
+        "bz2": lambda: bz2.compress(b"abc" + body),
+        "text": lambda: b"abc" + " ".join(map(str, VALUES.ravel(order="F"))).encode(),
+    }[encoding]()
+    assert (first(head + b"one\ntwo\n" + packed).values == VALUES).all()
+
+
+def test_deflated_dicom_is_read_and_its_study_too() -> None:
+    plain = pydicom.dcmread(io.BytesIO(slice_file(PIXELS, z=0.0, trigger=0.0)))
+    plain.file_meta.TransferSyntaxUID = pydicom.uid.DeflatedExplicitVRLittleEndian
+    out = io.BytesIO()
+    plain.save_as(out, enforce_file_format=True)
+    assert pixels_of(out.getvalue()) == pytest.approx(PIXELS)
+    study = pydicom.dcmread(io.BytesIO(study_instance()))
+    study.file_meta.TransferSyntaxUID = pydicom.uid.DeflatedExplicitVRLittleEndian
+    out = io.BytesIO()
+    study.save_as(out, enforce_file_format=True)
+    same = [HERE.parse("study", data).info for data in (out.getvalue(), study_instance())]
+    assert same[0] == same[1]

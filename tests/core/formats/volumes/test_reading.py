@@ -14,10 +14,10 @@ import pytest
 from dicom_samples import slice_file
 from image_files import metaimage
 
-from modalmotion.errors import InputError, LimitError, MalformedFileError, ShapeError
-from modalmotion.formats import NO_LIMITS, ParserHere
+from modalmotion.errors import LimitError, MalformedFileError, ShapeError
+from modalmotion.formats import ParserHere
 from modalmotion.formats.volumes import read_images, write_nifti_zip
-from modalmotion.formats.volumes.stack import inflated, scaled
+from modalmotion.formats.volumes.stack import scaled
 from modalmotion.formats.volumes.writing import write_nifti
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.limits import DEFAULT_LIMITS
@@ -280,44 +280,8 @@ def test_other_files_are_refused(data: bytes) -> None:
 
 
 def test_a_file_that_unfolds_to_much_is_refused_before() -> None:
-    small = ParserHere(replace(DEFAULT_LIMITS, decompressed_bytes=1000))
-    with pytest.raises(LimitError):
-        read_images(gzip.compress(bytes(10_000_000)), parser=small)
     huge = bytearray(nifti())
     huge[40:56] = np.array([3, 30000, 30000, 30000, 1, 1, 1, 1], dtype="<i2").tobytes()
-    with pytest.raises(LimitError):
-        read_images(bytes(huge), parser=HERE)
-    with pytest.raises(LimitError):
-        inflated(gzip.compress(bytes(5000)), small.limits, 31)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_damaged_files_are_errors_that_are_told(seed: int) -> None:
-    mutants(seed, 40)
-
-
-@pytest.mark.soak
-def test_many_damaged_files_are_errors_that_are_told() -> None:
-    for seed in range(100):
-        mutants(1000 + seed, 200)
-
-
-def mutants(seed: int, n: int) -> None:
-    rng = np.random.default_rng(seed)
-    header = {"space": "lps", "space directions": AFFINE[:, :3].T, "space origin": AFFINE[:, 3]}
-    samples = (
-        nifti(),
-        nrrd_bytes(VALUES[0], header),
-        slice_file(np.ones((4, 5)), z=0.0, trigger=0.0),
-    )
-    small = ParserHere(replace(NO_LIMITS, decompressed_bytes=10_000_000, frames=1000))
-    for k in range(n):
-        data = bytearray(samples[k % 3])
-        for _ in range(int(rng.integers(1, 6))):
-            data[int(rng.integers(min(len(data), 600)))] = int(rng.integers(256))
-        if rng.random() < 0.2:
-            data = data[: int(rng.integers(len(data)))]
-        try:
-            read_images(bytes(data), parser=small)
-        except InputError as error:
-            assert error.remedy  # noqa: PT017 - most are refused, some are still images
+    for data in (bytes(huge), gzip.compress(huge)):
+        with pytest.raises(LimitError):
+            read_images(data, parser=HERE)

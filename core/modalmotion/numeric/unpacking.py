@@ -1,0 +1,148 @@
+"""What is packed, unpacked to the size that its header declares and no further."""
+
+from __future__ import annotations
+
+import bz2
+import io
+import zlib
+from collections.abc import Iterable, Iterator
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import MalformedFileError
+
+Packing = Literal["gzip", "zlib", "deflate", "bzip2"]
+
+_WINDOWS: Final = {"zlib": 15, "gzip": 31, "deflate": -15}
+_GZIP: Final = b"\x1f\x8b"
+# Sent to a decompressor at once.
+_FED: Final = 1 << 16
+PIECE: Final = 1 << 20
+"""Bytes that are taken from a decompressor at once."""
+
+
+def unpacked(
+    data: bytes, packing: Packing, n_bytes: int, start: int = 0, *, goes_on: bool = False
+) -> NDArray[np.uint8]:
+    """Unpack to a declared size.
+
+    Parameters
+    ----------
+    data : bytes
+        Parallel writers leave several members of gzip behind one another: all count.
+    packing : {"gzip", "zlib", "deflate", "bzip2"}
+    n_bytes : int
+        That the header declares, checked against the limits.
+    start : int
+        First packed byte.
+    goes_on : bool
+        Whether something else may follow, which is left packed.
+
+    Returns
+    -------
+    (n_bytes,) uint8
+
+    Raises
+    ------
+    MalformedFileError
+        If it unpacks to more or less, or is damaged.
+    """
+    pieces = _pieces(data, packing, start)
+    return filled(pieces, n_bytes, len(data) - start, goes_on=goes_on)
+
+
+def unpacked_head(data: bytes, packing: Packing, most: int, start: int = 0) -> bytes:
+    """Unpack the first bytes, at most so many: a header that declares the rest.
+
+    Raises
+    ------
+    MalformedFileError
+        If it is damaged.
+    """
+    head = b""
+    for piece in _pieces(data, packing, start):
+        head += piece[: most - len(head)]
+        if len(head) == most:
+            break
+    return head
+
+
+def filled(
+    pieces: Iterable[bytes], n_bytes: int, n_packed: int, *, goes_on: bool = False
+) -> NDArray[np.uint8]:
+    """Join pieces that a header declares the size of.
+
+    Parameters
+    ----------
+    pieces : iterable of bytes
+    n_bytes : int
+        Declared size.
+    n_packed : int
+        Bytes that they were unpacked from.
+    goes_on : bool
+        As `unpacked` takes it.
+
+    Raises
+    ------
+    MalformedFileError
+        If there are more or fewer.
+    """
+    # Its pages are the system's until they are written to.
+    plain = np.empty(n_bytes, np.uint8)
+    n = 0
+    for piece in pieces:
+        if n + len(piece) > n_bytes:
+            if not goes_on:
+                raise _other_size("more", n_bytes, n_packed)
+            piece = piece[: n_bytes - n]
+        plain[n : n + len(piece)] = np.frombuffer(piece, np.uint8)
+        n += len(piece)
+        if goes_on and n == n_bytes:
+            break
+    if n < n_bytes:
+        raise _other_size(f"{n}", n_bytes, n_packed)
+    # Nobody copies what cannot change.
+    plain.setflags(write=False)
+    return plain
+
+
+def _pieces(data: bytes, packing: Packing, start: int) -> Iterator[bytes]:
+    try:
+        if packing == "bzip2":
+            packed = io.BytesIO(data)
+            packed.seek(start)
+            with bz2.BZ2File(packed) as stream:
+                while piece := stream.read(PIECE):
+                    yield piece
+        else:
+            yield from _inflated(data, _WINDOWS[packing], start)
+    except (zlib.error, OSError, EOFError):
+        raise MalformedFileError(
+            f"The {len(data) - start} packed bytes are damaged.", remedy="Write the file again."
+        ) from None
+
+
+def _inflated(data: bytes, window: int, at: int) -> Iterator[bytes]:
+    unpack, waiting = zlib.decompressobj(window), b""
+    while waiting or at < len(data):
+        if not waiting:
+            waiting, at = data[at : at + _FED], at + _FED
+        yield unpack.decompress(waiting, PIECE)
+        waiting = unpack.unconsumed_tail
+        if unpack.eof:
+            waiting = unpack.unused_data
+            if window != _WINDOWS["gzip"] or (waiting + data[at : at + 2])[:2] != _GZIP:
+                return
+            unpack = zlib.decompressobj(window)
+    # A stream without an end: what it gave so far counts, as for the tools that write such.
+    yield unpack.flush()
+
+
+def _other_size(held: str, n_bytes: int, n_packed: int) -> MalformedFileError:
+    return MalformedFileError(
+        f"The header declares {n_bytes} bytes, and the {n_packed} packed ones unpack to {held}.",
+        remedy="Write the file again.",
+        details={"declared": n_bytes, "packed": n_packed},
+    )
