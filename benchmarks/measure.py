@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 # Long enough for the clock, short enough that what runs side by side meets the same machine.
 _SHORTEST_SAMPLE_SECONDS = 1e-3
 
@@ -102,6 +104,27 @@ def side_by_side(
                 call()
             samples[name].append((clock() - start) / repeats[name])
     return {name: Times(tuple(seconds)) for name, seconds in samples.items()}
+
+
+def beside_numpy(calls: Mapping[str, Callable[[], object]], n_samples: int = 9) -> dict[str, float]:
+    """Processor time of calls over that of a fixed piece of NumPy work, taken in turn.
+
+    Both meet the same machine, so the ratio says little of how busy it is. Medians of samples.
+    """
+    rng = np.random.default_rng(0)
+    matrix, values = rng.standard_normal((1000, 60)), rng.standard_normal(100_000)
+
+    def work() -> None:
+        np.linalg.qr(matrix)
+        np.sort(values)
+        np.exp(values)
+
+    times = side_by_side({"": work, **calls}, n_samples, time.process_time, 0.02)
+    ratios = {
+        name: [a / b for a, b in zip(times[name].samples, times[""].samples, strict=True)]
+        for name in calls
+    }
+    return {name: statistics.median(of_call) for name, of_call in ratios.items()}
 
 
 def in_words(seconds: float) -> str:
