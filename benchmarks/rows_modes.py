@@ -1,3 +1,96 @@
-"""Rows of the table of truth: modes."""
+"""Rows of the table of truth: modes in closed form, beside eigensolvers."""
 
 from __future__ import annotations
+
+import time
+
+import numpy as np
+from experiments import Row, experiment
+from measure import side_by_side
+from sparse_lattices import lowest_eigenpairs, stiffness_matrix
+from templates import beltrami_modes, left_by, left_by_beltrami
+
+from modalmotion.dynamics import dispersion, wave_vectors
+from modalmotion.fit.basis import make_basis
+from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
+from modalmotion.simulate import VentricleParameters, simulate_ventricle
+from modalmotion.template import choose_modes, make_template
+
+INDIVIDUAL = VentricleParameters(shape_variation=2.0, motion_variation=2.0)
+LATTICES = [
+    *((topology, shape) for topology in (CYLINDER, CUP) for shape in ((5, 6), (9, 14), (12, 16))),
+    *((topology, shape) for topology in (SPHERE, TORUS) for shape in ((6, 8), (12, 16))),
+    (PLANE, (7, 9)),
+    (Topology.parse("pole-open x closed x open"), (4, 6, 3)),
+]
+
+
+@experiment(
+    Row(
+        "modes.eigenvalues.error",
+        "12 lattices against a dense solver, relative",
+        goal=2e-14,
+        tolerance=4e-15,
+    ),
+    Row(
+        "modes.dispersion.error",
+        "eq. 7 at their wave vectors against them, relative",
+        goal=2e-14,
+        tolerance=4e-15,
+    ),
+    quick=True,
+)
+def eigenvalues(_: int) -> tuple[float, float]:
+    worst = worst_wave = 0.0
+    for topology, shape in LATTICES:
+        lattice = Lattice(topology, shape)
+        dense = np.linalg.eigvalsh(stiffness_matrix(lattice).toarray())
+        modes = lattice.all_modes()
+        own = lattice.angular_frequencies(modes) ** 2
+        waves = dispersion(lattice, wave_vectors(lattice, modes)) ** 2
+        worst = max(worst, float(np.abs(np.sort(own) - dense).max() / dense[-1]))
+        worst_wave = max(worst_wave, float(np.abs(np.sort(waves) - dense).max() / dense[-1]))
+    return worst, worst_wave
+
+
+@experiment(
+    Row("modes.template.left", "RMS left by 7 closed-form modes of a mesh over 7 by eigsh"),
+    quick=True,
+)
+def left(seed: int) -> float:
+    # Of the surface itself, weighted by area; five individuals.
+    ratios = []
+    for k in range(5):
+        rng = np.random.default_rng([seed, k])
+        beat = simulate_ventricle(INDIVIDUAL, n_vertices=1500, rng=rng)
+        ratios.append(left_by(beat, 7) / left_by_beltrami(beat, 7))
+    return float(np.mean(ratios))
+
+
+@experiment(
+    Row("modes.template.time", "template of 10,000 vertices and 7 modes over 7 by eigsh", goal=1.0),
+    Row(
+        "modes.lattice.time",
+        "eigsh over shapes of 7 modes of 100 x 100 nodes",
+        goal=800,
+        better="higher",
+    ),
+    is_timed=True,
+)
+def times(seed: int) -> tuple[float, float]:
+    beat = simulate_ventricle(n_vertices=10_000, rng=np.random.default_rng([seed, 9]))
+    one = mesh_sequence(beat.vertices[:1], beat.faces)
+    lattice = Lattice(CUP, (100, 100))
+    modes, matrix = lattice.lowest_modes(7), stiffness_matrix(lattice)
+    calls = {
+        "ours": lambda: make_basis(t := make_template(one), choose_modes(t, 7).modes),
+        "eigsh": lambda: beltrami_modes(one, 7),
+        "shapes": lambda: lattice.shapes(modes),
+        "eigsh of the lattice": lambda: lowest_eigenpairs(matrix, 7),
+    }
+    ours, eigsh, shapes, of_lattice = (
+        each.median for each in side_by_side(calls, 7, time.process_time, 0.02).values()
+    )
+    return ours / eigsh, of_lattice / shapes

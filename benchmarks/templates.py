@@ -53,10 +53,10 @@ def errors() -> Table:
         sequence = recording(f"heart/{name}")
         for n_modes, bound in COUNTS.items():
             left = [
-                _left(sequence, n_modes),
-                _left(sequence, n_modes, closed_form=False),
-                _left_by_beltrami(sequence, n_modes),
-                _left(sequence, n_modes, components=Components.CYLINDRICAL),
+                left_by(sequence, n_modes),
+                left_by(sequence, n_modes, closed_form=False),
+                left_by_beltrami(sequence, n_modes),
+                left_by(sequence, n_modes, components=Components.CYLINDRICAL),
             ]
             cells = (name, str(3 * n_modes), *(f"{value:.3f}" for value in left))
             if name == "lv_endocardium":
@@ -165,7 +165,7 @@ def picture(sequence: MeshSequence, path: Path) -> None:
     template_figure(make_template(sequence)).savefig(path)
 
 
-def _left(
+def left_by(
     sequence: MeshSequence,
     n_modes: int,
     *,
@@ -178,7 +178,7 @@ def _left(
     return float(np.sqrt((fit.errors.weighted_rms**2).mean()))
 
 
-def _left_by_beltrami(sequence: MeshSequence, n_modes: int) -> float:
+def left_by_beltrami(sequence: MeshSequence, n_modes: int) -> float:
     template = make_template(sequence, closed_form=False)
     u = displaced(sequence, template.weights)
     shapes = beltrami_modes(sequence, n_modes) * np.sqrt(_areas(sequence))[:, None]
