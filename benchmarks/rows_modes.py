@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import importlib
 import time
 
 import numpy as np
 from experiments import Row, experiment
-from measure import side_by_side
+from extremes import rows_of
+from measure import beside_numpy, side_by_side
 from sparse_lattices import lowest_eigenpairs, stiffness_matrix
-from templates import beltrami_modes, left_by, left_by_beltrami
+from tradeoff_bases import BELTRAMI, CLOSED, beltrami_modes, fronts
 
 from modalmotion.dynamics import dispersion, wave_vectors
 from modalmotion.fit.basis import make_basis
@@ -65,8 +67,24 @@ def left(seed: int) -> float:
     for k in range(5):
         rng = np.random.default_rng([seed, k])
         beat = simulate_ventricle(INDIVIDUAL, n_vertices=1500, rng=rng)
-        ratios.append(left_by(beat, 7) / left_by_beltrami(beat, 7))
+        found = fronts(beat, 20)
+        ratios.append(found[CLOSED].at(21) / found[BELTRAMI].at(21))
     return float(np.mean(ratios))
+
+
+@experiment(
+    Row("modes.template.large", "template of 250,000 vertices numbered at random, over NumPy work"),
+    is_timed=True,
+)
+def large(seed: int) -> float:
+    rows_of("extremes_lattice_rows")  # where the helpers of tests are found
+    beat = simulate_ventricle(n_vertices=15_650, rng=np.random.default_rng([seed, 8]))
+    moving = beat.vertices[:1].astype(np.float64), beat.faces
+    subdivided = importlib.import_module("template_remeshing").subdivided
+    vertices, faces = subdivided(subdivided(moving))
+    order = np.random.default_rng([seed, 7]).permutation(vertices.shape[1])
+    one = mesh_sequence(vertices[:, order], np.argsort(order)[faces])
+    return beside_numpy({"": lambda: make_template(one)}, n_samples=1)[""]
 
 
 @experiment(

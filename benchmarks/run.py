@@ -9,15 +9,10 @@ from pathlib import Path
 from real_data import told
 
 MODULES = (
-    "lattice",
     "store",
     "index",
     "formats",
-    "templates",
-    "large_meshes",
-    "readouts",
     "tradeoff",
-    "tradeoff_front",
     "codec",
     "tracking",
     "images",
