@@ -184,17 +184,16 @@ def _measured(
     chosen: list[Experiment], seed: int
 ) -> Iterator[tuple[Experiment, dict[str, float] | str]]:
     """Measure: two side by side, then one by one what is timed."""
-    places = {id(each): place for place, each in enumerate(experiments())}
     side_by_side = [each for each in chosen if not each.is_timed]
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(N_PROCESSES, spawn) as pool:
-        waiting = {pool.submit(_measure, places[id(each)], seed): each for each in side_by_side}
+        waiting = {pool.submit(_measure, each.rows[0].name, seed): each for each in side_by_side}
         for done in as_completed(waiting):
             yield waiting[done], _told(waiting[done], *done.result())
     for each in chosen:
         if each.is_timed:
             with ProcessPoolExecutor(1, spawn) as pool:
-                result = pool.submit(_measure, places[id(each)], seed).result()
+                result = pool.submit(_measure, each.rows[0].name, seed).result()
             yield each, _told(each, *result)
 
 
@@ -205,10 +204,10 @@ def _told(
     return measured
 
 
-def _measure(place: int, seed: int) -> tuple[dict[str, float] | str, float]:
+def _measure(name: str, seed: int) -> tuple[dict[str, float] | str, float]:
     from real_data import is_there
 
-    each = experiments()[place]
+    each = next(each for each in experiments() if each.rows[0].name == name)
     if not is_there(each.rows[0].name, *each.needs):
         return f"skipped: {', '.join(each.needs)} not there", 0.0
     start = time.perf_counter()
@@ -249,8 +248,10 @@ def _keep(lines: list[Line], errors: Mapping[str, tuple[float, int]]) -> None:
         for line in lines:
             if line.value is not None:
                 kept[line.row.name] = _kept(line, errors.get(line.row.name))
-        rows = [row for row in _rows(experiments()) if row.name in kept]
-        KEPT.write_text("\n".join(_toml(row, kept[row.name]) for row in rows))
+        places = {row.name: place for place, row in enumerate(_rows(experiments()))}
+        # Rows that came while this ran are kept too, after the others.
+        names = sorted(kept, key=lambda name: places.get(name, len(places)))
+        KEPT.write_text("\n".join(_toml(name, kept[name]) for name in names))
 
 
 def _kept(line: Line, error: tuple[float, int] | None) -> Kept:
@@ -267,11 +268,9 @@ def _kept(line: Line, error: tuple[float, int] | None) -> Kept:
     return Kept(value, float(f"{tolerance:.2g}"), float(f"{spread:.2g}"), n_seeds)
 
 
-def _toml(row: Row, kept: Kept) -> str:
-    values = {name: value for name, value in asdict(kept).items() if value or name != "seeds"}
-    return "\n".join(
-        [f'["{row.name}"]', *(f"{name} = {value!r}" for name, value in values.items()), ""]
-    )
+def _toml(name: str, kept: Kept) -> str:
+    values = {key: value for key, value in asdict(kept).items() if value or key != "seeds"}
+    return "\n".join([f'["{name}"]', *(f"{key} = {value!r}" for key, value in values.items()), ""])
 
 
 def _rows(chosen: list[Experiment]) -> Iterator[Row]:
