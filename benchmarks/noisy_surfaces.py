@@ -76,12 +76,12 @@ def hull(n_vertices: int = 1500) -> NDArray[np.int64]:
     return faces
 
 
-def moving_body(rng: np.random.Generator) -> MeshSequence:
+def moving_body(rng: np.random.Generator, n_frames: int = 20) -> MeshSequence:
     """Let a closed body beat, one end more than the other."""
-    return _beating(closed_body(rng), hull(), rng)
+    return _beating(closed_body(rng), hull(), rng, n_frames)
 
 
-def moving_tube(rng: np.random.Generator) -> MeshSequence:
+def moving_tube(rng: np.random.Generator, n_frames: int = 20) -> MeshSequence:
     """Let a lumpy tube without a stated grid beat."""
     shape = (24, 40)
     along, around = np.meshgrid(*((np.arange(n) + 0.5) / n for n in shape), indexing="ij")
@@ -92,7 +92,7 @@ def moving_tube(rng: np.random.Generator) -> MeshSequence:
         + 1.5 * np.cos(2 * turn + rng.uniform(0, 6))
     )
     x = np.stack([r * np.cos(turn), 0.8 * r * np.sin(turn), 90 * along], axis=2).reshape(-1, 3)
-    return _beating(x, lattice_faces(CYLINDER, shape), rng)
+    return _beating(x, lattice_faces(CYLINDER, shape), rng, n_frames)
 
 
 def with_noise(
@@ -136,8 +136,10 @@ def _directions(n: int) -> Floats:
     return np.stack([radius * np.cos(turn), radius * np.sin(turn), height], axis=1)
 
 
-def _beating(x: Floats, faces: NDArray[np.int64], rng: np.random.Generator) -> MeshSequence:
-    phases = 2 * np.pi * np.arange(20) / 20
+def _beating(
+    x: Floats, faces: NDArray[np.int64], rng: np.random.Generator, n_frames: int
+) -> MeshSequence:
+    phases = 2 * np.pi * np.arange(n_frames) / n_frames
     share = (x[:, 2] - x[:, 2].min()) / np.ptp(x[:, 2])
     inward = 0.1 + 0.15 * share * rng.uniform(0.5, 1.5)
     swing = 4.0 * np.stack([np.cos(2.5 * share), share**2, 0.2 * share], axis=1)

@@ -100,7 +100,7 @@ def auto(seed: int) -> tuple[float, ...]:
     for k in range(20):
         rng = np.random.default_rng([seed, k])
         make = (individual, individual, individual, moving_body, moving_tube)[k % 5]
-        clean = make(rng)
+        clean = make(rng, n_frames=int(rng.choice([10, 16, 25, 40])))
         sigma, noisy = drawn_noise(clean, rng)
         made = mm.modal_signature(noisy, mm.SignatureParameters(auto=True))
         assert made.choice is not None
