@@ -1,3 +1,147 @@
-"""Rows of the table of truth: tracking."""
+"""Rows of the table of truth: tracking without correspondence.
+
+There are no rows of strain: `wall_strain` refuses what was tracked along normals, as clouds,
+contours and images are. `Truth.sequence` has the lattice whose lines are the truth for them.
+"""
 
 from __future__ import annotations
+
+import time
+from itertools import chain
+
+import numpy as np
+from drawn_contours import contoured
+from experiments import Row, experiment
+from judged_tracks import beside_contours, judged, standard_figures, standard_rows
+from real_data import DATA, recording
+from seen_surfaces import Truth, dented, quartered, seen_clouds, ventricles
+
+from modalmotion.tracking import track
+from modalmotion.tracking.parameters import TrackParameters
+from modalmotion.tracking.reading import read_observed
+
+HEART, FILES = "heart/lv_endocardium", DATA / "cine" / "contours"
+
+
+@experiment(
+    *standard_rows("tracking.clouds", "clouds, 1 mm of noise, first surface known", 0.15, 0.3),
+    Row("tracking.clouds.told", "read-outs whose interval of EF is as wide", goal=(1, 1)),
+    quick=True,
+)
+def clouds(seed: int) -> tuple[float, ...]:
+    results = judged(seen_clouds(ventricles(seed, 10), 1.0))
+    return (*standard_figures(results), float(np.mean([one.is_told for one in results])))
+
+
+@experiment(*standard_rows("tracking.strays", "clouds with 30 % strays", 0.17, 0.4, cover=False))
+def strays(seed: int) -> tuple[float, ...]:
+    return standard_figures(judged(seen_clouds(ventricles(seed, 8), 1.0, strays=0.3)), cover=False)
+
+
+@experiment(*standard_rows("tracking.shapes", "clouds without a known surface", 0.2, 0.3))
+def shapes(seed: int) -> tuple[float, ...]:
+    seen = seen_clouds(chain(ventricles(seed, 6), quartered(seed, 6)), 0.5, has_start=False)
+    return standard_figures(judged(seen, has_start=False))
+
+
+@experiment(
+    Row("tracking.dents.rms", "RMS error of EF, motion finer than modes", "points", goal=0.2),
+    Row("tracking.dents_known.rms", "the same, first surface known", "points", goal=0.2),
+)
+def dents(seed: int) -> tuple[float, ...]:
+    seen = [seen_clouds(dented(seed, 8), 0.5, has_start=known) for known in (False, True)]
+    found = [
+        judged(clouds, has_start=known) for clouds, known in zip(seen, (False, True), strict=True)
+    ]
+    return tuple(float(np.sqrt(np.mean([one.off**2 for one in each]))) for each in found)
+
+
+@experiment(
+    *standard_rows("tracking.holes", "clouds with a hole of 10 %", 0.2, 0.4, cover=False),
+    Row("tracking.holes.refused", "clouds with a hole of 10 % that are refused", goal=0),
+    Row("tracking.quarter.bias", "mean error of EF, a quarter unseen", "points", goal=(-0.5, 0.5)),
+    Row("tracking.quarter.worst", "largest error of EF, a quarter unseen", "points", goal=4),
+    Row("tracking.quarter.right", "true EF inside, or refused, a quarter unseen", goal=(0.9, 1)),
+    Row("tracking.quarter.refused", "refused, a quarter unseen", goal=0.34),
+    Row("tracking.quarter.width", "widest interval of EF, a quarter unseen", "points", goal=8),
+)
+def holes(seed: int) -> tuple[float, ...]:
+    tenth, quarter = (
+        judged(seen_clouds(both, 1.0, unseen=share, has_start=False), has_start=False)
+        for share in (0.1, 0.25)
+        for both in [chain(ventricles(seed, 5), quartered(seed, 5))]
+    )
+    off = np.array([one.off for one in quarter])
+    wrong, width = (sum(not one.is_inside for one in quarter), max(one.bound for one in quarter))
+    right = (off.mean(), np.abs(off).max(), 1 - wrong / 10, 1 - len(off) / 10, 2 * width)
+    return (*standard_figures(tenth, cover=False), 1 - len(tenth) / 10, *map(float, right))
+
+
+@experiment(*standard_rows("tracking.remeshed", "meshes that change", 0.1, 0.2, cover=False))
+def remeshed(seed: int) -> tuple[float, ...]:
+    cases = ((truth, truth.remeshed(rng)) for truth, rng in ventricles(seed, 5))
+    return standard_figures(judged(cases), cover=False)
+
+
+def _contours(seed: int, *, vanish: bool) -> tuple[float, ...]:
+    figures: list[float] = []
+    for n_known in (6, 1):
+        cases = contoured(seed, 10, n_known, vanish=vanish)
+        figures += standard_figures(judged(cases, has_start=False, topology="cup"), cover=False)
+    return tuple(figures)
+
+
+@experiment(
+    *standard_rows("tracking.contours", "contours, valve in all frames", 0.4, 0.7, cover=False),
+    *standard_rows("tracking.contours_once", "contours, valve in one", 0.5, 2, cover=False),
+)
+def contours(seed: int) -> tuple[float, ...]:
+    return _contours(seed, vanish=False)
+
+
+@experiment(
+    *standard_rows("tracking.vanish", "vanishing slices, ends in all frames", 0.5, 2, cover=False),
+    *standard_rows("tracking.vanish_once", "vanishing slices, ends in one", 0.5, 2, cover=False),
+)
+def vanishing(seed: int) -> tuple[float, ...]:
+    return _contours(seed, vanish=True)
+
+
+@experiment(
+    Row("tracking.heart.distance", "clouds of a real ventricle, 1 mm of noise", "mm", goal=0.25),
+    Row("tracking.heart.ef", "size of the error of its EF", "points", goal=0.5),
+    needs=(HEART,),
+    quick=True,
+)
+def heart(seed: int) -> tuple[float, ...]:
+    truth = Truth.of(recording(HEART), every=4)
+    (found,) = judged(seen_clouds([(truth, np.random.default_rng([seed, 4]))], 1.0))
+    return found.distance, abs(found.off)
+
+
+@experiment(
+    Row("tracking.real_contours.distance", "from real contours", "mm", goal=0.9, tolerance=0.02),
+    Row(
+        "tracking.real_contours.ef", "EF beside a fitted mesh's", "points", goal=1.5, tolerance=0.2
+    ),
+    needs=(HEART, "cine/contours"),
+)
+def real_contours(_: int) -> tuple[float, ...]:
+    recorded = read_observed(FILES)
+    result = TrackParameters(topology="cup", unit="mm").follow(recorded)
+    return beside_contours(result, recorded, Truth.of(recording(HEART)))[:2]
+
+
+@experiment(Row("tracking.time", "time of a frame beside 1,000 x 1,000 products"), is_timed=True)
+def speed(seed: int) -> float:
+    (truth, rng), *_ = ventricles(seed, 1)
+    frames, start, matrix = truth.seen(2000, 1.0, rng), truth.start(), rng.normal(size=(1000, 1000))
+    ratios = []
+    for _ in range(3):
+        begin = time.process_time()
+        track(frames, start=start, unit="mm")
+        middle = time.process_time()
+        for _ in range(len(frames)):
+            matrix @ matrix
+        ratios.append((middle - begin) / (time.process_time() - middle))
+    return float(np.median(ratios))
