@@ -49,16 +49,16 @@ def drawn_figures(cases: Iterable[Drawn], wall: tuple[int, ...]) -> tuple[float,
     """Median and largest error of EF, share inside, share swapped or refused."""
     off, inside, swapped = [], [], []
     for case in cases:
-        made = from_labels(case.images, (CAVITY,), wall)
         apex, base = (case.truth.vertices[0][list(end)].mean(axis=0) for end in case.truth.ends)
-        tip = made.landmarks["apex"].places[0]
-        swapped.append(bool(np.linalg.norm(tip - apex) > np.linalg.norm(tip - base)))
         try:
+            made = from_labels(case.images, (CAVITY,), wall)
             found = Judged.of(track(made.images, landmarks=made.landmarks), case.truth)
         except InputError:
             inside.append(False)
-            swapped[-1] = True
+            swapped.append(True)
             continue
+        tip = made.landmarks["apex"].places[0]
+        swapped.append(bool(np.linalg.norm(tip - apex) > np.linalg.norm(tip - base)))
         off.append(abs(found.off))
         inside.append(found.is_inside)
     return float(np.median(off)), max(off), float(np.mean(inside)), float(np.mean(swapped))

@@ -36,15 +36,15 @@ class Judged:
         Of the ejection fraction: the error, and half the width of the stated interval.
     ratios : (n,) float64
         Distances of vertices from the true surface over the stated deviations.
-    is_told : bool
-        Whether the read-outs of the track state an interval as wide as its own.
+    told : float
+        Interval that the track's read-outs state over that of the track, at most 1.
     """
 
     distance: float
     off: float
     bound: float
     ratios: Floats
-    is_told: bool
+    told: float
 
     @staticmethod
     def of(result: Track, truth: Truth) -> Judged:
@@ -62,8 +62,8 @@ class Judged:
         off = (result.ejection_fraction or 0.0) - truth.ejection_fraction
         bound = result.ejection_fraction_bound or 0.0
         curve = clinical_readouts(modal_signature(result.sequence), result.sequence).curve
-        is_told = (curve.share_bound or 0.0) >= bound
-        return Judged(float(np.mean(distances)), off, bound, np.concatenate(ratios), is_told)
+        told = min(1.0, (curve.share_bound or 0.0) / max(bound, 1e-9))
+        return Judged(float(np.mean(distances)), off, bound, np.concatenate(ratios), told)
 
     @property
     def is_inside(self) -> bool:

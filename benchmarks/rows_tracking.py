@@ -25,12 +25,12 @@ HEART, FILES = "heart/lv_endocardium", DATA / "cine" / "contours"
 
 @experiment(
     *standard_rows("tracking.clouds", "clouds, 1 mm of noise, first surface known", 0.15, 0.3),
-    Row("tracking.clouds.told", "read-outs whose interval of EF is as wide", goal=(1, 1)),
+    Row("tracking.clouds.told", "their read-outs' interval of EF over theirs", goal=(1, 1)),
     quick=True,
 )
 def clouds(seed: int) -> tuple[float, ...]:
     results = judged(seen_clouds(ventricles(seed, 10), 1.0))
-    return (*standard_figures(results), float(np.mean([one.is_told for one in results])))
+    return (*standard_figures(results), float(np.mean([one.told for one in results])))
 
 
 @experiment(*standard_rows("tracking.strays", "clouds with 30 % strays", 0.17, 0.4, cover=False))
@@ -71,10 +71,12 @@ def holes(seed: int) -> tuple[float, ...]:
         for share in (0.1, 0.25)
         for both in [chain(ventricles(seed, 5), quartered(seed, 5))]
     )
-    off = np.array([one.off for one in quarter])
-    wrong, width = (sum(not one.is_inside for one in quarter), max(one.bound for one in quarter))
-    right = (off.mean(), np.abs(off).max(), 1 - wrong / 10, 1 - len(off) / 10, 2 * width)
-    return (*standard_figures(tenth, cover=False), 1 - len(tenth) / 10, *map(float, right))
+    off = np.array([one.off for one in quarter] or [0.0])
+    wrong = sum(not one.is_inside for one in quarter) / 10
+    width = 2 * max((one.bound for one in quarter), default=0.0)
+    refused = [1 - len(found) / 10 for found in (tenth, quarter)]
+    figures = (float(off.mean()), float(np.abs(off).max()), 1 - wrong, refused[1], width)
+    return (*standard_figures(tenth, cover=False), refused[0], *figures)
 
 
 @experiment(*standard_rows("tracking.remeshed", "meshes that change", 0.1, 0.2, cover=False))
@@ -132,6 +134,7 @@ def real_contours(_: int) -> tuple[float, ...]:
     return beside_contours(result, recorded, Truth.of(recording(HEART)))[:2]
 
 
+# pycpd takes 97 times as long for a pair of frames (docs/decisions/0033-tracking.md).
 @experiment(Row("tracking.time", "time of a frame beside 1,000 x 1,000 products"), is_timed=True)
 def speed(seed: int) -> float:
     (truth, rng), *_ = ventricles(seed, 1)
