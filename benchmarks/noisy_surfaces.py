@@ -77,20 +77,20 @@ def hull(n_vertices: int = 1500) -> NDArray[np.int64]:
 
 
 def moving_body(rng: np.random.Generator, n_frames: int = 20) -> MeshSequence:
-    """Let a closed body beat, one end more than the other."""
-    return _beating(closed_body(rng), hull(), rng, n_frames)
+    """Let a pear with a bulge on one side beat, one end more than the other."""
+    x = closed_body(rng)
+    x[:, :2] *= 1.0 + 0.004 * x[:, 2:]
+    x[:, 0] += 8.0 * np.exp(-np.sum((x - (25.0, 0.0, 10.0)) ** 2, axis=1) / 300.0)
+    return _beating(x, hull(), rng, n_frames)
 
 
 def moving_tube(rng: np.random.Generator, n_frames: int = 20) -> MeshSequence:
-    """Let a lumpy tube without a stated grid beat."""
+    """Let a conical tube with a bulge beat; nothing states that it is a lattice."""
     shape = (24, 40)
     along, around = np.meshgrid(*((np.arange(n) + 0.5) / n for n in shape), indexing="ij")
     turn = 2 * np.pi * around
-    r = (
-        20
-        + 2 * np.cos(turn + rng.uniform(0, 6)) * along
-        + 1.5 * np.cos(2 * turn + rng.uniform(0, 6))
-    )
+    bulge = np.exp(-2.0 * (1.0 - np.cos(turn - 0.5)) - 8.0 * (along - 0.3) ** 2)
+    r = 26.0 - 9.0 * along + 7.0 * bulge + np.cos(2 * turn + rng.uniform(0, 6))
     x = np.stack([r * np.cos(turn), 0.8 * r * np.sin(turn), 90 * along], axis=2).reshape(-1, 3)
     return _beating(x, lattice_faces(CYLINDER, shape), rng, n_frames)
 

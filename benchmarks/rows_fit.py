@@ -8,9 +8,9 @@ from contextlib import suppress
 
 import numpy as np
 from experiments import Row, experiment
+from fit_truth import deviations_of, excess_of
 from measure import side_by_side
 from noisy_surfaces import (
-    Floats,
     closed_body,
     drawn_noise,
     hull,
@@ -24,8 +24,7 @@ from real_data import recording
 
 import modalmotion as mm
 from modalmotion.choice.parameters import ErrorKind
-from modalmotion.fit.basis import make_basis
-from modalmotion.template import choose_modes, make_template
+from modalmotion.template import make_template
 
 REAL = {
     "endocardium": ("heart/lv_endocardium", (7, 18, 54)),
@@ -106,29 +105,12 @@ def auto(seed: int) -> tuple[float, ...]:
         assert made.choice is not None
         noise = made.choice.noise
         assert noise is not None
-        excess.append(_excess(clean, noisy, len(made.modes)))
+        excess.append(excess_of(clean, noisy, len(made.modes)))
         ratios.append(noise.sigma / sigma)
         inside.append(noise.lowest <= sigma <= (noise.highest or 0.0))
     spread = max(max(ratios), 1 / min(ratios))
     middle = (statistics.median(excess), max(excess), statistics.median(ratios), spread)
     return (*middle, 100 * float(np.mean(inside)))
-
-
-def _excess(clean: mm.MeshSequence, noisy: mm.MeshSequence, kept: int) -> float:
-    """Distance from the motion without noise over that of the best whole set."""
-    template = make_template(noisy)
-    asked = mm.SignatureParameters(modes=max(200, kept), template=template.id)
-    found = mm.modal_signature(noisy, asked, template=template)
-    true = mm.modal_signature(clean, asked, template=template)
-    upper = make_basis(template, found.modes).triangle
-    brought, lost = (
-        (np.einsum("ij,tjd->tid", upper, a) ** 2).sum(axis=(0, 2))
-        for a in (found.amplitudes - true.amplitudes, true.amplitudes)
-    )
-    beyond = (true.weighted_rms_errors**2).sum()
-    counts = sorted({len(choose_modes(template, n).modes) for n in range(1, 201)} | {kept})
-    risks = {n: beyond + brought[:n].sum() + lost[n:].sum() for n in counts}
-    return float(np.sqrt(risks[kept] / min(risks.values())))
 
 
 @experiment(
@@ -151,36 +133,13 @@ def deviations(seed: int) -> tuple[float, ...]:
         stated, true, fixed = (
             np.array(each)
             for each in zip(
-                *(_deviations(clean, n_mixings, rng) for clean in surfaces), strict=True
+                *(deviations_of(clean, n_mixings, rng) for clean in surfaces), strict=True
             )
         )
         pooled.append(float(np.sqrt((stated**2).sum() / (true**2).sum())))
         by_surface.append(max(np.maximum(stated / true, true / stated)))
         own.append(float((true / fixed).max()))
     return (*pooled, by_surface[0], own[0])
-
-
-def _deviations(
-    clean: mm.MeshSequence, n_mixings: int, rng: np.random.Generator, n_draws: int = 60
-) -> tuple[float, float, float]:
-    """RMS deviation over frames, modes and directions: stated, true, true on a fixed template."""
-    template = make_template(clean)
-    fixed = mm.SignatureParameters(template=template.id)
-    own, on_fixed, stated = [], [], []
-    for draw in range(n_draws):
-        noisy = with_noise(clean, 0.6, rng, n_mixings=n_mixings)
-        made = mm.modal_signature(noisy, mm.SignatureParameters(deviations=draw < 4))
-        own.append(made.amplitudes[1:])
-        if n_mixings == 0:
-            on_fixed.append(mm.modal_signature(noisy, fixed, template=template).amplitudes[1:])
-        if made.amplitude_deviations is not None:
-            stated.append(made.amplitude_deviations[1:])
-    spreads = (np.std(each, axis=0, ddof=1) for each in (own, on_fixed or own))
-    return (_rms(np.array(stated)), *(_rms(spread) for spread in spreads))  # type: ignore[return-value]
-
-
-def _rms(values: Floats) -> float:
-    return float(np.sqrt((values**2).mean()))
 
 
 @experiment(

@@ -84,7 +84,7 @@ def large(seed: int) -> float:
     vertices, faces = subdivided(subdivided(moving))
     order = np.random.default_rng([seed, 7]).permutation(vertices.shape[1])
     one = mesh_sequence(vertices[:, order], np.argsort(order)[faces])
-    return beside_numpy({"": lambda: make_template(one)}, n_samples=1)[""]
+    return beside_numpy({"template": lambda: make_template(one)}, 1)["template"]
 
 
 @experiment(
