@@ -7,7 +7,7 @@ import time
 from contextlib import suppress
 
 import numpy as np
-from experiments import Row, experiment
+from experiments import Row, experiment, rows
 from fit_truth import deviations_of, excess_of
 from measure import side_by_side
 from noisy_surfaces import (
@@ -26,13 +26,13 @@ import modalmotion as mm
 from modalmotion.choice.parameters import ErrorKind
 from modalmotion.template import make_template
 
+COUNTS = (7, 18, 54)
 REAL = {
-    "endocardium": ("heart/lv_endocardium", (7, 18, 54)),
-    "epicardium": ("heart/epicardium", (7, 18, 54)),
+    "endocardium": ("heart/lv_endocardium", COUNTS),
+    "epicardium": ("heart/epicardium", COUNTS),
     "tongue": ("tongue/00_pada", (4, 7, 10)),
-    "fox": ("fox/walk", (7, 18, 54)),
+    "fox": ("fox/walk", COUNTS),
 }
-SIMULATED = {"lattice": (7, 18, 54), "triangulated": (7, 18, 54)}
 TOLERANCES = (2.0, 1.0, 0.6)
 
 
@@ -59,25 +59,19 @@ def recorded(_: int) -> tuple[float, ...]:
     return tuple(x for name, counts in REAL.values() for x in _left(recording(name), counts))
 
 
-@experiment(*(row for name, counts in SIMULATED.items() for row in _errors(name, counts, None)))
+@experiment(*_errors("lattice", COUNTS, None), *_errors("triangulated", COUNTS, None))
 def simulated(seed: int) -> tuple[float, ...]:
     """Means over eight individuals."""
     of_each = []
     for k in range(8):
-        state = [seed, k]
-        lattice = individual(np.random.default_rng(state), grid=(32, 64))
-        triangulated = individual(np.random.default_rng(state))
-        of_each.append(
-            _left(lattice, SIMULATED["lattice"]) + _left(triangulated, SIMULATED["triangulated"])
-        )
+        lattice = individual(np.random.default_rng([seed, k]), grid=(32, 64))
+        triangulated = individual(np.random.default_rng([seed, k]))
+        of_each.append(_left(lattice, COUNTS) + _left(triangulated, COUNTS))
     return tuple(np.mean(of_each, axis=0).tolist())
 
 
 @experiment(
-    *(
-        Row(f"fit.smallest.{t:g}", f"modes that hold {t:g} mm on a real endocardium", tolerance=0)
-        for t in TOLERANCES
-    ),
+    *rows(TOLERANCES, "fit.smallest.{:g}", "modes that hold {:g} mm, endocardium", tolerance=0),
     quick=True,
     needs=("heart/lv_endocardium",),
 )
