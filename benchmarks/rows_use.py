@@ -1,3 +1,42 @@
-"""Rows of the table of truth: use."""
+"""Rows of the table of truth: what it takes to use it."""
 
 from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+from experiments import Row, experiment
+from started import ROOT, install_seconds, processor_seconds, recorded, saved
+
+
+@experiment(
+    Row("use.import", "import modalmotion, processor time", "s"),
+    Row("use.help", "modalmotion --help, processor time", "s"),
+    Row("use.signature", "modalmotion signature, cold, processor time", "s", goal=0.5),
+    quick=True,
+    is_timed=True,
+)
+def cold(_: int) -> tuple[float, ...]:
+    with tempfile.TemporaryDirectory() as place:
+        program = ("-m", "modalmotion")
+        signature = (*program, "signature", saved(place), "-o", f"{place}/signature.h5")
+        return processor_seconds(("-c", "import modalmotion"), (*program, "--help"), signature)
+
+
+@experiment(Row("use.readme", "lines of README", tolerance=5), quick=True)
+def readme(_: int) -> float:
+    return len((ROOT / "README.md").read_text().splitlines())
+
+
+@experiment(Row("use.install", "pip install of the wheel to the first signature", "s", tolerance=5))
+def install(_: int) -> float:
+    if "MEASURE_INSTALL" not in os.environ:
+        return recorded("use.install")
+    with tempfile.TemporaryDirectory() as place:
+        return install_seconds(Path(place), saved(place))
+
+
+@experiment(Row("use.make_test", "make test, two cores", "s", goal=240, tolerance=20))
+def make_test(_: int) -> float:
+    return recorded("use.make_test")

@@ -1,4 +1,4 @@
-"""Run every benchmark: tables on the screen, plots in bench-output/."""
+"""Run the benchmarks beside the table of truth: peers on the screen, plots in bench-output/."""
 
 from __future__ import annotations
 
@@ -9,9 +9,6 @@ from pathlib import Path
 from real_data import told
 
 MODULES = (
-    "store",
-    "index",
-    "formats",
     "tradeoff",
     "codec",
     "tracking_peers",
@@ -22,12 +19,6 @@ MODULES = (
     "classification_forms",
     "classification_cohorts",
     "classification_few",
-    "start",
-    "load",
-    "replicas",
-    "access",
-    "cluster",
-    "cluster_endurance",
 )
 """Modules of this folder, each with `run(folder) -> list[Table]`."""
 

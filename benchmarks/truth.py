@@ -34,6 +34,7 @@ from experiments import BLOCKS, Experiment, Row, experiments  # noqa: E402 (afte
 
 KEPT: Final = Path(__file__).with_name("truth.toml")
 N_PROCESSES: Final = 2
+OPTIONAL: Final = ("seeds", "recorded")
 # What is equal but for last digits, of another machine or of what is kept.
 _ROUNDING: Final = 1e-3
 
@@ -52,12 +53,15 @@ class Kept:
         Over fresh seeds; 0 of a figure without chance.
     seeds : int
         How many.
+    recorded : str
+        The day on which a row that no table measures was measured by hand.
     """
 
     value: float
     tolerance: float
     standard_error: float = 0.0
     seeds: int = 0
+    recorded: str = ""
 
 
 @dataclass(frozen=True)
@@ -258,7 +262,7 @@ def _kept(line: Line, error: tuple[float, int] | None) -> Kept:
     assert line.value is not None
     value = float(f"{line.value:.6g}")
     if line.row.tolerance is not None:
-        return Kept(value, line.row.tolerance)
+        return Kept(value, line.row.tolerance, recorded=line.kept.recorded if line.kept else "")
     spread, n_seeds = error or (
         (line.kept.standard_error, line.kept.seeds) if line.kept else (0, 0)
     )
@@ -269,7 +273,7 @@ def _kept(line: Line, error: tuple[float, int] | None) -> Kept:
 
 
 def _toml(name: str, kept: Kept) -> str:
-    values = {key: value for key, value in asdict(kept).items() if value or key != "seeds"}
+    values = {key: value for key, value in asdict(kept).items() if value or key not in OPTIONAL}
     return "\n".join([f'["{name}"]', *(f"{key} = {value!r}" for key, value in values.items()), ""])
 
 
