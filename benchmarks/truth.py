@@ -157,7 +157,8 @@ def markdown(kept: Mapping[str, Kept]) -> str:
                 short = "**short**" if row.is_short(stored.value) else ""
                 value = f"{_number(stored.value)} {row.unit}".strip()
                 spread = f"{_number(stored.tolerance)}"
-                texts.append(f"| {row.what} | {value} | {spread} | {_goal(row)} | {short} |")
+                what = row.what.replace("|", r"\|")
+                texts.append(f"| {what} | {value} | {spread} | {_goal(row)} | {short} |")
     return "\n".join(texts) + "\n"
 
 
@@ -251,14 +252,14 @@ def _keep(lines: list[Line], errors: Mapping[str, tuple[float, int]]) -> None:
         kept = read_kept()
         for line in lines:
             if line.value is not None:
-                kept[line.row.name] = _kept(line, errors.get(line.row.name))
+                kept[line.row.name] = kept_of(line, errors.get(line.row.name))
         places = {row.name: place for place, row in enumerate(_rows(experiments()))}
         # Rows that came while this ran are kept too, after the others.
         names = sorted(kept, key=lambda name: places.get(name, len(places)))
         KEPT.write_text("\n".join(_toml(name, kept[name]) for name in names))
 
 
-def _kept(line: Line, error: tuple[float, int] | None) -> Kept:
+def kept_of(line: Line, error: tuple[float, int] | None) -> Kept:
     assert line.value is not None
     value = float(f"{line.value:.6g}")
     if line.row.tolerance is not None:
