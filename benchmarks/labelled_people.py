@@ -56,7 +56,7 @@ class Cohort:
     closed_form: bool = True
 
 
-def recordings(cohort: Cohort, seed: int) -> Iterator[Recorded]:
+def recordings(cohort: Cohort, seed: int | list[int]) -> Iterator[Recorded]:
     """Make all recordings of a cohort; every person does something of each class."""
     rng = np.random.default_rng(seed)
     people = [_person(f"person {k}", rng) for k in range(cohort.n_people)]
