@@ -44,13 +44,13 @@ def on_third(name: str, n_per_class: int, seed: int) -> tuple[float, ...]:
     fraction called globally hypokinetic, and the share of mirror images that are flagged.
     """
     model, rng = load_model(name), np.random.default_rng([seed, 1])
-    drawn = [one for one in hearts(n_per_class, seed) if one[1] in model.classes]
+    drawn = list(hearts(n_per_class, seed, RECIPES[name].classes))
     asked = model.signature_parameters
     cases = [TrainingCase(modal_signature(beat, asked), label) for beat, label in drawn]
     found = evaluate(model, cases)
     ejected = np.array([_ejected(beat) for beat, _ in drawn])
-    answers, truth = (np.array(one) for one in zip(*_answers(found), strict=True))
-    normal = answers[truth == MotionClass.NORMAL] == MotionClass.NORMAL
+    answers = np.array([case.answer or "" for case in found.cases])
+    normal = answers[[label == MotionClass.NORMAL for _, label in drawn]] == MotionClass.NORMAL
     weak = answers[ejected > _PRESERVED] == MotionClass.HYPOKINESIA
     mirrored = [bool(classify(mirror_image(beat, rng), model).flags) for beat, _ in drawn[::4]]
     return *_figures(found), float(normal.mean()), float(weak.mean()), float(np.mean(mirrored))
@@ -80,8 +80,10 @@ def with_few(n: int, n_tested: int, sizes: tuple[int, ...], seed: int) -> tuple[
     Against the better of the motion alone and of ejection fraction with size, on normal and
     akinetic ventricles of two generators.
     """
-    kinds = ("first", "third")
-    made = [(few_cases(n, 2 * seed, k), few_cases(n_tested, 2 * seed + 1, k)) for k in kinds]
+    made = [
+        (few_cases(n, 2 * seed, is_third=third), few_cases(n_tested, 2 * seed + 1, is_third=third))
+        for third in (False, True)
+    ]
     values: list[float] = []
     for size in sizes:
         found, better = [], []
@@ -136,10 +138,6 @@ def _figures(found: Evaluation) -> tuple[float, ...]:
     held = [case.truth in case.class_set for case in given]
     answered = len(given) / found.n_cases
     return *mean([found]), answered, float(np.mean(apart)), float(np.mean(held))
-
-
-def _answers(found: Evaluation) -> list[tuple[str, str]]:
-    return [(case.answer or "", case.truth) for case in found.cases]
 
 
 def _ejected(beat: MeshSequence) -> float:

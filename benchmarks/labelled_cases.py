@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
-from labelled_cohorts import COHORTS
-from labelled_people import recordings
+from labelled_cohorts import COHORTS, recordings
 from numpy.typing import NDArray
 from real_data import files_of
-from third_generator import draw, record
+from third_generator import hearts
 
 from modalmotion.classification import TrainingCase, TrainingOptions
 from modalmotion.formats import read_sequence
-from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.simulate import MotionClass, simulate_cohort
 
 QUICK: Final = TrainingOptions(repetitions=1, card="quick")
@@ -24,7 +22,7 @@ QUICK: Final = TrainingOptions(repetitions=1, card="quick")
 ALONE: Final = replace(QUICK, further=False)
 """Nothing but the motion."""
 
-FEW_CLASSES: Final = (MotionClass.NORMAL, MotionClass.AKINESIA)
+_FEW: Final = (MotionClass.NORMAL, MotionClass.AKINESIA)
 
 _WINDOW: Final = 12
 
@@ -85,35 +83,22 @@ def halves(cases: list[TrainingCase]) -> Folds:
     return [(np.flatnonzero(is_first == side), np.flatnonzero(is_first != side)) for side in (1, 0)]
 
 
-def few_cases(n: int, seed: int, generator: str) -> list[TrainingCase]:
-    """Simulate normal and akinetic ventricles of one of two generators, fitted once."""
-    drawn = _first(n, seed) if generator == "first" else _third(n, seed)
-    asked = TrainingOptions().signature_parameters
+def few_cases(n: int, seed: int, *, is_third: bool) -> list[TrainingCase]:
+    """Simulate normal and akinetic ventricles of the first or third generator, fitted once."""
+    first = simulate_cohort(n, rng=np.random.default_rng(seed), classes=_FEW)
+    drawn = hearts(n, seed, _FEW) if is_third else ((c.sequence, str(c.label)) for c in first)
+    asked = QUICK.signature_parameters
     return [
-        TrainingCase(motion, label, f"{seed} {k}").fitted(asked)
-        for k, (motion, label) in enumerate(drawn)
+        TrainingCase(beat, label, f"{seed} {k}").fitted(asked)
+        for k, (beat, label) in enumerate(drawn)
     ]
-
-
-def _first(n: int, seed: int) -> Iterator[tuple[MeshSequence, str]]:
-    for case in simulate_cohort(n, rng=np.random.default_rng(seed), classes=FEW_CLASSES):
-        yield case.sequence, str(case.label)
-
-
-def _third(n: int, seed: int) -> Iterator[tuple[MeshSequence, str]]:
-    for k in range(n):
-        for label in FEW_CLASSES:
-            rng = np.random.default_rng([seed, k, len(label)])
-            yield record(draw(label, rng), rng), str(label)
 
 
 def of_pool(pool: list[TrainingCase], n: int, rng: np.random.Generator) -> list[TrainingCase]:
     """Draw so many cases of each class."""
     labels = np.array([case.label for case in pool])
-    chosen = [
-        rng.choice(np.flatnonzero(labels == name), n, replace=False) for name in np.unique(labels)
-    ]
-    return [pool[i] for i in np.concatenate(chosen)]
+    places = [np.flatnonzero(labels == name) for name in np.unique(labels)]
+    return [pool[i] for of_class in places for i in rng.choice(of_class, n, replace=False)]
 
 
 def area_of_volume(few: list[TrainingCase], tested: list[TrainingCase]) -> float:
@@ -123,18 +108,12 @@ def area_of_volume(few: list[TrainingCase], tested: list[TrainingCase]) -> float
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
 
+    def two_numbers(cases: list[TrainingCase]) -> list[tuple[float, float]]:
+        volumes = [case.signature.volumes for case in cases]
+        assert all(each is not None for each in volumes)
+        return [(1.0 - v.min() / v.max(), np.log(v.max())) for v in volumes if v is not None]
+
     two: Any = make_pipeline(StandardScaler(), LogisticRegression(max_iter=1000))
-    two.fit(_volumes(few), [case.label for case in few])
+    two.fit(two_numbers(few), [case.label for case in few])
     truth = [case.label == two.classes_[1] for case in tested]
-    return float(roc_auc_score(truth, two.predict_proba(_volumes(tested))[:, 1]))
-
-
-def _volumes(cases: list[TrainingCase]) -> NDArray[np.float64]:
-    """Share of the largest volume that is lost, and the log of the largest, (cases, 2)."""
-    found = []
-    for case in cases:
-        volumes = case.signature.volumes
-        assert volumes is not None
-        length = MM_PER_UNIT[case.signature.unit or "mm"]
-        found.append((1.0 - volumes.min() / volumes.max(), np.log(volumes.max() * length**3)))
-    return np.array(found)
+    return float(roc_auc_score(truth, two.predict_proba(two_numbers(tested))[:, 1]))

@@ -66,11 +66,11 @@ def _shipped(kind: str, model: str) -> None:
 
     @experiment(*_rows(f"{kind}.own", f"{of_model}, hearts of its generator", _OWN))
     def of_own(seed: int) -> tuple[float, ...]:
-        return on_own(model, 24, seed)
+        return on_own(model, 20, seed)
 
     @experiment(*_rows(f"{kind}.third", f"{of_model}, hearts of a third generator", _THIRD))
     def of_third(seed: int) -> tuple[float, ...]:
-        return on_third(model, 40, seed)
+        return on_third(model, 30, seed)
 
 
 _shipped("material", DEFAULT_MODEL)

@@ -14,11 +14,6 @@ MODULES = (
     "tracking_peers",
     "image_peers",
     "classification",
-    "classification_domain",
-    "classification_invariance",
-    "classification_forms",
-    "classification_cohorts",
-    "classification_few",
 )
 """Modules of this folder, each with `run(folder) -> list[Table]`."""
 

@@ -6,7 +6,7 @@ of its own; the classes are those of `modalmotion.simulate.MotionClass`, as thei
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -61,11 +61,13 @@ class Heart:
     flash: float = 0.0
 
 
-def hearts(n_per_class: int, seed: int) -> Iterator[tuple[MeshSequence, str]]:
-    """Draw recordings of all classes, as many of each, with their labels."""
-    for number, label in enumerate(MotionClass):
+def hearts(
+    n_per_class: int, seed: int, classes: Sequence[MotionClass] = tuple(MotionClass)
+) -> Iterator[tuple[MeshSequence, str]]:
+    """Draw recordings of as many of each class, with their labels."""
+    for label in classes:
         for k in range(n_per_class):
-            rng = np.random.default_rng([seed, number, k])
+            rng = np.random.default_rng([seed, tuple(MotionClass).index(label), k])
             yield record(draw(label, rng), rng), str(label)
 
 
