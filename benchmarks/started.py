@@ -8,7 +8,6 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import time
 import tomllib
 from pathlib import Path
 from typing import Final
@@ -41,29 +40,22 @@ def processor_seconds(*commands: tuple[str, ...], n_rounds: int = 5) -> tuple[fl
     return tuple(USUAL_SECONDS * statistics.median(of_command[1:]) for of_command in ratios)
 
 
-def install_seconds(folder: Path, recording: str) -> float:
-    """Time from a wheel to the first signature, in an environment of its own; asks for the network.
+def install_seconds() -> float:
+    """Processor time from a wheel to the first signature, in an environment of its own.
 
-    Parameters
-    ----------
-    folder : Path
-        Empty; the environment stays in it.
-    recording : str
+    Measured where MEASURE_INSTALL is set: it asks for the network, whose time does not count.
     """
-    build = [sys.executable, "-m", "pip", "wheel", "--no-deps", "-q", "-w", str(folder), str(ROOT)]
-    subprocess.run(build, check=True)
-    subprocess.run([sys.executable, "-m", "venv", str(folder / "venv")], check=True)
-    wheel = str(next(folder.glob("*.whl")))
-    programs = folder / "venv" / "bin"
-    start = time.perf_counter()
-    subprocess.run([programs / "python", "-m", "pip", "install", "-q", wheel], check=True)
-    subprocess.run(
-        [programs / "modalmotion", "signature", recording],
-        cwd=folder,
-        stdout=subprocess.DEVNULL,
-        check=True,
-    )
-    return time.perf_counter() - start
+    if "MEASURE_INSTALL" not in os.environ:
+        return recorded("use.install")
+    with tempfile.TemporaryDirectory() as place:
+        python = str(Path(place) / "venv" / "bin" / "python")
+        pip = ("-m", "pip", "-q", "--disable-pip-version-check")
+        _run(sys.executable, *pip, "wheel", "--no-deps", "-w", place, str(ROOT))
+        _run(sys.executable, "-m", "venv", str(Path(place) / "venv"))
+        before, (wheel,) = _children(), Path(place).glob("*.whl")
+        _run(python, *pip, "install", str(wheel))
+        _run(python, "-m", "modalmotion", "signature", saved(place), "-o", f"{place}/signature.h5")
+        return _children() - before
 
 
 def saved(folder: str) -> str:
@@ -80,9 +72,13 @@ def recorded(name: str) -> float:
 
 def _spent(command: tuple[str, ...], environment: dict[str, str]) -> float:
     before = _children()
-    python = [sys.executable, *command]
-    subprocess.run(python, env=environment, stdout=subprocess.DEVNULL, check=True)
+    _run(sys.executable, *command, environment=environment)
     return _children() - before
+
+
+def _run(*command: str, environment: dict[str, str] | None = None) -> None:
+    # In a folder without the sources: what is installed, or stated, is run.
+    subprocess.run(command, env=environment, stdout=subprocess.DEVNULL, cwd="/", check=True)
 
 
 def _children() -> float:
