@@ -78,7 +78,7 @@ def _spent(command: tuple[str, ...], environment: dict[str, str]) -> float:
 
 def _run(*command: str, environment: dict[str, str] | None = None) -> None:
     # In a folder without the sources: what is installed, or stated, is run.
-    subprocess.run(command, env=environment, stdout=subprocess.DEVNULL, cwd="/", check=True)
+    subprocess.run(command, env=environment, capture_output=True, cwd="/", check=True)
 
 
 def _children() -> float:
