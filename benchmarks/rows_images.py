@@ -19,10 +19,10 @@ from modalmotion.tracking.reading import read_observed
 FILES = DATA / "cine" / "contours"
 
 _KINDS = (
-    ("ct", "CT of 1 mm", 0.4, 1.0, 6),
-    ("echo", "echo of 1.2 mm", 0.6, 1.5, 6),
-    ("mri", "MRI of 1.4 x 1.4 x 8 mm", 0.6, 1.5, 6),
-    ("cine", "cine of 9 planes", 0.6, 1.5, 8),
+    ("ct", "CT of 1.5 mm", 0.4, 1.0, 6, 1.5),
+    ("echo", "echo of 1.2 mm", 0.6, 1.5, 4, 1.0),
+    ("mri", "MRI of 1.4 x 1.4 x 8 mm", 0.6, 1.5, 5, 1.0),
+    ("cine", "cine of 9 planes", 0.6, 1.5, 6, 1.0),
 )
 
 
@@ -35,15 +35,15 @@ def _of_kind(
     )
 
 
-for _kind, _what, _distance, _spread, _n in _KINDS:
+for _kind, _what, _distance, _spread, _n, _coarse in _KINDS:
     _rows = standard_rows(f"images.{_kind}", _what, _distance, _spread)
-    experiment(*_rows, quick=_kind == "mri")(partial(_of_kind, _kind, _n))
+    experiment(*_rows, quick=_kind == "mri")(partial(_of_kind, _kind, _n, coarseness=_coarse))
 
 
 @experiment(*standard_rows("images.labels", "label maps of 1.5 mm", 0.4, 1.0))
 def labels(seed: int) -> tuple[float, ...]:
     results = []
-    for one in phantoms("ct", seed, 6, 3, coarseness=4.0):
+    for one in phantoms("ct", seed, 5, 3, coarseness=4.0):
         made = labelled(one, 1.5)
         results.append(Judged.of(track(made.images, landmarks=made.landmarks), Truth.of(one.truth)))
     return standard_figures(results)
@@ -63,7 +63,7 @@ def _drawn_rows(name: str, what: str) -> tuple[Row, ...]:
     *_drawn_rows("images.drawn_bare", "hand-drawn maps without a wall"),
 )
 def drawn(seed: int) -> tuple[float, ...]:
-    cases = list(drawn_maps(seed, 16))
+    cases = list(drawn_maps(seed, 12))
     return (*drawn_figures(cases, (WALL,)), *drawn_figures(cases, ()))
 
 
@@ -74,7 +74,7 @@ def drawn(seed: int) -> tuple[float, ...]:
     Row("images.valve_once.inside", "true EF inside, valve at ED", goal=(0.9, 1)),
 )
 def valve(seed: int) -> tuple[float, ...]:
-    cases = [*phantoms("mri", seed, 4, 6), *phantoms("ct", seed, 4, 6, coarseness=2.0)]
+    cases = [*phantoms("mri", seed, 3, 5), *phantoms("ct", seed, 3, 5, coarseness=2.0)]
     return (*valve_figures(cases, at_systole=True), *valve_figures(cases, at_systole=False))
 
 
@@ -84,7 +84,7 @@ def valve(seed: int) -> tuple[float, ...]:
 )
 def shifted(seed: int) -> tuple[float, ...]:
     smooth, rough = (
-        _of_kind("cine", 7, seed, cover=False, slice_shift=2.0, trabeculae=depth)
+        _of_kind("cine", 5, seed, cover=False, slice_shift=2.0, trabeculae=depth)
         for depth in (0, 6)
     )
     return (*smooth, *rough)

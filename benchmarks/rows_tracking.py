@@ -29,18 +29,18 @@ HEART, FILES = "heart/lv_endocardium", DATA / "cine" / "contours"
     quick=True,
 )
 def clouds(seed: int) -> tuple[float, ...]:
-    results = judged(seen_clouds(ventricles(seed, 10), 1.0))
+    results = judged(seen_clouds(ventricles(seed, 8), 1.0))
     return (*standard_figures(results), float(np.mean([one.told for one in results])))
 
 
 @experiment(*standard_rows("tracking.strays", "clouds with 30 % strays", 0.17, 0.4, cover=False))
 def strays(seed: int) -> tuple[float, ...]:
-    return standard_figures(judged(seen_clouds(ventricles(seed, 8), 1.0, strays=0.3)), cover=False)
+    return standard_figures(judged(seen_clouds(ventricles(seed, 6), 1.0, strays=0.3)), cover=False)
 
 
 @experiment(*standard_rows("tracking.shapes", "clouds without a known surface", 0.2, 0.3))
 def shapes(seed: int) -> tuple[float, ...]:
-    seen = seen_clouds(chain(ventricles(seed, 6), quartered(seed, 6)), 0.5, has_start=False)
+    seen = seen_clouds(chain(ventricles(seed, 5), quartered(seed, 5)), 0.5, has_start=False)
     return standard_figures(judged(seen, has_start=False))
 
 
@@ -49,7 +49,7 @@ def shapes(seed: int) -> tuple[float, ...]:
     Row("tracking.dents_known.rms", "the same, first surface known", "points", goal=0.2),
 )
 def dents(seed: int) -> tuple[float, ...]:
-    seen = [seen_clouds(dented(seed, 8), 0.5, has_start=known) for known in (False, True)]
+    seen = [seen_clouds(dented(seed, 6), 0.5, has_start=known) for known in (False, True)]
     found = [
         judged(clouds, has_start=known) for clouds, known in zip(seen, (False, True), strict=True)
     ]
@@ -69,26 +69,26 @@ def holes(seed: int) -> tuple[float, ...]:
     tenth, quarter = (
         judged(seen_clouds(both, 1.0, unseen=share, has_start=False), has_start=False)
         for share in (0.1, 0.25)
-        for both in [chain(ventricles(seed, 5), quartered(seed, 5))]
+        for both in [chain(ventricles(seed, 4), quartered(seed, 4))]
     )
     off = np.array([one.off for one in quarter] or [0.0])
-    wrong = sum(not one.is_inside for one in quarter) / 10
+    wrong = sum(not one.is_inside for one in quarter) / 8
     width = 2 * max((one.bound for one in quarter), default=0.0)
-    refused = [1 - len(found) / 10 for found in (tenth, quarter)]
+    refused = [1 - len(found) / 8 for found in (tenth, quarter)]
     figures = (float(off.mean()), float(np.abs(off).max()), 1 - wrong, refused[1], width)
     return (*standard_figures(tenth, cover=False), refused[0], *figures)
 
 
 @experiment(*standard_rows("tracking.remeshed", "meshes that change", 0.1, 0.2, cover=False))
 def remeshed(seed: int) -> tuple[float, ...]:
-    cases = ((truth, truth.remeshed(rng)) for truth, rng in ventricles(seed, 5))
+    cases = ((truth, truth.remeshed(rng)) for truth, rng in ventricles(seed, 4))
     return standard_figures(judged(cases), cover=False)
 
 
 def _contours(seed: int, *, vanish: bool) -> tuple[float, ...]:
     figures: list[float] = []
     for n_known in (6, 1):
-        cases = contoured(seed, 10, n_known, vanish=vanish)
+        cases = contoured(seed, 8, n_known, vanish=vanish)
         figures += standard_figures(judged(cases, has_start=False, topology="cup"), cover=False)
     return tuple(figures)
 
