@@ -7,6 +7,7 @@ contours and images are. `Truth.sequence` has the lattice whose lines are the tr
 from __future__ import annotations
 
 import time
+from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -49,11 +50,11 @@ def shapes(seed: int) -> tuple[float, ...]:
     Row("tracking.dents_known.rms", "the same, first surface known", "points", goal=0.2),
 )
 def dents(seed: int) -> tuple[float, ...]:
-    seen = [seen_clouds(dented(seed, 6), 0.5, has_start=known) for known in (False, True)]
-    found = [
-        judged(clouds, has_start=known) for clouds, known in zip(seen, (False, True), strict=True)
-    ]
-    return tuple(float(np.sqrt(np.mean([one.off**2 for one in each]))) for each in found)
+    figures = []
+    for known in (False, True):
+        seen = seen_clouds(dented(seed, 6), 0.5, has_start=known)
+        figures.append(np.sqrt(np.mean([one.off**2 for one in judged(seen, has_start=known)])))
+    return tuple(map(float, figures))
 
 
 @experiment(
@@ -85,7 +86,7 @@ def remeshed(seed: int) -> tuple[float, ...]:
     return standard_figures(judged(cases), cover=False)
 
 
-def _contours(seed: int, *, vanish: bool) -> tuple[float, ...]:
+def _contours(vanish: bool, seed: int) -> tuple[float, ...]:
     figures: list[float] = []
     for n_known in (6, 1):
         cases = contoured(seed, 8, n_known, vanish=vanish)
@@ -93,20 +94,14 @@ def _contours(seed: int, *, vanish: bool) -> tuple[float, ...]:
     return tuple(figures)
 
 
-@experiment(
-    *standard_rows("tracking.contours", "contours, valve in all frames", 0.4, 0.7, cover=False),
-    *standard_rows("tracking.contours_once", "contours, valve in one", 0.5, 2, cover=False),
-)
-def contours(seed: int) -> tuple[float, ...]:
-    return _contours(seed, vanish=False)
-
-
-@experiment(
-    *standard_rows("tracking.vanish", "vanishing slices, ends in all frames", 0.5, 2, cover=False),
-    *standard_rows("tracking.vanish_once", "vanishing slices, ends in one", 0.5, 2, cover=False),
-)
-def vanishing(seed: int) -> tuple[float, ...]:
-    return _contours(seed, vanish=True)
+for _vanish, _name, _what in (
+    (False, "tracking.contours", "contours, valve"),
+    (True, "tracking.vanish", "vanishing slices, ends"),
+):
+    experiment(
+        *standard_rows(_name, f"{_what} in all frames", 0.5, 2, cover=False),
+        *standard_rows(f"{_name}_once", f"{_what} in one frame", 0.5, 2, cover=False),
+    )(partial(_contours, _vanish))
 
 
 @experiment(
