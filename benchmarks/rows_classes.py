@@ -147,4 +147,4 @@ def answer(seed: int) -> float:
     signature = modal_signature(beat, model.signature_parameters)
     calls = {"class": lambda: classify(signature, model), "svd": lambda: np.linalg.svd(work)}
     times = side_by_side(calls, 20, time.process_time, 0.02)
-    return times["class"].median / times["svd"].median
+    return times["class"].best / times["svd"].best
