@@ -8,7 +8,7 @@ OPEN ?=
 # The quick table of truth; its kept values for docs/truth.md; some of its rows: make truth ONLY="fit codec"
 QUICK ?=
 MARKDOWN ?=
-# Which benchmarks; all of them by default: make bench ONLY="lattice codec"
+# Which benchmarks; all of them by default: make bench ONLY="tradeoff codec"
 ONLY ?=
 SETUP := pyproject.toml constraints.txt
 # Three processes on two cores, for tests wait too: for services, workers, a browser.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import time
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,52 +18,53 @@ from modalmotion.codec.measure import measure
 from modalmotion.mesh.sequence import MeshSequence
 
 Positions = NDArray[np.float32]
-Coder = Callable[[Positions, float], tuple[int, Positions]]
+Volume = NDArray[np.float32]
+IN_HDF5 = "SZ3 in HDF5"
 
 
-def mean_diagonal(vertices: Positions) -> float:
-    """D: mean over frames of the diagonal of the bounding box."""
-    extent = np.ptp(vertices.astype(np.float64), axis=1)
-    return float(np.linalg.norm(extent, axis=1).mean())
+@dataclass(frozen=True)
+class Peer:
+    """A coder: three arrays, one for each direction, or all positions, to bytes and back.
+
+    Parameters
+    ----------
+    encode : callable
+        From positions and a setting to what `decode` takes.
+    decode : callable
+    size : callable
+        Bytes of that.
+    """
+
+    encode: Callable[[Positions, float], Any]
+    decode: Callable[[Any], Positions]
+    size: Callable[[Any], int]
+
+    def at_rms(self, exact: Positions, wanted: float) -> float | None:
+        """Find the coarsest setting that keeps an RMS."""
+        low, high, best = np.log(wanted) - 4.0, np.log(wanted) + 4.0, None
+        for _ in range(12):
+            middle = (low + high) / 2
+            setting = float(np.exp(middle))
+            if measure(exact, self.decode(self.encode(exact, setting))).rms <= wanted:
+                best, low = setting, middle
+            else:
+                high = middle
+        return best
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
-    """A peer at the coarsest setting that keeps the error."""
-
-    n_bytes: int
-    decoded: Positions
-    seconds: float
-    setting: float
-
-
-def at_error(coder: Coder, exact: Positions, kind: str, wanted: float) -> Found | None:
-    low, high = np.log(wanted) - 4.0, np.log(wanted) + 4.0
-    best: Found | None = None
-    for _ in range(12):
-        middle = (low + high) / 2
-        start = time.perf_counter()
-        n_bytes, decoded = coder(exact, float(np.exp(middle)))
-        seconds = time.perf_counter() - start
-        errors = measure(exact, decoded)
-        if (errors.rms if kind == "rms" else errors.max_error) <= wanted:
-            if best is None or n_bytes < best.n_bytes:
-                best = Found(n_bytes, decoded, seconds, float(np.exp(middle)))
-            low = middle
-        else:
-            high = middle
-    return best
-
-
-def peers_of(sequence: MeshSequence) -> dict[str, Coder]:
-    """Those that are installed."""
-    peers: dict[str, tuple[str, Coder]] = {
-        "SZ3": ("hdf5plugin", partial(sz3, sequence.grid)),
-        "zfp": ("zfpy", partial(_zfp, sequence.grid)),
-        "PCA, basis counted": ("numpy", partial(_pca, _principal(sequence))),
-        "Draco, each frame": ("DracoPy", partial(_draco, sequence.faces)),
+def peers_of(sequence: MeshSequence) -> dict[str, Peer]:
+    """Those that are installed, each with the layout of the numbers that it compresses best."""
+    grid = sequence.grid or (sequence.n_vertices,)
+    principal = _principal(sequence)
+    peers = {
+        "SZ3, interpolated": ("pysz", _by_volumes(grid, *_sz3("INTERP_LORENZO"))),
+        "SZ3, predicted": ("pysz", _by_volumes(grid, *_sz3("LORENZO_REG"))),
+        IN_HDF5: ("hdf5plugin", _by_volumes(grid, _hdf5_written, _hdf5_read, _hdf5_size)),
+        "zfp": ("zfpy", _by_volumes(grid, *_zfp())),
+        "PCA, basis counted": ("numpy", Peer(partial(_pca, principal), _second, _first)),
+        "Draco, each frame": ("DracoPy", Peer(partial(_draco, sequence.faces), _second, _first)),
     }
-    return {name: coder for name, (module, coder) in peers.items() if is_installed(module)}
+    return {name: peer for name, (module, peer) in peers.items() if is_installed(module)}
 
 
 @cache
@@ -76,59 +76,96 @@ def is_installed(module: str) -> bool:
     return there
 
 
-def volumes_of(exact: Positions, grid: tuple[int, ...] | None) -> list[NDArray[np.float32]]:
-    """Three arrays, one for each direction: frames x vertices, or frames x rows x columns."""
-    shape = (len(exact), *(grid or exact.shape[1:2]))
-    return [np.ascontiguousarray(exact[:, :, i]).reshape(shape) for i in range(3)]
+def _by_volumes(
+    grid: tuple[int, ...],
+    write: Callable[[Volume, float], Any],
+    read: Callable[[Any], Volume],
+    size: Callable[[Any], int],
+) -> Peer:
+    """Code frames x vertices, or frames x rows x columns, direction by direction."""
+
+    def encode(exact: Positions, setting: float) -> list[Any]:
+        shape = (len(exact), *grid)
+        volumes = (np.ascontiguousarray(exact[:, :, i]).reshape(shape) for i in range(3))
+        return [write(volume, setting) for volume in volumes]
+
+    def decode(parts: list[Any]) -> Positions:
+        volumes = [read(part) for part in parts]
+        return np.stack([volume.reshape(len(volume), -1) for volume in volumes], axis=-1)
+
+    return Peer(encode, decode, lambda parts: sum(map(size, parts)))
 
 
-def _joined(volumes: list[NDArray[Any]], exact: Positions) -> Positions:
-    return np.stack([v.reshape(exact.shape[:2]) for v in volumes], axis=-1).astype(np.float32)
+def _sz3(algorithm: str) -> tuple[Any, Any, Any]:
+    """SZ3 itself, by one of its algorithms."""
+
+    def write(volume: Volume, bound: float) -> tuple[Any, tuple[int, ...]]:
+        pysz = import_module("pysz")
+        config = pysz.szConfig()
+        config.errorBoundMode = pysz.szErrorBoundMode.ABS
+        config.absErrorBound = bound
+        config.cmprAlgo = getattr(pysz.szAlgorithm, algorithm)
+        return pysz.sz.compress(volume, config)[0], volume.shape
+
+    def read(part: tuple[Any, tuple[int, ...]]) -> Volume:
+        volume: Volume = import_module("pysz").sz.decompress(part[0], np.float32, part[1])[0]
+        return volume
+
+    return write, read, lambda part: part[0].nbytes
 
 
-def sz3_file(volume: NDArray[np.float32], bound: float) -> io.BytesIO:
+def _hdf5_written(volume: Volume, bound: float) -> io.BytesIO:
     import h5py
-
-    hdf5plugin = import_module("hdf5plugin")
 
     file = io.BytesIO()
     with h5py.File(file, "w") as h5:
-        filters = hdf5plugin.SZ3(absolute=bound)
+        filters = import_module("hdf5plugin").SZ3(absolute=bound)
         h5.create_dataset("x", data=volume, chunks=volume.shape, **filters)
     return file
 
 
-def sz3_read(file: io.BytesIO) -> tuple[int, NDArray[np.float32]]:
+def _hdf5_read(file: io.BytesIO) -> Volume:
     import h5py
 
     with h5py.File(file, "r") as h5:
-        return h5["x"].id.get_storage_size(), h5["x"][:]
+        volume: Volume = h5["x"][:]
+        return volume
 
 
-def sz3(grid: tuple[int, ...] | None, exact: Positions, setting: float) -> tuple[int, Positions]:
-    parts = [sz3_read(sz3_file(volume, setting)) for volume in volumes_of(exact, grid)]
-    return sum(n for n, _ in parts), _joined([v for _, v in parts], exact)
+def _hdf5_size(file: io.BytesIO) -> int:
+    import h5py
+
+    with h5py.File(file, "r") as h5:
+        return int(h5["x"].id.get_storage_size())
 
 
-def _zfp(grid: tuple[int, ...] | None, exact: Positions, setting: float) -> tuple[int, Positions]:
-    zfpy = import_module("zfpy")
-    packed = [zfpy.compress_numpy(v, tolerance=setting) for v in volumes_of(exact, grid)]
-    return sum(map(len, packed)), _joined([zfpy.decompress_numpy(p) for p in packed], exact)
+def _zfp() -> tuple[Any, Any, Any]:
+    return (
+        lambda volume, setting: import_module("zfpy").compress_numpy(volume, tolerance=setting),
+        lambda data: import_module("zfpy").decompress_numpy(data),
+        len,
+    )
 
 
-Principal = tuple[NDArray[np.float64], ...]
+def _first(found: tuple[int, Positions]) -> int:
+    return found[0]
 
 
-def _principal(sequence: MeshSequence) -> Principal:
+def _second(found: tuple[int, Positions]) -> Positions:
+    return found[1]
+
+
+def _principal(sequence: MeshSequence) -> tuple[NDArray[np.float64], ...]:
     """Mean, trajectories, strengths and coefficients of the principal components."""
     exact = sequence.vertices.astype(np.float64)
     flat = exact.transpose(0, 2, 1).reshape(3 * len(exact), -1)
     mean = flat.mean(axis=1, keepdims=True)
-    U, s, Vt = np.linalg.svd(flat - mean, full_matrices=False)
-    return mean, U, s, Vt
+    return (mean, *np.linalg.svd(flat - mean, full_matrices=False))
 
 
-def _pca(principal: Principal, exact: Positions, setting: float) -> tuple[int, Positions]:
+def _pca(
+    principal: tuple[NDArray[np.float64], ...], exact: Positions, setting: float
+) -> tuple[int, Positions]:
     """Principal components of the trajectories; basis and coefficients in one step, deflated."""
     mean, U, s, Vt = principal
     left = np.sqrt(np.maximum((s**2).sum() - np.cumsum(s**2), 0.0) / exact[..., 0].size)
@@ -152,17 +189,11 @@ def _draco(faces: NDArray[np.int64], exact: Positions, setting: float) -> tuple[
     vertices; its error is measured in the layout that keeps their order, at the same bits.
     """
     draco = import_module("DracoPy")
-    extent = float(np.ptp(exact, axis=1).max())
-    bits = int(np.clip(np.ceil(np.log2(extent / setting)), 1, 24))
+    bits = np.clip(np.ceil(np.log2(float(np.ptp(exact, axis=1).max()) / setting)), 1, 24)
+    known = {"faces": faces.astype(np.uint32) if len(faces) else None, "compression_level": 10}
     total, decoded = 0, np.empty_like(exact)
     for frame, positions in enumerate(exact):
-        pack = partial(
-            draco.encode,
-            positions,
-            faces=faces.astype(np.uint32) if len(faces) else None,
-            quantization_bits=bits,
-            compression_level=10,
-        )
+        pack = partial(draco.encode, positions, quantization_bits=int(bits), **known)
         total += len(pack())
         decoded[frame] = draco.decode(pack(preserve_order=True)).points
     return total, decoded

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 BLOCKS: Final = (
     "mission",
@@ -99,6 +99,11 @@ class Experiment:
         values = measured if isinstance(measured, tuple) else (measured,)
         pairs = zip(self.rows, values, strict=True)
         return {row.name: float(value) for row, value in pairs}
+
+
+def rows(keys: Iterable[object], name: str, what: str, unit: str = "", **options: Any) -> list[Row]:
+    """Make rows that differ by one word each, which stands for {} in names and texts."""
+    return [Row(name.format(key), what.format(key), unit, **options) for key in keys]
 
 
 REGISTERED: Final[list[Experiment]] = []

@@ -5,18 +5,20 @@ from __future__ import annotations
 import importlib
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 import numpy as np
+from judged_images import tracked
+from judged_tracks import Judged
 from measure import Table
 from numpy.typing import NDArray
+from phantoms import phantoms
+from seen_surfaces import Truth
 
-from modalmotion.images import ImageSequence, Volume
+from modalmotion.images import Volume
 from modalmotion.simulate import Phantom
-from modalmotion.simulate.anatomy import Anatomy
-from modalmotion.tracking import track
 from modalmotion.tracking.closest import closest_points
-from modalmotion.tracking.label_maps import Labelled, from_labels
 
 Floats: TypeAlias = NDArray[np.float64]
 Peer = Callable[[Phantom], tuple[float, float]]
@@ -27,61 +29,37 @@ _N_STEPS: Final = 100
 _N_SPLINE_STEPS: Final = 20
 
 
-def labelled(phantom: Phantom, voxel: float) -> Labelled:
-    """Segment the phantom's own surface in voxels of so many mm, and propose its ends."""
-    anatomy = Anatomy(phantom.truth, np.random.default_rng(0))
-    x = phantom.truth.vertices.astype(np.float64)
-    low = x.min(axis=(0, 1)) - 8.0
-    shape = np.ceil((x.max(axis=(0, 1)) + 8.0 - low) / voxel).astype(int)
-    points = low + voxel * np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 3)
-    affine = np.column_stack([voxel * np.eye(3), low])
-    frames = []
-    for k in range(phantom.truth.n_frames):
-        inside = anatomy.lattice.at(anatomy.at(k).cavity[:, None], points)[:, 0] < 0
-        frames.append(Volume(3.0 * inside.reshape(shape), affine))
-    return from_labels(ImageSequence(tuple(frames), phantom.images.times), (3,))
+def run(_folder: Path) -> list[Table]:
+    """Measure everything."""
+    phantom = next(phantoms("ct", 1000, 1, 3))
+    return [peers(phantom)]
 
 
-def labels_row(table: Table, phantom: Phantom, voxel: float = 1.5) -> None:
-    """Track a label map of the phantom's own surface, with no landmark."""
-    made = labelled(phantom, voxel)
-    x = phantom.truth.vertices.astype(np.float64)
+def peers(phantom: Phantom) -> Table:
+    """Time and error of each tool."""
     start = time.process_time()
-    result = track(made.images, landmarks=made.landmarks)
+    result = tracked(phantom)
     seconds = (time.process_time() - start) / result.n_frames
-    off = float(
-        np.mean(
-            [
-                closest_points(true, own.astype(np.float64), result.template.faces).distances.mean()
-                for true, own in zip(x, result.sequence.vertices, strict=True)
-            ]
-        )
-    )
-    table.add_at_most(off, 0.5, f"label map, {voxel:g} mm", f"{off:.2f}", f"{seconds:.2f}", "")
-
-
-def peers(phantom: Phantom, own: tuple[float, float]) -> Table:
-    """Time and error of each tool; `own` are ours, mm and s a frame."""
+    off = Judged.of(result, Truth.of(phantom.truth)).distance
     table = Table(
         f"{phantom.images.n_frames} frames of a simulated CT, 1 mm",
         ("tool", "surface mean, mm", "s a frame", "times ours"),
     )
-    table.add("tracking in modes", f"{own[0]:.2f}", f"{own[1]:.2f}", "1")
-    labels_row(table, phantom)
+    table.add("tracking in modes", f"{off:.2f}", f"{seconds:.2f}", "1")
     tools: tuple[tuple[str, str, Peer, float | None], ...] = (
         ("Chan-Vese, scikit-image", "skimage.segmentation", _chan_vese, 30.0),
         ("demons, SimpleITK, true first surface", "SimpleITK", _demons, None),
         ("B-splines, SimpleITK, true first surface", "SimpleITK", _splines, None),
     )
-    for name, package, run, bound in tools:
+    for name, package, call, bound in tools:
         try:
             importlib.import_module(package)
         except ModuleNotFoundError:
             table.add(name, "not installed", "", "")
             continue
-        off, seconds = run(phantom)
-        times = seconds / own[1]
-        cells = (name, f"{off:.2f}", f"{seconds:.1f}", f"{times:.0f}")
+        their_off, their_seconds = call(phantom)
+        times = their_seconds / seconds
+        cells = (name, f"{their_off:.2f}", f"{their_seconds:.1f}", f"{times:.0f}")
         if bound is None:
             table.add(*cells)
         else:

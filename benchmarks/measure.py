@@ -6,6 +6,14 @@ import statistics
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+USUAL_SECONDS: Final = 2.3e-3
+"""Of the fixed piece of NumPy work, on a core of 2024."""
 
 # Long enough for the clock, short enough that what runs side by side meets the same machine.
 _SHORTEST_SAMPLE_SECONDS = 1e-3
@@ -102,6 +110,39 @@ def side_by_side(
                 call()
             samples[name].append((clock() - start) / repeats[name])
     return {name: Times(tuple(seconds)) for name, seconds in samples.items()}
+
+
+def beside_numpy(calls: Mapping[str, Callable[[], object]], n_samples: int = 9) -> dict[str, float]:
+    """Processor time of calls over that of a fixed piece of NumPy work, taken in turn.
+
+    Both meet the same machine, so the ratio says little of how busy it is. Medians of samples.
+    """
+    times = side_by_side({"": fixed_work, **calls}, n_samples, time.process_time, 0.02)
+    ratios = {
+        name: [a / b for a, b in zip(times[name].samples, times[""].samples, strict=True)]
+        for name in calls
+    }
+    return {name: statistics.median(of_call) for name, of_call in ratios.items()}
+
+
+def fixed_work() -> None:
+    """Decompose, sort and exponentiate the same numbers with NumPy."""
+    matrix, values = _numbers()
+    np.linalg.qr(matrix)
+    np.sort(values)
+    np.exp(values)
+
+
+@cache
+def _numbers() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    rng = np.random.default_rng(0)
+    return rng.standard_normal((1000, 60)), rng.standard_normal(100_000)
+
+
+def of_usual_core(seconds: float) -> float:
+    """Processor time as it were on a core that does the fixed work in 2.3 ms."""
+    work = side_by_side({"": fixed_work}, 9, time.process_time, 0.02)[""].median
+    return seconds * USUAL_SECONDS / work
 
 
 def in_words(seconds: float) -> str:

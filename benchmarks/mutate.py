@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Final
 
 from experiments import experiments
-from real_data import DATA
+from real_data import ENVIRONMENT
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 PARTS: Final = ("core", "service", "benchmarks", "tests", "tools", "openapi", "pyproject.toml")
@@ -60,7 +60,7 @@ class Mutant:
                 _copy(ROOT / part, copy / part)
             subprocess.run(["git", "apply", str(self.path)], cwd=copy, check=True)
             paths = os.pathsep.join(str(copy / part) for part in ("core", "service"))
-            environment = os.environ | {"PYTHONPATH": paths, "MODALMOTION_DATA": str(DATA)}
+            environment = os.environ | ENVIRONMENT | {"PYTHONPATH": paths}
             command = [sys.executable, "benchmarks/truth.py", "--json", "--only", *self.rows]
             run = subprocess.run(
                 command, cwd=copy, env=environment, capture_output=True, text=True, check=False

@@ -13,6 +13,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"
 
 from project import DATA as DATA
 
+ENVIRONMENT: Final = {"MODALMOTION_DATA": str(DATA)}
+"""Where a copy of the project finds the same recordings."""
+
 SKIPPED: Final[list[str]] = []
 """Figures that were not measured, for want of their recordings."""
 

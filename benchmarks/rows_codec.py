@@ -1,3 +1,55 @@
-"""Rows of the table of truth: codec."""
+"""Rows of the table of truth: bits, kept promises and time of the codec."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from coded_sequences import SEQUENCES, TARGETS, beat, coded, mean_diagonal, sequence_of
+from experiments import Row, experiment
+from measure import beside_numpy
+
+from modalmotion.codec import Effort, decode, encode
+
+SHARE = 0.003
+
+
+def bits(name: str, seed: int) -> tuple[float, ...]:
+    return coded(sequence_of(name, seed), SHARE)
+
+
+for _name, (_what, _path, _) in SEQUENCES.items():
+    experiment(
+        *(
+            Row(f"codec.{_name}.{target}.{effort}", f"{_what}: {target} 0.3 %, {effort}", "bits")
+            for target in TARGETS
+            for effort in Effort
+        ),
+        Row(f"codec.{_name}.kept", f"{_what}: largest error over the one promised", goal=1),
+        Row(
+            f"codec.{_name}.disorder",
+            f"{_what}: of 12 pairs of efforts, those of which the higher takes more bits",
+            goal=0,
+        ),
+        quick=_name == "lattice",
+        needs=(_path,) if _path else (),
+    )(partial(bits, _name))
+
+
+@experiment(
+    *(
+        Row(f"codec.{what}.{effort}", f"{what} a beat, {effort}, over NumPy's fixed work")
+        for effort in Effort
+        for what in ("encode", "decode")
+    ),
+    Row("codec.encode.realtime_over_fast", "encode, realtime over fast", goal=1),
+    quick=True,
+    is_timed=True,
+)
+def times(_: int) -> tuple[float, ...]:
+    surface, calls = beat(1500), dict[str, Callable[[], object]]()
+    for effort in Effort:
+        encoded = partial(encode, surface, rms=SHARE * mean_diagonal(surface), effort=effort)
+        calls |= {f"encode {effort}": encoded, f"decode {effort}": partial(decode, encoded().data)}
+    found = beside_numpy(calls, n_samples=3)
+    return (*found.values(), found["encode realtime"] / found["encode fast"])

@@ -1,3 +1,105 @@
-"""Rows of the table of truth: images."""
+"""Rows of the table of truth: surfaces from images and label maps."""
 
 from __future__ import annotations
+
+from functools import partial
+
+from drawn_labels import WALL, drawn_maps
+from experiments import Row, experiment
+from judged_images import drawn_figures, tracked, valve_figures
+from judged_tracks import Judged, beside_contours, standard_figures, standard_rows
+from phantoms import labelled, phantoms
+from real_data import DATA, recording
+from seen_surfaces import Truth
+
+from modalmotion.formats.volumes import read_images
+from modalmotion.tracking import track
+from modalmotion.tracking.reading import read_observed
+
+FILES = DATA / "cine" / "contours"
+
+_KINDS = (
+    ("ct", "CT of 1.5 mm", 0.4, 1.0, 6, 1.5),
+    ("echo", "echo of 1.2 mm", 0.6, 1.5, 4, 1.0),
+    ("mri", "MRI of 1.4 x 1.4 x 8 mm", 0.6, 1.5, 5, 1.0),
+    ("cine", "cine of 9 planes", 0.6, 1.5, 6, 1.0),
+)
+
+
+def _of_kind(
+    kind: str, n: int, seed: int, *, cover: bool = True, **set_to: float
+) -> tuple[float, ...]:
+    cases = phantoms(kind, seed, n, 3, **set_to)
+    return standard_figures(
+        [Judged.of(tracked(one), Truth.of(one.truth)) for one in cases], cover=cover
+    )
+
+
+for _kind, _what, _distance, _spread, _n, _coarse in _KINDS:
+    _rows = standard_rows(f"images.{_kind}", _what, _distance, _spread)
+    experiment(*_rows, quick=_kind == "mri")(partial(_of_kind, _kind, _n, coarseness=_coarse))
+
+
+@experiment(*standard_rows("images.labels", "label maps of 1.5 mm", 0.4, 1.0))
+def labels(seed: int) -> tuple[float, ...]:
+    results = []
+    for one in phantoms("ct", seed, 5, 3, coarseness=4.0):
+        made = labelled(one, 1.5)
+        results.append(Judged.of(track(made.images, landmarks=made.landmarks), Truth.of(one.truth)))
+    return standard_figures(results)
+
+
+def _drawn_rows(name: str, what: str) -> tuple[Row, ...]:
+    return (
+        Row(f"{name}.median", f"median error of EF, {what}", "points", goal=1.5),
+        Row(f"{name}.worst", f"largest error of EF, {what}", "points", goal=5),
+        Row(f"{name}.inside", f"true EF within the stated 95 %, {what}", goal=(0.9, 1)),
+        Row(f"{name}.swapped", f"apex and base swapped, or refused, {what}", goal=0),
+    )
+
+
+@experiment(
+    *_drawn_rows("images.drawn", "hand-drawn maps"),
+    *_drawn_rows("images.drawn_bare", "hand-drawn maps without a wall"),
+)
+def drawn(seed: int) -> tuple[float, ...]:
+    cases = list(drawn_maps(seed, 12))
+    return (*drawn_figures(cases, (WALL,)), *drawn_figures(cases, ()))
+
+
+@experiment(
+    Row("images.valve_twice.volume", "volume error over its 95 %, valve at ED and ES", goal=1),
+    Row("images.valve_twice.inside", "true EF inside, valve at ED and ES", goal=(0.9, 1)),
+    Row("images.valve_once.volume", "volume error over its 95 %, valve at ED", goal=1),
+    Row("images.valve_once.inside", "true EF inside, valve at ED", goal=(0.9, 1)),
+)
+def valve(seed: int) -> tuple[float, ...]:
+    cases = [*phantoms("mri", seed, 3, 5), *phantoms("ct", seed, 3, 5, coarseness=2.0)]
+    return (*valve_figures(cases, at_systole=True), *valve_figures(cases, at_systole=False))
+
+
+@experiment(
+    *standard_rows("images.shifted", "cine with slices 2 mm aside", 0.8, 1.5, cover=False),
+    *standard_rows("images.trabeculae", "these with trabeculae", 1.0, 1.5, cover=False),
+)
+def shifted(seed: int) -> tuple[float, ...]:
+    smooth, rough = (
+        _of_kind("cine", 5, seed, cover=False, slice_shift=2.0, trabeculae=depth)
+        for depth in (0, 6)
+    )
+    return (*smooth, *rough)
+
+
+@experiment(
+    Row("images.real.distance", "cine MRI to contours of it", "mm", goal=2, tolerance=0.05),
+    Row("images.real.ef", "EF beside a fitted mesh's", "points", goal=6, tolerance=0.5),
+    Row("images.real.r", "volumes with its", better="higher", goal=0.98, tolerance=0.003),
+    needs=("cine/dicom", "cine/contours", "heart/lv_endocardium"),
+)
+def real(_: int) -> tuple[float, ...]:
+    recorded = read_observed(FILES)
+    # The middle of all valve points: with the outer contours they are no rim of the inner surface.
+    base = read_observed(FILES, contours=("LV_",)).landmarks["base"]
+    marks = {"apex": recorded.landmarks["apex"][0], "base": base}
+    result = track(read_images(FILES.with_name("dicom")), landmarks=marks)
+    return beside_contours(result, recorded, Truth.of(recording("heart/lv_endocardium")))

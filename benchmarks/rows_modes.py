@@ -1,3 +1,93 @@
-"""Rows of the table of truth: modes."""
+"""Rows of the table of truth: modes in closed form, beside eigensolvers."""
 
 from __future__ import annotations
+
+import importlib
+import time
+
+import numpy as np
+from experiments import Row, experiment
+from extremes import rows_of
+from measure import beside_numpy, side_by_side
+from noisy_surfaces import individual
+from sparse_lattices import lowest_eigenpairs, stiffness_matrix
+from tradeoff_bases import BELTRAMI, CLOSED, beltrami_modes, fronts
+
+from modalmotion.dynamics import dispersion, wave_vectors
+from modalmotion.fit.basis import make_basis
+from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
+from modalmotion.simulate import simulate_ventricle
+from modalmotion.template import choose_modes, make_template
+
+LATTICES = [
+    *((topology, shape) for topology in (CYLINDER, CUP) for shape in ((5, 6), (9, 14), (12, 16))),
+    *((topology, shape) for topology in (SPHERE, TORUS) for shape in ((6, 8), (12, 16))),
+    (PLANE, (7, 9)),
+    (Topology.parse("pole-open x closed x open"), (4, 6, 3)),
+]
+
+
+@experiment(
+    Row("modes.eigenvalues.error", "12 lattices off a dense solver", goal=2e-14, tolerance=4e-15),
+    Row("modes.dispersion.error", "eq. 7 off the same, relative", goal=2e-14, tolerance=4e-15),
+    quick=True,
+)
+def eigenvalues(_: int) -> tuple[float, float]:
+    worst = worst_wave = 0.0
+    for topology, shape in LATTICES:
+        lattice = Lattice(topology, shape)
+        dense = np.linalg.eigvalsh(stiffness_matrix(lattice).toarray())
+        modes = lattice.all_modes()
+        own = lattice.angular_frequencies(modes) ** 2
+        waves = dispersion(lattice, wave_vectors(lattice, modes)) ** 2
+        worst = max(worst, float(np.abs(np.sort(own) - dense).max() / dense[-1]))
+        worst_wave = max(worst_wave, float(np.abs(np.sort(waves) - dense).max() / dense[-1]))
+    return worst, worst_wave
+
+
+@experiment(
+    Row("modes.template.left", "RMS left by 7 closed-form modes of a mesh over 7 by eigsh"),
+    quick=True,
+)
+def left(seed: int) -> float:
+    """Of the surface itself, weighted by area; mean of five individuals."""
+    found = [fronts(individual(np.random.default_rng([seed, k])), 20) for k in range(5)]
+    return float(np.mean([each[CLOSED].at(21) / each[BELTRAMI].at(21) for each in found]))
+
+
+@experiment(
+    Row("modes.template.large", "template of 250,000 vertices numbered at random, over NumPy work"),
+    is_timed=True,
+)
+def large(seed: int) -> float:
+    rows_of("extremes_lattice_rows")  # where the helpers of tests are found
+    beat = simulate_ventricle(n_vertices=15_650, rng=np.random.default_rng([seed, 8]))
+    moving = beat.vertices[:1].astype(np.float64), beat.faces
+    subdivided = importlib.import_module("template_remeshing").subdivided
+    vertices, faces = subdivided(subdivided(moving))
+    order = np.random.default_rng([seed, 7]).permutation(vertices.shape[1])
+    one = mesh_sequence(vertices[:, order], np.argsort(order)[faces])
+    return beside_numpy({"template": lambda: make_template(one)}, 1)["template"]
+
+
+@experiment(
+    Row("modes.template.time", "template of 10,000 vertices and 7 modes over 7 by eigsh", goal=1.0),
+    Row("modes.lattice.time", "eigsh of 100 x 100 nodes over shapes", "", 800, "higher"),
+    is_timed=True,
+)
+def times(seed: int) -> tuple[float, float]:
+    beat = simulate_ventricle(n_vertices=10_000, rng=np.random.default_rng([seed, 9]))
+    one = mesh_sequence(beat.vertices[:1], beat.faces)
+    lattice = Lattice(CUP, (100, 100))
+    modes, matrix = lattice.lowest_modes(7), stiffness_matrix(lattice)
+    calls = {
+        "ours": lambda: make_basis(t := make_template(one), choose_modes(t, 7).modes),
+        "eigsh": lambda: beltrami_modes(one, 7),
+        "shapes": lambda: lattice.shapes(modes),
+        "eigsh of the lattice": lambda: lowest_eigenpairs(matrix, 7),
+    }
+    taken = side_by_side(calls, 7, time.process_time, 0.02).values()
+    ours, eigsh, shapes, of_lattice = (each.median for each in taken)
+    return ours / eigsh, of_lattice / shapes

@@ -50,10 +50,13 @@ def lines(_: int) -> tuple[float, ...]:
 @experiment(
     Row("weight.signature.files", "files that modal_signature runs through", goal=15, tolerance=0),
     Row("weight.classify.files", "files that classify runs through", goal=25, tolerance=0),
+    Row("weight.upload.files", "files of a server from upload to class", goal=45, tolerance=1),
     quick=True,
 )
 def files_run_through(_: int) -> tuple[float, ...]:
-    return tuple(_files_of(call) for call in ("mm.modal_signature", "mm.classify"))
+    upload = [sys.executable, str(ROOT / "benchmarks" / "traced_upload.py")]
+    of_calls = (_files_of(call) for call in ("mm.modal_signature", "mm.classify"))
+    return (*of_calls, int(subprocess.check_output(upload, text=True).split()[-1]))
 
 
 @experiment(

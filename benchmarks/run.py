@@ -1,4 +1,4 @@
-"""Run every benchmark: tables on the screen, plots in bench-output/."""
+"""Run the benchmarks beside the table of truth: peers on the screen, plots in bench-output/."""
 
 from __future__ import annotations
 
@@ -9,30 +9,11 @@ from pathlib import Path
 from real_data import told
 
 MODULES = (
-    "lattice",
-    "store",
-    "index",
-    "formats",
-    "templates",
-    "large_meshes",
-    "readouts",
     "tradeoff",
-    "tradeoff_front",
     "codec",
-    "tracking",
-    "images",
+    "tracking_peers",
+    "image_peers",
     "classification",
-    "classification_domain",
-    "classification_invariance",
-    "classification_forms",
-    "classification_cohorts",
-    "classification_few",
-    "start",
-    "load",
-    "replicas",
-    "access",
-    "cluster",
-    "cluster_endurance",
 )
 """Modules of this folder, each with `run(folder) -> list[Table]`."""
 

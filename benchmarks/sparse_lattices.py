@@ -44,3 +44,10 @@ def lowest_eigenpairs(matrix: Any, n_modes: int) -> tuple[NDArray[np.float64], A
     start = np.random.default_rng(0).standard_normal(matrix.shape[0])
     eigenvalues, vectors = eigsh(matrix, n_modes, sigma=-1e-6, v0=start)
     return np.sort(eigenvalues), vectors
+
+
+def largest_residual(lattice: Lattice) -> float:
+    """Largest |K phi - M w^2 phi| of its lowest modes, in units of its stiffness."""
+    modes = lattice.lowest_modes(40)
+    phi, squares = lattice.shapes(modes), lattice.angular_frequencies(modes) ** 2
+    return float(np.abs(stiffness_matrix(lattice) @ phi - phi * squares).max())

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from judged_tracks import surface_distance
 from measure import Table
 from numpy.typing import NDArray
-from real_data import recording
-from tracking_truth import Truth, surface_distance, timed
+from real_data import is_there, recording
+from seen_surfaces import Truth
 
 from modalmotion.mesh import cavity_of
 from modalmotion.tracking import Observation, of_surface, track
@@ -20,11 +23,15 @@ HEART = "heart/lv_endocardium"
 Floats = NDArray[np.float64]
 
 
+def run(_folder: Path) -> list[Table]:
+    """Measure everything."""
+    return [peers()] if is_there("tracking beside others", HEART) else []
+
+
 def peers() -> Table:
     """One pair of frames, end diastole to end systole: others' best beside ours."""
     truth = Truth.of(recording(HEART))
-    volumes = np.abs(cavity_of(truth.faces, truth.vertices.shape[1]).volume(truth.vertices))
-    pair = Truth(truth.vertices[[0, int(volumes.argmin())]], truth.faces, truth.ends)
+    pair = Truth(truth.vertices[[0, int(truth.volumes.argmin())]], truth.faces, truth.ends)
     rng = np.random.default_rng(0)
     table = Table(
         f"One pair of frames, {N_PEER:,} points, 1 mm of noise",
@@ -34,7 +41,7 @@ def peers() -> Table:
     cloud = frames[1][0].points
 
     def add(name: str, x: Floats, seconds: float) -> None:
-        mean, _ = surface_distance(x, pair.faces, pair.vertices[1], pair.faces)
+        mean = surface_distance(x, pair.faces, pair.vertices[1], pair.faces)
         v = np.abs(cavity_of(pair.faces, x.shape[0]).volume(np.stack([pair.vertices[0], x])))
         off = float(np.sqrt(((x - pair.vertices[1]) ** 2).sum(axis=1).mean()))
         fraction = 100 * (1 - v[1] / v[0]) - pair.ejection_fraction
@@ -79,7 +86,7 @@ def peers() -> Table:
 
         x, seconds = timed(amberg)
         add("trimesh nricp_amberg, the true mesh", x, seconds)
-        theirs, _ = surface_distance(x, pair.faces, pair.vertices[1], pair.faces)
+        theirs = surface_distance(x, pair.faces, pair.vertices[1], pair.faces)
         table.add_at_least(
             seconds / own, 10.0, "nricp_amberg over ours, time", "", "", "", f"{seconds / own:.1f}"
         )
@@ -89,8 +96,15 @@ def peers() -> Table:
         ]
         mine, seconds = ours(full, tolerance=theirs)
         add("ours, the true mesh, tolerance theirs", mine, seconds)
-        mean, _ = surface_distance(mine, pair.faces, pair.vertices[1], pair.faces)
+        mean = surface_distance(mine, pair.faces, pair.vertices[1], pair.faces)
         table.add_at_most(mean, theirs, "surface beside nricp_amberg's", f"{mean:.3f}", "", "", "")
     except ModuleNotFoundError:
         table.add("trimesh nricp_amberg", "not there", "", "", "")
     return table
+
+
+def timed(call: Callable[[], Any]) -> tuple[Any, float]:
+    """Return the result of a call and its processor seconds."""
+    start = time.process_time()
+    result = call()
+    return result, time.process_time() - start

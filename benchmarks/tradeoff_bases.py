@@ -8,11 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from displaced import displaced
 from numpy.typing import NDArray
 from real_data import is_there, recording
-from templates import beltrami_modes
+from scipy.sparse import diags_array
+from scipy.sparse.linalg import eigsh
 
+from modalmotion.alignment.reference import displacements_from
+from modalmotion.mesh import cotangent_laplacian, vertex_areas
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.mesh.spring_modes import spring_modes
 from modalmotion.modes import lowest_modes, whole_count
@@ -31,17 +33,9 @@ MOST_MODES = 61
 class Front:
     """RMS error of one basis against the numbers it takes.
 
-    Parameters
-    ----------
-    amplitudes : (n,) int64
-        A frame.
-    rms : (n,) float64, mm
-        Over the surface and all frames.
-    numbers : (n,) int64
-        To keep for the whole sequence beyond its reference mesh: amplitudes, and the basis
-        where it cannot be made again from the reference.
-    motion : float, mm
-        RMS displacement: what no amplitudes leave.
+    Amplitudes a frame (n,), RMS over the surface and all frames (n,), mm, and the numbers to keep
+    for the whole sequence beyond its reference mesh (n,): amplitudes, and the basis where it cannot
+    be made again; the RMS displacement, mm.
     """
 
     amplitudes: NDArray[np.int64]
@@ -67,13 +61,27 @@ def fronts(sequence: MeshSequence, most: int = MOST_MODES) -> dict[str, Front]:
     closed = left_by(modes.shapes_on(template), u, weights)
     found = {CLOSED: _front(closed, np.array(counts), n_frames, motion)}
     ranks = np.arange(1, most + 1)
-    if len(template.faces):
-        meshed = mesh_sequence(sequence.vertices[:1].astype(np.float64), template.faces)
-        springs = spring_modes(template.faces, sequence.n_vertices, most).shapes
-        found[SPRINGS] = _front(left_by(springs, u, weights), ranks, n_frames, motion)
-        own = beltrami_modes(meshed, most)
-        found[BELTRAMI] = _front(left_by(own, u, weights), ranks, n_frames, motion)
+    springs = spring_modes(template.faces, sequence.n_vertices, most).shapes
+    found[SPRINGS] = _front(left_by(springs, u, weights), ranks, n_frames, motion)
+    own = beltrami_modes(mesh_sequence(sequence.vertices[:1], template.faces), most)
+    found[BELTRAMI] = _front(left_by(own, u, weights), ranks, n_frames, motion)
     found[PCA] = _principal(u, weights, motion)
+    return found
+
+
+def displaced(sequence: MeshSequence, weights: Floats) -> Floats:
+    """Displacements from frame 0, rotation removed, (frames, vertices, 3), length unit."""
+    blocks = displacements_from(0, sequence, weights).blocks()
+    u = np.concatenate([block.u * block.shape.scale for block in blocks])
+    return u.transpose(0, 2, 1)
+
+
+def beltrami_modes(sequence: MeshSequence, n_modes: int) -> Floats:
+    """Eigenvectors of the surface of frame 0, orthonormal under its vertex areas."""
+    x = sequence.vertices[0].astype(np.float64)
+    areas = vertex_areas(x, sequence.faces)
+    mass, shift = diags_array(areas, format="csc"), -1e-4 / areas.sum()
+    found: Floats = eigsh(cotangent_laplacian(x, sequence.faces), n_modes, mass, sigma=shift)[1]
     return found
 
 
@@ -104,13 +112,6 @@ def surfaces() -> dict[str, MeshSequence]:
     ):
         moving = made.MAKERS[name](1500, rng)
         found[title] = mesh_sequence(*moving, topology=name, unit="mm")
-    turn = np.arange(200) / 200
-    section = made.ring(np.stack([turn, np.full(200, 0.1)], axis=1))
-    found["ring's section (closed curve)"] = mesh_sequence(
-        section, topology="closed curve", unit="mm"
-    )
-    line = made.sheet(np.stack([np.linspace(0, 1, 200), np.full(200, 0.7)], axis=1))
-    found["sheet's line (open curve)"] = mesh_sequence(line, topology="open curve", unit="mm")
     for name in ("lv_endocardium", "lv_grid_32x64"):
         if is_there(f"tradeoff: real {name}", f"heart/{name}"):
             one = recording(f"heart/{name}")

@@ -16,16 +16,13 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from displaced import displaced
-from lattice import peak_megabytes
-from templates import beltrami_modes
-from tradeoff_bases import BELTRAMI, CLOSED, PCA, ROOT, SPRINGS
+from tradeoff_bases import BELTRAMI, CLOSED, PCA, ROOT, SPRINGS, beltrami_modes, displaced
 
 from modalmotion.choice.fitter import Fitter
 from modalmotion.fit.basis import make_basis
@@ -85,7 +82,7 @@ def costs(sizes: tuple[int, ...] = SIZES) -> dict[str, list[Cost]]:
                     cost = Cost(size, stopped="not run")
                 else:
                     path = _written(Path(folder), size, lattice=name == LATTICE)
-                    cost = alone(_measure, (name, path, N_MODES, "float32"), size)
+                    cost = _alone(name, path, size)
                 found[name].append(cost)
                 note = cost.stopped or f"{cost.total:.2f} s, {cost.megabytes:.0f} MB"
                 print(f"  {size:>9,} {name:<22} {note}", flush=True)
@@ -94,65 +91,46 @@ def costs(sizes: tuple[int, ...] = SIZES) -> dict[str, list[Cost]]:
     return found
 
 
-def of_modes(counts: tuple[int, ...], size: int = 10_000) -> dict[int, Cost]:
-    """Cost of ever more closed-form modes on one mesh."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = _written(Path(folder), size, lattice=False)
-        return {k: alone(_measure, (CLOSED, path, k, "float32"), size) for k in counts}
-
-
-def of_types(size: int = 100_000) -> dict[str, Cost]:
-    """Cost of float32 and float64 input on one mesh."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = _written(Path(folder), size, lattice=False)
-        types = ("float32", "float64")
-        return {t: alone(_measure, (CLOSED, path, N_MODES, t), size) for t in types}
-
-
-def alone(task: Callable[..., Any], arguments: tuple[Any, ...], size: int) -> Cost:
+def _alone(name: str, path: Path, size: int) -> Cost:
     """Run a measurement in a process of its own, for as long as the cap allows."""
     # Read by the linear algebra of the process to come.
     os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"))
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe(duplex=False)
-    process = context.Process(target=_send, args=(there, task, arguments))
+    process = context.Process(target=_send, args=(there, name, path))
     process.start()
     there.close()
     try:
         if not here.poll(LONGEST_WAIT):
             return Cost(size, stopped=f"> {CAP_SECONDS} s")
-        answer = here.recv()
+        cost: Cost = here.recv()
     except EOFError:
         process.join()
         ended = process.exitcode == -signal.SIGXCPU
         return Cost(size, stopped=f"> {CAP_SECONDS} s" if ended else "out of memory")
+    else:
+        return cost
     finally:
         process.kill()
         process.join()
-    cost: Cost = answer
-    return cost
 
 
-def _send(there: Connection, task: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+def _send(there: Connection, name: str, path: Path) -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (CAP_SECONDS, CAP_SECONDS + 5))
-    there.send(task(*arguments))
+    there.send(_measure(name, _loaded(path)))
 
 
-def _measure(name: str, path: Path, n_modes: int, dtype: str) -> Cost:
-    sequence = _loaded(path, dtype)
+def _measure(name: str, sequence: MeshSequence) -> Cost:
     n_times = max(1, min(5, 200_000 // sequence.n_vertices))
-    found = [_measure_once(name, sequence, n_modes) for _ in range(n_times)]
+    found = [_measure_once(name, sequence) for _ in range(n_times)]
     fastest = min(found, key=lambda cost: cost.total)
     # The first one meets memory that nobody has used yet.
     return replace(fastest, megabytes=found[0].megabytes)
 
 
-def _measure_once(name: str, sequence: MeshSequence, n_modes: int) -> Cost:
-    if name in (SPRINGS, BELTRAMI):
-        # Imported with their libraries before the clock starts.
-        _ = spring_modes(np.array([[0, 1, 2], [1, 3, 2]]), 4, 1)
+def _measure_once(name: str, sequence: MeshSequence) -> Cost:
     _forget_peak()
-    before = peak_megabytes()
+    before = _peak_megabytes()
     seconds: dict[str, float] = {}
     clock = time.perf_counter()
 
@@ -164,33 +142,31 @@ def _measure_once(name: str, sequence: MeshSequence, n_modes: int) -> Cost:
     if name in (LATTICE, CLOSED):
         template = make_template(sequence)
         stage("coordinates")
-        basis = make_basis(template, choose_modes(template, n_modes, sequence.grid).modes)
+        basis = make_basis(template, choose_modes(template, N_MODES, sequence.grid).modes)
         stage("modes")
         fit = Fitter.of(sequence, template).fit(basis)
         stage("fit")
         rms = float(np.sqrt((fit.errors.weighted_rms**2).mean()))
     else:
-        rms = _by_own_basis(name, sequence, n_modes, stage)
-    return Cost(sequence.n_vertices, seconds, peak_megabytes() - before, rms)
+        rms = _by_own_basis(name, sequence, stage)
+    return Cost(sequence.n_vertices, seconds, _peak_megabytes() - before, rms)
 
 
-def _by_own_basis(
-    name: str, sequence: MeshSequence, n_modes: int, stage: Callable[[str], None]
-) -> float:
-    if name == SPRINGS:
-        shapes = spring_modes(sequence.faces, sequence.n_vertices, n_modes).shapes
-        stage("modes")
-    elif name == BELTRAMI:
-        shapes = beltrami_modes(mesh_sequence(sequence.vertices[:1], sequence.faces), n_modes)
-        stage("modes")
+def _by_own_basis(name: str, sequence: MeshSequence, stage: Callable[[str], None]) -> float:
     areas = vertex_areas(sequence.vertices[0].astype(np.float64), sequence.faces)
     weights = areas / areas.sum()
     root = np.sqrt(weights)[:, None]
     if name == PCA:
-        total, squares = _covariance(sequence, weights)
-        rms = float(np.sqrt(max(0.0, total - np.sort(squares)[-n_modes:].sum())))
+        frames = root * displaced(sequence, weights)
+        flat = frames.reshape(sequence.n_frames, -1)
+        squares = np.linalg.eigvalsh(flat @ flat.T / sequence.n_frames)
         stage("modes")
-        return rms
+        return float(np.sqrt(max(0.0, squares[:-N_MODES].sum())))
+    if name == SPRINGS:
+        shapes = spring_modes(sequence.faces, sequence.n_vertices, N_MODES).shapes
+    else:
+        shapes = beltrami_modes(sequence, N_MODES)
+    stage("modes")
     Q, _ = np.linalg.qr(root * shapes)
     left = 0.0
     for frame in displaced(sequence, weights):
@@ -198,18 +174,6 @@ def _by_own_basis(
         left += float(((weighted - Q @ (Q.T @ weighted)) ** 2).sum())
     stage("fit")
     return float(np.sqrt(left / sequence.n_frames))
-
-
-def _covariance(sequence: MeshSequence, weights: np.ndarray) -> tuple[float, np.ndarray]:
-    """Squares by principal component, by the matrix between frames, a slice at a time."""
-    frames = displaced(sequence, weights)
-    gram = np.zeros((len(frames),) * 2)
-    for i in range(0, sequence.n_vertices, 20_000):
-        part = frames[:, i : i + 20_000] * np.sqrt(weights[i : i + 20_000])[:, None]
-        flat = part.reshape(len(frames), -1)
-        gram += flat @ flat.T
-    squares = np.linalg.eigvalsh(gram / len(frames))
-    return float(squares.sum()), squares
 
 
 def _written(folder: Path, size: int, *, lattice: bool) -> Path:
@@ -237,18 +201,23 @@ def _written(folder: Path, size: int, *, lattice: bool) -> Path:
     return path
 
 
-def _loaded(path: Path, dtype: str) -> MeshSequence:
+def _loaded(path: Path) -> MeshSequence:
     with np.load(path) as arrays:
-        vertices = arrays["vertices"].astype(dtype, copy=False)
         if "grid" in arrays:
-            grid = arrays["grid"]
-            return mesh_sequence(vertices, grid=grid, topology="cup", unit="mm")
-        return mesh_sequence(vertices, arrays["faces"], unit="mm")
+            return mesh_sequence(arrays["vertices"], grid=arrays["grid"], topology="cup", unit="mm")
+        return mesh_sequence(arrays["vertices"], arrays["faces"], unit="mm")
 
 
 def _forget_peak() -> None:
     """Let the peak of memory count from here, where the system allows it."""
-    try:
+    with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
-    except OSError:
-        return
+
+
+def _peak_megabytes() -> float:
+    """Most memory this process has held, where the system says it; else not a number."""
+    status = Path("/proc/self/status")
+    if not status.exists():
+        return np.nan
+    line = next(x for x in status.read_text().splitlines() if x.startswith("VmHWM"))
+    return int(line.split()[1]) * 1024 / 1e6

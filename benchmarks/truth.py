@@ -34,6 +34,7 @@ from experiments import BLOCKS, Experiment, Row, experiments  # noqa: E402 (afte
 
 KEPT: Final = Path(__file__).with_name("truth.toml")
 N_PROCESSES: Final = 2
+OPTIONAL: Final = ("seeds", "recorded")
 # What is equal but for last digits, of another machine or of what is kept.
 _ROUNDING: Final = 1e-3
 
@@ -52,12 +53,15 @@ class Kept:
         Over fresh seeds; 0 of a figure without chance.
     seeds : int
         How many.
+    recorded : str
+        The day on which a row that no table measures was measured by hand.
     """
 
     value: float
     tolerance: float
     standard_error: float = 0.0
     seeds: int = 0
+    recorded: str = ""
 
 
 @dataclass(frozen=True)
@@ -153,7 +157,8 @@ def markdown(kept: Mapping[str, Kept]) -> str:
                 short = "**short**" if row.is_short(stored.value) else ""
                 value = f"{_number(stored.value)} {row.unit}".strip()
                 spread = f"{_number(stored.tolerance)}"
-                texts.append(f"| {row.what} | {value} | {spread} | {_goal(row)} | {short} |")
+                what = row.what.replace("|", r"\|")
+                texts.append(f"| {what} | {value} | {spread} | {_goal(row)} | {short} |")
     return "\n".join(texts) + "\n"
 
 
@@ -184,17 +189,16 @@ def _measured(
     chosen: list[Experiment], seed: int
 ) -> Iterator[tuple[Experiment, dict[str, float] | str]]:
     """Measure: two side by side, then one by one what is timed."""
-    places = {id(each): place for place, each in enumerate(experiments())}
     side_by_side = [each for each in chosen if not each.is_timed]
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(N_PROCESSES, spawn) as pool:
-        waiting = {pool.submit(_measure, places[id(each)], seed): each for each in side_by_side}
+        waiting = {pool.submit(_measure, each.rows[0].name, seed): each for each in side_by_side}
         for done in as_completed(waiting):
             yield waiting[done], _told(waiting[done], *done.result())
     for each in chosen:
         if each.is_timed:
             with ProcessPoolExecutor(1, spawn) as pool:
-                result = pool.submit(_measure, places[id(each)], seed).result()
+                result = pool.submit(_measure, each.rows[0].name, seed).result()
             yield each, _told(each, *result)
 
 
@@ -205,10 +209,10 @@ def _told(
     return measured
 
 
-def _measure(place: int, seed: int) -> tuple[dict[str, float] | str, float]:
+def _measure(name: str, seed: int) -> tuple[dict[str, float] | str, float]:
     from real_data import is_there
 
-    each = experiments()[place]
+    each = next(each for each in experiments() if each.rows[0].name == name)
     if not is_there(each.rows[0].name, *each.needs):
         return f"skipped: {', '.join(each.needs)} not there", 0.0
     start = time.perf_counter()
@@ -248,16 +252,18 @@ def _keep(lines: list[Line], errors: Mapping[str, tuple[float, int]]) -> None:
         kept = read_kept()
         for line in lines:
             if line.value is not None:
-                kept[line.row.name] = _kept(line, errors.get(line.row.name))
-        rows = [row for row in _rows(experiments()) if row.name in kept]
-        KEPT.write_text("\n".join(_toml(row, kept[row.name]) for row in rows))
+                kept[line.row.name] = kept_of(line, errors.get(line.row.name))
+        places = {row.name: place for place, row in enumerate(_rows(experiments()))}
+        # Rows that came while this ran are kept too, after the others.
+        names = sorted(kept, key=lambda name: places.get(name, len(places)))
+        KEPT.write_text("\n".join(_toml(name, kept[name]) for name in names))
 
 
-def _kept(line: Line, error: tuple[float, int] | None) -> Kept:
+def kept_of(line: Line, error: tuple[float, int] | None) -> Kept:
     assert line.value is not None
     value = float(f"{line.value:.6g}")
     if line.row.tolerance is not None:
-        return Kept(value, line.row.tolerance)
+        return Kept(value, line.row.tolerance, recorded=line.kept.recorded if line.kept else "")
     spread, n_seeds = error or (
         (line.kept.standard_error, line.kept.seeds) if line.kept else (0, 0)
     )
@@ -267,11 +273,9 @@ def _kept(line: Line, error: tuple[float, int] | None) -> Kept:
     return Kept(value, float(f"{tolerance:.2g}"), float(f"{spread:.2g}"), n_seeds)
 
 
-def _toml(row: Row, kept: Kept) -> str:
-    values = {name: value for name, value in asdict(kept).items() if value or name != "seeds"}
-    return "\n".join(
-        [f'["{row.name}"]', *(f"{name} = {value!r}" for name, value in values.items()), ""]
-    )
+def _toml(name: str, kept: Kept) -> str:
+    values = {key: value for key, value in asdict(kept).items() if value or key not in OPTIONAL}
+    return "\n".join([f'["{name}"]', *(f"{key} = {value!r}" for key, value in values.items()), ""])
 
 
 def _rows(chosen: list[Experiment]) -> Iterator[Row]:

@@ -97,10 +97,13 @@ class Placement:
                 other = replace(one, centre=one.centre + parts[:3], length=one.length + parts[3])
                 return {"openings": (*mean.openings[:n], other, *mean.openings[n + 1 :])}
 
-            of_centre = self._turns(lambda step, changed=changed: changed(*step, 0.0))  # type: ignore[misc]
-            of_length = self._turns(
-                lambda step, changed=changed: changed(0.0, 0.0, 0.0, *step), n=1
-            )  # type: ignore[misc]
+            def shifted(step: Any, change: Any = changed) -> dict[str, Any]:
+                return dict(change(*step, 0.0))
+
+            def longer(step: Any, change: Any = changed) -> dict[str, Any]:
+                return dict(change(0.0, 0.0, 0.0, *step))
+
+            of_centre, of_length = self._turns(shifted), self._turns(longer, n=1)
             slopes += opening.slopes(mean.vertices, of_centre, of_length[:, 0])
         slopes = np.stack([mean.of_mesh(one) for one in slopes])
         for name, vertex in self.vertices.items():

@@ -1,0 +1,145 @@
+"""How good classes are: of the shipped models, and of models trained on a cohort."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from labelled_cases import ALONE, QUICK, Folds, area_of_volume, few_cases, of_pool, small
+from third_generator import hearts
+
+from modalmotion.classification import Evaluation, TrainingCase, classify, evaluate, load_model
+from modalmotion.classification import train as trained
+from modalmotion.classification.evaluation.evaluation import evaluation_of
+from modalmotion.classification.training.train_shipped import RECIPES, held_out_cases
+from modalmotion.mesh import Cavity
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.making import modal_signature
+from modalmotion.simulate import MotionClass, simulate_cohort
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
+
+from altered_beats import ALTERED, mirror_image
+from foreign_motions import FLAGGED
+
+ALTERATIONS: Final = ("motion x3", "motion x0.2", "mirrored", "frames missing in systole")
+
+_TRAPS: Final = {"torus": ("forwards", "backwards"), "sphere": ("oval", "squeezes")}
+_PRESERVED: Final = 0.55
+
+
+def on_own(model: str, n_per_class: int, seed: int) -> tuple[float, ...]:
+    """Figures of a shipped model on held-out hearts of the generator that it was trained on."""
+    cases = held_out_cases(RECIPES[model], n_per_class, 7000 + seed)
+    return _figures(evaluate(load_model(model), cases))
+
+
+def on_third(name: str, n_per_class: int, seed: int) -> tuple[float, ...]:
+    """Measure the same on hearts of the third generator.
+
+    Then the share of normal ones called normal, the share of those with a preserved ejection
+    fraction called globally hypokinetic, and the share of mirror images that are flagged.
+    """
+    model, rng = load_model(name), np.random.default_rng([seed, 1])
+    drawn = list(hearts(n_per_class, seed, RECIPES[name].classes))
+    asked = model.signature_parameters
+    cases = [TrainingCase(modal_signature(beat, asked), label) for beat, label in drawn]
+    found = evaluate(model, cases)
+    ejected = np.array([_ejected(beat) for beat, _ in drawn])
+    answers = np.array([case.answer or "" for case in found.cases])
+    normal = answers[[label == MotionClass.NORMAL for _, label in drawn]] == MotionClass.NORMAL
+    weak = answers[ejected > _PRESERVED] == MotionClass.HYPOKINESIA
+    mirrored = [bool(classify(mirror_image(beat, rng), model).flags) for beat, _ in drawn[::4]]
+    return *_figures(found), float(normal.mean()), float(weak.mean()), float(np.mean(mirrored))
+
+
+def held_out(cases: list[TrainingCase], folds: Folds, seed: int) -> Evaluation:
+    """Train in each fold, and measure the answers to the cases outside."""
+    options = replace(QUICK, seed=seed)
+    models = [trained([cases[i] for i in inner], "bench", options) for inner, _ in folds]
+    answers = [
+        answer
+        for model, (_, outer) in zip(models, folds, strict=True)
+        for answer in evaluate(model, [cases[i] for i in outer]).cases
+    ]
+    return evaluation_of(models[0], answers, 0.9)
+
+
+def mean(found: list[Evaluation]) -> tuple[float, ...]:
+    """Mean accuracy, AUC and log loss."""
+    values = np.array([(e.accuracy, e.auc, e.log_loss) for e in found], dtype=np.float64)
+    return tuple(values.mean(axis=0).tolist())
+
+
+def with_few(n: int, n_tested: int, sizes: tuple[int, ...], seed: int) -> tuple[float, ...]:
+    """For each number of cases a class mean accuracy, AUC, and points of AUC that are given away.
+
+    Against the better of the motion alone and of ejection fraction with size, on normal and
+    akinetic ventricles of two generators.
+    """
+    made = [
+        (few_cases(n, 2 * seed, is_third=third), few_cases(n_tested, 2 * seed + 1, is_third=third))
+        for third in (False, True)
+    ]
+    values: list[float] = []
+    for size in sizes:
+        found, better = [], []
+        for pool, tested in made:
+            some = of_pool(pool, size, np.random.default_rng([seed, size]))
+            found.append(evaluate(trained(some, "few", QUICK), tested))
+            alone = evaluate(trained(some, "alone", ALONE), tested)
+            better.append(max(mean([alone])[1], area_of_volume(some, tested)))
+        accuracy, area, _ = mean(found)
+        values += [accuracy, area, 100 * (float(np.mean(better)) - area)]
+    return tuple(values)
+
+
+def without_cavity(n: int, n_tested: int, seed: int) -> tuple[float, ...]:
+    """Mean accuracy, AUC and log loss on small cohorts of people who all do either motion."""
+    found = []
+    for name, labels in _TRAPS.items():
+        known, new = (small(name, labels, k, [seed, k]) for k in (n, n_tested))
+        found.append(evaluate(trained(known, name, QUICK), new))
+    return mean(found)
+
+
+def told_of_chance(n_trainings: int, seed: int) -> float:
+    """Share of models of mixed-up labels, worse than chance, whose answers say so."""
+    rng, told = np.random.default_rng([seed, 7]), []
+    for number in range(n_trainings):
+        cases = small("rope", ("early", "late"), 6, [seed, number])
+        labels = rng.permutation([case.label for case in cases]).tolist()
+        mixed = [
+            replace(case, label=label, subject=None)
+            for case, label in zip(cases, labels, strict=True)
+        ]
+        model = trained(mixed, "mixed", QUICK)
+        if (model.card.auc or 0.0) < 0.5:
+            told.append(any("chance" in note for note in classify(mixed[0].motion, model).notes))
+    return float(np.mean(told))
+
+
+def flagged(n_per_class: int, n_foreign: int, seed: int) -> tuple[float, ...]:
+    """Shares that are flagged of beats altered in each way, of foreign motions, of sound beats."""
+    rng = np.random.default_rng([seed, 5])
+    beats = [case.sequence for case in simulate_cohort(n_per_class, rng=rng)]
+    kinds = [[ALTERED[what][0](beat, rng) for beat in beats] for what in ALTERATIONS]
+    kinds += [[draw(rng) for draw in FLAGGED.values() for _ in range(n_foreign)], beats]
+    return tuple(float(np.mean([bool(classify(one).flags) for one in kind])) for kind in kinds)
+
+
+def _figures(found: Evaluation) -> tuple[float, ...]:
+    """Accuracy, AUC, log loss, share answered; of these confidence - share right, and cover."""
+    given = [case for case in found.cases if case.answer is not None]
+    apart = [max(case.probabilities) - (case.answer == case.truth) for case in given]
+    held = [case.truth in case.class_set for case in given]
+    answered = len(given) / found.n_cases
+    return *mean([found]), answered, float(np.mean(apart)), float(np.mean(held))
+
+
+def _ejected(beat: MeshSequence) -> float:
+    volumes = Cavity(beat.faces).volume(beat.vertices.astype(np.float64))
+    return float(1.0 - volumes.min() / volumes.max())

@@ -1,0 +1,86 @@
+"""Programs started anew: their processor time beside that of importing NumPy."""
+
+from __future__ import annotations
+
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import tomllib
+from pathlib import Path
+from typing import Final
+
+from coded_sequences import beat
+
+from modalmotion import write_npz
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+USUAL_SECONDS: Final = 0.07
+"""Of importing NumPy, on a core of 2024."""
+
+
+def processor_seconds(*commands: tuple[str, ...], n_rounds: int = 5) -> tuple[float, ...]:
+    """Processor time of Python's commands, of a core that imports NumPy in 0.07 s.
+
+    Parameters
+    ----------
+    *commands : tuple of str
+        Arguments of Python. Modules are compiled before, as those of installed packages are.
+    """
+    numpy = ("-c", "import numpy")
+    ratios: list[list[float]] = [[] for _ in commands]
+    with tempfile.TemporaryDirectory() as cache:
+        environment = os.environ | {"PYTHONPYCACHEPREFIX": cache, "PYTHONDONTWRITEBYTECODE": ""}
+        for _ in range(n_rounds + 1):
+            unit = _spent(numpy, environment)
+            for of_command, command in zip(ratios, commands, strict=True):
+                of_command.append(_spent(command, environment) / unit)
+    return tuple(USUAL_SECONDS * statistics.median(of_command[1:]) for of_command in ratios)
+
+
+def install_seconds() -> float:
+    """Processor time from a wheel to the first signature, in an environment of its own.
+
+    Measured where MEASURE_INSTALL is set: it asks for the network, whose time does not count.
+    """
+    if "MEASURE_INSTALL" not in os.environ:
+        return recorded("use.install")
+    with tempfile.TemporaryDirectory() as place:
+        python = str(Path(place) / "venv" / "bin" / "python")
+        pip = ("-m", "pip", "-q", "--disable-pip-version-check")
+        _run(sys.executable, *pip, "wheel", "--no-deps", "-w", place, str(ROOT))
+        _run(sys.executable, "-m", "venv", str(Path(place) / "venv"))
+        before, (wheel,) = _children(), Path(place).glob("*.whl")
+        _run(python, *pip, "install", str(wheel))
+        _run(python, "-m", "modalmotion", "signature", saved(place), "-o", f"{place}/signature.h5")
+        return _children() - before
+
+
+def saved(folder: str) -> str:
+    """Write a beat as npz; give its path."""
+    path = Path(folder) / "beat.npz"
+    path.write_bytes(write_npz(beat(1500)))
+    return str(path)
+
+
+def recorded(name: str) -> float:
+    """Read what was measured by hand, on the day that truth.toml states."""
+    return float(tomllib.loads((ROOT / "benchmarks" / "truth.toml").read_text())[name]["value"])
+
+
+def _spent(command: tuple[str, ...], environment: dict[str, str]) -> float:
+    before = _children()
+    _run(sys.executable, *command, environment=environment)
+    return _children() - before
+
+
+def _run(*command: str, environment: dict[str, str] | None = None) -> None:
+    # In a folder without the sources: what is installed, or stated, is run.
+    subprocess.run(command, env=environment, capture_output=True, cwd="/", check=True)
+
+
+def _children() -> float:
+    spent = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return spent.ru_utime + spent.ru_stime
