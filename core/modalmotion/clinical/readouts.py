@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.clinical.affine_superposition import superposed_positions
+from modalmotion.clinical.vertex_noise import volume_deviations
 from modalmotion.clinical.volume_curve import Fraction, VolumeCurve
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.facts.facts import UNKNOWN
@@ -73,6 +74,8 @@ class ClinicalReadouts:
     sequence_id, template_id : str
     notes : tuple of str
         Caveats for the user.
+    is_tracked : bool
+        Whether the surface was tracked, and its own errors are known.
     """
 
     curve: VolumeCurve
@@ -84,11 +87,12 @@ class ClinicalReadouts:
     sequence_id: str
     template_id: str
     notes: tuple[str, ...]
+    is_tracked: bool = False
 
     @property
     def stated(self) -> VolumeCurve:
         """The curve to report: of a track that of its own surfaces, whose errors are known."""
-        return self.curve if self.mesh_curve.deviations is None else self.mesh_curve
+        return self.mesh_curve if self.is_tracked else self.curve
 
     @property
     def millilitres(self) -> float:
@@ -156,8 +160,9 @@ def clinical_readouts(
     -----
     The volume is that of the triangles, with each opening closed by a fan to the mean of its
     vertices. The bound of a frame is |V(signature) - V(frame)|, measured, plus a bound on
-    rounding; those of derived figures follow by interval arithmetic. Of a track, intervals hold two
-    standard deviations by its own errors besides.
+    rounding; those of derived figures follow by interval arithmetic. Intervals hold two standard
+    deviations besides: by the errors of a track, or by the noise of the vertices, which is what a
+    smooth wall leaves of them.
     """
     used = fitted_on(signature, sequence, template)
     basis = make_basis(used, signature.modes)
@@ -200,7 +205,7 @@ def clinical_readouts(
     cube = scale**3
     known = sequence.uncertainty
     muscle = 0.0 if known is None else known.papillary_volume
-    deviations = None if known is None else known.volumes
+    deviations = volume_deviations(sequence, used, cavity)
     return ClinicalReadouts(
         curve=VolumeCurve(
             sign * volumes * cube - muscle,
@@ -226,6 +231,7 @@ def clinical_readouts(
             *_of_track(known),
             *(_slow(sequence) if name == Fraction.EJECTION_FRACTION else ()),
         ),
+        is_tracked=known is not None and known.volumes is not None,
     )
 
 

@@ -54,6 +54,10 @@ NAMES: Final = (*DEFINITIONS, *_LEVEL_NAMES)
 _BEYOND: Final = 3.0
 
 _N_SEGMENTS: Final = 16
+
+# Half the width of a narrow band, as a share of a level.
+_BAND: Final = 0.2
+
 _CAVITIES: Final = ("lv", "rv", "la", "ra", "other")
 
 
@@ -168,7 +172,7 @@ def wall_strain(
     -----
     Errors to first order: the gradient of each strain by the coefficients of the smooth surface,
     with the covariance of these. What the functions leave out counts by the difference that a
-    coarser set of them makes.
+    coarser set of them makes; how wide a level is, by that of narrower bands.
     """
     positions = sequence.vertices.astype(np.float64)
     # About a place of its own: what is far from zero has fewer digits.
@@ -189,12 +193,17 @@ def wall_strain(
         ]
     )
     beyond = _BEYOND * np.sqrt(np.maximum((curves - rough) ** 2 - deviations**2, 0.0))
+    deviations = np.hypot(deviations, beyond)
+    levels = slice(len(DEFINITIONS), None)
+    meant = _of_levels(fine, end_diastole) - curves[:, levels]
+    deviations[:, levels] = np.hypot(deviations[:, levels], meant)
+    deviations[:, 1] = np.hypot(deviations[:, 1], meant.mean(axis=1))
     names, segment, reason = _segments(template, sequence.facts, fine)
     by_segment, segment_deviations = _by_segment(fine, segment, names, end_diastole, end_systole)
     return Strain(
         names=NAMES,
         curves=curves,
-        deviations=np.hypot(deviations, beyond),
+        deviations=deviations,
         dyssynchrony=_dyssynchrony(fine, sequence, end_systole),
         segments=names,
         by_segment=by_segment,
@@ -225,6 +234,14 @@ def measures_of(motion: WallMotion) -> list[Measure]:
         Measure(AREA, motion.weights.reshape(1, -1)),
         *(Measure(CIRCUMFERENTIAL, own) for own in around),
     ]
+
+
+def _of_levels(motion: WallMotion, start: int) -> NDArray[np.float64]:
+    """Strain of the levels as narrower bands about their middles, (frames, levels), percent."""
+    ways = 3 * motion.places.ways[:, None]
+    bands = (np.abs(ways - k - 0.5) < _BAND for k in range(len(LEVELS)))
+    narrow = (np.where(band, motion.weights, 0.0).reshape(1, -1) for band in bands)
+    return np.stack([motion.strain(Measure(CIRCUMFERENTIAL, own), start) for own in narrow], axis=1)
 
 
 def _by_segment(
