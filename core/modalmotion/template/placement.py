@@ -6,7 +6,7 @@ import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,18 +93,14 @@ class Placement:
         slopes = mean_slopes(mean.vertices, mean.faces, f, k[:, None] + 2.0 * o @ K)
         for number, opening in enumerate(mean.openings):
 
-            def changed(*parts: float, n: int = number, one: Opening = opening) -> dict[str, Any]:
-                other = replace(one, centre=one.centre + parts[:3], length=one.length + parts[3])
+            def changed(
+                step: NDArray[np.float64], n: int = number, one: Opening = opening
+            ) -> dict[str, tuple[Opening, ...]]:
+                other = replace(one, centre=one.centre + step[:3], length=one.length + step[3])
                 return {"openings": (*mean.openings[:n], other, *mean.openings[n + 1 :])}
 
-            def shifted(step: Any, change: Any = changed) -> dict[str, Any]:
-                return dict(change(*step, 0.0))
-
-            def longer(step: Any, change: Any = changed) -> dict[str, Any]:
-                return dict(change(0.0, 0.0, 0.0, *step))
-
-            of_centre, of_length = self._turns(shifted), self._turns(longer, n=1)
-            slopes += opening.slopes(mean.vertices, of_centre, of_length[:, 0])
+            turns = self._turns(changed, n=4)
+            slopes += opening.slopes(mean.vertices, turns[:, :3], turns[:, 3])
         slopes = np.stack([mean.of_mesh(one) for one in slopes])
         for name, vertex in self.vertices.items():
             slopes[:, vertex] += self._turns(lambda _: {}, name)

@@ -84,8 +84,9 @@ def test_another_zero_of_theta_moves_the_split_pair_and_no_other() -> None:
     one, two = (modal_signature(x, SPLIT) for x in (sequence, other))
     # Of a cosine and its sine together the length stays, of a lone cosine it does not.
     energy = [(s.amplitudes**2).sum(axis=(0, 2)) for s in (one, two)]
-    assert energy[0][0] == pytest.approx(energy[1][0])
-    assert energy[0][-1] != pytest.approx(energy[1][-1], rel=1e-3)
+    # Areas are not quite even around, so that a lone cosine takes a little from each mode.
+    assert energy[0][0] == pytest.approx(energy[1][0], rel=2e-3)
+    assert energy[0][-1] != pytest.approx(energy[1][-1], rel=0.5)
 
 
 def test_the_key_of_whole_pairs_is_what_it_was() -> None:
