@@ -164,6 +164,8 @@ def _plain_members(archive: zipfile.ZipFile, limits: ReadLimits) -> dict[str, zi
     for info in infos:
         # The name as it stands in the archive, before Python turns separators around.
         require_safe_name(info.orig_filename)
+        if not info.filename:
+            raise _refused(info, "without a name")
         if info.is_dir():
             continue
         if stat.S_ISLNK(info.external_attr >> 16):

@@ -7,9 +7,11 @@ blocks, the size of each when unpacked and that of the last (VTK's file formats,
 from __future__ import annotations
 
 import binascii
+import struct
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import Final, Literal
+from typing import Final
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.limits import ReadLimits
@@ -34,14 +36,15 @@ class ArrayHeads:
         On a file of that size: `decompressed_bytes` holds for all arrays together.
     word_bytes : int
         Of a number in a head.
-    order : {"little", "big"}
+    order : {"<", ">"}
+        Of its bytes, the least or the greatest first.
     is_compressed : bool
     """
 
     data: bytes
     limits: ReadLimits
     word_bytes: int = 4
-    order: Literal["little", "big"] = "little"
+    order: str = "<"
     is_compressed: bool = False
     n_bytes: int = 0
 
@@ -63,42 +66,35 @@ class ArrayHeads:
         ------
         MalformedFileError, LimitError
         """
-        shown = name[:40]
         n_words = 3 if self.is_compressed else 1
-        words = self._words(shown, at, n_words, is_raw=is_raw)
-        n_bytes = words[0]
+        words = self._words(at, n_words, is_raw=is_raw)
+        if words is None:
+            raise _malformed(f"The array {name[:40]!r} of the .vtp file has no readable head.")
+        n_bytes, n_heads = words[0], 0
         if self.is_compressed:
             n_blocks, block, last = words
-            if n_blocks * self.word_bytes > len(self.data):
-                raise _malformed(
-                    f"The array {shown!r} of the .vtp file declares {n_blocks} blocks, more than "
-                    f"its {len(self.data)} bytes can hold."
-                )
             n_bytes = max(0, n_blocks - bool(last)) * block + last
-        elif n_bytes > len(self.data):
+            # The head goes on with the packed size of each block.
+            n_heads = n_blocks * self.word_bytes
+        # More than its element states, or than there is where nothing is packed.
+        room = n_values * _ITEM_BYTES.get(kind, 0) or n_bytes
+        if not self.is_compressed:
+            room = min(room, len(self.data))
+        if n_bytes > room or n_heads > len(self.data):
             raise _malformed(
-                f"The array {shown!r} of the .vtp file declares {n_bytes} bytes; the file has "
-                f"{len(self.data)}."
-            )
-        stated = n_values * _ITEM_BYTES.get(kind, 0)
-        if stated and n_bytes > stated:
-            raise _malformed(
-                f"The array {shown!r} of the .vtp file unpacks to {n_bytes} bytes and declares "
-                f"{stated}."
+                f"The array {name[:40]!r} of the .vtp file begins with {words}: {n_bytes} bytes, "
+                f"more than its element or its file of {len(self.data)} bytes can hold."
             )
         self.n_bytes += n_bytes
         self.limits.require("decompressed_bytes", self.n_bytes)
 
-    def _words(self, name: str, at: int, n: int, *, is_raw: bool) -> list[int]:
+    def _words(self, at: int, n: int, *, is_raw: bool) -> tuple[int, ...] | None:
         n_bytes = n * self.word_bytes
-        head = self.data[at : at + n_bytes]
+        head = self.data[at : at + n_bytes] if is_raw else b""
         if not is_raw:
             # Three bytes in four letters.
-            try:
-                head = binascii.a2b_base64(self.data[at : at + 4 * -(-n_bytes // 3)])[:n_bytes]
-            except binascii.Error:
-                head = b""
+            with suppress(binascii.Error):
+                head = binascii.a2b_base64(self.data[at : at + 4 * -(-n_bytes // 3)])
         if len(head) < n_bytes:
-            raise _malformed(f"The array {name!r} of the .vtp file has no readable head.")
-        size = self.word_bytes
-        return [int.from_bytes(head[size * i : size * (i + 1)], self.order) for i in range(n)]
+            return None
+        return struct.unpack_from(f"{self.order}{n}{'Q' if self.word_bytes == 8 else 'I'}", head)

@@ -108,7 +108,7 @@ class _Walk:
                 self.most_values = UNFOLDING * self.n_bytes
                 self.heads.is_compressed = True
             if attributes.get("byte_order") == "BigEndian":
-                self.heads.order = "big"
+                self.heads.order = ">"
             if attributes.get("header_type") == "UInt64":
                 self.heads.word_bytes = 8
         elif tag == "AppendedData":

@@ -281,6 +281,8 @@ LINK = (stat.S_IFLNK | 0o777) << 16
         (frame_zip(obj, "obj")[:-200], "not a readable .zip"),
         (frame_zip(obj, "obj")[:700], "not a readable .zip"),
         (frame_zip(obj, "obj").replace(b"frame_1.obj", b"frame_0.obj"), "twice"),
+        (frame_zip(obj, "obj").replace(b"frame_1.obj", b"\0rame_1.obj"), ""),
+        (zipped({"": b"x", "a.obj": obj(VERTICES[0])}), "without a name"),
     ],
 )
 @pytest.mark.filterwarnings("ignore:Duplicate name")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import struct
 from collections.abc import Callable
 
 import pytest
@@ -86,6 +88,63 @@ def test_compressed_numbers_may_be_more_than_the_bytes() -> None:
 def test_what_is_appended_is_not_xml() -> None:
     appended = b"<AppendedData encoding='raw'>_\x00\xff<a <b &" + b"<" + b"x" * 100_000
     require_plain_xml(PLAIN.replace(b"</VTKFile>", appended), DEFAULT_LIMITS)
+
+
+def array(head: bytes, attributes: str, appended: bytes = b"</VTKFile>") -> bytes:
+    """Write points behind a head, in the element or behind all."""
+    start, end = PLAIN.index(b"<DataArray"), PLAIN.index(b"</DataArray>")
+    tag = f'<DataArray type="Float32" Name="Points" NumberOfComponents="3" {attributes}>'
+    return PLAIN[:start] + tag.encode() + head + PLAIN[end:].replace(b"</VTKFile>", appended)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("word", ["I", "Q"])
+@pytest.mark.parametrize("where", ["element", "base64", "raw"])
+@pytest.mark.parametrize(
+    ("words", "passes"),
+    [
+        ((144,), True),
+        ((10**8,), False),
+        ((1, 144, 0), True),
+        ((1, 32768, 144), True),
+        ((9, 16, 0), True),
+        ((2, 100, 44), True),
+        ((10**8, 0, 0), False),
+        ((10**8, 144, 0), False),
+        ((1, 10**9, 0), False),
+        ((1, 144, 10**9), False),
+    ],
+)
+def test_heads_of_arrays_are_compared_with_their_elements(
+    words: tuple[int, ...], passes: bool, where: str, word: str, order: str
+) -> None:
+    head = struct.pack(f"{order}{len(words)}{word}", *words)
+    if where != "raw":
+        head = base64.b64encode(head)
+    if where == "element":
+        data = array(b"\n " + head, 'format="binary"')
+    else:
+        behind = b'<AppendedData encoding="%s">\n_abc' % where.encode() + head + b" </AppendedData>"
+        data = array(b"", 'format="appended" offset="3"', behind)
+    data = data.replace(b' header_type="UInt64"', b"" if word == "I" else b' header_type="UInt64"')
+    if order == ">":
+        data = data.replace(b"LittleEndian", b"BigEndian")
+    if len(words) == 3:
+        data = data.replace(b" byte_order", b' compressor="vtkZLibDataCompressor" byte_order')
+    if passes:
+        require_plain_xml(data, DEFAULT_LIMITS)
+        return
+    with pytest.raises(MalformedFileError, match="array 'Points' of"):
+        require_plain_xml(data, DEFAULT_LIMITS)
+
+
+@pytest.mark.parametrize("start", [b"<!--<AppendedData>_-->", b"<a b='<AppendedData'/>"])
+def test_what_vtk_would_take_for_appended_is_an_element(start: bytes) -> None:
+    behind = b'<AppendedData encoding="raw">_' + (144).to_bytes(8, "little") + b"</AppendedData>"
+    data = array(b"", 'format="appended" offset="0"', behind)
+    require_plain_xml(data, DEFAULT_LIMITS)
+    with pytest.raises(MalformedFileError):
+        require_plain_xml(data.replace(b"<PolyData>", b"<PolyData>" + start), DEFAULT_LIMITS)
 
 
 @pytest.mark.parametrize(
