@@ -110,10 +110,8 @@ def _bound(
             f"{name}() cannot be called so: {error}.", remedy=f"Write {name}{_shown(signature)}."
         ) from None
     for key, value in bound.arguments.items():
-        hint, kind = hints.get(key, Any), signature.parameters[key].kind
-        if kind in (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD):
-            continue
-        if _fits(value, hint):
+        hint, is_variable = hints.get(key, Any), "VAR" in signature.parameters[key].kind.name
+        if is_variable or _fits(value, hint):
             continue
         meant = _meant(value)
         if meant is None or not _fits(meant, hint):
@@ -147,8 +145,6 @@ def _fits(value: Any, hint: Any) -> bool:
         return any(_fits(value, one) for one in inner)
     if origin is typing.Literal:
         return value in inner
-    if origin is typing.Annotated:
-        return _fits(value, inner[0])
     kind = hint if origin is None else origin
     if not isinstance(kind, type):
         return True
@@ -156,9 +152,7 @@ def _fits(value: Any, hint: Any) -> bool:
         return all(hasattr(value, name) for name in vars(kind) if name[0] != "_")
     if kind.__module__ == "numpy" and kind.__name__ == "ndarray":
         return _is_array(value, inner)
-    if kind in (float, int):
-        wanted: type = Real if kind is float else Integral
-        return isinstance(value, wanted)
+    kind = {float: Real, int: Integral}.get(kind, kind)
     if not isinstance(value, kind) or (isinstance(value, str) and inner not in ((), (str,))):
         return False
     if isinstance(value, Sequence) or hasattr(value, "dtype"):

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from modalmotion.cli.options import Member, ReadingOption, several
+from modalmotion.cli.options import Member, reading_option, several
 from modalmotion.cli.stated_facts import fact_options, stated_facts
 from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.formats import Format, ReadOptions, read_sequence
@@ -39,29 +39,16 @@ sequence_argument = several(
         type=click.Path(path_type=Path),
         callback=_one_path,
     ),
-    click.option(
-        "--unit",
-        cls=ReadingOption,
-        help="Length unit: m, cm, mm, um or nm; overrides the file's own.",
-    ),
-    click.option(
-        "--format",
-        cls=ReadingOption,
-        type=Member(Format),
-        help="Recognised from the content by default.",
-    ),
-    click.option(
+    reading_option("--unit", help="Length unit: m, cm, mm, um or nm; overrides the file's own."),
+    reading_option("--format", type=Member(Format), help="Recognised from the content by default."),
+    reading_option(
         "--frame-interval",
-        cls=ReadingOption,
         type=float,
         help="Seconds from frame to frame; overrides the file's own.",
     ),
-    click.option(
-        "--n-vertices", cls=ReadingOption, type=int, help="Of raw numbers: vertices a frame."
-    ),
-    click.option(
+    reading_option("--n-vertices", type=int, help="Of raw numbers: vertices a frame."),
+    reading_option(
         "--dtype",
-        cls=ReadingOption,
         type=click.Choice(list(RAW_TYPES)),
         default="float32",
         show_default=True,

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -68,18 +69,19 @@ class ReadingOption(click.Option):
     """An option that says how FILE is read: help lists it after a command's own."""
 
 
+reading_option = partial(click.option, cls=ReadingOption)
+
+
 class Command(click.Command):
     """A command whose own options come first in its help."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write a command's own options, then those of reading FILE."""
-        sections: dict[str, list[tuple[str, str]]] = {"Options": [], "Reading FILE": []}
-        for parameter in self.get_params(ctx):
-            record = parameter.get_help_record(ctx)
-            if record is not None:
-                title = list(sections)[isinstance(parameter, ReadingOption)]
-                sections[title].append(record)
-        for title, records in sections.items():
+        for title, is_reading in (("Options", False), ("Reading FILE", True)):
+            of_both = [
+                p for p in self.get_params(ctx) if isinstance(p, ReadingOption) == is_reading
+            ]
+            records = [record for p in of_both if (record := p.get_help_record(ctx))]
             if records:
                 with formatter.section(title):
                     formatter.write_dl(records)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import click
 
@@ -12,13 +12,6 @@ from modalmotion.cli.options import Command, example, json_option, tell
 from modalmotion.cli.outputs import OutputFolder
 from modalmotion.cli.reported import Wanted, report_options
 from modalmotion.cli.waiting import Waiting
-
-_PIECES: Final = {
-    ".pdf": "report.pdf",
-    ".json": "report.fhir.json",
-    ".csv": "frames.csv",
-    ".html": "view.html",
-}
 
 
 @click.command(
@@ -32,7 +25,7 @@ _PIECES: Final = {
     "-o",
     "--out",
     required=True,
-    type=OutputFolder(*_PIECES),
+    type=OutputFolder(".pdf", ".json", ".csv", ".html"),
     help="Folder to write; or one file: .pdf, .json (FHIR), .csv or .html.",
 )
 @json_option
@@ -62,11 +55,11 @@ def report(source: Path, out: Path, as_json: bool, **options: Any) -> None:
                 ),
                 "view.html": lambda: view_page([view]).encode(),
             }
-            paths = {name: out / name for name in pieces}
-            if (only := _PIECES.get(out.suffix.lower())) is not None:
-                paths = {only: out}
-            else:
+            suffix = out.suffix.lower()
+            paths = {name: out for name in pieces if Path(name).suffix == suffix}
+            if not paths:
                 out.mkdir(parents=True, exist_ok=True)
+                paths = {name: out / name for name in pieces}
             for name, path in paths.items():
                 write_atomic(path, pieces[name]())
     said = [f"note: {note}" for note in found.caveats]

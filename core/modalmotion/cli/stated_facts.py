@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import click
 
-from modalmotion.cli.options import ReadingOption, several
+from modalmotion.cli.options import reading_option, several
 from modalmotion.facts import WORDS, Facts, facts_from_texts
 from modalmotion.facts.facts import stated_twice
 
@@ -22,29 +22,22 @@ _MANY: Final = ("landmark", "covariate")
 
 fact_options = several(
     *(
-        click.option(
-            f"--{name}",
-            cls=ReadingOption,
-            type=click.Choice(words, case_sensitive=False),
-            help=_HELP[name],
+        reading_option(
+            f"--{name}", type=click.Choice(words, case_sensitive=False), help=_HELP[name]
         )
         for name, words in WORDS.items()
     ),
-    click.option("--period", cls=ReadingOption, type=float, help="Period of a cycle, in seconds."),
-    click.option(
-        "--modality", cls=ReadingOption, help="How it was recorded: MR, CT, US, simulated."
-    ),
-    click.option(
+    reading_option("--period", type=float, help="Period of a cycle, in seconds."),
+    reading_option("--modality", help="How it was recorded: MR, CT, US, simulated."),
+    reading_option(
         "--landmark",
-        cls=ReadingOption,
         metavar="NAME=PLACE",
         multiple=True,
         help="A vertex's number or a point x,y,z; repeat for more. apex, base and theta_zero "
         "place the natural coordinates.",
     ),
-    click.option(
+    reading_option(
         "--covariate",
-        cls=ReadingOption,
         metavar="NAME=VALUE",
         multiple=True,
         help="A number or a word, such as age=61; repeat for more.",
