@@ -19,7 +19,7 @@ def beating(n: int = 40) -> ClinicalReadouts:
     made = clinical_readouts(signature, sequence)
     times = 0.8 * np.arange(n) / n
     volumes = 1000.0 * (100.0 + 30.0 * np.cos(2 * np.pi * times / 0.8))
-    curve = replace(made.curve, volumes=volumes, bounds=np.full(n, 1000.0))
+    curve = replace(made.curve, volumes=volumes, bounds=np.full(n, 1000.0), deviations=None)
     return replace(made, curve=curve, times=times)
 
 
