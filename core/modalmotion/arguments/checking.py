@@ -215,7 +215,8 @@ def _unfit(function: str, key: str, value: Any, hint: Any) -> InputError:
     error = ShapeError if hasattr(value, "dtype") and "ndarray" in names else ParameterError
     what = f" of {value.dtype}" if error is ShapeError else ""
     return error(
-        f"The argument {key!r} of {function}() is {came}{what}; it should be {with_article(meant)}.",
+        f"The argument {key!r} of {function}() is {came}{what}; it should be "
+        f"{with_article(meant)}.",
         remedy=remedy,
         details={"option": key},
     )
