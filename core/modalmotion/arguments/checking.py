@@ -17,7 +17,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Final
 
-from modalmotion.errors import ParameterError
+from modalmotion.errors import InputError, ParameterError, ShapeError
 from modalmotion.numerals import with_article
 
 # How what is meant is made, by the name of its class.
@@ -175,9 +175,14 @@ def _is_array(value: Any, inner: tuple[Any, ...]) -> bool:
     return value.dtype.kind in ("biu" if is_whole else "biufc") or value.size == 0
 
 
+def _alternatives(hint: Any) -> tuple[Any, ...]:
+    is_union = typing.get_origin(hint) in (typing.Union, types.UnionType)
+    return typing.get_args(hint) if is_union else (hint,)
+
+
 def _class_of(hint: Any) -> type:
     """Class among the alternatives of a hint whose fields are options; None's class if none is."""
-    found = [one for one in (typing.get_args(hint) or (hint,)) if is_dataclass(one)]
+    found = [one for one in _alternatives(hint) if is_dataclass(one)]
     return typing.cast(type, found[0]) if len(found) == 1 else types.NoneType
 
 
@@ -192,18 +197,26 @@ def _shown(signature: inspect.Signature) -> str:
     return str(inspect.Signature(plain))
 
 
-def _unfit(function: str, key: str, value: Any, hint: Any) -> ParameterError:
-    kinds = [one for one in (typing.get_args(hint) or (hint,)) if one is not types.NoneType]
+def _array_of(hint: Any) -> str:
+    return "array of whole numbers" if "int" in str(hint) else "array of numbers"
+
+
+def _unfit(function: str, key: str, value: Any, hint: Any) -> InputError:
+    kinds = [one for one in _alternatives(hint) if one is not types.NoneType]
     names = [getattr(one, "__name__", str(one)) for one in kinds]
-    meant = " or ".join(dict.fromkeys(names)).replace("ndarray", "array of numbers")
-    remedy = next((_MADE[name] for name in names if name in _MADE), f"Give {meant}.")
+    meant = " or ".join(dict.fromkeys(names)).replace("ndarray", _array_of(hint))
+    remedy = next((_MADE[name] for name in names if name in _MADE), f"Give {with_article(meant)}.")
     options = _class_of(hint)
     if remedy.startswith("Give") and is_dataclass(options) and isinstance(value, (int, float)):
         first = fields(options)[0].name
         remedy = f"Write {function}(..., {options.__name__}({first}={value}))."
-    came = with_article(type(value).__name__)
-    return ParameterError(
-        f"{function}() has {came} for {key!r}, which is to be {meant}.",
+    came = "None" if value is None else with_article(type(value).__name__)
+    # As those within call an array of another type than theirs.
+    error = ShapeError if hasattr(value, "dtype") and "ndarray" in names else ParameterError
+    what = f" of {value.dtype}" if error is ShapeError else ""
+    return error(
+        f"The argument {key!r} of {function}() is {came}{what}; it should be "
+        f"{with_article(meant)}.",
         remedy=remedy,
         details={"option": key},
     )

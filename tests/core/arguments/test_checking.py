@@ -19,6 +19,7 @@ import modalmotion as mm
 from modalmotion.errors import ModalMotionError
 from modalmotion.formats import write_npz
 from modalmotion.formats.volumes import read_images
+from modalmotion.mesh import face_areas
 
 ROOT: Final = Path(mm.__file__).parent
 # The command line, and numbers that models read, which have no user.
@@ -99,6 +100,7 @@ BEAT: Final = "mesh_sequence(vertices, faces)"
         (lambda: mm.to_html(beat()), "modal_signature(sequence)"),  # type: ignore[arg-type]
         (lambda: mm.mesh_sequence(None), "float32 or float64 coordinates"),
         (lambda: read_images("there is none.nii.gz"), "NIfTI"),  # type: ignore[arg-type]
+        (lambda: face_areas(np.zeros((3, 3)), np.zeros((1, 3))), "array of whole numbers"),  # type: ignore[arg-type]
         (lambda: mm.read_sequence(7), "Name a file"),  # type: ignore[arg-type]
     ],
 )
