@@ -10,6 +10,7 @@ from modalmotion.errors import InputError
 from modalmotion.mesh import Cavity
 from modalmotion.mesh.cavity_gradient import volume_gradient
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.numeric.scale import power_of_two
 from modalmotion.template import Template
 
 
@@ -21,25 +22,32 @@ def volume_deviations(
     Parameters
     ----------
     sequence : MeshSequence
-        A track states its own; of others noise is what a smooth wall leaves.
+        A track states its own; of others noise is what smooth functions leave of the motion.
     template : Template
     cavity : Cavity
 
     Returns
     -------
     (frames,) float64, length unit cubed, or None
-        None of a surface without coordinates, or of too few vertices.
+        None of a surface without coordinates, of too few vertices, and of one frame.
     """
     if sequence.uncertainty is not None:
         return sequence.uncertainty.volumes
+    if sequence.n_frames < 2:
+        return None
     positions = sequence.vertices.astype(np.float64)
     positions -= positions[0].mean(axis=0)
+    unit = power_of_two(float(np.abs(positions).max()) or 1.0)
+    positions /= unit
     try:
         is_lattice = sequence.grid is not None
         wall, _ = smooth_walls(template, positions, is_lattice=is_lattice, is_noisy=False)
     except InputError:
         return None
-    variances = wall.noise(positions, wall.coefficients(positions))
+    # Roughness that stays is shape, and no noise.
+    moves = positions - positions.mean(axis=0)
+    variances = wall.noise(moves, wall.coefficients(moves))
+    variances *= sequence.n_frames / (sequence.n_frames - 1)
     gradients = (volume_gradient(cavity, x) for x in positions)
     squares = np.array([float((gradient**2).sum()) for gradient in gradients])
-    return np.asarray(np.sqrt(variances * squares), dtype=np.float64)
+    return np.asarray(unit**3 * np.sqrt(variances * squares), dtype=np.float64)

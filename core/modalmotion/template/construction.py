@@ -162,7 +162,7 @@ def make_template(
         if sequence.grid is not None:
             coordinates, places = _of_lattice(sequence.grid, topology, mean, of_surface=of_surface)
             mean_places = places
-        if topology.n_axes == 1:
+        if coordinates is None and topology.n_axes == 1:
             coordinates = curve_coordinates(surface.vertices, topology, places)
         elif coordinates is None:
             axes_of, make = _MAKERS[topology]

@@ -43,6 +43,7 @@ CHEAP = {
     "norm": "train {controls} --name ours -o {out}.norm.h5",
     "readouts": "{beat}",
     "reconstruct": "{beat} -o {out}.npz",
+    "resample": "{beat} --phase 0.37 -o {out}.npz",
     "report": "{beat} -o {out}",
     "signature": "{beat} -o {out}.h5",
     "show": "{beat}",

@@ -19,7 +19,7 @@ def test_its_code_and_its_command_run(tmp_path: Path) -> None:
     namespace: dict[str, object] = {}
     for block in blocks:
         exec(block, namespace)  # noqa: S102 (our own document)
-    assert len(blocks) == 1
+    assert len(blocks) == 2
     (command,) = re.findall(r"^```sh\nmodalmotion (.*?)\n```", text, re.MULTILINE | re.DOTALL)
     beat = tmp_path / "beat.npz"
     made = CliRunner().invoke(main, ["simulate", "-o", str(beat), "--frames", "5"])

@@ -78,7 +78,7 @@ def test_an_affine_motion_is_read_exactly(beat: MeshSequence, components: Compon
     scales = np.linalg.det(A)
     assert found.curve.volumes / found.curve.volumes[0] == pytest.approx(scales, rel=1e-10)
     assert share(found.curve) == pytest.approx(ejected(scales), abs=1e-8)
-    assert share_bound(found.curve) < 1e-6
+    assert share_bound(replace(found.curve, deviations=None)) < 1e-6
     if components == Components.CARTESIAN:
         assert share(read(sequence).curve) == pytest.approx(ejected(scales), abs=1e-8)
 
@@ -115,7 +115,8 @@ def test_more_modes_end_at_the_mesh_itself() -> None:
     sequence = simulate_ventricle(
         grid=(6, 8), acquisition=Acquisition(n_frames=5, noise=0.5), rng=np.random.default_rng(0)
     )
-    errors = [share_bound(read(sequence, modes=k).curve) for k in (7, 18, 48)]
+    curves = (read(sequence, modes=k).curve for k in (7, 18, 48))
+    errors = [share_bound(replace(curve, deviations=None)) for curve in curves]
     assert errors[2] < 1e-6 < min(errors[:2])
 
 
@@ -176,7 +177,7 @@ def test_what_does_not_move_ejects_nothing(beat: MeshSequence) -> None:
     found = read(still)
     assert share(found.curve) == 0.0
     assert found.curve.stroke_volume == 0.0
-    assert share_bound(found.curve) < 1e-6
+    assert share_bound(replace(found.curve, deviations=None)) < 1e-6
     one = read(mesh_sequence(beat.vertices[:1], beat.faces))
     assert (one.curve.ejection_fraction, one.curve.volume_change, one.curve.share) == (None,) * 3
     assert (one.curve.share_range, one.curve.share_bound, one.mesh_curve.share) == (None,) * 3

@@ -50,5 +50,5 @@ def test_what_is_absent_names_the_command_that_installs_it(
     name: str, give: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'modalmotion\[tables\]'"):
+    with pytest.raises(MissingExtraError, match=f"pip install {name}"):
         give(viewed("cup")[1])  # type: ignore[operator]

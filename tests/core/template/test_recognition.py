@@ -285,7 +285,7 @@ def test_the_real_meshes() -> None:
 def bent(number: int) -> MeshSequence:
     """A closed surface of one mesh, its axis more or less bent: on both sides of the border."""
     rng = np.random.default_rng(number)
-    return bent_beat("strong", rng.uniform(1.0, 3.6), rng)
+    return bent_beat("strong", rng.uniform(0.2, 3.6), rng)
 
 
 def test_noise_changes_the_kind_of_modes_near_its_border_alone() -> None:

@@ -36,6 +36,6 @@ def test_without_anywidget_the_command_that_installs_it_is_named(
 ) -> None:
     widget._widget.cache_clear()
     monkeypatch.setitem(sys.modules, "anywidget", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'modalmotion\[notebook\]'"):
+    with pytest.raises(MissingExtraError, match="pip install anywidget"):
         mm.view(viewed("cup")[0])
     widget._widget.cache_clear()
