@@ -17,7 +17,7 @@ TARGETS: Final = {"rms": "rms", "max": "max_error"}
 SEQUENCES: Final = {
     "lattice": ("real ventricle, lattice of 2,048", "heart/lv_grid_32x64", 25),
     "heart": ("real ventricle, mesh of 1,572", "heart/lv_endocardium", 25),
-    "cow": ("walking cow, 20 frames", "literature/pcow", 20),
+    "cow": ("walking cow, 12 frames", "literature/pcow", 12),
     "robot": ("dancing robot, 25 frames", "robot/Dance", 25),
     "large": ("2 frames of a simulated mesh of 5,000", "", 2),
 }

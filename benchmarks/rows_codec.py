@@ -38,7 +38,7 @@ for _name, (_what, _path, _) in SEQUENCES.items():
 
 @experiment(
     *(
-        Row(f"codec.{what}.{effort}", f"{what} a beat, {effort}, over NumPy's fixed work")
+        Row(f"codec.{what}.{effort}", f"{what} 15 frames, {effort}, over NumPy's fixed work")
         for effort in Effort
         for what in ("encode", "decode")
     ),
@@ -47,7 +47,7 @@ for _name, (_what, _path, _) in SEQUENCES.items():
     is_timed=True,
 )
 def times(_: int) -> tuple[float, ...]:
-    surface, calls = beat(1500), dict[str, Callable[[], object]]()
+    surface, calls = beat(1000, 15), dict[str, Callable[[], object]]()
     for effort in Effort:
         encoded = partial(encode, surface, rms=SHARE * mean_diagonal(surface), effort=effort)
         calls |= {f"encode {effort}": encoded, f"decode {effort}": partial(decode, encoded().data)}
