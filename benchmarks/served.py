@@ -30,7 +30,8 @@ from running import RunningService  # noqa: E402 (found on the path just set)
 GRID: Final = (66, 50)
 N_CONNECTIONS: Final = 4
 BARE: Final = "receive and hash"
-SETTINGS: Final = {"MAX_REQUESTS_PER_MINUTE": "1000000"}
+SETTINGS: Final = {"MAX_REQUESTS_PER_MINUTE": "1000000", "WAIT_SECONDS": "600"}
+"""However busy the machine is, requests are answered."""
 
 
 @dataclass
