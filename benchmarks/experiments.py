@@ -127,12 +127,15 @@ def experiment(
 
 
 def experiments(quick: bool = False, only: tuple[str, ...] = ()) -> list[Experiment]:
-    """List experiments: all, those of the quick table, those with rows that begin as named."""
+    """List experiments: all, those of the quick table, those with rows that begin as named.
+
+    The quick table has no times: it runs beside whatever else a machine does.
+    """
     for block in BLOCKS:
         importlib.import_module(f"rows_{block}")
     return [
         each
         for each in REGISTERED
-        if (each.quick or not quick)
+        if (not quick or (each.quick and not each.is_timed))
         and (not only or any(row.name.startswith(only) for row in each.rows))
     ]
