@@ -64,6 +64,19 @@ class Ladder:
         shares: NDArray[np.float64] = np.einsum("jn,jn->j", rows, rows)
         return shares
 
+    def basis_of(self, count: int) -> Basis:
+        """First modes of the order, factored: P = R^-1 Q'W^(1/2), whose rows are those of all."""
+        whole = self.basis
+        R = np.ascontiguousarray(whole.triangle[:count, :count])
+        rows = product(np.ascontiguousarray(whole.triangle[:count]), whole.projector)
+        return Basis(
+            self.modes(count),
+            np.ascontiguousarray(whole.shapes[:, :count]),
+            product(inverse_of_triangle(R), rows),
+            R,
+            float(np.linalg.cond(R)),
+        )
+
     def modes(self, count: int) -> Modes:
         """First modes of the order."""
         return self.basis.modes.take(np.arange(count))

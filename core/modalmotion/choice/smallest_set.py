@@ -51,7 +51,7 @@ def smallest_within(fitter: Fitter, limit: float) -> Model:
             known.update(zip(some.tolist(), errors.of(some).tolist(), strict=True))
             for count in some.tolist():
                 if known[count] <= limit + errors.slack(limit):
-                    model = fit_model(fitter, ladder.modes(count))
+                    model = fit_model(fitter, ladder.basis_of(count))
                     if model.error(parameters.tolerance_of) <= limit:
                         notes = (*notes_on(ladder, parameters), *_on_size(errors, count))
                         return replace(model, notes=notes)

@@ -13,7 +13,6 @@ from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.noise import Noise
 from modalmotion.choice.noise_level import measure_noise
 from modalmotion.choice.parameters import SignatureKind
-from modalmotion.fit.basis import make_basis
 from modalmotion.fit.deviations import amplitude_deviations
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.mesh.uncertainty import Uncertainty
@@ -58,7 +57,7 @@ def deviations_of(
         sequence,
         uncertainty,
         fitter.template,
-        make_basis(fitter.template, model.modes),
+        model.basis,
         rotations.matrices,
         fitter.parameters.reference,
         directions=fitter.frames,
