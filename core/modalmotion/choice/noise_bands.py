@@ -128,17 +128,20 @@ def bands_of(fitter: Fitter, ladder: Ladder, fit: Fit, noise: SmoothNoise) -> Ba
             u = turn.T @ u * (block.shape.scale / scale)
             left[:, :, start - first : stop - first] = u.transpose(2, 1, 0)
     left = (left - product(psi, c.reshape(m, -1)).reshape(left.shape)) / np.sqrt(len(some))
-    paths = [*np.array_split(c, max(1, m // _IN_BAND)), left]
+    # The first mode is a shift of the whole frame, which is motion.
+    shift, n_bands = min(1, m - 1), max(1, m // _IN_BAND)
+    paths = [*np.array_split(c[shift:], n_bands), left]
     grams = [np.einsum("idf,idg->dfg", x, x, optimize=True) for x in paths]
     expected, columns = [], []
     for field, own in zip(noise.fields, noise.coefficients(rows), strict=True):
         rest = (field[some] - product(psi, own)) / np.sqrt(len(some))
-        parts = [*np.array_split(own, max(1, m // _IN_BAND)), rest]
+        parts = [*np.array_split(own[shift:], n_bands), rest]
         expected.append([(x**2).sum() / x.shape[1] for x in parts])
         columns.append([max(3.0 * independent(x), 1.0) for x in parts])
     variances = np.array(expected)
     # What white noise brings is known: chance cancels in the ratio of smooth fields to white ones.
-    white = np.array([part.sum() for part in np.array_split((rows**2).sum(axis=1), len(paths) - 1)])
+    squares = (rows[shift:] ** 2).sum(axis=1)
+    white = np.array([part.sum() for part in np.array_split(squares, n_bands)])
     variances[:, :-1] *= white / variances[0, :-1]
     return Bands(np.stack(grams, axis=1), variances, np.array(columns), scale, m)
 
@@ -209,7 +212,7 @@ def _split(
 ]:
     """Energy of noise, log-energies of motion, and directions of each, for 0, 1, ... of motion."""
     p = z.shape[-1]
-    moving = np.arange(max(1, int(_MOVING * p)) + 1)
+    moving = np.arange(int(_MOVING * p) + 1)
     zero = np.zeros((*z.shape[:-1], 1))
     rest = np.concatenate([zero, np.cumsum(z, axis=-1)], axis=-1)[..., p - moving]
     own = np.concatenate([zero, np.cumsum(np.log(z[..., ::-1]), axis=-1)], axis=-1)[..., moving]

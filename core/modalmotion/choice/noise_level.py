@@ -35,13 +35,16 @@ _CORRELATIONS: Final = (
 _COST: Final = 6.0
 
 # Rounds of smoothness and correlation, each of which needs the other.
-_ROUNDS: Final = 3
+_ROUNDS: Final = 2
 
 # Mixings up to here are all compared; those beyond grow by a factor, and are interpolated.
 _GEOMETRIC: Final = 3
 
 # Share of what lacks to 1 that the correlation may be off.
 _SLOWER: Final = 0.15
+
+# Frames from which on directions of time tell motion from noise.
+_FEW_FRAMES: Final = 5
 
 # How far the estimate may be off where nothing else shows.
 _OFF: Final = 1.15
@@ -130,6 +133,10 @@ def _variances(bands: Bands) -> tuple[float, list[float], float, int]:
         others.append(float(levels_of(energies[some], *part, _COST)[0][k]))
     # An autoregression is the slower the less of it the quick directions show.
     others += [level(best + off * (1.0 - abs(best)), k)[0] for off in (-_SLOWER, _SLOWER)]
+    if bands.grams.shape[2] < _FEW_FRAMES:
+        # So few are all motion where the modes are; what they leave is taken for independent.
+        variance = float(energies[-1].mean()) / bands.expected[0, -1] / 3.0
+        return variance, [variance, *others], 0.0, 0
     return variance, others, best, k
 
 

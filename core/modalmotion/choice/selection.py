@@ -101,7 +101,7 @@ def _with_count(fitter: Fitter, cache: TemplateCache) -> Model:
             details={"modes": n, "most": int(ladder.counts[-1])},
         )
     count = int(ladder.counts[np.searchsorted(ladder.counts, n)])
-    model = fit_model(fitter, ladder.basis_of(count))
+    model = fit_model(fitter, make_basis(fitter.template, ladder.modes(count)))
     notes = (*notes_on(ladder, parameters), *_on_size(model, fitter.sequence))
     return replace(model, notes=notes)
 

@@ -19,7 +19,7 @@ MIXINGS: Final = (0, 1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
 """Times that a noise may have been mixed with its neighbours."""
 
 # Numbers in the white fields that are mixed, and limits of the number of fields.
-_NUMBERS: Final = 40_000
+_NUMBERS: Final = 24_000
 _FEWEST: Final = 16
 _MOST: Final = 48
 
