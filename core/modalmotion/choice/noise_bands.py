@@ -105,8 +105,8 @@ def bands_of(fitter: Fitter, ladder: Ladder, fit: Fit, noise: SmoothNoise) -> Ba
     most = max(1, min(_MODES, len(weighted) // _SHARE))
     m = int(ladder.counts[np.searchsorted(ladder.counts, most, side="right") - 1])
     triangle = np.ascontiguousarray(ladder.basis.triangle[:m])
-    # c = Q'W^(1/2) u = rows u, and u = psi c
-    rows = product(triangle, ladder.basis.projector)
+    # c = rows u, and u = psi c
+    rows = ladder.rows[:m]
     some = weighted[:: -(-len(weighted) // _MOST_VERTICES)]
     psi = np.ascontiguousarray(rows[:, some].T / weights[some, None])
     first = max(0, (f - _MOST_FRAMES) // 2)
@@ -131,7 +131,8 @@ def bands_of(fitter: Fitter, ladder: Ladder, fit: Fit, noise: SmoothNoise) -> Ba
     # The first mode is a shift of the whole frame, which is motion.
     shift, n_bands = min(1, m - 1), max(1, m // _IN_BAND)
     paths = [*np.array_split(c[shift:], n_bands), left]
-    grams = [np.einsum("idf,idg->dfg", x, x, optimize=True) for x in paths]
+    # A small product for each direction: one thread does it.
+    grams = [x.transpose(1, 2, 0) @ x.transpose(1, 0, 2) for x in paths]
     expected, columns = [], []
     for field, own in zip(noise.fields, noise.coefficients(rows), strict=True):
         rest = (field[some] - product(psi, own)) / np.sqrt(len(some))
@@ -207,9 +208,7 @@ def levels_of(
 
 def _split(
     z: NDArray[np.float64],
-) -> tuple[
-    NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
-]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Energy of noise, log-energies of motion, and directions of each, for 0, 1, ... of motion."""
     p = z.shape[-1]
     moving = np.arange(int(_MOVING * p) + 1)

@@ -41,7 +41,7 @@ _ROUNDS: Final = 2
 _GEOMETRIC: Final = 3
 
 # Share of what lacks to 1 that the correlation may be off.
-_SLOWER: Final = 0.15
+_SLOWER: Final = 0.1
 
 # Frames from which on directions of time tell motion from noise.
 _FEW_FRAMES: Final = 5
@@ -124,8 +124,7 @@ def _variances(bands: Bands) -> tuple[float, list[float], float, int]:
         best = correlation(k)
         variance, k = level(best, k)
     others = [variance]
-    for cost in (_COST / 2, _COST * 2):
-        others.append(level(correlation(k, cost), k, cost)[0])
+    others += [level(correlation(k, cost), k, cost)[0] for cost in (_COST / 2, _COST * 2)]
     ((energies, _),) = bands.whitened((best,))
     half = len(energies) // 2
     for some in (slice(half), slice(half, None)):
@@ -149,9 +148,7 @@ def _peak(found: NDArray[np.float64] | list[float]) -> float:
     return k + (float(np.clip(-b / (2.0 * a), -0.5, 0.5)) if a < 0.0 else 0.0)
 
 
-def modes_until_noise(
-    fitter: Fitter, noise: Noise, ladder: Ladder, fit: Fit
-) -> tuple[Ladder, int]:
+def modes_until_noise(fitter: Fitter, noise: Noise, ladder: Ladder, fit: Fit) -> tuple[Ladder, int]:
     """Give a ladder of modes, and the number of them to keep.
 
     Parameters

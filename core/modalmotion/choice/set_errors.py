@@ -79,8 +79,7 @@ class SetErrors:
         others = counts[bounds < min(tried.values())]
         if self.fitter.parameters.tolerance_of == ErrorKind.MAX and len(others):
             tried.update(zip(others.tolist(), self.of(others).tolist(), strict=True))
-        best = min((error, count) for count, error in tried.items())
-        return best
+        return min((error, count) for count, error in tried.items())
 
     @property
     def _functions(self) -> Harmonics:

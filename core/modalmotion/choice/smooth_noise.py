@@ -87,12 +87,11 @@ def independent(fields: NDArray[np.float64], weights: NDArray[np.float64] | floa
 
 
 def shares_of(ladder: Ladder, template: Template, mixed: int) -> NDArray[np.float64]:
-    """Expected squared coefficient of each mode in noise of variance 1, (modes,) float64."""
+    """Give the expected squared coefficient of each mode in noise of variance 1, (modes,)."""
     white = ladder.noise_shares
     if mixed == 0:
         return white
-    rows = product(ladder.basis.triangle, ladder.basis.projector)
-    noise = SmoothNoise.on(template, (0, mixed)).coefficients(rows)
+    noise = SmoothNoise.on(template, (0, mixed)).coefficients(ladder.rows)
     # Smooth fields stem from the white ones, so that chance cancels in their ratio.
     own, smooth = (noise**2).mean(axis=2)
     shares: NDArray[np.float64] = white * smooth / own

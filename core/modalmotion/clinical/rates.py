@@ -124,16 +124,20 @@ def _peaks(
         t = np.append(t, t[0] + period)
         weights = np.concatenate([weights, weights[:1]])
     # Rates are sums of volumes: (times, frames) weights.
-    spline = CubicSpline(t, weights, bc_type="periodic" if closes else "not-a-knot")
+    spline = CubicSpline(t, weights, bc_type="periodic" if closes else "natural")
     fine = np.interp(np.arange(_FINE * (len(t) - 1) + 1) / _FINE, np.arange(len(t)), t)
     slopes = spline(fine, 1)
-    rates, chords = slopes @ volumes, _central(t, weights @ volumes, is_closed=closes)
+    # An open end's slope depends on what is taken to come beyond it.
+    other = slopes if closes else CubicSpline(t, weights, bc_type="not-a-knot")(fine, 1)
+    rates, others = slopes @ volumes, other @ volumes
+    chords = _central(t, weights @ volumes, is_closed=closes)
     found = []
     for sign in (-1.0, 1.0):
         at = int(np.argmax(sign * rates))
         rate = max(0.0, float(sign * rates[at]))
         beside = abs(rate - max(0.0, float((sign * chords).max())))
         between = beside * min(_FAR, _NEAR * beside / rate) if rate > 0.0 else 0.0
+        between += abs(float((sign * others).max()) - float((sign * rates).max()))
         frame = int(np.argmin(np.abs(t - fine[at])))
         found.append(
             _Peak(

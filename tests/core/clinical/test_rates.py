@@ -88,7 +88,8 @@ def curve_of(rng: np.random.Generator) -> tuple[Curve, Curve]:
 
     def places(t: NDArray[np.float64]) -> NDArray[np.float64]:
         # Of the beats before and after too.
-        return (np.asarray(t)[..., None, None] - centres - np.array([[-1], [0], [1]])) / widths
+        from_here: NDArray[np.float64] = np.asarray(t)[..., None, None] - centres
+        return (from_here - np.array([[-1], [0], [1]])) / widths
 
     return (
         lambda t: 120.0 + (sizes * np.tanh(places(t))).sum(axis=(-2, -1)),
