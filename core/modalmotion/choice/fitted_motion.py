@@ -13,7 +13,7 @@ from modalmotion.choice.harmonics import harmonics_of, require_harmonics
 from modalmotion.choice.parameters import ErrorKind
 from modalmotion.choice.reason import ModelChoice
 from modalmotion.choice.scene import LinearMotion
-from modalmotion.fit.basis import Basis, make_basis
+from modalmotion.fit.basis import Basis
 from modalmotion.fit.fit import Fit
 from modalmotion.fit.superposition import measured
 from modalmotion.modes import Modes
@@ -26,20 +26,24 @@ class Model:
 
     Parameters
     ----------
-    modes : Modes
+    basis : Basis
+        The modes, factored.
     fit : Fit
         Its errors are those of these amplitudes.
-    condition : float
     choice : ModelChoice or None
         How the modes were chosen, where their number was not stated.
     notes : tuple of str
     """
 
-    modes: Modes
+    basis: Basis
     fit: Fit
-    condition: float
     choice: ModelChoice | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def modes(self) -> Modes:
+        """The modes themselves."""
+        return self.basis.modes
 
     def error(self, kind: ErrorKind) -> float:
         """Error that a tolerance limits, length unit."""
@@ -50,33 +54,25 @@ class Model:
 
 
 def fit_model(
-    fitter: Fitter,
-    modes: Modes,
-    *,
-    normal: tuple[float, float, float] | None = None,
-    basis: Basis | None = None,
+    fitter: Fitter, basis: Basis, *, normal: tuple[float, float, float] | None = None
 ) -> Model:
     """Fit modes to a sequence, their paths limited to harmonics and to a plane on request.
 
     Parameters
     ----------
     fitter : Fitter
-    modes : Modes
+    basis : Basis
+        The modes, factored.
     normal : tuple of float, optional
         Direction that is left out of all amplitudes, which must be along x, y, z.
-    basis : Basis, optional
-        The modes, factored before.
 
     Raises
     ------
-    ModeCountError
-        If the surface cannot tell that many modes apart.
     ParameterError
         If the frames tell fewer harmonics apart than requested.
     """
-    basis = make_basis(fitter.template, modes) if basis is None else basis
     fit = fitter.fit(basis)
-    model = Model(modes, fit, basis.condition)
+    model = Model(basis, fit)
     amplitudes, harmonics = fit.amplitudes, fitter.parameters.harmonics
     if harmonics is not None:
         functions = harmonics_of(fitter.sequence.n_frames, fitter.sequence.times)
@@ -87,17 +83,15 @@ def fit_model(
         amplitudes = amplitudes - (amplitudes @ n)[:, :, None] * n
     if amplitudes is fit.amplitudes:
         return model
-    return remeasured(fitter, model, basis, amplitudes)
+    return remeasured(fitter, model, amplitudes)
 
 
-def remeasured(
-    fitter: Fitter, model: Model, basis: Basis, amplitudes: NDArray[np.float64]
-) -> Model:
+def remeasured(fitter: Fitter, model: Model, amplitudes: NDArray[np.float64]) -> Model:
     """Give a model other amplitudes, with the errors that they leave."""
     errors = measured(
         fitter.sequence,
         fitter.template,
-        fitter.superposition(basis.shapes),
+        fitter.superposition(model.basis.shapes),
         amplitudes,
         model.fit.rotations,
         model.fit.translations,
@@ -105,16 +99,14 @@ def remeasured(
     return replace(model, fit=replace(model.fit, amplitudes=amplitudes, errors=errors))
 
 
-def static_model(fitter: Fitter, modes: Modes, static: LinearMotion) -> Model:
+def static_model(fitter: Fitter, basis: Basis, static: LinearMotion) -> Model:
     """Model in which nothing moves: zeros, and the motion that is left out as its error."""
-    basis = make_basis(fitter.template, modes)
     fit = replace(
         fitter.fit(basis),
         rotations=Rotations.none(fitter.sequence.n_frames),
         translations=static.shifts,
     )
-    still = Model(modes, fit, basis.condition)
-    return remeasured(fitter, still, basis, np.zeros_like(fit.amplitudes))
+    return remeasured(fitter, Model(basis, fit), np.zeros_like(fit.amplitudes))
 
 
 def closure_gap(amplitudes: NDArray[np.float64]) -> float:

@@ -59,10 +59,26 @@ class Ladder:
         (modes,) float64
             Near 1 / vertices each.
         """
-        # c = Q'W^(1/2) e = R P e, so E c_j^2 is the squared length of row j.
-        rows = product(self.basis.triangle, self.basis.projector)
-        shares: NDArray[np.float64] = np.einsum("jn,jn->j", rows, rows)
+        # c = Q'W^(1/2) e, so E c_j^2 is the squared length of row j.
+        shares: NDArray[np.float64] = np.einsum("jn,jn->j", self.rows, self.rows)
         return shares
+
+    @cached_property
+    def rows(self) -> NDArray[np.float64]:
+        """Q'W^(1/2) = R P, (modes, vertices): coefficients of orthonormal shapes."""
+        return product(self.basis.triangle, self.basis.projector)
+
+    def basis_of(self, count: int) -> Basis:
+        """First modes of the order, factored: P = R^-1 Q'W^(1/2), whose rows are those of all."""
+        whole = self.basis
+        R = np.ascontiguousarray(whole.triangle[:count, :count])
+        return Basis(
+            self.modes(count),
+            np.ascontiguousarray(whole.shapes[:, :count]),
+            product(inverse_of_triangle(R), self.rows[:count]),
+            R,
+            float(np.linalg.cond(R)),
+        )
 
     def modes(self, count: int) -> Modes:
         """First modes of the order."""

@@ -1,4 +1,10 @@
-"""A motion split into bands, coarse to fine, each with what it would hold of noise."""
+"""A motion split into bands, coarse to fine, and its noise in each of them.
+
+Of each band the frames' products are read, in each of three directions of space. Noise fills all
+directions of time alike once its correlation from frame to frame is taken out; a motion takes few
+of them. These are sought in two of the directions of space and read in the third, whose noise knows
+nothing of them.
+"""
 
 from __future__ import annotations
 
@@ -6,107 +12,83 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.nested_sets import Ladder
-from modalmotion.choice.noise_mixtures import MIXINGS, PAIRED, Mixtures
+from modalmotion.choice.noise import over_time
+from modalmotion.choice.smooth_noise import SmoothNoise, independent
 from modalmotion.fit.fit import Fit
 from modalmotion.numeric.products import product
 from modalmotion.numeric.scale import power_of_two
-from modalmotion.template import Template
 
 # Modes that make bands, their largest share of the vertices, and their number in a band.
 _MODES: Final = 120
 _SHARE: Final = 4
 _IN_BAND: Final = 10
 
-FINE: Final = 3
-"""Bands of what the modes leave."""
-
-# Largest number of vertices in those and of frames: more do not change the estimate. The frames
-# follow one another, or their correlation would be that of other steps.
+# Largest number of vertices in the residual and of frames: more do not change the estimate. The
+# frames follow one another, or their correlation would be that of other steps.
 _MOST_VERTICES: Final = 1500
 _MOST_FRAMES: Final = 128
+
+# Columns of a band that count at most: bands are not wholly alike.
+_MOST_COLUMNS: Final = 400.0
+
+# Share of the directions of time that a motion may take.
+_MOVING: Final = 0.75
+
+# Directions that are all mixtures of the principal directions of a motion, the first in each.
+_MIXED: Final = np.array([[1, 1, 1], [1, -1, 0], [1, 1, -2]]) / np.sqrt([[3], [2], [6]])
 
 
 @dataclass(frozen=True, eq=False)
 class Bands:
-    """A motion split into bands, coarse to fine, each with what it would hold of noise.
+    """A motion in bands of ten modes and what they leave, and what each would hold of noise.
 
     Parameters
     ----------
-    grams : (bands, frames, frames) float64, in units of the scale squared
+    grams : (3, bands, frames, frames) float64, in units of the scale squared
         Products of the frames with one another over the columns of each band.
-    expected : (parts, bands) float64
-        Sum of the columns' variances in noise of variance 1 that is mixed as `MIXINGS`.
-    overlaps : (bands, parts, parts) float64
-        Traces of products of the columns' covariances in two parts.
-    modes : int
-        Number that was taken out before the last bands.
+    expected : (mixings, bands) float64
+        Sum of the columns' variances in noise of variance 1.
+    columns : (mixings, bands) float64
+        Independent ones in such noise.
     scale : float, length unit
         A power of two.
+    modes : int
     """
 
     grams: NDArray[np.float64]
     expected: NDArray[np.float64]
-    overlaps: NDArray[np.float64]
-    modes: int
+    columns: NDArray[np.float64]
     scale: float
+    modes: int
 
-    def independent(self, parts: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Independent columns of each band, (bands,) float64, in noise of such parts.
+    def whitened(self, correlations: tuple[float, ...]) -> list[tuple[NDArray[np.float64], float]]:
+        """Energies (bands, directions), those of most motion last, and log det of each correlation.
 
-        tr(C)^2 / tr(C^2) for columns of covariance C: their number where all are alike.
+        Each vertex's mean is left out: it takes the reference's own noise with it.
         """
-        squares = np.einsum("a,nab,b->n", parts, self.overlaps, parts)
-        n: NDArray[np.float64] = (parts @ self.expected) ** 2 / np.maximum(squares, 1e-300)
-        return n
+        n_frames = self.grams.shape[2]
+        still = np.linalg.qr(np.ones((n_frames, 1)), mode="complete")[0][:, 1:]
+        totals = still.T @ self.grams.sum(axis=1) @ still
+        others = totals.sum(axis=0) - totals
+        directions = still @ np.linalg.eigh(others)[1]
+        moved = directions.transpose(0, 2, 1) @ self.grams.transpose(1, 0, 2, 3) @ directions
+        result = []
+        for correlation in correlations:
+            covariances = over_time(correlation, n_frames)
+            # Each direction after those before it.
+            L = np.linalg.cholesky(directions.transpose(0, 2, 1) @ covariances @ directions)
+            inverse = np.linalg.inv(L)
+            energies = ((inverse @ moved) * inverse).sum(axis=(1, 3))
+            log_det = 2.0 * float(np.log(np.diagonal(L, axis1=1, axis2=2)).sum()) / 3.0
+            result.append((np.maximum(energies, 1e-280), log_det))
+        return result
 
 
-@dataclass(frozen=True, eq=False)
-class _Split:
-    """The split of fields (vertices, n) float64 on one surface.
-
-    Parameters
-    ----------
-    rows : (modes, vertices) float64
-        Coefficients of orthonormal shapes: c = rows u; those first that mixing changes least.
-    psi : (vertices, modes) float64
-        These shapes.
-    once : (vertices, vertices) scipy.sparse.csr_array of float64
-    some : (n,) int64
-        Vertices that are read in the fine bands.
-    """
-
-    rows: NDArray[np.float64]
-    psi: NDArray[np.float64]
-    once: scipy.sparse.csr_array
-    some: NDArray[np.int64]
-
-    def coarse(self, c: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-        """Split coefficients, (modes, n) float64."""
-        return np.array_split(c, max(1, len(c) // _IN_BAND))
-
-    def fine(
-        self, fields: NDArray[np.float64], c: NDArray[np.float64]
-    ) -> list[NDArray[np.float64]]:
-        """Split what the modes leave, by means over ever more neighbours."""
-        left = fields - product(self.psi, c)
-        near = self.once @ left
-        far = self.once @ (self.once @ (self.once @ near))
-        root = np.sqrt(len(self.some))
-        return [part[self.some] / root for part in (left - near, near - far, far)]
-
-
-def n_modes_of(ladder: Ladder, template: Template) -> int:
-    """Count the modes of a ladder that make bands."""
-    most = max(1, min(_MODES, int((template.weights > 0).sum()) // _SHARE))
-    return int(ladder.counts[np.searchsorted(ladder.counts, most, side="right") - 1])
-
-
-def bands_of(fitter: Fitter, ladder: Ladder, fit: Fit, mixtures: Mixtures) -> Bands:
+def bands_of(fitter: Fitter, ladder: Ladder, fit: Fit, noise: SmoothNoise) -> Bands:
     """Split a motion and fields of noise alike.
 
     Parameters
@@ -116,78 +98,121 @@ def bands_of(fitter: Fitter, ladder: Ladder, fit: Fit, mixtures: Mixtures) -> Ba
     ladder : Ladder
     fit : Fit
         Of the ladder's largest set.
-    mixtures : Mixtures
+    noise : SmoothNoise
     """
-    template, m = fitter.template, n_modes_of(ladder, fitter.template)
-    triangle = np.ascontiguousarray(ladder.basis.triangle[:m])
-    rows = product(triangle, ladder.basis.projector)
-    kept = ((rows @ mixtures.once) ** 2).sum(axis=1) / (rows**2).sum(axis=1)
-    order = np.argsort(-kept, kind="stable")
-    weights = template.weights
+    weights, f = fitter.template.weights, fitter.sequence.n_frames
     weighted = np.flatnonzero(weights > 0)
-    psi = np.zeros((len(weights), m))
-    psi[weighted] = rows[order][:, weighted].T / weights[weighted, None]
-    split = _Split(
-        np.ascontiguousarray(rows[order]),
-        psi,
-        mixtures.once,
-        weighted[:: -(-len(weighted) // _MOST_VERTICES)],
-    )
-    scale, grams = _grams(fitter, fit, split, np.ascontiguousarray(triangle[order]))
-    expected, overlaps = _expected(split, mixtures)
-    if fitter.parameters.remove_rotation and m > 3:
-        # A rotation takes three numbers a frame out of the coarsest band.
-        expected[:, 0] *= 1.0 - 1.0 / len(split.coarse(split.rows)[0])
-    return Bands(grams, expected, overlaps, m, scale)
-
-
-def _grams(
-    fitter: Fitter, fit: Fit, split: _Split, triangle: NDArray[np.float64]
-) -> tuple[float, NDArray[np.float64]]:
-    f = fitter.sequence.n_frames
+    most = max(1, min(_MODES, len(weighted) // _SHARE))
+    m = int(ladder.counts[np.searchsorted(ladder.counts, most, side="right") - 1])
+    triangle = np.ascontiguousarray(ladder.basis.triangle[:m])
+    # c = rows u, and u = psi c
+    rows = ladder.rows[:m]
+    some = weighted[:: -(-len(weighted) // _MOST_VERTICES)]
+    psi = np.ascontiguousarray(rows[:, some].T / weights[some, None])
     first = max(0, (f - _MOST_FRAMES) // 2)
     last = min(f, first + _MOST_FRAMES)
     a = fit.amplitudes[first:last]
     size = max(float(fit.weighted_motion_rms.max()), float(np.abs(a).max(initial=0.0)))
     scale = power_of_two(size)
-    # c = R a
-    flat = np.ascontiguousarray((a / scale).transpose(1, 0, 2)).reshape(a.shape[1], -1)
-    c = product(triangle, flat)
-    fine: list[list[NDArray[np.float64]]] = [[] for _ in range(FINE)]
+    a = a / scale
+    off = (a - a.mean(axis=0)).reshape(-1, 3)
+    turn = np.linalg.eigh(off.T @ off)[1][:, ::-1] @ _MIXED
+    n = last - first
+    flat = np.ascontiguousarray((a @ turn).transpose(1, 2, 0)).reshape(a.shape[1], -1)
+    c = product(triangle, flat).reshape(m, 3, n)
+    left = np.empty((len(some), 3, n))
     for block in fitter.displacements.blocks():
         start, stop = max(block.frames.start, first), min(block.frames.stop, last)
-        if start >= stop:
-            continue
-        u = block.u[start - block.frames.start : stop - block.frames.start]
-        fields = u.transpose(2, 0, 1).reshape(u.shape[2], -1) * (block.shape.scale / scale)
-        fields[fitter.template.weights == 0] = 0.0
-        own = np.ascontiguousarray(c[:, 3 * (start - first) : 3 * (stop - first)])
-        for parts, part in zip(fine, split.fine(fields, own), strict=True):
-            parts.append(part)
-    bands = [*split.coarse(c), *(np.concatenate(parts, axis=1) for parts in fine)]
-    grams = []
-    for band in bands:
-        # (columns, frames * 3) -> (frames, columns * 3)
-        x = np.ascontiguousarray(band.reshape(len(band), -1, 3).transpose(1, 0, 2))
-        x = x.reshape(len(x), -1)
-        grams.append(product(x, np.ascontiguousarray(x.T)))
-    return scale, np.stack(grams)
+        if start < stop:
+            u = block.u[start - block.frames.start : stop - block.frames.start][:, :, some]
+            u = turn.T @ u * (block.shape.scale / scale)
+            left[:, :, start - first : stop - first] = u.transpose(2, 1, 0)
+    left = (left - product(psi, c.reshape(m, -1)).reshape(left.shape)) / np.sqrt(len(some))
+    # The first mode is a shift of the whole frame, which is motion.
+    shift, n_bands = min(1, m - 1), max(1, m // _IN_BAND)
+    paths = [*np.array_split(c[shift:], n_bands), left]
+    # A small product for each direction: one thread does it.
+    grams = [x.transpose(1, 2, 0) @ x.transpose(1, 0, 2) for x in paths]
+    expected, columns = [], []
+    for field, own in zip(noise.fields, noise.coefficients(rows), strict=True):
+        rest = (field[some] - product(psi, own)) / np.sqrt(len(some))
+        parts = [*np.array_split(own[shift:], n_bands), rest]
+        expected.append([(x**2).sum() / x.shape[1] for x in parts])
+        columns.append([max(3.0 * independent(x), 1.0) for x in parts])
+    variances = np.array(expected)
+    # What white noise brings is known: chance cancels in the ratio of smooth fields to white ones.
+    squares = (rows[shift:] ** 2).sum(axis=1)
+    white = np.array([part.sum() for part in np.array_split(squares, n_bands)])
+    variances[:, :-1] *= white / variances[0, :-1]
+    return Bands(np.stack(grams, axis=1), variances, np.array(columns), scale, m)
 
 
-def _expected(split: _Split, mixtures: Mixtures) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    parts = []
-    for fields in mixtures.fields:
-        c = product(split.rows, fields)
-        parts.append([*split.coarse(c), *split.fine(fields, c)])
-    n_parts, n_fields = len(MIXINGS), mixtures.fields.shape[2]
-    expected = np.array([[(x**2).sum() / n_fields for x in part] for part in parts])
-    overlaps = []
-    k = PAIRED
-    for band in zip(*parts, strict=True):
-        x = np.concatenate([fields[:, :k] for fields in band], axis=1)
-        squares = product(np.ascontiguousarray(x.T), x) ** 2
-        squares = squares.reshape(n_parts, k, n_parts, k)
-        # E (x'y)^2 = tr(C D) for independent fields x and y of covariances C and D
-        same = np.einsum("akbk->ab", squares)
-        overlaps.append((squares.sum(axis=(1, 3)) - same) / (k * (k - 1)))
-    return expected, np.array(overlaps)
+def likelihood(
+    energies: NDArray[np.float64], log_det: float, columns: NDArray[np.float64], cost: float
+) -> float:
+    """Log-likelihood where each band has a level of its own.
+
+    In each band the directions of most motion have energies of their own, as many as pay their
+    cost.
+
+    Parameters
+    ----------
+    energies : (bands, directions) float64
+    log_det : float
+        Of the correlation at which they are white.
+    columns : (bands,) float64
+    cost : float
+        Of each direction of motion.
+    """
+    n = np.minimum(columns, _MOST_COLUMNS)
+    rest, own, noises, moving = _split(energies / columns[:, None])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        levels = np.where(noises > 0, noises * np.log(rest / noises), 0.0)
+    found = -0.5 * n[:, None] * (levels + own + log_det) - cost * moving
+    return float(found.max(axis=1).sum())
+
+
+def levels_of(
+    energies: NDArray[np.float64],
+    expected: NDArray[np.float64],
+    columns: NDArray[np.float64],
+    cost: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Variance of the noise in all bands together, and its log-likelihood, for each mixing.
+
+    Parameters
+    ----------
+    energies : (bands, directions) float64
+    expected : (mixings, bands) float64
+    columns : (bands,) float64
+    cost : float
+
+    Returns
+    -------
+    variances, likelihoods : (mixings,) float64
+    """
+    n = np.minimum(columns, _MOST_COLUMNS)
+    rest, own, noises, moving = _split(energies / expected[:, :, None] / 3.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        variances = np.einsum("b,kbr->kr", n, rest) / (n.sum() * noises)
+        levels = np.where(noises > 0, noises * (np.log(variances) + 1.0), 0.0)
+    found = n.sum() * (levels + moving) + np.einsum("b,kbr->kr", n, own)
+    found = -0.5 * (found + energies.shape[1] * (np.log(expected) @ n)[:, None])
+    found -= cost * moving
+    best = found.argmax(axis=1)[:, None]
+    return (
+        np.take_along_axis(variances, best, axis=1)[:, 0],
+        np.take_along_axis(found, best, axis=1)[:, 0],
+    )
+
+
+def _split(
+    z: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Energy of noise, log-energies of motion, and directions of each, for 0, 1, ... of motion."""
+    p = z.shape[-1]
+    moving = np.arange(int(_MOVING * p) + 1)
+    zero = np.zeros((*z.shape[:-1], 1))
+    rest = np.concatenate([zero, np.cumsum(z, axis=-1)], axis=-1)[..., p - moving]
+    own = np.concatenate([zero, np.cumsum(np.log(z[..., ::-1]), axis=-1)], axis=-1)[..., moving]
+    return rest, own, (p - moving).astype(np.float64), moving.astype(np.float64)

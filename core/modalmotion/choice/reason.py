@@ -68,7 +68,7 @@ class ModelChoice:
             asked=values["asked"],
             limit=values["limit"],
             limit_of=ErrorKind(values["limit_of"]),
-            noise=None if noise is None else Noise(**{**noise, "parts": tuple(noise["parts"])}),
+            noise=None if noise is None else Noise(**noise),
             scene=SceneKind(values["scene"]),
             errors={SceneKind(k): SceneError(**e) for k, e in values["errors"].items()},
             normal=None if normal is None else (normal[0], normal[1], normal[2]),

@@ -16,16 +16,16 @@ from modalmotion.choice.limit import (
     simplest,
     simplest_with_noise,
 )
-from modalmotion.choice.noise_level import measure_noise, modes_until_noise
+from modalmotion.choice.noise_level import modes_until_noise, with_ladder
 from modalmotion.choice.ordered_sets import ENERGY_POOL, notes_on, sorted_ladder
 from modalmotion.choice.parameters import ErrorKind, ModeOrder, SignatureKind, SignatureParameters
 from modalmotion.choice.reason import COMPACT, ModelChoice, note_on_compactness
 from modalmotion.choice.scene import NUMBERS, Scene, SceneKind, scene_of
 from modalmotion.choice.smallest_set import smallest_within
 from modalmotion.errors import ModeCountError
+from modalmotion.fit.basis import Basis, make_basis
 from modalmotion.fit.cache import TemplateCache
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes import Modes
 from modalmotion.numerals import counted
 from modalmotion.template import choose_modes
 from modalmotion.template.body_frame import Components
@@ -53,7 +53,7 @@ def select_model(fitter: Fitter, cache: TemplateCache) -> Model:
     if not parameters.is_adaptive:
         return _with_count(fitter, cache)
     require_unit(parameters, sequence)
-    smallest = choose_modes(template, 1, sequence.grid).modes
+    smallest = make_basis(template, choose_modes(template, 1, sequence.grid).modes)
     first = fit_model(fitter.asking(harmonics=None), smallest)
     scene = scene_of(fitter, first.fit.rotations)
     if parameters.auto:
@@ -71,7 +71,7 @@ def select_model(fitter: Fitter, cache: TemplateCache) -> Model:
     model = smallest_within(fitter, limit)
     if _may_flatten(parameters) and simplest_is_planar(scene, limit, parameters.tolerance_of):
         normal = scene.planar.normal
-        flat = fit_model(fitter, model.modes, normal=normal)
+        flat = fit_model(fitter, model.basis, normal=normal)
         if flat.error(parameters.tolerance_of) <= limit:
             model = replace(flat, notes=model.notes)
             choice = replace(choice, normal=normal)
@@ -90,7 +90,7 @@ def _with_count(fitter: Fitter, cache: TemplateCache) -> Model:
         choice, basis = cache.basis(
             fitter.template, n, fitter.sequence.grid, split_pairs=parameters.split_pairs
         )
-        model = fit_model(fitter, choice.modes, basis=basis)
+        model = fit_model(fitter, basis)
         return replace(model, notes=(*choice.notes, *_on_size(model, fitter.sequence)))
     ladder, _ = sorted_ladder(fitter, parameters.most_modes or max(ENERGY_POOL, n))
     if n > ladder.counts[-1]:
@@ -101,14 +101,14 @@ def _with_count(fitter: Fitter, cache: TemplateCache) -> Model:
             details={"modes": n, "most": int(ladder.counts[-1])},
         )
     count = int(ladder.counts[np.searchsorted(ladder.counts, n)])
-    model = fit_model(fitter, ladder.modes(count))
+    model = fit_model(fitter, make_basis(fitter.template, ladder.modes(count)))
     notes = (*notes_on(ladder, parameters), *_on_size(model, fitter.sequence))
     return replace(model, notes=notes)
 
 
-def _until_noise(fitter: Fitter, smallest: Modes, scene: Scene) -> Model:
+def _until_noise(fitter: Fitter, smallest: Basis, scene: Scene) -> Model:
     sequence, parameters = fitter.sequence, fitter.parameters
-    noise = measure_noise(fitter)
+    noise, first_ladder, its_fit = with_ladder(fitter)
     kind = simplest_with_noise(scene, noise, fitter)
     limit = noise.displacement_rms(sequence.n_frames, parameters.reference)
     choice = ModelChoice("auto", limit, ErrorKind.WEIGHTED_RMS, noise, kind, scene.errors, None)
@@ -118,11 +118,11 @@ def _until_noise(fitter: Fitter, smallest: Modes, scene: Scene) -> Model:
     is_simple = kind == SceneKind.RIGID and parameters.remove_rotation
     if is_simple and parameters.components == Components.CARTESIAN:
         return _noted(fit_model(fitter, smallest), choice, sequence)
-    ladder, count = modes_until_noise(fitter, noise)
+    ladder, count = modes_until_noise(fitter, noise, first_ladder, its_fit)
     normal = None
     if _may_flatten(parameters) and holds_noise(scene.planar.error.weighted_rms, noise, fitter, 1):
         normal = scene.planar.normal
-    model = fit_model(fitter, ladder.modes(count), normal=normal)
+    model = fit_model(fitter, ladder.basis_of(count), normal=normal)
     notes = [*notes_on(ladder, parameters), *_on_size(model, sequence)]
     if count == ladder.counts[-1]:
         reason = ladder.ends_because or "no more were allowed"

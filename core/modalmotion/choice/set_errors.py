@@ -72,14 +72,14 @@ class SetErrors:
     def best(self, known: dict[int, float]) -> tuple[float, int]:
         """Smallest error of all sets, and its number of modes."""
         counts = self.ladder.counts
-        bounds = dict(zip(counts.tolist(), self.bound(counts).tolist(), strict=True))
-        best = min(((error, count) for count, error in known.items()), default=(np.inf, 0))
-        for count in sorted(bounds, key=lambda count: bounds[count]):
-            if bounds[count] >= best[0]:
-                break
-            if known.get(count, np.inf) == np.inf:
-                best = min(best, (float(self.of(np.array([count]))[0]), count))
-        return best
+        bounds = self.bound(counts)
+        first = counts[[int(np.argmin(bounds))]]
+        tried = {**known, int(first[0]): float(self.of(first)[0])}
+        # No set is better than its bound: those that may be are measured together.
+        others = counts[bounds < min(tried.values())]
+        if self.fitter.parameters.tolerance_of == ErrorKind.MAX and len(others):
+            tried.update(zip(others.tolist(), self.of(others).tolist(), strict=True))
+        return min((error, count) for count, error in tried.items())
 
     @property
     def _functions(self) -> Harmonics:

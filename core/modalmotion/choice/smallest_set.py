@@ -15,6 +15,7 @@ from modalmotion.choice.parameters import MOST_MODES, ErrorKind, ModeOrder
 from modalmotion.choice.reason import COMPACT, note_on_compactness
 from modalmotion.choice.set_errors import SetErrors
 from modalmotion.errors import ToleranceError
+from modalmotion.fit.basis import make_basis
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.numerals import counted
 from modalmotion.numeric.scale import root_mean_square
@@ -51,7 +52,7 @@ def smallest_within(fitter: Fitter, limit: float) -> Model:
             known.update(zip(some.tolist(), errors.of(some).tolist(), strict=True))
             for count in some.tolist():
                 if known[count] <= limit + errors.slack(limit):
-                    model = fit_model(fitter, ladder.modes(count))
+                    model = fit_model(fitter, make_basis(fitter.template, ladder.modes(count)))
                     if model.error(parameters.tolerance_of) <= limit:
                         notes = (*notes_on(ladder, parameters), *_on_size(errors, count))
                         return replace(model, notes=notes)

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.errors import ParameterError
 from modalmotion.representation import shown
+
+# Places between two frames at which a spline's slope is looked at.
+_FINE: Final = 32
+
+# A spline's peak is off by so many times its distance from the chords' at most, and by so many
+# times the square of that as a share of it: chords are off by O(h^2), splines by O(h^3) at most.
+_FAR: Final = 1.5
+_NEAR: Final = 6.0
 
 
 @shown("heart_rate", "cardiac_output", "peak_ejection_rate", "peak_filling_rate")
@@ -20,12 +30,12 @@ class Rates:
     Parameters
     ----------
     peak_ejection_rate, peak_filling_rate : float, volume per s
-        Largest fall and rise of the volume, by central differences of neighbouring frames; both
-        positive.
+        Largest fall and rise of the volume, of a cubic spline through the frames; both positive.
     ejection_bound, filling_bound : float, volume per s
-        What the volumes' own bounds put on them.
+        The true rate lies within them: what the volumes' own bounds put on it, and what happens
+        between frames.
     ejection_frame, filling_frame : int
-        Where they are.
+        Nearest to where they are.
     heart_rate : float or None, beats per minute
         None where no period is stated.
     cardiac_output : float or None, volume per minute
@@ -66,8 +76,7 @@ def rates_of(readouts: ClinicalReadouts, period: float | None = None) -> Rates:
             remedy="State times or the interval of frames (--frame-interval).",
         )
     volumes, bounds = readouts.curve.volumes * factor, readouts.curve.bounds * factor
-    rates, errors = _derivatives(times, volumes, bounds, period)
-    fall, rise = int(np.argmin(rates)), int(np.argmax(rates))
+    fall, rise = _peaks(times, volumes, bounds, period)
     heart_rate = output = interval = None
     if period is not None:
         heart_rate = 60.0 / period
@@ -75,34 +84,79 @@ def rates_of(readouts: ClinicalReadouts, period: float | None = None) -> Rates:
         low, high = readouts.curve.stroke_range
         interval = (low * factor * heart_rate, high * factor * heart_rate)
     return Rates(
-        peak_ejection_rate=max(0.0, -float(rates[fall])),
-        peak_filling_rate=max(0.0, float(rates[rise])),
-        ejection_bound=float(errors[fall]),
-        filling_bound=float(errors[rise]),
-        ejection_frame=fall,
-        filling_frame=rise,
+        peak_ejection_rate=fall.rate,
+        peak_filling_rate=rise.rate,
+        ejection_bound=fall.bound,
+        filling_bound=rise.bound,
+        ejection_frame=fall.frame,
+        filling_frame=rise.frame,
         heart_rate=heart_rate,
         cardiac_output=output,
         output_range=interval,
     )
 
 
-def _derivatives(
+@dataclass(frozen=True)
+class _Peak:
+    """Largest rate of one sign, its bound and the frame next to it."""
+
+    rate: float
+    bound: float
+    frame: int
+
+
+def _peaks(
     times: NDArray[np.float64],
     volumes: NDArray[np.float64],
     bounds: NDArray[np.float64],
     period: float | None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Central differences, around the cycle where it closes, and their bounds."""
-    t, v, b = times, volumes, bounds
-    span = float(t[-1] - t[0])
-    closes = period is not None and period > span + 0.5 * span / (len(t) - 1)
+) -> tuple[_Peak, _Peak]:
+    """Largest fall and rise, around the cycle where it closes."""
+    n = len(times)
+    t, step = times, float(times[-1] - times[0]) / (n - 1)
+    weights = np.eye(n)
+    closes = period is not None and period > t[-1] - t[0] - 0.5 * step
     if closes and period is not None:
-        t = np.concatenate([[t[-1] - period], t, [t[0] + period]])
-        v, b = (np.concatenate([[a[-1]], a, [a[0]]]) for a in (v, b))
+        if period < t[-1] - t[0] + 0.5 * step:
+            # The last frame repeats the first: one volume, seen twice.
+            t, weights = t[:-1], weights[:-1]
+            weights[0, -1] = weights[0, 0] = 0.5
+        t = np.append(t, t[0] + period)
+        weights = np.concatenate([weights, weights[:1]])
+    # Rates are sums of volumes: (times, frames) weights.
+    spline = CubicSpline(t, weights, bc_type="periodic" if closes else "natural")
+    fine = np.interp(np.arange(_FINE * (len(t) - 1) + 1) / _FINE, np.arange(len(t)), t)
+    slopes = spline(fine, 1)
+    # An open end's slope depends on what is taken to come beyond it.
+    other = slopes if closes else CubicSpline(t, weights, bc_type="not-a-knot")(fine, 1)
+    rates, others = slopes @ volumes, other @ volumes
+    chords = _central(t, weights @ volumes, is_closed=closes)
+    found = []
+    for sign in (-1.0, 1.0):
+        at = int(np.argmax(sign * rates))
+        rate = max(0.0, float(sign * rates[at]))
+        beside = abs(rate - max(0.0, float((sign * chords).max())))
+        between = beside * min(_FAR, _NEAR * beside / rate) if rate > 0.0 else 0.0
+        between += abs(float((sign * others).max()) - float((sign * rates).max()))
+        frame = int(np.argmin(np.abs(t - fine[at])))
+        found.append(
+            _Peak(
+                rate,
+                float(np.abs(slopes[at]) @ bounds) + between,
+                0 if closes and frame == len(t) - 1 else frame,
+            )
+        )
+    return found[0], found[1]
+
+
+def _central(
+    t: NDArray[np.float64], v: NDArray[np.float64], *, is_closed: bool
+) -> NDArray[np.float64]:
+    """Slopes of chords between the neighbours of each time; at open ends from one side."""
+    if is_closed:
+        t = np.concatenate([[t[0] - (t[-1] - t[-2])], t])
+        v = np.concatenate([v[-2:-1], v])
     else:
-        # At the ends there is one side only.
-        t = np.concatenate([t[:1], t, t[-1:]])
-        v, b = (np.concatenate([a[:1], a, a[-1:]]) for a in (v, b))
-    steps = t[2:] - t[:-2]
-    return (v[2:] - v[:-2]) / steps, (b[2:] + b[:-2]) / steps
+        t, v = (np.concatenate([x[:1], x, x[-1:]]) for x in (t, v))
+    slopes: NDArray[np.float64] = (v[2:] - v[:-2]) / (t[2:] - t[:-2])
+    return slopes

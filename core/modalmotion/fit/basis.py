@@ -19,6 +19,9 @@ from modalmotion.template.loose_vertices import shapes_of
 # Amplitudes lose this factor of the data's precision; beyond it they are not worth giving.
 LARGEST_CONDITION: Final = 1e8
 
+# Power iterations that tell a norm to some percent.
+_POWERS: Final = 10
+
 
 @dataclass(frozen=True, eq=False)
 class Basis:
@@ -119,7 +122,8 @@ def _too_many(
 def largest_sound(R: NDArray[np.float64], counts: NDArray[np.int64]) -> tuple[int, float]:
     """Largest whole set whose amplitudes are worth giving, and the condition of its fit.
 
-    The condition only grows with the set, so bisection finds it.
+    The condition only grows with the set: near the one that a cheap estimate finds, singular values
+    decide.
 
     Parameters
     ----------
@@ -141,15 +145,14 @@ def largest_sound(R: NDArray[np.float64], counts: NDArray[np.int64]) -> tuple[in
     condition = _condition(R)
     if condition <= LARGEST_CONDITION:
         return int(counts[-1]), condition
-    low, high = 0, len(counts) - 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if _condition(R[: counts[middle], : counts[middle]]) <= LARGEST_CONDITION:
-            low = middle
-        else:
-            high = middle
+    low = _about_sound(R, counts)
+    condition = _condition(R[: counts[low], : counts[low]])
+    while low > 0 and not condition <= LARGEST_CONDITION:
+        low -= 1
+        condition = _condition(R[: counts[low], : counts[low]])
+    while (larger := _condition(R[: counts[low + 1], : counts[low + 1]])) <= LARGEST_CONDITION:
+        low, condition = low + 1, larger
     count = int(counts[low])
-    condition = _condition(R[:count, :count])
     if not condition <= LARGEST_CONDITION:
         raise ModeCountError(
             f"{count} modes have the condition {condition:.1e} on this surface.",
@@ -157,6 +160,31 @@ def largest_sound(R: NDArray[np.float64], counts: NDArray[np.int64]) -> tuple[in
             details={"modes": count, "condition": condition},
         )
     return count, condition
+
+
+def _about_sound(R: NDArray[np.float64], counts: NDArray[np.int64]) -> int:
+    """Place of about the largest set that is sound: not the last one.
+
+    |R| |R^-1| by power iterations; the inverses of nested triangles are nested like them.
+    """
+    diagonal = np.abs(np.diag(R))
+    with np.errstate(divide="ignore"):
+        ratios = np.maximum.accumulate(diagonal) / np.minimum.accumulate(diagonal)
+    high = int(np.searchsorted(counts, int((ratios <= LARGEST_CONDITION).sum()), "right"))
+    low, high = 0, min(high, len(counts) - 1)
+    R = np.ascontiguousarray(R[: counts[high - 1], : counts[high - 1]])
+    matrices = R, inverse_of_triangle(R)
+    while high - low > 1:
+        middle = (low + high) // 2
+        n = int(counts[middle])
+        condition = 1.0
+        for A in matrices:
+            x = np.ones((n, 1))
+            for _ in range(_POWERS):
+                x = product(A[:n, :n].T, product(A[:n, :n], x / np.linalg.norm(x)))
+            condition *= float(np.sqrt(np.linalg.norm(x)))
+        low, high = (middle, high) if condition <= LARGEST_CONDITION else (low, middle)
+    return low
 
 
 def _condition(R: NDArray[np.float64]) -> float:

@@ -13,7 +13,7 @@ from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.noise import Noise
 from modalmotion.choice.noise_level import measure_noise
 from modalmotion.choice.parameters import SignatureKind
-from modalmotion.fit.basis import Basis, make_basis
+from modalmotion.fit.basis import Basis
 from modalmotion.fit.deviations import amplitude_deviations, turns_of_axes
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.mesh.uncertainty import Uncertainty
@@ -55,7 +55,7 @@ def deviations_of(
     else:
         words = "the deviations of the track"
     is_offset = fitter.offsets is not None
-    basis = make_basis(fitter.template, model.modes)
+    basis = model.basis
     deviations = amplitude_deviations(
         sequence,
         uncertainty,

@@ -134,7 +134,7 @@ def modal_signature(
         n_vertices=sequence.n_vertices,
         lengths=own_template.lengths,
         landmarks=own_template.landmarks,
-        condition=model.condition,
+        condition=model.basis.condition,
         parameters=parameters,
         sequence_id=original.id,
         template_id=own_template.id,

@@ -73,8 +73,8 @@ class RatesAnswer(BaseModel):
 
     peak_ejection_rate: float = Field(description="Volume per s, positive.")
     peak_filling_rate: float = Field(description="Volume per s.")
-    ejection_bound: float = Field(description="Largest error of it that left-out modes make.")
-    filling_bound: float = Field(description="Largest error of it that left-out modes make.")
+    ejection_bound: float = Field(description="Largest error: of its volumes, and between frames.")
+    filling_bound: float = Field(description="Largest error: of its volumes, and between frames.")
     ejection_frame: int
     filling_frame: int
     heart_rate: float | None = Field(description="Beats per minute; null without a stated period.")

@@ -74,14 +74,11 @@ class NoiseAnswer(BaseModel):
     independent_vertices: float = Field(
         description="Vertices of independent noise that average like these."
     )
-    parts: list[float] = Field(
-        description="Shares of noise that is mixed with its neighbours 0, 1, 2, 4, 8, 12, 16, 24, "
-        "32, 48 and 64 times."
+    mixed: int = Field(
+        description="Times that independent noise is averaged over neighbours to be as smooth."
     )
     rounding: float = Field(description="Added by storing the numbers.")
     modes: int = Field(description="Spatial modes that were told apart.")
-    bands: int = Field(description="Bands of the motion, coarse to fine.")
-    bands_read: int = Field(description="Bands whose paths over time hold noise that was read.")
 
 
 class ChosenAnswer(BaseModel):

@@ -1,0 +1,107 @@
+"""Noise that is smooth in space: white noise mixed with its neighbours, again and again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from modalmotion.choice.nested_sets import Ladder
+from modalmotion.mesh.connectivity import connectivity_of
+from modalmotion.modes.topology import CLOSED
+from modalmotion.numeric.products import product
+from modalmotion.template import Template
+
+MIXINGS: Final = (0, 1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
+"""Times that a noise may have been mixed with its neighbours."""
+
+# Numbers in the white fields that are mixed, and limits of the number of fields.
+_NUMBERS: Final = 24_000
+_FEWEST: Final = 16
+_MOST: Final = 48
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothNoise:
+    """Fields of noise, ever smoother, of mean square 1 over the weighted vertices.
+
+    Parameters
+    ----------
+    edges : (edges, 2) int64
+        Neighbours.
+    fields : (mixings, vertices, fields) float64
+        Each is the mean of itself and its neighbours in the one before, once or several times.
+    """
+
+    edges: NDArray[np.int64]
+    fields: NDArray[np.float64]
+
+    @staticmethod
+    def on(template: Template, mixings: tuple[int, ...] = MIXINGS) -> SmoothNoise:
+        """Draw fields on a template, the same each time."""
+        edges, n = _edges_of(template), template.n_vertices
+        rows = np.concatenate([edges[:, 0], edges[:, 1], np.arange(n)])
+        columns = np.concatenate([edges[:, 1], edges[:, 0], np.arange(n)])
+        share = 1.0 / np.bincount(rows, minlength=n)
+        once = scipy.sparse.csr_array((share[rows], (rows, columns)), shape=(n, n))
+        n_fields = int(np.clip(_NUMBERS // n, _FEWEST, _MOST))
+        field = np.random.default_rng(0).standard_normal((n, n_fields))
+        fields = []
+        for before, times in zip((0, *mixings), mixings, strict=False):
+            for _ in range(times - before):
+                field = once @ field
+            fields.append(field / np.sqrt((field[template.weights > 0] ** 2).mean()))
+        return SmoothNoise(edges, np.stack(fields))
+
+    def coefficients(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Coefficients rows @ field of shapes, (mixings, modes, fields) float64."""
+        return np.stack([product(rows, field) for field in self.fields])
+
+    def beside(self, k: int) -> float:
+        """Correlation of neighbours after `MIXINGS[k]` mixings."""
+        if not len(self.edges):
+            return 0.0
+        # A thousand edges of each of dozens of fields tell it to a percent.
+        x, y = (self.fields[k, i] for i in self.edges[:: -(-len(self.edges) // 1000)].T)
+        return float((x * y).sum() / np.sqrt((x**2).sum() * (y**2).sum()))
+
+
+def independent(fields: NDArray[np.float64], weights: NDArray[np.float64] | float = 1.0) -> float:
+    """Independent columns that average like these: tr(C)^2 / tr(C^2), C their covariance.
+
+    Parameters
+    ----------
+    fields : (columns, fields) float64
+        Independent draws.
+    weights : (columns,) float64 or float
+    """
+    weighted = np.ascontiguousarray((fields.T * weights).T)
+    products = product(np.ascontiguousarray(fields.T), weighted)
+    n, own = len(products), np.diag(products)
+    # E (x'y)^2 = tr(C^2) for independent fields x and y.
+    squares = ((products**2).sum() - (own**2).sum()) / (n * (n - 1))
+    return float(own.mean() ** 2 / max(squares, 1e-300))
+
+
+def shares_of(ladder: Ladder, template: Template, mixed: int) -> NDArray[np.float64]:
+    """Give the expected squared coefficient of each mode in noise of variance 1, (modes,)."""
+    white = ladder.noise_shares
+    if mixed == 0:
+        return white
+    noise = SmoothNoise.on(template, (0, mixed)).coefficients(ladder.rows)
+    # Smooth fields stem from the white ones, so that chance cancels in their ratio.
+    own, smooth = (noise**2).mean(axis=2)
+    shares: NDArray[np.float64] = white * smooth / own
+    return shares
+
+
+def _edges_of(template: Template) -> NDArray[np.int64]:
+    if len(template.faces):
+        return connectivity_of(template.faces, template.n_vertices).edges
+    i = np.arange(template.n_vertices)
+    around = np.stack([i, np.roll(i, -1)], axis=1)
+    is_closed = template.surface is not None and template.surface.ends == (CLOSED,)
+    return around if is_closed and len(i) > 2 else around[:-1]
