@@ -13,7 +13,7 @@ from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.noise import Noise
 from modalmotion.choice.noise_level import measure_noise
 from modalmotion.choice.parameters import SignatureKind
-from modalmotion.fit.basis import Basis
+from modalmotion.fit.basis import Basis, make_basis
 from modalmotion.fit.deviations import amplitude_deviations, turns_of_axes
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.mesh.uncertainty import Uncertainty

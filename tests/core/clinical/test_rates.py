@@ -89,7 +89,7 @@ def curve_of(rng: np.random.Generator) -> tuple[Curve, Curve]:
     def places(t: NDArray[np.float64]) -> NDArray[np.float64]:
         # Of the beats before and after too.
         from_here: NDArray[np.float64] = np.asarray(t)[..., None, None] - centres
-        return (from_here - np.array([[-1], [0], [1]])) / widths
+        return np.asarray((from_here - np.array([[-1], [0], [1]])) / widths, dtype=np.float64)
 
     return (
         lambda t: 120.0 + (sizes * np.tanh(places(t))).sum(axis=(-2, -1)),
