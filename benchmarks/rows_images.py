@@ -21,7 +21,7 @@ FILES = DATA / "cine" / "contours"
 _KINDS = (
     ("ct", "CT of 1.5 mm", 0.4, 1.0, 6, 1.5),
     ("echo", "echo of 1.2 mm", 0.6, 1.5, 4, 1.0),
-    ("mri", "MRI of 1.4 x 1.4 x 8 mm", 0.6, 1.5, 5, 1.0),
+    ("mri", "MRI of 1.4 x 1.4 x 8 mm", 0.6, 1.5, 6, 1.0),
     ("cine", "cine of 9 planes", 0.6, 1.5, 6, 1.0),
 )
 

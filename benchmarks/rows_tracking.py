@@ -1,7 +1,7 @@
 """Rows of the table of truth: tracking without correspondence.
 
-There are no rows of strain: `wall_strain` refuses what was tracked along normals, as clouds,
-contours and images are. `Truth.sequence` has the lattice whose lines are the truth for them.
+`Truth.sequence` has the lattice whose lines are the truth of strain from tracks; there are no
+rows of that yet.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ HEART, FILES = "heart/lv_endocardium", DATA / "cine" / "contours"
     quick=True,
 )
 def clouds(seed: int) -> tuple[float, ...]:
-    results = judged(seen_clouds(ventricles(seed, 8), 1.0))
+    results = judged(seen_clouds(ventricles(seed, 10), 1.0))
     return (*standard_figures(results), float(np.mean([one.told for one in results])))
 
 
