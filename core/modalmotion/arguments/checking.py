@@ -13,6 +13,7 @@ import types
 import typing
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields, is_dataclass
+from enum import Enum
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Final
@@ -111,13 +112,25 @@ def _bound(
         ) from None
     for key, value in bound.arguments.items():
         hint, is_variable = hints.get(key, Any), "VAR" in signature.parameters[key].kind.name
-        if is_variable or _fits(value, hint):
+        if is_variable or _fits(value, hint) or _is_told_within(value, hint):
             continue
         meant = _meant(value)
         if meant is None or not _fits(meant, hint):
             raise _unfit(name, key, value, hint)
         bound.arguments[key] = meant
     return bound
+
+
+def _is_told_within(value: Any, hint: Any) -> bool:
+    """Whether the function itself has the better words: of numbers, and of one of few words."""
+    kinds = [typing.get_origin(one) or one for one in _alternatives(hint)]
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return any(kind in (int, float) for kind in kinds)
+    of_words = (
+        kind is typing.Literal or (isinstance(kind, type) and issubclass(kind, Enum))
+        for kind in kinds
+    )
+    return isinstance(value, str) and any(of_words)
 
 
 def _meant(value: Any) -> Any:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.errors import ParameterError
@@ -124,11 +124,12 @@ def _peaks(
         t = np.append(t, t[0] + period)
         weights = np.concatenate([weights, weights[:1]])
     # Rates are sums of volumes: (times, frames) weights.
-    spline = CubicSpline(t, weights, bc_type="periodic" if closes else "natural")
+    spline = scipy.interpolate.CubicSpline(t, weights, bc_type="periodic" if closes else "natural")
     fine = np.interp(np.arange(_FINE * (len(t) - 1) + 1) / _FINE, np.arange(len(t)), t)
     slopes = spline(fine, 1)
     # An open end's slope depends on what is taken to come beyond it.
-    other = slopes if closes else CubicSpline(t, weights, bc_type="not-a-knot")(fine, 1)
+    knots = scipy.interpolate.CubicSpline(t, weights, bc_type="not-a-knot")
+    other = slopes if closes else knots(fine, 1)
     rates, others = slopes @ volumes, other @ volumes
     chords = _central(t, weights @ volumes, is_closed=closes)
     found = []

@@ -238,6 +238,7 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     evaluation.compare: lambda args: _picture(args) + _COMPARED * len(args[2][0]),
     evaluation.held_out_ids: _reading,
     evaluation.held_out_table: _reading,
+    signatures.kinds_of: _reading,
     codec.encode_upload: _encoding,
     codec.encode_kept: _encoding,
     codec.decode_upload: lambda args: _reading(args) + _DECODED * _bytes(args),

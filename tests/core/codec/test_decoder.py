@@ -342,7 +342,6 @@ def test_patches_that_some_vertices_do_not_need_are_not_solved_for(
         range(10**30),
         range(-(10**13), 3),
         np.array([1, 1]),
-        np.array([0.5]),
         np.array([[1]]),
         np.array([96]),
         np.array([], dtype=np.int64),

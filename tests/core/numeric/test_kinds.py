@@ -52,7 +52,7 @@ REFUSED: dict[str, Callable[[], object]] = {
     "n_modes is 7.5": lambda: LOWEST(mm.CUP, 7.5),
     "n_modes is True": lambda: mm.whole_count(mm.CUP, True),
     "n_bytes is 2000.5": lambda: encode(small(), n_bytes=2000.5),  # type: ignore[arg-type]
-    "rms is 'a'": lambda: encode(small(), rms="a"),  # type: ignore[arg-type]
+    "'rms' of encode.. is a str": lambda: encode(small(), rms="a"),  # type: ignore[arg-type]
     "n_frames is 2.5": lambda: mm.Acquisition(n_frames=2.5),  # type: ignore[arg-type]
     "length is '8'": lambda: mm.VentricleParameters(length="8"),  # type: ignore[arg-type]
     "n_vertices is 90.5": lambda: mm.simulate_ventricle(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ellipsoid_images import LANDMARKS, enclosed, labels, off_surface, volume
 
-from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.errors import ParameterError
 from modalmotion.images import ImageSequence
 from modalmotion.tracking import segment
 
@@ -35,5 +35,5 @@ def test_a_frame_without_an_image_is_named(frame: int) -> None:
 
 
 def test_what_is_no_image_is_refused() -> None:
-    with pytest.raises(ShapeError, match="no image"):
+    with pytest.raises(ParameterError, match="read_images"):
         segment(np.zeros((3, 3, 3)))  # type: ignore[arg-type]

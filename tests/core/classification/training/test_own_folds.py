@@ -164,8 +164,8 @@ def test_a_case_that_came_twice_is_in_the_folds_once() -> None:
 @pytest.mark.parametrize(
     ("cv", "said"),
     [
-        (5, "'cv' gives no folds"),
-        ([1, 2], "'cv' gives no folds"),
+        (5, "'cv' of train"),
+        ([1, 2], "'cv' of train"),
         ([([0.5], [1])], "not indices of cases"),
         ([([0], [12])], "names the case 12, but cases are numbered 0 to 11"),
         ([([0, 1], [1])], "fits to and predicts the case 1"),
