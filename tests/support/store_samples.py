@@ -76,7 +76,8 @@ def assert_same(found: object, expected: object) -> None:
     assert type(found) is type(expected)
     if isinstance(expected, Template):
         # How it was placed is of the recording alone: in a file it counts as exact.
-        found, expected = (replace(one, placement=None) for one in (found, expected))
+        assert isinstance(found, Template)
+        found, expected = replace(found, placement=None), replace(expected, placement=None)
     if isinstance(expected, np.ndarray):
         assert isinstance(found, np.ndarray)
         assert (found.dtype, found.shape) == (expected.dtype, expected.shape)
