@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.noise import Noise
 from modalmotion.choice.noise_level import measure_noise
 from modalmotion.choice.parameters import SignatureKind
+from modalmotion.errors import ModeCountError
 from modalmotion.fit.basis import Basis, make_basis
 from modalmotion.fit.deviations import amplitude_deviations, turns_of_axes
 from modalmotion.mesh.sequence import MeshSequence
@@ -73,7 +75,9 @@ def deviations_of(
         fits = [(fitter, basis)]
         for turn in turns_of_axes(placement, uncertainty, rotations.matrices):
             turned = replace(fitter, template=fitter.template.turned(turn))
-            fits.append((turned, make_basis(turned.template, model.modes)))
+            # So many modes that the turned shape just cannot tell them apart: none is about axes.
+            with suppress(ModeCountError):
+                fits.append((turned, make_basis(turned.template, model.modes)))
         fitted, *others = _amplitudes(fits)
         deviations = np.sqrt(deviations**2 + sum((other - fitted) ** 2 for other in others))
         words += ", and from how far they leave axis and zero of theta undecided"
