@@ -12,7 +12,7 @@ from modalmotion.choice.parameters import ErrorKind, ModeOrder, SignatureParamet
 from modalmotion.formats.detect import Format
 
 # s for any task, and s for a byte of input: an array is read and laid out, a text is parsed too.
-_START: Final = 0.01
+_START: Final = 0.02
 _OF_ARRAYS: Final = 5e-8
 _OF_TEXTS: Final = 1e-6
 

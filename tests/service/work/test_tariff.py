@@ -150,5 +150,5 @@ def test_an_honest_file_takes_no_more_than_a_few_times_its_price(
     start = time.process_time()
     signatures.sign_upload(sent, parameters, None, JSON)
     spent = time.process_time() - start
-    assert spent < 6 * signature_seconds(len(data), parameters)
+    assert spent < 4 * signature_seconds(len(data), parameters)
     assert TARIFF.terms(signatures.sign_upload, (sent, parameters, None, JSON)).most_seconds >= 2
