@@ -57,16 +57,7 @@ def shape_in(
     InputError
         If there are too few points, or the landmarks that the topology needs are missing.
     """
-    # The middle of the points of an end is where it is, if nobody says it better.
-    places = {
-        part.end: part.points.mean(axis=0) for part in frame if part.end is not None and len(part)
-    }
-    places |= {
-        name: part.points[i]
-        for part in frame
-        for i, name in enumerate(part.places or ())
-        if isinstance(name, str)
-    }
+    places = landmarks_of(frame)
     if isinstance(topology, str):
         topology = Topology.parse(topology)
     if topology is None:
@@ -99,6 +90,20 @@ def shape_in(
     require_unfolded(surface, shape[None])
     fitted = mesh_sequence(shape[None], rough.faces, grid=rough.grid, topology=topology)
     return make_template(fitted), rough.grid
+
+
+def landmarks_of(frame: Frame) -> dict[str, NDArray[np.float64]]:
+    """Places of apex and base in a frame; the middle of the points of an end if nobody says it."""
+    places = {
+        part.end: part.points.mean(axis=0) for part in frame if part.end is not None and len(part)
+    }
+    places |= {
+        name: part.points[i]
+        for part in frame
+        for i, name in enumerate(part.places or ())
+        if isinstance(name, str)
+    }
+    return places
 
 
 def _require_extent(cloud: NDArray[np.float64], number: int, topology: Topology) -> None:

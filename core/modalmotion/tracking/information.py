@@ -242,11 +242,11 @@ def _add_end(
         _add_landmarks(surface, x, middle, noise, A, b)
         return
     found = closest_points(part.points, x, sides)
-    gap = part.points - found.feet
-    along = (found.normals * gap[:, None]).sum(axis=-1)
-    weights = robust_weights(found.distances, noise.total)
+    normals = found.normals if part.normals is None else part.normals[:, None]
+    along = (normals * (part.points - found.feet)[:, None]).sum(axis=-1)
+    weights = robust_weights(np.linalg.norm(along, axis=1), noise.total)
     counted = weights if part.weights is None else weights * part.weights
-    _accumulate(surface, found, found.normals, along, counted / noise.variances(part.sd, 1.0), A, b)
+    _accumulate(surface, found, normals, along, counted / noise.variances(part.sd, 1.0), A, b)
 
 
 def _add_ending(

@@ -15,14 +15,15 @@ from modalmotion.images.sequence import Images, images_in
 from modalmotion.mesh.checks import require_times
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import whole_count
-from modalmotion.modes.topology import Topology
+from modalmotion.modes.topology import CUP, Topology
 from modalmotion.numeric.kinds import truth, whole
 from modalmotion.progress import Progress
 from modalmotion.template import Template, make_template
+from modalmotion.tracking.contour_ends import with_contour_ends
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.doubts import doubts_of_ends, has_landmarks
 from modalmotion.tracking.ends_of_data import with_doubts, with_endings
-from modalmotion.tracking.first_shape import shape_in
+from modalmotion.tracking.first_shape import landmarks_of, shape_in
 from modalmotion.tracking.folding import require_unfolded, require_volume
 from modalmotion.tracking.image_frames import frames_of_images
 from modalmotion.tracking.imaged import with_images
@@ -38,6 +39,7 @@ from modalmotion.tracking.passes import (
     evidence,
     first_guess,
     noises_of,
+    steady,
 )
 from modalmotion.tracking.posterior import uncertainty_of
 from modalmotion.tracking.prior import Prior
@@ -174,8 +176,11 @@ def track(
         )
     # Searches in images have taken a third.
     done = _counted(progress, 4 * n_frames, 0 if shown is None else 2 * n_frames)
+    ended = stated
+    if (axis := axis_of(stated[first], start)) is not None and shown is None:
+        ended = with_contour_ends(stated, axis, first)
     if start is None:
-        template, grid = shape_in(stated[first], first, topology)
+        template, grid = shape_in(ended[first], first, topology)
     else:
         template = start if isinstance(start, Template) else make_template(start)
         grid = start.grid if isinstance(start, MeshSequence) else None
@@ -183,14 +188,14 @@ def track(
     _require_size(surface)
     surface = surface.exact_for_affine()
     prior, noise = first_guess(surface)
-    frames = with_endings(surface, stated, noise, pinned, first)
+    frames = with_endings(surface, ended, noise, pinned, first)
     here = both_ways(surface, frames, first, prior, noise, is_closed=is_closed, done=done)
     gap = here.gap
     prior, noise = evidence(surface, here.frames, prior)
     noises = noises_of(surface, here, prior, noise)
     frames = with_doubts(surface, frames, here.amplitudes(len(surface)), noises, pinned)
     for attempt in range(_MOST_TRIES):
-        here = again(surface, frames, here.amplitudes(len(surface)), prior, noise, done)
+        here = again(surface, frames, here.amplitudes(len(surface)), prior, steady(noises_of(surface, here, prior, noise) if attempt else noises, noise), done)
         prior, noise = evidence(surface, here.frames, prior)
         left = _left(surface, here, prior, noise, pinned)
         if limit is None or left <= limit:
@@ -202,9 +207,9 @@ def track(
         truncation = min(noise.truncation, limit, beyond**0.5)
         noise = replace(noise, truncation=truncation, n_values=n_values)
     noises = noises_of(surface, here, prior, noise)
-    Q, h0, prior = chain_of(surface, here, prior, phases, is_closed=is_closed, pinned=pinned)
+    Q, h0, prior = chain_of(surface, here, prior, phases, is_closed=is_closed, pinned=pinned, first=first)
     found = together(
-        surface, frames, here, prior, noises, Q, pinned, done, dynamics=truth("dynamics", dynamics)
+        surface, frames, here, prior, [steady(noises, noise)] * n_frames, Q, pinned, done, dynamics=truth("dynamics", dynamics)
     )
     vertices = np.stack([surface.positions(a) for a in found.amplitudes])
     require_unfolded(surface, vertices)
@@ -267,6 +272,16 @@ def track(
         is_guessed = start is None and topology is None and not has_landmarks(stated)
         notes = (*notes, *doubts_of_ends(result, frames, is_guessed=is_guessed))
     return replace(result, notes=(*notes, *notes_on(result))).informed()
+
+
+def axis_of(frame: Frame, start: Start | None) -> Any:
+    if start is not None:
+        template = start if isinstance(start, Template) else make_template(start)
+        if template.topology != CUP: return None
+        x, s = template.vertices, template.coordinates[:, 0]
+        return x[s >= s.max() - 1e-9].mean(axis=0) - x[s <= s.min() + 1e-9].mean(axis=0)
+    ends = landmarks_of(frame)
+    return ends["base"] - ends["apex"] if {"apex", "base"} <= set(ends) else None
 
 
 def _require_motion(n_frames: int, unseen: tuple[int, ...], known: int | None) -> None:

@@ -115,8 +115,7 @@ def again(
     settled: list[Settled | None] = []
     for frame, a in zip(frames, before, strict=True):
         seen = any(len(part) for part in frame)
-        own = noise.of_frame(energy(surface, a, prior))
-        settled.append(settle(surface, frame, a, variances, own) if seen else None)
+        settled.append(settle(surface, frame, a, variances, noise) if seen else None)
         done()
     return Pass(settled, None)
 
@@ -161,6 +160,16 @@ def energy(surface: Deformable, amplitudes: NDArray[np.float64], prior: Prior) -
 def noises_of(surface: Deformable, here: Pass, prior: Prior, noise: Noise) -> list[Noise]:
     """Noise of each frame, from that of all."""
     return [noise.of_frame(energy(surface, a, prior)) for a in here.amplitudes(len(surface))]
+
+
+def steady(noises: Sequence[Noise], noise: Noise) -> Noise:
+    """Noise of all frames alike.
+
+    Estimated with what grows with the motion, a frame would be drawn to the start the more the
+    farther it moves.
+    """
+    mean = float(np.sqrt(np.mean([own.truncation**2 for own in noises])))
+    return replace(noise, truncation=mean, bending=0.0)
 
 
 def first_guess(surface: Deformable) -> tuple[Prior, Noise]:

@@ -17,7 +17,7 @@ from modalmotion.numeric.cholesky import gram, inverse_of_cholesky
 from modalmotion.numeric.products import product
 
 # Harmonics that are tried.
-_STIFFEST: Final = 0.5
+_STIFFEST: Final = 0.25
 _N_TRIED: Final = 24
 
 # Frames from which on there is something to try, and the harmonic of fewer.

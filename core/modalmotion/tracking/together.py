@@ -34,6 +34,7 @@ def chain_of(
     *,
     is_closed: bool,
     pinned: int | None,
+    first: int = 0,
 ) -> tuple[NDArray[np.float64], float, Prior]:
     """Find the precision of the chain of frames, its harmonic h0, and the prior along it."""
     sds = np.sqrt(prior.variances(surface.wavenumbers))[:, None]
@@ -42,13 +43,27 @@ def chain_of(
     scaled = np.stack([(own.amplitudes / sds).ravel() for own in kept])
     covariance = np.mean([np.diag(own.covariance).reshape(-1, 3) for own in kept], axis=0)
     shares = np.clip(1.0 - covariance / sds**2, 0.0, 1.0).ravel()
-    row = seen.index(pinned) if pinned in seen else None
+    row = seen.index(first) if first in seen else None
+    offset = 0.0
+    if pinned is None and row is not None:
+        offset = float((shares * scaled[row] ** 2).sum() / max(shares.sum(), 1e-300))
+        scaled = scaled - scaled[row]
     h0, variance = most_likely_h0(scaled, shares, phases[seen], is_closed=is_closed, pinned=row)
     wide, least = float(np.sqrt(variance)), LEAST * surface.size
     # Where nothing moves at all a variance of zero would have no inverse.
     scale, drift = max(prior.scale * wide, least), max(prior.drift * wide, least)
     along = replace(prior, scale=scale, drift=drift)
-    return chain_precision(phases, h0, is_closed=is_closed), h0, along
+    Q = chain_precision(phases, h0, is_closed=is_closed)
+    if pinned is None:
+        C = np.linalg.inv(Q)
+        C -= np.outer(C[:, first], C[first]) / C[first, first]
+        C[first, first] = 0.0
+        import os
+        if os.environ.get('SHOW'): print('h0',h0.__round__(2),'var',round(variance,2),'offset',round(offset,3))
+        offset = max(offset / max(variance,1e-300), 1e-3)
+        Q = np.linalg.inv(C + offset + 1e-6*np.eye(len(C)))
+        Q = (Q+Q.T)/2
+    return Q, h0, along
 
 
 class Together(NamedTuple):
