@@ -13,7 +13,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from modalmotion.modes.topology import CUP
+from modalmotion.template import Template
 from modalmotion.tracking.ending import lies_evenly
+from modalmotion.tracking.first_shape import landmarks_of
 from modalmotion.tracking.observation import Frame, Observation
 
 Floats = NDArray[np.float64]
@@ -64,27 +67,29 @@ class _Contour(NamedTuple):
 
 
 def with_contour_ends(
-    frames: Sequence[Frame], axis: NDArray[np.float64], reference: int
+    frames: Sequence[Frame], template: Template | None, reference: int
 ) -> tuple[Frame, ...]:
     """Add to frames of contours where these say that the surface ends.
 
     Parameters
     ----------
     frames : sequence of Frame
-    axis : (3,) float64
-        From apex to base.
+    template : Template, optional
+        Whose axis it is where no landmarks of the reference say it.
     reference : int
         Frame whose planes all frames have.
 
     Returns
     -------
     tuple of Frame
-        With points of the rim as `end="base"`: half a step beyond the ends of open arcs; and along
-        the normal of a stack of slices, half-way between the last one with a contour and the
-        next, in eight directions, known to as much as these lie apart. Frames that state points of
-        the base are as they were, and all where points do not lie in planes that stay.
+        With points of the rim half a step beyond the ends of open arcs, as `end="base"`, and the
+        levels of base and apex along the normal of a stack of slices, as landmarks. Frames that
+        state an end keep to that, and all are as they were where points do not lie in planes that
+        stay.
     """
-    axis = axis / np.linalg.norm(axis)
+    axis = _axis(frames[reference], template)
+    if axis is None:
+        return tuple(frames)
     planes = _Planes(np.zeros((0, 3)), np.zeros(0))
     drawn: dict[int, dict[int, _Contour]] = {}
     for k in [reference, *(k for k in range(len(frames)) if k != reference)]:
@@ -114,6 +119,19 @@ def with_contour_ends(
     for k, tip in _tips(frames, drawn, planes, stack).items():
         full[k] = (*full[k], tip)
     return tuple(full)
+
+
+def _axis(frame: Frame, template: Template | None) -> Floats | None:
+    """Direction from apex to base; None where neither landmarks nor a cup say it."""
+    ends = landmarks_of(frame)
+    if not {"apex", "base"} <= set(ends):
+        if template is None or template.topology != CUP:
+            return None
+        x, s = template.vertices, template.coordinates[:, 0]
+        ends = {"apex": x[s <= s.min()].mean(axis=0), "base": x[s >= s.max()].mean(axis=0)}
+    axis = ends["base"] - ends["apex"]
+    size = float(np.linalg.norm(axis))
+    return axis / size if size > 0 else None
 
 
 def _planes_of(points: Floats, axis: Floats, thickness: float) -> _Planes:
@@ -146,8 +164,7 @@ def _planes_of(points: Floats, axis: Floats, thickness: float) -> _Planes:
 
 def _contour(points: Floats, normal: Floats) -> _Contour:
     """Order points of a plane around their middle, from the widest gap on."""
-    first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-    flat = (points - points.mean(axis=0)) @ np.stack([first, np.cross(normal, first)], axis=1)
+    flat = (points - points.mean(axis=0)) @ _across(normal).T
     ring = points[np.argsort(np.arctan2(flat[:, 1], flat[:, 0]))]
     gaps = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
     widest = int(gaps.argmax())
@@ -158,6 +175,13 @@ def _contour(points: Floats, normal: Floats) -> _Contour:
     return _Contour(arc, np.stack([_beyond(arc[:4], step), _beyond(arc[:-5:-1], step)]), step)
 
 
+def _across(normal: Floats) -> Floats:
+    """Two directions in a plane, (2, 3)."""
+    first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(normal, first)])
+
+
 def _beyond(arc: Floats, step: float) -> Floats:
     """Go half a step beyond the first point of an arc."""
     away = arc[0] - arc[1:].mean(axis=0)
@@ -166,10 +190,12 @@ def _beyond(arc: Floats, step: float) -> Floats:
 
 
 def _stack(planes: _Planes, axis: Floats) -> Ints:
-    """Take the largest stack of parallel slices across the axis, by height; none of fewer than 3."""
+    """Take the largest stack of parallel slices across the axis, by height; none of one or two."""
     across = planes.normals @ axis > _ACROSS
     alike = (planes.normals @ planes.normals.T > _PARALLEL) & across & across[:, None]
-    own = np.flatnonzero(alike[int(alike.sum(axis=1).argmax())]) if alike.any() else np.zeros(0, int)
+    if not alike.any():
+        return np.zeros(0, dtype=np.int64)
+    own = np.flatnonzero(alike[int(alike.sum(axis=1).argmax())])
     return own[np.argsort(planes.offsets[own])] if len(own) > 2 else own[:0]
 
 
@@ -187,7 +213,9 @@ def _ends_of(contours: dict[int, _Contour], planes: _Planes, stack: Ints) -> lis
             continue
         step = float(np.median([one.step for one in own]))
         normals = np.tile(planes.normals[stack[0]], (len(ends), 1)) if across else None
-        found.append(Observation(ends, sd=(0.25 if across else 0.5) * step, normals=normals, end="base"))
+        found.append(
+            Observation(ends, sd=(0.25 if across else 0.5) * step, normals=normals, end="base")
+        )
     return found
 
 
@@ -206,8 +234,7 @@ def _levels(
     """
     normal, heights = planes.normals[stack[0]], planes.offsets[stack]
     spacing = float(np.median(np.diff(heights)))
-    first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-    across = np.stack([first / np.linalg.norm(first), np.cross(normal, first / np.linalg.norm(first))])
+    across = _across(normal)
     numbers = list(drawn)
     n = 3 * len(numbers) + 3
     rows, values = [np.eye(n)[-3:] / [[_LEAN], [_LEAN], [spacing / 4.0]]], [np.zeros(3)]
@@ -223,11 +250,11 @@ def _levels(
         if last is None:
             continue
         closed = [own[plane] for plane in stack if plane in own and not len(own[plane].ends)]
-        middles[k] = middle = (closed or [own[stack[last]]])[-1].points.mean(axis=0)
-        r = (closed or [own[stack[last]]])[-1].points - middle
-        uneven = _UNEVEN * float((r**2).sum(axis=1).mean()) ** 0.5
+        around = (closed or [own[stack[last]]])[-1].points
+        middles[k] = middle = around.mean(axis=0)
+        uneven = _UNEVEN * float(((around - middle) ** 2).sum(axis=1).mean()) ** 0.5
         marks = [
-            (point, 1.0 if part.sd is None else float(np.mean(part.sd)))
+            (point, 0.0 if part.sd is None else float(np.mean(part.sd)))
             for part in (*frames[k], *ends[k])
             for row, point in enumerate(part.points)
             if part.end == "base" or (part.places and part.places[row] == "base")
@@ -252,8 +279,12 @@ def _levels(
     for i, k in enumerate(numbers):
         if k in middles:
             place = middles[k] + (found[3 * i] - middles[k] @ normal) * normal
-            sd = covariance[3 * i, 3 * i] ** 0.5
-            levels[k] = Observation(place[None], sd=sd, normals=normal[None], places=("base",))
+            # What levels of frames have in common counts once, and not once a frame.
+            own_variance = covariance[3 * i, 3 * i]
+            variance = max(covariance[3 * i, : 3 * len(numbers) : 3].sum(), own_variance)
+            levels[k] = Observation(
+                place[None], sd=variance**0.5, normals=normal[None], places=("base",)
+            )
     return levels
 
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.modes.topology import CUP, SPHERE
-from modalmotion.tracking.ending import Ending
 from modalmotion.tracking.observation import Frame
 from modalmotion.tracking.result import Track, normals_of
 
@@ -84,14 +83,18 @@ def doubts_on(result: Track) -> list[str]:
     return doubts + _of_turns(result, centre)
 
 
-def doubts_of_ends(result: Track, frames: Sequence[Frame], *, is_guessed: bool) -> list[str]:
+def doubts_of_ends(
+    result: Track, stated: Sequence[Frame], frames: Sequence[Frame], *, is_guessed: bool
+) -> list[str]:
     """Say what is doubtful in where the surface ends, which points on it do not show.
 
     Parameters
     ----------
     result : Track
+    stated : sequence of Frame
+        Points, with the landmarks that were stated.
     frames : sequence of Frame
-        Of points, with the landmarks that were stated, and what the data say of ends.
+        The same, with what the data say of ends.
     is_guessed : bool
         Whether nobody stated a surface, a topology or landmarks.
     """
@@ -100,16 +103,20 @@ def doubts_of_ends(result: Track, frames: Sequence[Frame], *, is_guessed: bool) 
     if result.template.topology != CUP:
         return []
     doubts = []
-    known = [_ends_in(frame) for frame in frames]
+    known = [_ends_in(frame) for frame in stated]
     others = [k for k in range(result.n_frames) if k != result.reference]
-    shown = [any(isinstance(part, Ending) and part.end == "base" for part in f) for f in frames]
+    shown = [
+        any("base" in (part.end, *(part.places or ())) for part in full[len(own) :])
+        for own, full in zip(stated, frames, strict=True)
+    ]
     open_ones = [k for k in others if "base" not in known[k] and k not in result.unseen]
     missing = [k for k in open_ones if not shown[k]]
     taken = [k for k in open_ones if shown[k]]
     if taken:
         doubts.append(
             f"The base is not stated in {_frames(np.array(taken))} of {result.n_frames}: it was "
-            "taken to be where the data end. State it where they end elsewhere."
+            "taken to be where the data end, of slices between the last one with a contour and the "
+            "next. State it where they end elsewhere."
         )
     if 2 * len(missing) > len(others) and result.n_frames > 1:
         doubts.append(
@@ -117,7 +124,7 @@ def doubts_of_ends(result: Track, frames: Sequence[Frame], *, is_guessed: bool) 
             "do not show where an open surface ends, and the ejection fraction may be off by some "
             "points more than is stated."
         )
-    swapped = [k for k, ends in enumerate(known) if _is_swapped(frames[k], ends)]
+    swapped = [k for k, ends in enumerate(known) if _is_swapped(stated[k], ends)]
     if swapped:
         doubts.append(
             f"In {_frames(np.array(swapped))} points lie nearer to the landmark base than to apex: "
@@ -133,8 +140,7 @@ def has_landmarks(frames: Sequence[Frame]) -> bool:
 
 def _ends_in(frame: Frame) -> dict[str, NDArray[np.float64]]:
     """Places of apex and base that a frame states."""
-    stated = [part for part in frame if not isinstance(part, Ending)]
-    ends = {part.end: part.points.mean(axis=0) for part in stated if part.end and len(part)}
+    ends = {part.end: part.points.mean(axis=0) for part in frame if part.end and len(part)}
     for part in frame:
         for place, point in zip(part.places or (), part.points, strict=False):
             # Of other places the mean of several vertices is that of an opening.

@@ -48,8 +48,8 @@ class Information:
         That they counted with, from 0 of a stray to 1.
     feet : (n, corners) int64
         Corners of the triangle next to each.
-    noise_share : float
-        Of the variance that the points counted with, the part that is noise of their own.
+    truncated : (3 modes, 3 modes) float64
+        Of the part of A that points make, the share of their variance that is no noise of theirs.
     """
 
     matrix: NDArray[np.float64]
@@ -58,7 +58,7 @@ class Information:
     residuals: NDArray[np.float64]
     weights: NDArray[np.float64]
     feet: NDArray[np.int64]
-    noise_share: float
+    truncated: NDArray[np.float64]
 
 
 def information(
@@ -66,7 +66,7 @@ def information(
 ) -> Information:
     """Linearise the data term about amplitudes, (modes, 3) float64."""
     m = len(surface)
-    A, b = np.zeros((3, 3, m, m)), np.zeros((m, 3))
+    A, marks, b = np.zeros((3, 3, m, m)), np.zeros((3, 3, m, m)), np.zeros((m, 3))
     x = surface.positions(amplitudes)
     residuals, weights, feet = [np.zeros((0, 3))], [np.zeros(0)], []
     own = total = 0.0
@@ -75,9 +75,9 @@ def information(
         if isinstance(part, Ending):
             continue
         if part.end is not None:
-            _add_end(surface, x, part, part.end, noise, A, b)
+            _add_end(surface, x, part, part.end, noise, marks, b)
         elif part.is_landmark:
-            _add_landmarks(surface, x, part, noise, A, b)
+            _add_landmarks(surface, x, part, noise, marks, b)
         elif len(part):
             found = _profile_feet(part, x) or closest_points(part.points, x, surface.cells)
             if lies_evenly(part):
@@ -90,8 +90,11 @@ def information(
             feet.append(corners)
     for part in frame:
         if isinstance(part, Ending):
-            _add_ending(surface, x, part, even, noise, A, b)
-    matrix = np.ascontiguousarray(A.transpose(2, 0, 3, 1).reshape(3 * m, 3 * m))
+            _add_ending(surface, x, part, even, noise, marks, b)
+    of_points, matrix = (
+        np.ascontiguousarray(own.transpose(2, 0, 3, 1).reshape(3 * m, 3 * m))
+        for own in (A, A + marks)
+    )
     # (y - x(a)) is what b came from: the target is that much beyond a.
     vector = b.ravel() + product(matrix, amplitudes.reshape(-1, 1))[:, 0]
     points = [part.points for part in frame if not part.is_landmark and len(part)]
@@ -102,7 +105,7 @@ def information(
         np.concatenate(residuals),
         np.concatenate(weights),
         np.concatenate(feet) if feet else np.zeros((0, surface.cells.shape[1]), dtype=np.int64),
-        own / total if total > 0 else 1.0,
+        (1.0 - own / total if total > 0 else 0.0) * of_points,
     )
 
 

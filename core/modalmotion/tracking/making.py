@@ -15,7 +15,7 @@ from modalmotion.images.sequence import Images, images_in
 from modalmotion.mesh.checks import require_times
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import whole_count
-from modalmotion.modes.topology import CUP, Topology
+from modalmotion.modes.topology import Topology
 from modalmotion.numeric.kinds import truth, whole
 from modalmotion.progress import Progress
 from modalmotion.template import Template, make_template
@@ -23,7 +23,7 @@ from modalmotion.tracking.contour_ends import with_contour_ends
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.doubts import doubts_of_ends, has_landmarks
 from modalmotion.tracking.ends_of_data import with_doubts, with_endings
-from modalmotion.tracking.first_shape import landmarks_of, shape_in
+from modalmotion.tracking.first_shape import shape_in
 from modalmotion.tracking.folding import require_unfolded, require_volume
 from modalmotion.tracking.image_frames import frames_of_images
 from modalmotion.tracking.imaged import with_images
@@ -176,14 +176,13 @@ def track(
         )
     # Searches in images have taken a third.
     done = _counted(progress, 4 * n_frames, 0 if shown is None else 2 * n_frames)
-    ended = stated
-    if (axis := axis_of(stated[first], start)) is not None and shown is None:
-        ended = with_contour_ends(stated, axis, first)
-    if start is None:
-        template, grid = shape_in(ended[first], first, topology)
-    else:
+    template, grid = None, None
+    if start is not None:
         template = start if isinstance(start, Template) else make_template(start)
         grid = start.grid if isinstance(start, MeshSequence) else None
+    ended = stated if shown is not None else with_contour_ends(stated, template, first)
+    if template is None:
+        template, grid = shape_in(ended[first], first, topology)
     surface = Deformable.of(template, modes)
     _require_size(surface)
     surface = surface.exact_for_affine()
@@ -191,12 +190,19 @@ def track(
     frames = with_endings(surface, ended, noise, pinned, first)
     here = both_ways(surface, frames, first, prior, noise, is_closed=is_closed, done=done)
     gap = here.gap
-    prior, noise = evidence(surface, here.frames, prior)
+    prior, noise = evidence(surface, here.frames, prior, is_exact=pinned is not None)
     noises = noises_of(surface, here, prior, noise)
     frames = with_doubts(surface, frames, here.amplitudes(len(surface)), noises, pinned)
     for attempt in range(_MOST_TRIES):
-        here = again(surface, frames, here.amplitudes(len(surface)), prior, steady(noises_of(surface, here, prior, noise) if attempt else noises, noise), done)
-        prior, noise = evidence(surface, here.frames, prior)
+        here = again(
+            surface,
+            frames,
+            here.amplitudes(len(surface)),
+            prior,
+            steady(noises_of(surface, here, prior, noise) if attempt else noises, noise),
+            done,
+        )
+        prior, noise = evidence(surface, here.frames, prior, is_exact=pinned is not None)
         left = _left(surface, here, prior, noise, pinned)
         if limit is None or left <= limit:
             break
@@ -207,9 +213,19 @@ def track(
         truncation = min(noise.truncation, limit, beyond**0.5)
         noise = replace(noise, truncation=truncation, n_values=n_values)
     noises = noises_of(surface, here, prior, noise)
-    Q, h0, prior = chain_of(surface, here, prior, phases, is_closed=is_closed, pinned=pinned, first=first)
+    Q, h0, prior = chain_of(
+        surface, here, prior, phases, first, is_closed=is_closed, is_exact=pinned is not None
+    )
     found = together(
-        surface, frames, here, prior, [steady(noises, noise)] * n_frames, Q, pinned, done, dynamics=truth("dynamics", dynamics)
+        surface,
+        frames,
+        here,
+        prior,
+        [steady(noises, noise)] * n_frames,
+        Q,
+        pinned,
+        done,
+        dynamics=truth("dynamics", dynamics),
     )
     vertices = np.stack([surface.positions(a) for a in found.amplitudes])
     require_unfolded(surface, vertices)
@@ -270,18 +286,8 @@ def track(
         notes = (*shown.notes, *notes)
     else:
         is_guessed = start is None and topology is None and not has_landmarks(stated)
-        notes = (*notes, *doubts_of_ends(result, frames, is_guessed=is_guessed))
+        notes = (*notes, *doubts_of_ends(result, stated, frames, is_guessed=is_guessed))
     return replace(result, notes=(*notes, *notes_on(result))).informed()
-
-
-def axis_of(frame: Frame, start: Start | None) -> Any:
-    if start is not None:
-        template = start if isinstance(start, Template) else make_template(start)
-        if template.topology != CUP: return None
-        x, s = template.vertices, template.coordinates[:, 0]
-        return x[s >= s.max() - 1e-9].mean(axis=0) - x[s <= s.min() + 1e-9].mean(axis=0)
-    ends = landmarks_of(frame)
-    return ends["base"] - ends["apex"] if {"apex", "base"} <= set(ends) else None
 
 
 def _require_motion(n_frames: int, unseen: tuple[int, ...], known: int | None) -> None:

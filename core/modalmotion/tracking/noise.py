@@ -53,6 +53,9 @@ class Noise:
     bending : float
         Share of truncation^2 that rises as the square of the frame's energy, and not as the
         energy: large motion bends what the modes know as straight.
+    lasting : float
+        Share of truncation^2 that all frames have, whatever their energy: the error of the shape
+        that all are about.
     peak : float
         RMS of what the modes leave over the size that 68 % of it stay below.
     """
@@ -62,6 +65,7 @@ class Noise:
     n_values: float
     bending: float = 0.0
     peak: float = 1.0
+    lasting: float = 0.0
 
     @property
     def total(self) -> float:
@@ -70,8 +74,11 @@ class Noise:
 
     def of_frame(self, energy: float) -> Noise:
         """Noise of a frame with so much energy, the mean of a^2 over its prior variance."""
-        rise = energy * (1.0 - self.bending + self.bending * energy)
-        return replace(self, truncation=self.truncation * float(np.sqrt(rise)), bending=0.0)
+        rest = 1.0 - self.lasting - self.bending
+        rise = self.lasting + energy * (rest + self.bending * energy)
+        return replace(
+            self, truncation=self.truncation * float(np.sqrt(rise)), bending=0.0, lasting=0.0
+        )
 
     def longer(self, lasting: float) -> Noise:
         """Noise whose truncation so many frames have in common."""
@@ -123,7 +130,9 @@ class Residuals(NamedTuple):
     energy: float
 
 
-def noise_of(frames: Sequence[Residuals], n_values: float, n_axes: int) -> Noise:
+def noise_of(
+    frames: Sequence[Residuals], n_values: float, n_axes: int, *, is_exact: bool = False
+) -> Noise:
     """Noise under which the residuals are as large, and as much alike, as they are.
 
     Noise of a point says nothing of that of its neighbour; what the modes leave is nearly the
@@ -139,6 +148,8 @@ def noise_of(frames: Sequence[Residuals], n_values: float, n_axes: int) -> Noise
         Independent values of the truncation.
     n_axes : int
         2 of a surface, 1 of a curve.
+    is_exact : bool
+        Whether the shape at rest is that of a frame.
     """
     sizes = [_sizes(frame) for frame in frames]
     weights, totals, own = np.array(sizes).reshape(-1, 3).T
@@ -151,19 +162,21 @@ def noise_of(frames: Sequence[Residuals], n_values: float, n_axes: int) -> Noise
     mean = float((weights * totals).sum()) / n
     sd = max(min(float((weights * own).sum()) / n, mean), _LEAST_SHARE**2 * mean)
     energies = np.array([frame.energy for frame in frames])
-    # truncation^2 = alpha e + beta e^2, neither below zero, weighted by points.
+    # truncation^2 = c + alpha e + beta e^2, none below zero, weighted by points.
     root = np.sqrt(weights / n)
-    rises = np.stack([energies, energies**2], axis=1) * root[:, None]
+    still = 0.0 if is_exact else 1.0
+    rises = np.stack([still + 0.0 * energies, energies, energies**2], axis=1) * root[:, None]
     unit = mean if mean > 0 else 1.0
-    (alpha, beta), _ = scipy.optimize.nnls(rises, np.maximum(totals - sd, 0.0) / unit * root)
-    rise = float(alpha + beta) * unit
-    bending = float(beta / (alpha + beta)) if rise > 0 else 0.0
+    (still, alpha, beta), _ = scipy.optimize.nnls(rises, np.maximum(totals - sd, 0.0) / unit * root)
+    rise = float(still + alpha + beta) * unit
+    bending = float(beta) * unit / rise if rise > 0 else 0.0
+    lasting = float(still) * unit / rise if rise > 0 else 0.0
     peak = 1.0
     smooth = float((weights * (totals - sd)).sum()) / n
     if smooth > _SHOWN * sd:
         peak = float((weights * (squares - sd)).sum()) / n / smooth
     peak = float(np.sqrt(np.clip(peak, 1.0, _HIGHEST_PEAK)))
-    return Noise(float(np.sqrt(sd)), float(np.sqrt(rise)), n_values, bending, peak)
+    return Noise(float(np.sqrt(sd)), float(np.sqrt(rise)), n_values, bending, peak, lasting)
 
 
 def _mean_square(frame: Residuals) -> float:

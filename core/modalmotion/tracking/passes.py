@@ -121,9 +121,16 @@ def again(
 
 
 def evidence(
-    surface: Deformable, settled: Sequence[Settled | None], prior: Prior
+    surface: Deformable,
+    settled: Sequence[Settled | None],
+    prior: Prior,
+    *,
+    is_exact: bool = True,
 ) -> tuple[Prior, Noise]:
-    """Find the prior and the noise under which frames at rest are the most likely."""
+    """Find the prior and the noise under which frames at rest are the most likely.
+
+    Where the start is exact, as that of a single frame, nothing is left where nothing moves.
+    """
     n = len(surface)
     energies, determined = np.zeros(n), np.zeros(n)
     v = prior.variances(surface.wavenumbers)
@@ -146,7 +153,7 @@ def evidence(
         )
         for own in kept
     ]
-    noise = noise_of(left, n_values, surface.template.topology.n_axes)
+    noise = noise_of(left, n_values, surface.template.topology.n_axes, is_exact=is_exact)
     return found, replace(noise, sd=max(noise.sd, _LEAST_NOISE * surface.size))
 
 
@@ -169,7 +176,7 @@ def steady(noises: Sequence[Noise], noise: Noise) -> Noise:
     farther it moves.
     """
     mean = float(np.sqrt(np.mean([own.truncation**2 for own in noises])))
-    return replace(noise, truncation=mean, bending=0.0)
+    return replace(noise, truncation=mean, bending=0.0, lasting=0.0)
 
 
 def first_guess(surface: Deformable) -> tuple[Prior, Noise]:

@@ -51,7 +51,7 @@ def across_covariance(seen: NDArray[np.float64], info: Information) -> NDArray[n
     seen : (3 modes, 3 modes) float64, length unit squared
         C, of the amplitudes, as they were estimated.
     info : Information
-        A, that it comes from, and the share q of it that is noise.
+        The part (1 - q) A of what it comes from that is no noise of points.
 
     Notes
     -----
@@ -59,7 +59,7 @@ def across_covariance(seen: NDArray[np.float64], info: Information) -> NDArray[n
     Across, what truncation does to the amplitudes is in the residuals already, from which T is
     taken: there only the share of the noise counts, C - (1 - q) C A C.
     """
-    return seen - (1.0 - info.noise_share) * product(product(seen, info.matrix), seen)
+    return seen - product(product(seen, info.truncated), seen)
 
 
 def uncertainty_of(

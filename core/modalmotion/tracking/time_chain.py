@@ -1,9 +1,10 @@
 """Time as one more chain: frames joined by springs, closed over a cycle or open.
 
-A harmonic h of the cycle is as stiff as 1 + (h / h0)^2, and the prior is its square, as of a bent
-rod: K (1 + (h / h0)^2)^2. On frames at any times the chain has springs of unequal length, and
-h^2 becomes its stiffness matrix. All frames are estimated together; the chain joins neighbours
-only, so the work grows as their number.
+Frames differ from the one that the shape is taken from by a motion whose harmonic h of the cycle is
+as stiff as (1 + (h / h0)^2)^2 - 1, as of a bent rod that nothing holds in its place; what this one
+itself is off the shape, as far as the modes show it, all frames have in common. On frames at any
+times the chain has springs of unequal length, and h^2 becomes its stiffness matrix. All frames are
+estimated together; the chain joins neighbours only, so the work grows as their number.
 """
 
 from __future__ import annotations
@@ -26,16 +27,25 @@ _USUAL: Final = 2.0
 
 
 def chain_precision(
-    phases: NDArray[np.float64], h0: float, *, is_closed: bool
+    phases: NDArray[np.float64],
+    h0: float,
+    anchor: int,
+    offset: float = 1.0,
+    *,
+    is_closed: bool,
 ) -> NDArray[np.float64]:
-    """Precision of a chain of frames whose variance is 1 at each of them.
+    """Precision of a chain of frames.
 
     Parameters
     ----------
     phases : (frames,) float64
         In cycles, increasing, from 0 to less than 1; of an open chain in lengths of it.
     h0 : float
-        Harmonic from which on amplitudes are held down.
+        Harmonic from which on amplitudes are held down more.
+    anchor : int
+        Frame that the shape is of. By how much others differ from it has a mean variance of 1.
+    offset : float
+        Variance of this frame, which all others have in common.
     is_closed : bool
 
     Returns
@@ -45,35 +55,36 @@ def chain_precision(
     """
     n = len(phases)
     if n == 1:
-        return np.eye(1)
+        return np.eye(1) / offset
     start = np.arange(n if is_closed and n > 2 else n - 1)
     end = (start + 1) % n
     gaps = np.diff(phases, append=phases[0] + 1.0)[: len(start)]
-    share = np.zeros(n)
+    share, L = np.zeros(n), np.zeros((n, n))
     np.add.at(share, start, gaps / 2)
     np.add.at(share, end, gaps / 2)
-    # B = M + L / (2 pi h0)^2 of springs 1 / gap between masses of a frame's share of time.
-    B = np.diag(share)
-    spring = 1.0 / (gaps * (2.0 * np.pi * h0) ** 2)
-    for i, j, k in zip(start, end, spring, strict=True):
-        B[i, i] += k
-        B[j, j] += k
-        B[i, j] -= k
-        B[j, i] -= k
-    Q = product(B / share, B)
+    # L of springs 1 / gap between masses M of a frame's share of time.
+    np.add.at(L, (start, start), 1.0 / gaps)
+    np.add.at(L, (end, end), 1.0 / gaps)
+    np.add.at(L, (start, end), -1.0 / gaps)
+    np.add.at(L, (end, start), -1.0 / gaps)
+    L /= (2.0 * np.pi * h0) ** 2
+    # (M + L) M^-1 (M + L) - M.
+    Q = 2.0 * L + product(L / share, L)
     Q = (Q + Q.T) / 2
-    spread = np.sqrt(np.diag(gram(inverse_of_cholesky(Q))))
-    precision: NDArray[np.float64] = np.outer(spread, spread) * Q
-    return precision
+    others = np.delete(np.arange(n), anchor)
+    inverse = inverse_of_cholesky(Q[np.ix_(others, others)])
+    Q *= float((inverse**2).sum()) / (n - 1)
+    Q[anchor, anchor] += 1.0 / offset
+    return Q
 
 
 def most_likely_h0(
     trajectories: NDArray[np.float64],
     shares: NDArray[np.float64],
     phases: NDArray[np.float64],
+    anchor: int,
     *,
     is_closed: bool,
-    pinned: int | None,
 ) -> tuple[float, float]:
     """Harmonic h0, and variance of trajectories, under which these are the most likely.
 
@@ -84,25 +95,24 @@ def most_likely_h0(
     shares : (n,) float64
         How far the data have set each.
     phases : (frames,) float64
-    is_closed : bool
-    pinned : int or None
-        Row of a frame whose amplitudes are known to be zero.
+    anchor : int
+        Row of the frame that the shape is of.
 
     Returns
     -------
     h0 : float
     variance : float
-        That the chain must give each frame, instead of 1.
+        By which the others differ from it, instead of 1.
     """
     n = len(phases)
-    free = np.delete(np.arange(n), [] if pinned is None else [pinned])
-    x, total = trajectories[free], float(shares.sum())
+    free = np.delete(np.arange(n), anchor)
+    x, total = trajectories[free] - trajectories[anchor], float(shares.sum())
     if not len(free) or not total > 0:
         return _USUAL, 1.0
     best, variance, least = _USUAL, 1.0, np.inf
     # Few frames do not tell.
     for h0 in np.geomspace(_STIFFEST, n / 4.0, _N_TRIED) if n >= _FEW else [_USUAL]:
-        Q = chain_precision(phases, float(h0), is_closed=is_closed)[np.ix_(free, free)]
+        Q = chain_precision(phases, float(h0), anchor, is_closed=is_closed)[np.ix_(free, free)]
         logarithm = -2.0 * float(np.log(np.diag(inverse_of_cholesky(Q))).sum())
         energy = float((shares * (x * product(Q, x)).sum(axis=0)).sum()) / total / len(free)
         unlikely = len(free) * np.log(max(energy, 1e-300)) - logarithm

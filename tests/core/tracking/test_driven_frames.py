@@ -21,7 +21,7 @@ def system(rng: np.random.Generator) -> tuple[Floats, Floats, Floats, Floats]:
     half = rng.normal(size=(N_FRAMES, N, N // 2)) * np.geomspace(0.5, 2, N_FRAMES)[:, None, None]
     half[2] = 0.0
     A = half @ half.transpose(0, 2, 1)
-    Q = chain_precision(np.arange(N_FRAMES) / N_FRAMES, 2.0, is_closed=True)
+    Q = chain_precision(np.arange(N_FRAMES) / N_FRAMES, 2.0, 0, is_closed=True)
     b = rng.normal(size=(N_FRAMES, N))
     b[2] = 0.0
     return A, b, rng.uniform(0.5, 5.0, N), Q

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import cast
 
 import numpy as np
 import pytest
@@ -20,11 +19,6 @@ from modalmotion.template import make_template
 from modalmotion.tracking import Observation, Track, of_surface, track
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.folding import require_unfolded
-from modalmotion.tracking.information import Information
-from modalmotion.tracking.passes import Pass
-from modalmotion.tracking.prior import Prior
-from modalmotion.tracking.settling import Settled
-from modalmotion.tracking.together import doubt_of_scale
 
 BEAT = simulate_ventricle(
     VentricleParameters(shape_variation=1.0, motion_variation=0.5),
@@ -350,23 +344,6 @@ def test_a_surface_that_folds_over_itself_is_refused() -> None:
     with pytest.raises(ShapeError, match=r"frame 2 .*folds over itself.*landmarks") as caught:
         require_unfolded(surface, folded)
     assert caught.value.frame == 2
-
-
-def test_the_scale_of_what_few_amplitudes_show_is_doubtful() -> None:
-    surface = Deformable.of(make_template(BALL), 18)
-    prior = Prior(scale=3.0, power=2.0, drift=1.0)
-    sds = np.sqrt(prior.variances(surface.wavenumbers))[:, None]
-    n = 3 * len(surface)
-
-    def doubt(signs: Floats) -> float:
-        own = Settled(signs * sds, cast("Information", None), np.zeros((n, n)))
-        return doubt_of_scale(surface, Pass([own, None], None), prior)
-
-    alike = np.ones((len(surface), 3))
-    few = np.where(np.arange(n).reshape(-1, 3) % 18 == 3, 5.0, 0.1)
-    assert doubt(alike) == pytest.approx(1.0)
-    assert 1.2 < doubt(few) <= 2.0
-    assert doubt(0.0 * alike) == 1.0
 
 
 def test_progress_counts_up(ball: Track) -> None:

@@ -33,6 +33,16 @@ def test_noise_and_truncation_are_told_apart(
     assert found.of_frame(0.1).truncation < 0.6 * found.of_frame(2.0).truncation + 0.01
 
 
+def test_what_is_left_at_rest_is_the_error_of_the_shape(rng: np.random.Generator) -> None:
+    frames = [residuals(0.3, 0.5, 1.0, rng)._replace(energy=e) for e in (0.1, 0.5, 1.0, 2.0)]
+    found = noise_of(frames, 50.0, 2)
+    for energy in (0.1, 2.0):
+        assert found.of_frame(energy).truncation == pytest.approx(0.5, rel=0.25)
+    # Of a shape that is exact nothing is left where nothing moves.
+    exact = noise_of(frames, 50.0, 2, is_exact=True)
+    assert exact.of_frame(0.0).truncation == 0.0
+
+
 def test_amplitudes_that_the_fit_spent_are_counted(rng: np.random.Generator) -> None:
     frame = residuals(1.0, 0.0, 1.0, rng)
     # A fit of as many amplitudes as half the points leaves half the variance.

@@ -14,7 +14,9 @@ from modalmotion.tracking.sampled_data import STRAY, sample_of
 def informed(n: int) -> Information:
     points: NDArray[np.float64] = np.arange(3 * n, dtype=np.float64).reshape(n, 3)
     none = np.zeros((n, 3), dtype=np.int64)
-    return Information(np.eye(3), np.zeros(3), points, points, np.linspace(0, 1, n), none, 1.0)
+    return Information(
+        np.eye(3), np.zeros(3), points, points, np.linspace(0, 1, n), none, np.eye(3)
+    )
 
 
 def test_every_frame_has_its_own_rows_with_landmarks_last() -> None:

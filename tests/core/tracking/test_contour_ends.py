@@ -1,0 +1,107 @@
+"""Contours know where they end: arcs at the rim, stacks between slices; whatever else is left."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from clouds import Floats
+
+from modalmotion.tracking import Observation, track
+from modalmotion.tracking.contour_ends import with_contour_ends
+from modalmotion.tracking.observation import Frame
+
+APEX, RADIUS, SPACING = np.array([0.0, 0.0, -60.0]), 25.0, 10.0
+
+
+def radius_at(z: float) -> float:
+    """Of half an ellipsoid with its tip at -60 and its middle at 0."""
+    return float(RADIUS * np.sqrt(max(1.0 - (z / 60.0) ** 2, 0.0)))
+
+
+def slices(level: float, lean: float, lowest: float = -55.0) -> Floats:
+    """Short-axis sections every 10 mm, of what lies below a rim that leans about y."""
+    rings = []
+    for z in np.arange(lowest, 15.0, SPACING):
+        n = max(6, round(2.0 * np.pi * radius_at(z) / 1.5))
+        t = 2.0 * np.pi * (np.arange(n) + 0.5) / n
+        r = radius_at(min(z, 0.0))
+        ring = np.stack([r * np.cos(t), r * np.sin(t), np.full(n, z)], axis=1)
+        rings.append(ring[z <= level + lean * ring[:, 0]])
+    return np.concatenate(rings)
+
+
+def frame_of(points: Floats, base: float | None) -> Frame:
+    marks = [Observation(APEX[None], places=("apex",))]
+    if base is not None:
+        marks.append(Observation(np.array([[0.0, 0.0, base]]), places=("base",)))
+    return (Observation(points), *marks)
+
+
+def added(frames: list[Frame]) -> list[Frame]:
+    full = with_contour_ends(frames, None, 0)
+    return [own[len(frame) :] for frame, own in zip(frames, full, strict=True)]
+
+
+def test_ends_of_arcs_lie_on_the_rim() -> None:
+    lean = 0.27
+    frames = [frame_of(slices(2.0, lean), 2.0), frame_of(slices(-6.0, lean), None)]
+    none, (ends, level) = added(frames)
+    assert none == ()
+    assert ends.end == "base"
+    x = ends.points
+    assert x[:, 2] == pytest.approx(-6.0 + lean * x[:, 0], abs=0.5)
+    assert level.places == ("base",)
+    assert level.points[0, 2] == pytest.approx(-6.0, abs=1.5)
+    assert level.normals is not None
+    assert np.abs(level.normals) == pytest.approx(np.array([[0.0, 0.0, 1.0]]), abs=1e-6)
+
+
+def test_a_rim_without_arcs_is_between_the_last_slice_and_the_next() -> None:
+    frames = [frame_of(slices(8.0, 0.0), 8.0), frame_of(slices(-3.0, 0.0), None)]
+    _, (level,) = added(frames)
+    assert level.places == ("base",)
+    # Slices at -5 and 5; of frame 0 at 5 and 15, where the base is 2 mm below their middle.
+    assert -5.0 < level.points[0, 2] < 5.0
+    assert isinstance(level.sd, np.ndarray)
+    assert level.sd[0] > SPACING / 12**0.5
+
+
+def test_an_apex_without_slices_is_below_the_first_by_as_much_as_where_it_is_stated() -> None:
+    high = (Observation(slices(8.0, 0.0, -45.0)), Observation([[0.0, 0.0, 8.0]], places=("base",)))
+    _, own = added([frame_of(slices(8.0, 0.0), 8.0), high])
+    (tip,) = [part for part in own if part.places == ("apex",)]
+    # It is stated as far below the first slice as slices are apart, less the 5 mm of their middle.
+    assert tip.points[0, 2] == pytest.approx(-50.0, abs=0.5)
+
+
+def test_a_gap_below_a_closed_contour_is_no_rim() -> None:
+    points = slices(8.0, 0.0)
+    gap = (points[:, 2] == -15.0) & (points[:, 0] > 18.0)
+    frames = [frame_of(points, 8.0), frame_of(points[~gap], None)]
+    _, own = added(frames)
+    assert [part.places for part in own] == [("base",)]
+
+
+@pytest.mark.parametrize("kind", ["cloud", "moving planes", "no axis"])
+def test_what_shows_no_end_is_left_as_it_was(kind: str, rng: np.random.Generator) -> None:
+    points = slices(2.0, 0.2)
+    frames = [frame_of(points, 2.0), frame_of(points, None)]
+    if kind == "cloud":
+        loose = points + rng.normal(0.0, 1.0, points.shape)
+        frames = [frame_of(loose, 2.0), frame_of(loose, None)]
+    if kind == "moving planes":
+        frames[1] = frame_of(points + 3.0, None)
+    if kind == "no axis":
+        frames = [(Observation(points),), (Observation(points),)]
+    assert with_contour_ends(frames, None, 0) == tuple(frames)
+
+
+def test_a_base_that_is_stated_once_descends_with_its_contours() -> None:
+    levels = (4.0, -2.0, -8.0, -8.0, -2.0, 2.0)
+    frames = [frame_of(slices(level, 0.27), None) for level in levels]
+    frames[0] = frame_of(slices(levels[0], 0.27), levels[0])
+    result = track(frames, topology="cup", modes=18)
+    rim = result.template.coordinates[:, 0] >= result.template.coordinates[:, 0].max() - 1e-9
+    found = result.sequence.vertices[:, rim, 2].mean(axis=1)
+    assert found == pytest.approx(np.array(levels), abs=2.5)
+    assert any("taken to be where the data end" in note for note in result.notes)
