@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +32,27 @@ _SHEET: Final = 0.02
 _LEAST_SPREAD: Final = 1e-60
 
 
-def shape_in(
-    frame: Frame, number: int, topology: Topology | str | None
-) -> tuple[Template, tuple[int, ...] | None]:
+class FirstShape(NamedTuple):
+    """The shape that was reached.
+
+    Parameters
+    ----------
+    template : Template
+    grid : tuple of int or None
+        Its lattice.
+    shapes : (vertices, n) float64
+        Of the modes that it was brought there by.
+    covariance : (3 n, 3 n) float64, length unit squared
+        Of their amplitudes: where no points are, what the prior leaves open.
+    """
+
+    template: Template
+    grid: tuple[int, ...] | None
+    shapes: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+
+def shape_in(frame: Frame, number: int, topology: Topology | str | None) -> FirstShape:
     """Bring a start by landmarks to the points of one frame.
 
     Parameters
@@ -44,13 +62,6 @@ def shape_in(
         Of the frame, for errors.
     topology : Topology or str, optional
         Cup where apex and base are stated, else sphere.
-
-    Returns
-    -------
-    Template
-        Of the shape that was reached.
-    grid : tuple of int or None
-        Its lattice.
 
     Raises
     ------
@@ -89,7 +100,7 @@ def shape_in(
     shape = surface.positions(a)
     require_unfolded(surface, shape[None])
     fitted = mesh_sequence(shape[None], rough.faces, grid=rough.grid, topology=topology)
-    return make_template(fitted), rough.grid
+    return FirstShape(make_template(fitted), rough.grid, surface.shapes, own.covariance)
 
 
 def landmarks_of(frame: Frame) -> dict[str, NDArray[np.float64]]:

@@ -49,7 +49,7 @@ def require_volume(cavity: Cavity | None, vertices: NDArray[np.float64]) -> None
 
 
 def require_unfolded(surface: Deformable, vertices: NDArray[np.float64]) -> None:
-    """Check that the map from the start to each frame has no negative Jacobian.
+    """Check that no frame has folds that the start has not.
 
     Parameters
     ----------
@@ -59,15 +59,15 @@ def require_unfolded(surface: Deformable, vertices: NDArray[np.float64]) -> None
     Raises
     ------
     ShapeError
-        Naming the first frame with more than 1 % of the area turned over.
+        Naming the first frame with more than 1 % of the area turned over that was not so at first.
     """
     if surface.cells.shape[1] != 3:
         return
+    # A faithful mesh may have sharp folds of its own.
+    at_rest = _turned(surface, surface.template.vertices)[0]
     for frame, x in enumerate(vertices):
-        own = face_normals(x, surface.cells)
-        around = vertex_normals(x, surface.cells)[surface.cells].sum(axis=1)
-        areas = np.linalg.norm(own, axis=1)
-        folded = float(areas[(own * around).sum(axis=1) < 0].sum() / (areas.sum() or 1.0))
+        turned, areas = _turned(surface, x)
+        folded = float(areas[turned & ~at_rest].sum() / (areas.sum() or 1.0))
         if not folded <= _MOST_FOLDED:
             raise ShapeError(
                 f"In frame {frame} the surface folds over itself on {folded:.0%} of its area: the "
@@ -77,3 +77,12 @@ def require_unfolded(surface: Deformable, vertices: NDArray[np.float64]) -> None
                 frame=frame,
                 details={"folded": folded},
             )
+
+
+def _turned(
+    surface: Deformable, x: NDArray[np.float64]
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Triangles turned against their neighbours, and the areas of all."""
+    own = face_normals(x, surface.cells)
+    around = vertex_normals(x, surface.cells)[surface.cells].sum(axis=1)
+    return (own * around).sum(axis=1) < 0, np.linalg.norm(own, axis=1)

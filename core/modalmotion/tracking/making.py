@@ -9,7 +9,13 @@ from typing import Any, Final, Literal, TypeAlias, cast
 
 import numpy as np
 
-from modalmotion.errors import ModeCountError, ParameterError, ShapeError, ToleranceError
+from modalmotion.errors import (
+    ModeCountError,
+    ParameterError,
+    ShapeError,
+    ToleranceError,
+    TopologyError,
+)
 from modalmotion.facts import Facts
 from modalmotion.images.sequence import Images, images_in
 from modalmotion.mesh.checks import require_times
@@ -179,18 +185,22 @@ def track(
     template, grid = None, None
     if start is not None:
         template = start if isinstance(start, Template) else make_template(start)
+        _require_modes(template)
         grid = start.grid if isinstance(start, MeshSequence) else None
     ended = stated if shown is not None else with_contour_ends(stated, template, first)
+    shape = None
     if template is None:
-        template, grid = shape_in(ended[first], first, topology)
+        shape = shape_in(ended[first], first, topology)
+        template, grid = shape.template, shape.grid
     surface = Deformable.of(template, modes)
     _require_size(surface)
     surface = surface.exact_for_affine()
+    is_exact = pinned is not None
     prior, noise = first_guess(surface)
     frames = with_endings(surface, ended, noise, pinned, first)
     here = both_ways(surface, frames, first, prior, noise, is_closed=is_closed, done=done)
     gap = here.gap
-    prior, noise = evidence(surface, here.frames, prior, is_exact=pinned is not None)
+    prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
     noises = noises_of(surface, here, prior, noise)
     frames = with_doubts(surface, frames, here.amplitudes(len(surface)), noises, pinned)
     for attempt in range(_MOST_TRIES):
@@ -202,7 +212,7 @@ def track(
             steady(noises_of(surface, here, prior, noise) if attempt else noises, noise),
             done,
         )
-        prior, noise = evidence(surface, here.frames, prior, is_exact=pinned is not None)
+        prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
         left = _left(surface, here, prior, noise, pinned)
         if limit is None or left <= limit:
             break
@@ -214,7 +224,7 @@ def track(
         noise = replace(noise, truncation=truncation, n_values=n_values)
     noises = noises_of(surface, here, prior, noise)
     Q, h0, prior = chain_of(
-        surface, here, prior, phases, first, is_closed=is_closed, is_exact=pinned is not None
+        surface, here, prior, phases, first, is_closed=is_closed, is_exact=is_exact
     )
     found = together(
         surface,
@@ -233,7 +243,7 @@ def track(
     truncations = np.array([own.truncation for own in noises])
     across = across_of(found, pinned)
     deviations, volume_deviations = stated_deviations(
-        surface, vertices, found, across, noises, pinned
+        surface, vertices, found, across, noises, pinned, shape
     )
     if pinned is not None:
         truncations[pinned] = 0.0
@@ -288,6 +298,16 @@ def track(
         is_guessed = start is None and topology is None and not has_landmarks(stated)
         notes = (*notes, *doubts_of_ends(result, stated, frames, is_guessed=is_guessed))
     return replace(result, notes=(*notes, *notes_on(result))).informed()
+
+
+def _require_modes(template: Template) -> None:
+    """Refuse a start whose modes are not known in closed form."""
+    if template.surface is None:
+        raise TopologyError(
+            f"No natural coordinates are known for the start. {template.reason}",
+            remedy="Give one open or closed surface as start, a lattice with grid and topology, or "
+            "landmarks apex and base in place of a start.",
+        )
 
 
 def _require_motion(n_frames: int, unseen: tuple[int, ...], known: int | None) -> None:

@@ -351,6 +351,7 @@ def _guide_points(data: bytes, contours: Sequence[str]) -> _FrameFile:
     """Read typed contour points; valves are at the base, and the apex point is the apex."""
     parts: dict[str, list[list[float]]] = {}
     valves: dict[bytes, list[list[float]]] = {}
+    times: dict[str, bytes] = {}
     for number, line in enumerate(lines_of(data), 1):
         words = line.split(b"\t")
         if number == 1 and words[0] == b"x":
@@ -365,6 +366,11 @@ def _guide_points(data: bytes, contours: Sequence[str]) -> _FrameFile:
                 remedy="Send the guide point files as biv-me writes them.",
             )
         name = words[3].decode(errors="replace")
+        if times.setdefault(name, words[6].strip()) != words[6].strip():
+            raise MalformedFileError(
+                f"Line {number}: {name[:40]} has points of two time frames in one file.",
+                remedy="Write one file for each time frame.",
+            )
         parts.setdefault(name, []).append(row)
         if name in _VALVES:
             valves.setdefault(words[4], []).append(row)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from modalmotion.mesh import face_areas
 from modalmotion.mesh.cavity_gradient import lid_gradient, volume_gradient
 from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.first_shape import FirstShape
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.posterior import across_covariance, deviations_at, volume_deviation
 from modalmotion.tracking.result import cavity_in, normals_of
@@ -32,8 +33,13 @@ def stated_deviations(
     across: NDArray[np.float64],
     noises: Sequence[Noise],
     pinned: int | None,
+    shape: FirstShape | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """Deviations of vertices and of volumes; none where the surface is known."""
+    """Deviations of vertices and of volumes; none where the surface is known.
+
+    Where the points of the reference left holes, its own shape is open by more than on most of the
+    surface, in all frames.
+    """
     template = surface.template
     cavity = cavity_in(template)
     of_vertices = np.zeros((*vertices.shape[:2], 2))
@@ -52,4 +58,17 @@ def stated_deviations(
             of_volumes[k] = volume_deviation(
                 gradient, of_lids, across[k], found.lasting[k], area, T, noises[k].n_values
             )
+            if shape is not None:
+                g = (shape.shapes.T @ volume_gradient(cavity, x)).reshape(-1)
+                of_volumes[k] = np.hypot(of_volumes[k], (g @ shape.covariance @ g) ** 0.5)
+    if shape is not None:
+        own = deviations_at(
+            shape.shapes,
+            normals_of(template, template.vertices),
+            shape.covariance,
+            shape.covariance,
+            0.0,
+        )[:, 0]
+        beyond = np.maximum(own**2 - np.median(own) ** 2, 0.0)
+        of_vertices[:, :, 0] = np.sqrt(of_vertices[:, :, 0] ** 2 + beyond)
     return of_vertices, of_volumes

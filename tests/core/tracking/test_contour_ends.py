@@ -21,7 +21,7 @@ def radius_at(z: float) -> float:
 def slices(level: float, lean: float, lowest: float = -55.0) -> Floats:
     """Short-axis sections every 10 mm, of what lies below a rim that leans about y."""
     rings = []
-    for z in np.arange(lowest, 15.0, SPACING):
+    for z in np.arange(lowest, 15.0, SPACING).tolist():
         n = max(6, round(2.0 * np.pi * radius_at(z) / 1.5))
         t = 2.0 * np.pi * (np.arange(n) + 0.5) / n
         r = radius_at(min(z, 0.0))
@@ -67,7 +67,10 @@ def test_a_rim_without_arcs_is_between_the_last_slice_and_the_next() -> None:
 
 
 def test_an_apex_without_slices_is_below_the_first_by_as_much_as_where_it_is_stated() -> None:
-    high = (Observation(slices(8.0, 0.0, -45.0)), Observation([[0.0, 0.0, 8.0]], places=("base",)))
+    high = (
+        Observation(slices(8.0, 0.0, -45.0)),
+        Observation(np.array([[0.0, 0.0, 8.0]]), places=("base",)),
+    )
     _, own = added([frame_of(slices(8.0, 0.0), 8.0), high])
     (tip,) = [part for part in own if part.places == ("apex",)]
     # It is stated as far below the first slice as slices are apart, less the 5 mm of their middle.

@@ -10,7 +10,13 @@ from clouds import Floats, breathing_spheroid, ends_of, rim_of, rms_distance, sa
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
-from modalmotion.errors import InputError, ParameterError, ShapeError, ToleranceError
+from modalmotion.errors import (
+    InputError,
+    ParameterError,
+    ShapeError,
+    ToleranceError,
+    TopologyError,
+)
 from modalmotion.mesh import cavity_of
 from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
@@ -344,6 +350,27 @@ def test_a_surface_that_folds_over_itself_is_refused() -> None:
     with pytest.raises(ShapeError, match=r"frame 2 .*folds over itself.*landmarks") as caught:
         require_unfolded(surface, folded)
     assert caught.value.frame == 2
+
+
+def test_folds_that_the_start_has_already_are_none() -> None:
+    x = BALL.vertices[0].astype(np.float64)
+    cap = x[:, 2] > 25.0
+    x[cap, 0] *= -3.0
+    surface = Deformable.of(make_template(mesh_sequence(x[None], BALL.faces)), 7)
+    require_unfolded(surface, x[None] * 1.1)
+
+
+def test_a_start_without_modes_is_refused_with_what_tracking_has() -> None:
+    x = BALL.vertices[0].astype(np.float64)
+    two = mesh_sequence(
+        np.concatenate([x, x + 100.0])[None],
+        np.concatenate([BALL.faces, BALL.faces + len(x)]),
+        unit="mm",
+    )
+    with pytest.raises(TopologyError) as caught:
+        track(clouds_of(BALL), start=two)
+    assert "landmarks apex and base" in caught.value.remedy
+    assert "spring" not in caught.value.remedy
 
 
 def test_progress_counts_up(ball: Track) -> None:

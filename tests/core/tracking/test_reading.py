@@ -128,6 +128,13 @@ def test_guide_points_are_contours_with_landmarks(tmp_path: Path) -> None:
         read_observed(tmp_path, contours=["AORTA_WALL"])
 
 
+def test_two_time_frames_in_one_file_are_refused_by_name(tmp_path: Path) -> None:
+    rows = [HEADING, *(f"1\t{k}\t0\tSAX_LV_ENDOCARDIAL\t2\t1.0\t{k}" for k in range(2))]
+    (tmp_path / "GPFile_000.txt").write_text("\n".join(rows))
+    with pytest.raises(MalformedFileError, match=r"GPFile_000.*Line 3.*two time frames"):
+        read_observed(tmp_path)
+
+
 def test_valve_points_between_those_farthest_apart_are_no_rim(tmp_path: Path) -> None:
     rows = [HEADING, "1\t2\t0\tSAX_LV_ENDOCARDIAL\t2\t1.0\t0"]
     places = [(-9, "MITRAL_VALVE"), (2, "MITRAL_VALVE"), (3, "AORTA_VALVE"), (12, "AORTA_VALVE")]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from clouds import ends_of, rim_of, sampled
+from clouds import breathing_spheroid, ends_of, rim_of, sampled
 
 from modalmotion.mesh.cavity_gradient import lid_gradient, volume_gradient
 from modalmotion.mesh.sequence import mesh_sequence
@@ -86,3 +86,22 @@ def test_a_volume_is_known_better_where_the_base_is_stated() -> None:
     assert found[1] is not None
     assert found[0][0] == found[1][0] == 0.0
     assert found[0][1] > 1.5 * found[1][1]
+
+
+def test_where_the_reference_has_a_hole_its_shape_is_open_in_all_frames(
+    rng: np.random.Generator,
+) -> None:
+    ball = breathing_spheroid(3)
+    clouds = []
+    for x in ball.vertices.astype(np.float64):
+        points = sampled(x, ball.faces, 1500, rng, noise=0.5)
+        clouds.append(points[points[:, 0] < 12.0])
+    whole = [sampled(x.astype(np.float64), ball.faces, 1500, rng, 0.5) for x in ball.vertices]
+    holed, full = (track(frames, modes=18) for frames in (clouds, whole))
+    unseen, seen = (holed.template.vertices[:, 0] > 16.0, holed.template.vertices[:, 0] < 8.0)
+    assert unseen.any()
+    for own in holed.deviations[:, :, 0]:
+        assert own[unseen].mean() > 2.0 * own[seen].mean()
+    assert holed.ejection_fraction_bound is not None
+    assert full.ejection_fraction_bound is not None
+    assert holed.ejection_fraction_bound > 1.5 * full.ejection_fraction_bound
