@@ -22,6 +22,7 @@ from modalmotion.tracking.image_levels import as_bright, first_sight
 from modalmotion.tracking.image_search import search
 from modalmotion.tracking.image_view import Facets, Sight, View, view_of
 from modalmotion.tracking.landmark_path import path_between
+from modalmotion.tracking.landmarks import Proposed
 from modalmotion.tracking.observation import Frame
 from modalmotion.tracking.papillary import CONVENTIONS, Papillary
 from modalmotion.tracking.passes import first_guess
@@ -63,6 +64,8 @@ class ImageFrames:
         Mean muscle of trabeculae that look like the wall, beyond the edges that are seen.
     bent : (vertices,) float64, mm
         Deviation across the surface that shifts of slices leave; zero where there are none.
+    level_sd : mapping of str to (frames,) float64, mm
+        Of proposed apex and base: deviation along the axis that frames have in common.
     """
 
     frames: tuple[Frame, ...]
@@ -75,6 +78,7 @@ class ImageFrames:
     stated_sd: float
     closed: Floats
     bent: Floats
+    level_sd: Mapping[str, Floats]
 
 
 def frames_of_images(
@@ -192,6 +196,11 @@ def frames_of_images(
         stated_sd,
         closed,
         begin.bent,
+        {
+            name: own.common_sd
+            for name, own in (landmarks or {}).items()
+            if isinstance(own, Proposed) and own.common_sd is not None
+        },
     )
 
 

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from modalmotion.images import ImageSequence, PlaneSet
 from modalmotion.images.sequence import is_of_labels
-from modalmotion.mesh import face_areas, face_normals
+from modalmotion.mesh import face_areas
+from modalmotion.mesh.cavity_gradient import volume_gradient
 from modalmotion.tracking.image_answer import ImageAnswer
 from modalmotion.tracking.image_frames import ImageFrames
-from modalmotion.tracking.label_maps import CUT_HEIGHT
 from modalmotion.tracking.papillary import papillary_volume
-from modalmotion.tracking.result import Track
+from modalmotion.tracking.result import Track, cavity_in, normals_of
 
 # Of a voxel, and of the noise of one edge (speckle is alike at neighbours): how far all edges may
 # be off alike, which no residual shows.
@@ -29,6 +29,9 @@ _STAIRCASE: Final = 0.25
 # of it is not known.
 _OF_CLOSED: Final = 0.5
 _OF_ALL_CLOSED: Final = 0.3
+
+# Power of the share of the way along the axis by which a surface goes with its end.
+_NEXT_TO_END: Final = 4
 
 
 def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Track:
@@ -59,12 +62,8 @@ def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Trac
     if is_of_labels(first):
         patch = float(np.sqrt(areas.mean() / len(track.modes)))
         localisation = staircase(voxel, patch)
-        # The opening ends where voxels do.
-        lids = np.array([_opening(x, track.template.faces) for x in shapes])
-        of_volumes = np.hypot(localisation * areas, CUT_HEIGHT * voxel * lids)
     else:
         localisation = float(np.hypot(_OF_VOXEL * voxel, _OF_NOISE * track.noise.sd))
-        of_volumes = localisation * areas
     volumes = np.zeros(len(shapes)) if track.volumes is None else track.volumes
     answer = ImageAnswer(
         found.papillary,
@@ -79,22 +78,56 @@ def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Trac
         localisation,
         float(np.sqrt(np.average(found.bent**2, weights=track.template.weights))),
     )
-    closed = _OF_CLOSED * found.closed
+    at_places = _OF_CLOSED * found.closed[:, None]
     deviations = np.array(track.deviations)
     deviations[..., 0] = np.sqrt(
-        deviations[..., 0] ** 2 + answer.localisation**2 + found.bent**2 + closed[:, None] ** 2
+        deviations[..., 0] ** 2 + answer.localisation**2 + found.bent**2 + at_places**2
     )
     volume_deviations = track.volume_deviations
     if volume_deviations is not None:
-        volume_deviations = np.hypot(
-            volume_deviations, np.hypot(of_volumes, _OF_ALL_CLOSED * found.closed * areas)
-        )
-    return replace(track, deviations=deviations, volume_deviations=volume_deviations, images=answer)
+        closed = _OF_ALL_CLOSED * found.closed
+        volume_deviations = np.hypot(volume_deviations, np.hypot(localisation, closed) * areas)
+    found_track = replace(
+        track, deviations=deviations, volume_deviations=volume_deviations, images=answer
+    )
+    for name, sd in found.level_sd.items():
+        found_track = _with_level(found_track, name, np.nan_to_num(sd))
+    return found_track
 
 
-def _opening(x: NDArray[np.float64], faces: NDArray[np.int64]) -> float:
-    """Area of a surface's opening, for the vector areas of a closed one add up to nothing."""
-    return float(np.linalg.norm(face_normals(x, faces).sum(axis=0))) / 2.0
+def _with_level(track: Track, name: str, sd: NDArray[np.float64]) -> Track:
+    """Add to what is stated the deviation of an end's level, (frames,) mm.
+
+    The end moves along the axis, and the surface next to it goes with it.
+    """
+    template, known = track.template, track.sequence.uncertainty
+    s = template.coordinates[:, 0]
+    share = (s if name == "base" else 1.0 - s) ** _NEXT_TO_END
+    rim = share > 0.9
+    if known is None:
+        return track
+    cavity = cavity_in(template)
+    along, across = np.array(known.along), np.array(known.across)
+    volumes = np.zeros(len(sd))
+    deviations = np.array(track.deviations)
+    for k, x in enumerate(track.sequence.vertices.astype(np.float64)):
+        axis = x[rim].mean(axis=0) - x[share < 0.1].mean(axis=0)
+        moved = share[:, None] * (sd[k] * axis / np.linalg.norm(axis))
+        a = np.linalg.lstsq(known.shapes, moved, rcond=None)[0].ravel()
+        along[k] += np.outer(a, a)
+        across[k] += np.outer(a, a)
+        own = (moved * normals_of(template, x)).sum(axis=1)
+        left = (moved**2).sum(axis=1) - own**2
+        deviations[k] = np.sqrt(deviations[k] ** 2 + np.stack([own**2, left / 2.0], axis=1))
+        if cavity is not None:
+            volumes[k] = (volume_gradient(cavity, x) * moved).sum()
+    stated = track.volume_deviations
+    return replace(
+        track,
+        sequence=replace(track.sequence, uncertainty=replace(known, along=along, across=across)),
+        deviations=deviations,
+        volume_deviations=None if stated is None else np.hypot(stated, volumes),
+    )
 
 
 def staircase(voxel: float, patch: float) -> float:

@@ -30,13 +30,16 @@ class Proposed:
     normals : (frames, 3) float64, optional
         Directions along which it is known better.
     normal_sd : float, length unit
-        Deviation along them.
+        Deviation along them, apart in each frame.
+    common_sd : (frames,) float64, length unit, optional
+        Deviation along them that is alike in neighbouring frames, so that nothing averages it.
     """
 
     places: NDArray[np.float64]
     sd: float
     normals: NDArray[np.float64] | None = None
     normal_sd: float = 0.0
+    common_sd: NDArray[np.float64] | None = None
 
 
 _REMEDY: Final = (
