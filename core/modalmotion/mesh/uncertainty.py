@@ -33,6 +33,8 @@ class Uncertainty(FrozenArrays):
         Correlation of the error in one frame with that in the next.
     volumes : (frames,) float64, length unit cubed, optional
         Standard deviation of the volume in each frame.
+    volume_correlation : float
+        Of the errors of the largest and of the smallest volume.
     papillary_volume : float, length unit cubed
         Muscle within the surface that does not count as cavity.
     notes : tuple of str
@@ -47,6 +49,7 @@ class Uncertainty(FrozenArrays):
     alike: NDArray[np.float64]
     between_frames: float = 0.0
     volumes: NDArray[np.float64] | None = None
+    volume_correlation: float = 0.0
     papillary_volume: float = 0.0
     notes: tuple[str, ...] = ()
 

@@ -64,8 +64,8 @@ class ImageFrames:
         Mean muscle of trabeculae that look like the wall, beyond the edges that are seen.
     bent : (vertices,) float64, mm
         Deviation across the surface that shifts of slices leave; zero where there are none.
-    level_sd : mapping of str to (frames,) float64, mm
-        Of proposed apex and base: deviation along the axis that frames have in common.
+    levels : mapping of str to (frames, frames) float64, mm^2
+        Of proposed apex and base: covariance of errors along the axis.
     """
 
     frames: tuple[Frame, ...]
@@ -78,7 +78,7 @@ class ImageFrames:
     stated_sd: float
     closed: Floats
     bent: Floats
-    level_sd: Mapping[str, Floats]
+    levels: Mapping[str, Floats]
 
 
 def frames_of_images(
@@ -197,9 +197,9 @@ def frames_of_images(
         closed,
         begin.bent,
         {
-            name: own.common_sd
+            name: own.covariance
             for name, own in (landmarks or {}).items()
-            if isinstance(own, Proposed) and own.common_sd is not None
+            if isinstance(own, Proposed) and own.covariance is not None
         },
     )
 

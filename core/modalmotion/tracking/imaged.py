@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -16,6 +17,8 @@ from modalmotion.tracking.image_answer import ImageAnswer
 from modalmotion.tracking.image_frames import ImageFrames
 from modalmotion.tracking.papillary import papillary_volume
 from modalmotion.tracking.result import Track, cavity_in, normals_of
+
+Floats = NDArray[np.float64]
 
 # Of a voxel, and of the noise of one edge (speckle is alike at neighbours): how far all edges may
 # be off alike, which no residual shows.
@@ -32,6 +35,7 @@ _OF_ALL_CLOSED: Final = 0.3
 
 # Power of the share of the way along the axis by which a surface goes with its end.
 _NEXT_TO_END: Final = 4
+_AT_END: Final = 0.9
 
 
 def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Track:
@@ -87,46 +91,51 @@ def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Trac
     if volume_deviations is not None:
         closed = _OF_ALL_CLOSED * found.closed
         volume_deviations = np.hypot(volume_deviations, np.hypot(localisation, closed) * areas)
-    found_track = replace(
+    track = replace(
         track, deviations=deviations, volume_deviations=volume_deviations, images=answer
     )
-    for name, sd in found.level_sd.items():
-        found_track = _with_level(found_track, name, np.nan_to_num(sd))
-    return found_track
+    return _with_levels(track, found.levels) if found.levels else track
 
 
-def _with_level(track: Track, name: str, sd: NDArray[np.float64]) -> Track:
-    """Add to what is stated the deviation of an end's level, (frames,) mm.
+def _with_levels(track: Track, levels: Mapping[str, Floats]) -> Track:
+    """Add to what is stated the errors of both ends' levels, covariances (frames, frames) mm^2.
 
-    The end moves along the axis, and the surface next to it goes with it.
+    An end moves along the axis, and the surface next to it goes with it.
     """
     template, known = track.template, track.sequence.uncertainty
-    s = template.coordinates[:, 0]
-    share = (s if name == "base" else 1.0 - s) ** _NEXT_TO_END
-    rim = share > 0.9
-    if known is None:
-        return track
-    cavity = cavity_in(template)
-    along, across = np.array(known.along), np.array(known.across)
-    volumes = np.zeros(len(sd))
-    deviations = np.array(track.deviations)
-    for k, x in enumerate(track.sequence.vertices.astype(np.float64)):
-        axis = x[rim].mean(axis=0) - x[share < 0.1].mean(axis=0)
-        moved = share[:, None] * (sd[k] * axis / np.linalg.norm(axis))
-        a = np.linalg.lstsq(known.shapes, moved, rcond=None)[0].ravel()
-        along[k] += np.outer(a, a)
-        across[k] += np.outer(a, a)
-        own = (moved * normals_of(template, x)).sum(axis=1)
-        left = (moved**2).sum(axis=1) - own**2
-        deviations[k] = np.sqrt(deviations[k] ** 2 + np.stack([own**2, left / 2.0], axis=1))
-        if cavity is not None:
-            volumes[k] = (volume_gradient(cavity, x) * moved).sum()
+    cavity, images = cavity_in(template), track.images
     stated = track.volume_deviations
+    if known is None or cavity is None or images is None or stated is None:
+        return track
+    s = template.coordinates[:, 0]
+    along, across = np.array(known.along), np.array(known.across)
+    deviations, volumes = np.array(track.deviations), np.diag(stated**2)
+    for name, covariance in levels.items():
+        share = (s if name == "base" else 1.0 - s) ** _NEXT_TO_END
+        # Frames that are missing have none.
+        own, by_volume = np.nan_to_num(covariance), np.zeros(len(stated))
+        for k, x in enumerate(track.sequence.vertices.astype(np.float64)):
+            axis = x[share > _AT_END].mean(axis=0) - x[share < 1.0 - _AT_END].mean(axis=0)
+            moved = share[:, None] * (axis / np.linalg.norm(axis))
+            a = np.linalg.lstsq(known.shapes, moved, rcond=None)[0].ravel()
+            along[k] += own[k, k] * np.outer(a, a)
+            across[k] += own[k, k] * np.outer(a, a)
+            square = (moved * normals_of(template, x)).sum(axis=1) ** 2
+            rest = ((moved**2).sum(axis=1) - square) / 2.0
+            deviations[k] = np.sqrt(deviations[k] ** 2 + own[k, k] * np.stack([square, rest], 1))
+            by_volume[k] = (volume_gradient(cavity, x) * moved).sum()
+        volumes += own * np.outer(by_volume, by_volume)
+    sd = np.sqrt(np.diag(volumes))
+    enclosed = np.abs(cavity.volume(track.sequence.vertices.astype(np.float64)))
+    ed, es = int(enclosed.argmax()), int(enclosed.argmin())
+    correlation = float(volumes[ed, es] / (sd[ed] * sd[es])) if ed != es else 0.0
     return replace(
         track,
         sequence=replace(track.sequence, uncertainty=replace(known, along=along, across=across)),
+        covariances=along,
         deviations=deviations,
-        volume_deviations=None if stated is None else np.hypot(stated, volumes),
+        volume_deviations=sd,
+        images=replace(images, volume_correlation=correlation),
     )
 
 

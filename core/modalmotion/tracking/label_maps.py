@@ -13,6 +13,7 @@ from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.images import ImageSequence, PlaneSet, Volume
 from modalmotion.images.sequence import is_sliced
 from modalmotion.tracking.label_slices import ends_in_slices
+from modalmotion.tracking.label_values import cavity_and_wall, values_in
 from modalmotion.tracking.landmarks import Proposed
 
 Floats = NDArray[np.float64]
@@ -57,7 +58,9 @@ class Labelled(NamedTuple):
     landmarks: dict[str, Proposed]
 
 
-def from_labels(images: ImageSequence, labels: Sequence[int], wall: Sequence[int] = ()) -> Labelled:
+def from_labels(
+    images: ImageSequence, labels: Sequence[int] = (), wall: Sequence[int] = ()
+) -> Labelled:
     """Make a label map ready for `track`: cavity bright, wall dark, ends proposed.
 
     Parameters
@@ -65,14 +68,15 @@ def from_labels(images: ImageSequence, labels: Sequence[int], wall: Sequence[int
     images : ImageSequence
         Volumes of whole numbers.
     labels : sequence of int
-        Of the cavity.
+        Of the cavity; without one cavity and wall are those of `cavity_and_wall`.
     wall : sequence of int
         Of the wall around it. With it nothing is looked for where the cavity borders on neither.
 
     Raises
     ------
     ParameterError
-        If a label is nowhere in a frame; it names those that are.
+        If a label is nowhere in a frame, or geometry does not tell which is the cavity; it names
+        those that are there, and their volumes.
     ShapeError
         If a frame is no volume.
 
@@ -82,6 +86,10 @@ def from_labels(images: ImageSequence, labels: Sequence[int], wall: Sequence[int
     patch in which the cavity borders on neither itself nor the wall, the border of the image among
     it; without a wall it is the plane that the wider end is cut by.
     """
+    decided = ()
+    if not labels:
+        labels, wall, note = cavity_and_wall(images)
+        decided = (note,)
     frames: list[Volume | None] = []
     cavities: list[NDArray[np.bool_] | None] = []
     walls: list[NDArray[np.bool_] | None] = []
@@ -94,10 +102,9 @@ def from_labels(images: ImageSequence, labels: Sequence[int], wall: Sequence[int
             )
         cavity = None if frame is None else np.isin(frame.values, list(labels))
         if frame is not None and cavity is not None and cavity.sum() < _FEWEST:
-            there = ", ".join(str(v) for v in np.unique(frame.values)[:12])
             raise ParameterError(
                 f"Label {', '.join(map(str, labels))} has {int(cavity.sum())} voxels in frame {k}.",
-                remedy=f"Name one of these: {there}.",
+                remedy=f"Name one of these by --label: {values_in(frame)}.",
                 frame=k,
             )
         has_wall = frame is not None and wall and not is_sliced(frame)
@@ -111,7 +118,7 @@ def from_labels(images: ImageSequence, labels: Sequence[int], wall: Sequence[int
     else:
         marks, notes = _of_volumes(frames, cavities, walls), ()
     note = "Apex and base were proposed from the labels."
-    own = (*images.notes, note, *notes)
+    own = (*images.notes, *decided, note, *notes)
     return Labelled(ImageSequence(tuple(frames), images.times, images.period, own), marks)
 
 
@@ -128,8 +135,8 @@ def _of_slices(
 ) -> tuple[dict[str, Proposed], tuple[str, ...]]:
     ends = ends_in_slices(frames, cavities)
     sd = max(float(max(frame.spacing)) for frame in frames if frame is not None)
-    apex = Proposed(ends.apices, sd, ends.axes, _LEVEL, ends.apex_sd)
-    base = Proposed(ends.bases, sd, ends.axes, _LEVEL, ends.base_sd)
+    apex = Proposed(ends.apices, sd, ends.axes, _LEVEL, ends.apex_covariance)
+    base = Proposed(ends.bases, sd, ends.axes, _LEVEL, ends.base_covariance)
     return {"apex": apex, "base": base}, ends.notes
 
 

@@ -60,16 +60,16 @@ class SliceEnds(NamedTuple):
         NaN in frames that are missing.
     axes : (frames, 3) float64
         Unit vectors from apex to base.
-    apex_sd, base_sd : (frames,) float64, mm
-        Deviation along the axis.
+    apex_covariance, base_covariance : (frames, frames) float64, mm^2
+        Of errors along the axis.
     notes : tuple of str
     """
 
     apices: Floats
     bases: Floats
     axes: Floats
-    apex_sd: Floats
-    base_sd: Floats
+    apex_covariance: Floats
+    base_covariance: Floats
     notes: tuple[str, ...]
 
 
@@ -120,19 +120,20 @@ def ends_in_slices(
     own = list(stacks.values())
     volumes = np.array([s.areas.sum() for s in own])
     full = int(volumes.argmax())
-    tips, tip_sd = _tips(own, step)
+    tips, of_tips = _tips(own, step)
     radii = np.array([_middle_radius(s) for s in own])
     tops = np.array([s.heights[-1] for s in own])
     length = float(tops[full] + step / 2.0 - tips[full])
-    levels, level_sd = _levels(tops, step, length * (1.0 - radii / radii[full]))
+    levels, of_levels = _levels(tops, step, length * (1.0 - radii / radii[full]))
     n = len(frames)
     found = [np.full((n, 3), np.nan) for _ in range(3)]
-    sds = [np.full(n, np.nan) for _ in range(2)]
+    covariances = [np.full((n, n), np.nan) for _ in range(2)]
     for i, k in enumerate(there):
         s = own[i]
         found[0][k], found[1][k] = s.place(tips[i]), s.place(levels[i])
         found[2][k] = s.line[1] / np.linalg.norm(s.line[1])
-        sds[0][k], sds[1][k] = tip_sd[i], level_sd[i]
+    for full_size, of_those in zip(covariances, (of_tips, of_levels), strict=True):
+        full_size[np.ix_(list(there), list(there))] = of_those
     notes = []
     if own[full].areas[0] > _OPEN * own[full].areas.max():
         notes.append(
@@ -140,7 +141,7 @@ def ends_in_slices(
             f"{own[full].areas[0] / own[full].areas.max():.0%} as large as its largest, so the "
             "apex was extrapolated; volumes depend on it."
         )
-    return SliceEnds(*found, *sds, tuple(notes))
+    return SliceEnds(*found, *covariances, tuple(notes))
 
 
 def _stack(frame: Volume, cavity: NDArray[np.bool_], normal: Floats, number: int) -> _Stack:
@@ -200,7 +201,7 @@ def _way_to_tip(s: _Stack, step: float) -> float:
 
 
 def _tips(stacks: Sequence[_Stack], step: float) -> tuple[Floats, Floats]:
-    """Height of the tip in each frame, and its deviation, mm.
+    """Height of the tip in each frame, mm, and the covariance, mm^2.
 
     Near a tip sections grow evenly, as those of a paraboloid: it lies where their line is zero.
     """
@@ -209,11 +210,11 @@ def _tips(stacks: Sequence[_Stack], step: float) -> tuple[Floats, Floats]:
     variances = (_TIP[0] * step) ** 2 + (_TIP[1] * ways) ** 2
     common = np.average(tips, weights=1.0 / variances)
     share = _TIP_MOVES**2 / (_TIP_MOVES**2 + variances)
-    return tips + (1.0 - share) * (common - tips), np.sqrt(share * variances)
+    return tips + (1.0 - share) * (common - tips), np.diag(share * variances)
 
 
 def _levels(tops: Floats, step: float, shrunk: Floats) -> tuple[Floats, Floats]:
-    """Height of the base in each frame, and its deviation, mm.
+    """Height of the base in each frame, mm, and the covariance, mm^2.
 
     Parameters
     ----------
@@ -247,6 +248,10 @@ def _levels(tops: Floats, step: float, shrunk: Floats) -> tuple[Floats, Floats]:
         second.append((likely @ h**2) / total)
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
-    means = np.array([(weight * own).sum() for own in first])
-    squares = np.array([(weight * own).sum() for own in second])
-    return tops + means, np.sqrt(np.maximum(squares - means**2, _GRID**2))
+    heights, spread = np.stack(first), np.stack(second) - np.stack(first) ** 2
+    means = (weight * heights).sum(axis=(1, 2))
+    # Frames are apart, given a path: of that they have the errors in common.
+    away = (heights - means[:, None, None]).reshape(len(tops), -1)
+    covariance = (weight.ravel() * away) @ away.T
+    covariance += np.diag((weight * np.maximum(spread, _GRID**2)).sum(axis=(1, 2)))
+    return tops + means, covariance

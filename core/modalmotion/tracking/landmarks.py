@@ -31,15 +31,15 @@ class Proposed:
         Directions along which it is known better.
     normal_sd : float, length unit
         Deviation along them, apart in each frame.
-    common_sd : (frames,) float64, length unit, optional
-        Deviation along them that is alike in neighbouring frames, so that nothing averages it.
+    covariance : (frames, frames) float64, length unit squared, optional
+        Of errors along them that frames have in common, so that nothing averages them.
     """
 
     places: NDArray[np.float64]
     sd: float
     normals: NDArray[np.float64] | None = None
     normal_sd: float = 0.0
-    common_sd: NDArray[np.float64] | None = None
+    covariance: NDArray[np.float64] | None = None
 
 
 _REMEDY: Final = (
