@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
@@ -11,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.mesh.uncertainty import difference_deviation
 from modalmotion.representation import shown
 
 TWO_DEVIATIONS: Final = 2.0
@@ -162,11 +162,6 @@ class VolumeCurve:
         if share is None or interval is None:
             return None
         return max(interval[1] - share, share - interval[0])
-
-
-def difference_deviation(one: float, other: float, correlation: float) -> float:
-    """Deviation of the difference of two numbers with these deviations and this correlation."""
-    return math.sqrt(max(one**2 + other**2 - 2.0 * correlation * one * other, 0.0))
 
 
 def _range(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,3 +87,8 @@ class Uncertainty(FrozenArrays):
             alike=np.full(n_vertices, n_vertices / max(independent, 1.0)),
             between_frames=between_frames,
         )
+
+
+def difference_deviation(one: float, other: float, correlation: float) -> float:
+    """Deviation of the difference of two numbers with these deviations and this correlation."""
+    return math.sqrt(max(one**2 + other**2 - 2.0 * correlation * one * other, 0.0))

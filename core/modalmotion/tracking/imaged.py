@@ -100,7 +100,8 @@ def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Trac
 def _with_levels(track: Track, levels: Mapping[str, Floats]) -> Track:
     """Add to what is stated the errors of both ends' levels, covariances (frames, frames) mm^2.
 
-    An end moves along the axis, and the surface next to it goes with it.
+    An end moves along the axis, and the surface next to it goes with it. Strain is between frames:
+    of positions only what an end's errors in one frame do not share with the others is added.
     """
     template, known = track.template, track.sequence.uncertainty
     cavity, images = cavity_in(template), track.images
@@ -114,12 +115,13 @@ def _with_levels(track: Track, levels: Mapping[str, Floats]) -> Track:
         share = (s if name == "base" else 1.0 - s) ** _NEXT_TO_END
         # Frames that are missing have none.
         own, by_volume = np.nan_to_num(covariance), np.zeros(len(stated))
+        apart = np.diag(own) - _mean_of_others(own)
         for k, x in enumerate(track.sequence.vertices.astype(np.float64)):
             axis = x[share > _AT_END].mean(axis=0) - x[share < 1.0 - _AT_END].mean(axis=0)
             moved = share[:, None] * (axis / np.linalg.norm(axis))
             a = np.linalg.lstsq(known.shapes, moved, rcond=None)[0].ravel()
-            along[k] += own[k, k] * np.outer(a, a)
-            across[k] += own[k, k] * np.outer(a, a)
+            along[k] += apart[k] * np.outer(a, a)
+            across[k] += apart[k] * np.outer(a, a)
             square = (moved * normals_of(template, x)).sum(axis=1) ** 2
             rest = ((moved**2).sum(axis=1) - square) / 2.0
             deviations[k] = np.sqrt(deviations[k] ** 2 + own[k, k] * np.stack([square, rest], 1))
@@ -137,6 +139,14 @@ def _with_levels(track: Track, levels: Mapping[str, Floats]) -> Track:
         volume_deviations=sd,
         images=replace(images, volume_correlation=correlation),
     )
+
+
+def _mean_of_others(covariance: Floats) -> Floats:
+    """Mean covariance of each frame with the others, none below zero, (frames,)."""
+    n = len(covariance)
+    sums = covariance.sum(axis=1) - np.diag(covariance)
+    mean: Floats = np.clip(sums / max(n - 1, 1), 0.0, np.diag(covariance))
+    return mean
 
 
 def staircase(voxel: float, patch: float) -> float:

@@ -86,7 +86,7 @@ def from_labels(
     patch in which the cavity borders on neither itself nor the wall, the border of the image among
     it; without a wall it is the plane that the wider end is cut by.
     """
-    decided = ()
+    decided: tuple[str, ...] = ()
     if not labels:
         labels, wall, note = cavity_and_wall(images)
         decided = (note,)
@@ -247,7 +247,7 @@ def _open_faces(cavity: NDArray[np.bool_], wall: NDArray[np.bool_]) -> Floats:
     # The padding is no cavity, so that nothing comes round.
     ways = [(axis, way) for axis in range(3) for way in (-1, 1)]
     voxels = [np.argwhere(own & np.roll(other, -way, axis)) for axis, way in ways]
-    faces = np.concatenate(
+    faces: Floats = np.concatenate(
         [
             places + 0.5 * way * np.eye(3)[axis]
             for (axis, way), places in zip(ways, voxels, strict=True)

@@ -106,7 +106,8 @@ def ends_in_slices(
     there = {k: (frame, own) for k, (frame, own) in pairs if frame is not None and own is not None}
     first = next(frame for frame, _ in there.values())
     across = int(np.argmax(first.spacing))
-    normal = np.cross(*(first.affine[:, i] for i in range(3) if i != across))
+    i, j = (axis for axis in range(3) if axis != across)
+    normal = np.cross(first.affine[:, i], first.affine[:, j]).astype(np.float64)
     normal /= np.linalg.norm(normal)
     step = abs(float(first.affine[:, across] @ normal))
     stacks = {k: _stack(frame, own, normal, k) for k, (frame, own) in there.items()}
@@ -126,14 +127,14 @@ def ends_in_slices(
     length = float(tops[full] + step / 2.0 - tips[full])
     levels, of_levels = _levels(tops, step, length * (1.0 - radii / radii[full]))
     n = len(frames)
-    found = [np.full((n, 3), np.nan) for _ in range(3)]
-    covariances = [np.full((n, n), np.nan) for _ in range(2)]
+    apices, bases, axes = (np.full((n, 3), np.nan) for _ in range(3))
+    at = np.ix_(list(there), list(there))
+    covariances = np.full((2, n, n), np.nan)
+    covariances[0][at], covariances[1][at] = of_tips, of_levels
     for i, k in enumerate(there):
         s = own[i]
-        found[0][k], found[1][k] = s.place(tips[i]), s.place(levels[i])
-        found[2][k] = s.line[1] / np.linalg.norm(s.line[1])
-    for full_size, of_those in zip(covariances, (of_tips, of_levels), strict=True):
-        full_size[np.ix_(list(there), list(there))] = of_those
+        apices[k], bases[k] = s.place(tips[i]), s.place(levels[i])
+        axes[k] = s.line[1] / np.linalg.norm(s.line[1])
     notes = []
     if own[full].areas[0] > _OPEN * own[full].areas.max():
         notes.append(
@@ -141,7 +142,7 @@ def ends_in_slices(
             f"{own[full].areas[0] / own[full].areas.max():.0%} as large as its largest, so the "
             "apex was extrapolated; volumes depend on it."
         )
-    return SliceEnds(*found, *covariances, tuple(notes))
+    return SliceEnds(apices, bases, axes, covariances[0], covariances[1], tuple(notes))
 
 
 def _stack(frame: Volume, cavity: NDArray[np.bool_], normal: Floats, number: int) -> _Stack:

@@ -92,7 +92,7 @@ def cavity_and_wall(images: ImageSequence) -> LabelValues:
         raise _undecided(f"there are {len(values)}, more than a heart has", named)
     if len(values) == 1:
         return _of_one(volumes[0], int(values[0]), named)
-    borders = sum(_borders(v, values) for v in volumes)
+    borders = np.sum([_borders(v, values) for v in volumes], axis=0)
     shares = borders[:, 1:] / np.maximum(borders.sum(axis=1, keepdims=True), 1)
     walls = shares.argmax(axis=1)
     is_enclosed = shares.max(axis=1) >= _ENCLOSED

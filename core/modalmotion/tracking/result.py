@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.clinical.volume_curve import difference_deviation
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.cavity import Cavity, cavity_of
 from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.mesh.uncertainty import difference_deviation
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import PLANE
 from modalmotion.numeric.frozen_arrays import FrozenArrays
