@@ -41,6 +41,9 @@ _MOST_BORDER: Final = 6000
 # Voxels below the highest one: a section there is whole.
 _SECTION: Final = (6.0, 3.0)
 
+# Of a face of an opening, cosine to the long axis.
+_LOOKS_OUT: Final = 0.5
+
 # Fewer voxels have no axis.
 _FEWEST: Final = 30
 
@@ -168,13 +171,14 @@ def _ends(
     points = np.argwhere(cavity) @ A[:, :3].T + A[:, 3]
     middle = points.mean(axis=0)
     half = float(np.linalg.norm(A[:, :3], axis=0).mean()) / 2.0
-    faces = np.zeros((0, 3)) if wall is None else _open_faces(cavity, wall) @ A[:, :3].T + A[:, 3]
-    if len(faces):
-        base: Floats = faces.mean(axis=0)
-        axis = (base - middle) / np.linalg.norm(base - middle)
-        height = float(((points - base) @ axis).min()) - half
-        return _near_axis(points, base, axis, height, half), base, axis, axis
     _, vectors = np.linalg.eigh(np.cov((points - middle).T))
+    if wall is not None:
+        faces = _open_faces(cavity, wall, A, vectors[:, -1])
+        if len(faces):
+            base: Floats = faces.mean(axis=0)
+            axis = (base - middle) / np.linalg.norm(base - middle)
+            height = float(((points - base) @ axis).min()) - half
+            return _near_axis(points, base, axis, height, half), base, axis, axis
     axis = vectors[:, -1]
     z = (points - middle) @ axis
     if before is None:
@@ -238,26 +242,42 @@ def _near_axis(points: Floats, base: Floats, axis: Floats, height: float, half: 
     return place
 
 
-def _open_faces(cavity: NDArray[np.bool_], wall: NDArray[np.bool_]) -> Floats:
-    """Middles, as indices, of the largest patch of voxels' faces that border on neither.
+def _open_faces(
+    cavity: NDArray[np.bool_], wall: NDArray[np.bool_], A: Floats, axis: Floats
+) -> Floats:
+    """Middles, mm, of the faces in the largest patch of the cavity's border that is open.
 
-    The border of the image is open. A patch is one of voxels that touch; gaps in a wall are others.
+    The border of the image is open. A patch is one of voxels that touch, and gaps in a wall are
+    others; of a gap that reaches the opening the faces look sideways, and do not count.
     """
     own, other = np.pad(cavity, 1), ~np.pad(cavity | wall, 1)
     # The padding is no cavity, so that nothing comes round.
-    ways = [(axis, way) for axis in range(3) for way in (-1, 1)]
-    voxels = [np.argwhere(own & np.roll(other, -way, axis)) for axis, way in ways]
-    faces: Floats = np.concatenate(
+    ways = [(i, way) for i in range(3) for way in (-1, 1)]
+    voxels = [np.argwhere(own & np.roll(other, -way, i)) for i, way in ways]
+    steps = np.concatenate(
         [
-            places + 0.5 * way * np.eye(3)[axis]
-            for (axis, way), places in zip(ways, voxels, strict=True)
+            np.tile(way * np.eye(3)[i], (len(there), 1))
+            for (i, way), there in zip(ways, voxels, strict=True)
         ]
     )
-    if not len(faces):
-        return faces
-    at = tuple(np.concatenate(voxels).T)
-    is_open = np.zeros(own.shape, dtype=np.bool_)
-    is_open[at] = True
-    patch = scipy.ndimage.label(is_open, np.ones((3, 3, 3)))[0][at]
-    largest: Floats = faces[patch == np.bincount(patch).argmax()] - 1.0
+    places = np.concatenate(voxels)
+    if not len(places):
+        return np.zeros((0, 3))
+    # Of the larger patch the way out is known; what looks there is the opening.
+    largest = _largest_patch(places, own.shape)
+    ahead = steps @ A[:, :3].T @ axis / np.linalg.norm(steps @ A[:, :3].T, axis=1)
+    ahead *= np.sign(ahead[largest].sum())
+    kept = largest & (ahead > _LOOKS_OUT)
+    places, steps = (places[kept], steps[kept]) if kept.any() else (places, steps)
+    kept = _largest_patch(places, own.shape)
+    faces: Floats = (places - 1.0 + steps / 2.0)[kept] @ A[:, :3].T + A[:, 3]
+    return faces
+
+
+def _largest_patch(places: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Whether each of some voxels, (n, 3), is in the largest patch of voxels that touch."""
+    there = np.zeros(shape, dtype=np.bool_)
+    there[tuple(places.T)] = True
+    patches = scipy.ndimage.label(there, np.ones((3, 3, 3)))[0][tuple(places.T)]
+    largest: NDArray[np.bool_] = patches == np.bincount(patches).argmax()
     return largest
