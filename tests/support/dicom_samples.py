@@ -109,7 +109,7 @@ def compressed(data: bytes, syntax: str) -> bytes:
 
 
 def enhanced_file(pixels: np.ndarray, heights: np.ndarray, triggers: np.ndarray) -> bytes:
-    """Make an enhanced object of slices (n, i, j), at these heights and triggers; as `slice_file`."""
+    """Make an enhanced object of slices (n, i, j) at heights and triggers, as `slice_file` does."""
     import pydicom
     from pydicom.dataset import Dataset
 

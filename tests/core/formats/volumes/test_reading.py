@@ -259,7 +259,7 @@ def test_an_enhanced_object_is_its_slices() -> None:
 
 def test_what_is_wrong_names_the_file() -> None:
     good = nifti()
-    with pytest.raises(MalformedFileError, match="'second.nii.gz': "):
+    with pytest.raises(MalformedFileError, match=r"'second\.nii\.gz': "):
         read(zipped(**{"first.nii.gz": good, "second.nii.gz": good[:360]}))
 
 
