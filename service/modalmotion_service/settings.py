@@ -34,6 +34,11 @@ class Settings(BaseSettings):
     reserve_bytes: int = Field(
         100_000_000, ge=0, description="Uploads are refused while less is free on the disk."
     )
+    max_owner_bytes: int = Field(
+        0,
+        ge=0,
+        description="Bytes that one owner's store may hold; more is answered 507. 0: all there is.",
+    )
     workers: int = Field(
         default_factory=lambda: os.cpu_count() or 1,
         ge=1,
