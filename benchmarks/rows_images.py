@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from drawn_labels import WALL, drawn_maps
+from drawn_labels import CAVITY, drawn_maps
 from experiments import Row, experiment
 from judged_images import drawn_figures, tracked, valve_figures
 from judged_tracks import Judged, beside_contours, standard_figures, standard_rows
@@ -59,12 +59,12 @@ def _drawn_rows(name: str, what: str) -> tuple[Row, ...]:
 
 
 @experiment(
-    *_drawn_rows("images.drawn", "hand-drawn maps"),
+    *_drawn_rows("images.drawn", "hand-drawn maps, no label named"),
     *_drawn_rows("images.drawn_bare", "hand-drawn maps without a wall"),
 )
 def drawn(seed: int) -> tuple[float, ...]:
     cases = list(drawn_maps(seed, 12))
-    return (*drawn_figures(cases, (WALL,)), *drawn_figures(cases, ()))
+    return (*drawn_figures(cases, ()), *drawn_figures(cases, (CAVITY,)))
 
 
 @experiment(
