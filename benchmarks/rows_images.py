@@ -59,7 +59,7 @@ def _drawn_rows(name: str, what: str) -> tuple[Row, ...]:
 
 
 @experiment(
-    *_drawn_rows("images.drawn", "hand-drawn maps, no label named"),
+    *_drawn_rows("images.drawn", "hand-drawn maps"),
     *_drawn_rows("images.drawn_bare", "hand-drawn maps without a wall"),
 )
 def drawn(seed: int) -> tuple[float, ...]:
