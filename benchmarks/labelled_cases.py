@@ -31,15 +31,13 @@ Folds = list[tuple[NDArray[np.int64], NDArray[np.int64]]]
 
 def synthetic(name: str, seed: int) -> list[TrainingCase]:
     """Simulate a synthetic cohort of that name."""
-    of_name = recordings(COHORTS[name], seed)
-    return [TrainingCase(case.sequence, case.label, case.person) for case in of_name]
+    return list(recordings(COHORTS[name], seed))
 
 
 def small(name: str, labels: Sequence[str], n: int, seed: Sequence[int]) -> list[TrainingCase]:
     """Simulate people who each do all of some motions of a cohort."""
-    cohort = replace(COHORTS[name], counts=dict.fromkeys(labels, n), n_people=n)
-    made = recordings(cohort, [*seed, len(name)])
-    return [TrainingCase(case.sequence, case.label, case.person) for case in made]
+    cohort = COHORTS[name]._replace(counts=dict.fromkeys(labels, n), n_people=n)
+    return list(recordings(cohort, [*seed, len(name)]))
 
 
 def tongue() -> list[TrainingCase]:
