@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypeAlias
 
 BLOCKS: Final = (
     "mission",
@@ -21,6 +21,9 @@ BLOCKS: Final = (
     "weight",
 )
 """Blocks in the order of the table; the experiments of each are in rows_<block>.py."""
+
+Measure: TypeAlias = Callable[[int], float | tuple[float, ...]]
+"""From a seed, 0 for the table's own, to one value for each row."""
 
 
 @dataclass(frozen=True)
@@ -70,15 +73,19 @@ class Row:
         return min(abs(value - bound) for bound in bounds)
 
 
+def rows(keys: Iterable[object], name: str, what: str, unit: str = "", **options: Any) -> list[Row]:
+    """Make rows that differ by one word each, which stands for {} in names and texts."""
+    return [Row(name.format(key), what.format(key), unit, **options) for key in keys]
+
+
 @dataclass(frozen=True)
 class Experiment:
-    """One measurement of one or several rows.
+    """One measurement of rows, in their order.
 
     Parameters
     ----------
     rows : tuple of Row
     measure : callable
-        From a seed, 0 for the table's own, to one value for each row.
     quick : bool
         Whether it is part of the quick table.
     needs : tuple of str
@@ -88,7 +95,7 @@ class Experiment:
     """
 
     rows: tuple[Row, ...]
-    measure: Callable[[int], float | tuple[float, ...]]
+    measure: Measure
     quick: bool
     needs: tuple[str, ...]
     is_timed: bool
@@ -101,41 +108,28 @@ class Experiment:
         return {row.name: float(value) for row, value in pairs}
 
 
-def rows(keys: Iterable[object], name: str, what: str, unit: str = "", **options: Any) -> list[Row]:
-    """Make rows that differ by one word each, which stands for {} in names and texts."""
-    return [Row(name.format(key), what.format(key), unit, **options) for key in keys]
-
-
 REGISTERED: Final[list[Experiment]] = []
 """All experiments of the modules imported so far, in order."""
 
 
 def experiment(
     *rows: Row, quick: bool = False, needs: tuple[str, ...] = (), is_timed: bool = False
-) -> Callable[
-    [Callable[[int], float | tuple[float, ...]]], Callable[[int], float | tuple[float, ...]]
-]:
-    """Register a function of a seed that measures rows, in their order."""
+) -> Callable[[Measure], Measure]:
+    """Register a function that measures rows."""
 
-    def register(
-        measure: Callable[[int], float | tuple[float, ...]],
-    ) -> Callable[[int], float | tuple[float, ...]]:
+    def register(measure: Measure) -> Measure:
         REGISTERED.append(Experiment(rows, measure, quick, needs, is_timed))
         return measure
 
     return register
 
 
-def experiments(quick: bool = False, only: tuple[str, ...] = ()) -> list[Experiment]:
+def experiments(quick: bool = False, only: tuple[str, ...] = ("",)) -> list[Experiment]:
     """List experiments: all, those of the quick table, those with rows that begin as named.
 
     The quick table has no times: it runs beside whatever else a machine does.
     """
     for block in BLOCKS:
         importlib.import_module(f"rows_{block}")
-    return [
-        each
-        for each in REGISTERED
-        if (not quick or (each.quick and not each.is_timed))
-        and (not only or any(row.name.startswith(only) for row in each.rows))
-    ]
+    chosen = [each for each in REGISTERED if not quick or (each.quick and not each.is_timed)]
+    return [each for each in chosen if any(row.name.startswith(only) for row in each.rows)]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import ellipe
 
 import modalmotion as mm
+from modalmotion.clinical.rates import rates_of
 from modalmotion.mesh import cavity_of
 from modalmotion.simulate import Acquisition, MotionClass, draw_parameters, simulate_ventricle
 
@@ -85,6 +86,30 @@ def read(sequence: mm.MeshSequence) -> dict[str, tuple[float, float, float]]:
         "edv": (curve.end_diastolic_volume, *curve.end_diastolic_range),
         **{name.lower(): strain.end_systolic[name] for name in ("GLS", "GCS", "GAS")},
     }
+
+
+def peak_rates(
+    seed: int, counts: tuple[int, ...], n_per_class: int = 4
+) -> Iterator[tuple[int, float, float, float]]:
+    """Frames of a beat, a peak rate as the product states it, its bound, and that of 600 frames."""
+    for k, label in enumerate(list(MotionClass) * n_per_class):
+        parameters = draw_parameters(label, np.random.default_rng([seed, k]))
+        finest, *beats = (
+            simulate_ventricle(
+                parameters,
+                grid=(12, 24),
+                acquisition=Acquisition(n_frames=n),
+                rng=np.random.default_rng([seed, k, 1]),
+            )
+            for n in (600, *counts)
+        )
+        volumes = volumes_of(finest)
+        slopes = np.diff(volumes, append=volumes[0]) * 600 / parameters.period
+        for n, beat in zip(counts, beats, strict=True):
+            readouts = mm.clinical_readouts(mm.modal_signature(beat), beat)
+            found = rates_of(readouts, parameters.period)
+            yield n, found.peak_ejection_rate, found.ejection_bound, -slopes.min() / 1000
+            yield n, found.peak_filling_rate, found.filling_bound, slopes.max() / 1000
 
 
 def volumes_of(clean: mm.MeshSequence) -> Floats:
