@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
 from codec_peers import peers_of
 from coded_sequences import SEQUENCES, mean_diagonal, sequence_of
-from measure import in_words, side_by_side, table
+from measure import in_words, medians, table
 from real_data import is_there
 from threadpoolctl import threadpool_limits
 
@@ -44,12 +43,12 @@ def _table(what: str, sequence: MeshSequence) -> str:
             calls[f"decode {name}"] = partial(peer.decode, parts)
     # Of the processor and one thread: what else runs on the machine makes none of them dearer.
     with threadpool_limits(1):
-        times = side_by_side(calls, 3, time.process_time)
+        times = dict(zip(calls, medians(calls, 3), strict=True))
     rows = [
         (
             name,
             f"{8 * size / n_places:.3f}",
-            *(in_words(times[f"{way} {name}"].median) for way in ("encode", "decode")),
+            *(in_words(times[f"{way} {name}"]) for way in ("encode", "decode")),
         )
         for name, size in sizes.items()
     ]

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Final, Literal, TypeAlias
 
+from real_data import is_there
+
 BLOCKS: Final = (
     "mission",
     "modes",
@@ -99,6 +101,11 @@ class Experiment:
     quick: bool
     needs: tuple[str, ...]
     is_timed: bool
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether the recordings that it needs are there."""
+        return is_there(self.rows[0].name, *self.needs)
 
     def values(self, seed: int) -> dict[str, float]:
         """Measure, and name the values by row."""

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import importlib
-import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 from measure import table
-
-ROOT = Path(__file__).resolve().parents[1]
+from real_data import ROOT
 
 SECTIONS = (
     ("Basis, eigenvalues and projection on lattices", "extremes_lattice_rows"),
@@ -39,9 +36,6 @@ def main() -> None:
 
 def rows_of(module: str) -> Sequence[tuple[Any, ...]]:
     """Rows of one module of the tests: name, right answer, error reached, bound, ..."""
-    for folder in ("extremes", "slow_twins", "support"):
-        if (path := str(ROOT / "tests" / folder)) not in sys.path:
-            sys.path.append(path)
     rows: Sequence[tuple[Any, ...]] = importlib.import_module(module).ROWS
     return rows
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from noisy_surfaces import Floats, with_noise
+from mixed_noise import with_noise
+from noisy_surfaces import Floats
 
 import modalmotion as mm
 from modalmotion.fit.basis import make_basis
@@ -35,7 +36,7 @@ def deviations_of(
     fixed = mm.SignatureParameters(template=template.id)
     own, on_fixed, stated = [], [], []
     for draw in range(n_draws):
-        noisy = with_noise(clean, 0.6, rng, n_mixings=n_mixings)
+        noisy = with_noise(clean, 0.6, rng, mixed=n_mixings)
         made = mm.modal_signature(noisy, mm.SignatureParameters(deviations=draw < 4))
         own.append(made.amplitudes[1:])
         if n_mixings == 0:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import Final
 
 import numpy as np
+from altered_beats import ALTERED, mirror_image
+from foreign_motions import FLAGGED
 from labelled_cases import ALONE, QUICK, Folds, area_of_volume, few_cases, of_pool, small
 from third_generator import hearts
 
@@ -19,11 +19,6 @@ from modalmotion.mesh import Cavity
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import modal_signature
 from modalmotion.simulate import MotionClass, simulate_cohort
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
-
-from altered_beats import ALTERED, mirror_image
-from foreign_motions import FLAGGED
 
 ALTERATIONS: Final = ("motion x3", "motion x0.2", "mirrored", "frames missing in systole")
 

@@ -28,9 +28,8 @@ from pathlib import Path
 from typing import Final
 
 from experiments import experiments
-from real_data import ENVIRONMENT
+from real_data import ENVIRONMENT, ROOT
 
-ROOT: Final = Path(__file__).resolve().parents[1]
 WITHOUT: Final = ("weight", "use")
 """Blocks whose rows need no mutant: they count and time."""
 

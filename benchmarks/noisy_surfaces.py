@@ -7,9 +7,9 @@ from functools import cache
 from typing import Final
 
 import numpy as np
+from mixed_noise import with_noise
 from numpy.typing import NDArray
 from real_data import recording
-from scipy.sparse import coo_array
 from scipy.spatial import ConvexHull
 
 from modalmotion.fit.basis import make_basis
@@ -95,37 +95,11 @@ def moving_tube(rng: np.random.Generator, n_frames: int = 20) -> MeshSequence:
     return _beating(x, lattice_faces(CYLINDER, shape), rng, n_frames)
 
 
-def with_noise(
-    clean: MeshSequence,
-    sigma: float,
-    rng: np.random.Generator,
-    *,
-    n_mixings: int = 0,
-    between: float = 0.0,
-) -> MeshSequence:
-    """Add normal noise of RMS sigma, mixed over neighbours and correlated from frame to frame."""
-    e = rng.standard_normal(clean.vertices.shape)
-    for frame in range(1, len(e)):
-        e[frame] = between * e[frame - 1] + np.sqrt(1 - between**2) * e[frame]
-    if n_mixings:
-        mean = _mean_over_neighbours(clean.n_vertices, clean.faces)
-        for _ in range(n_mixings):
-            e = np.stack([mean @ frame for frame in e])
-    return replace(clean, vertices=clean.vertices + e * (sigma / np.sqrt((e**2).mean())))
-
-
 def drawn_noise(clean: MeshSequence, rng: np.random.Generator) -> tuple[float, MeshSequence]:
     """Draw size and kind of the noise too; its RMS, and the noisy surface."""
     sigma = float(rng.choice([0.2, 0.6, 1.5]))
     n_mixings, between = int(rng.choice([0, 0, 1, 5, 20])), float(rng.choice([0.0, 0.0, 0.5, 0.9]))
-    return sigma, with_noise(clean, sigma, rng, n_mixings=n_mixings, between=between)
-
-
-def _mean_over_neighbours(n: int, faces: NDArray[np.int64]) -> coo_array:
-    i = np.concatenate([np.arange(n), faces[:, [0, 1, 2, 1, 2, 0]].ravel()])
-    j = np.concatenate([np.arange(n), faces[:, [1, 2, 0, 0, 1, 2]].ravel()])
-    i, j = np.unique(np.stack([i, j]), axis=1)
-    return coo_array((1.0 / np.bincount(i)[i], (i, j)), shape=(n, n)).tocsr()
+    return sigma, with_noise(clean, sigma, rng, mixed=n_mixings, correlation=between)
 
 
 def _directions(n: int) -> Floats:

@@ -1,4 +1,7 @@
-"""Real recordings beside the project, by their names; what is skipped without them is told."""
+"""Real recordings beside the project, by their names; what is skipped without them is told.
+
+What the tests are made of is found from here on too.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,13 @@ from typing import Final
 from modalmotion.formats import read_npz
 from modalmotion.mesh.sequence import MeshSequence
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
+sys.path.extend(
+    str(Path(__file__).resolve().parents[1] / "tests" / folder)
+    for folder in ("support", "slow_twins", "extremes")
+)
 
 from project import DATA as DATA
+from project import ROOT as ROOT
 
 ENVIRONMENT: Final = {"MODALMOTION_DATA": str(DATA)}
 """Where a copy of the project finds the same recordings."""
@@ -21,15 +28,7 @@ SKIPPED: Final[list[str]] = []
 
 
 def is_there(figures: str, *names: str) -> bool:
-    """Tell whether recordings are there; if not, the figures count as skipped.
-
-    Parameters
-    ----------
-    figures : str
-        Which bench, and what it measures on them.
-    *names : str
-        Files without their suffix .npz, or folders.
-    """
+    """Tell whether recordings, files without .npz or folders, are there; note what is skipped."""
     absent = [name for name in names if not _path(name).is_file() and not (DATA / name).is_dir()]
     if absent:
         SKIPPED.append(f"{figures} ({', '.join(absent)})")

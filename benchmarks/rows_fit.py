@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import statistics
-import time
 from contextlib import suppress
 
 import numpy as np
 from experiments import Row, experiment, rows
 from fit_truth import deviations_of, excess_of
-from measure import side_by_side
+from measure import medians
+from mixed_noise import with_noise
 from noisy_surfaces import (
     closed_body,
     drawn_noise,
@@ -18,7 +18,6 @@ from noisy_surfaces import (
     moving_body,
     moving_tube,
     smoothed,
-    with_noise,
 )
 from real_data import recording
 
@@ -178,7 +177,5 @@ def times(seed: int) -> tuple[float, ...]:
         "small": lambda: mm.modal_signature(small),
         "refusal": refuse,
     }
-    plain, with_deviations, auto, few, refusal = (
-        each.median for each in side_by_side(calls, 5, time.process_time, 0.02).values()
-    )
+    plain, with_deviations, auto, few, refusal = medians(calls, 5)
     return with_deviations / plain, auto / plain, refusal / few

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import time
 from functools import partial
 
 import numpy as np
 from experiments import Row, experiment, rows
 from extremes import SECTIONS, rows_of
 from forced import forced_error
-from measure import beside_numpy, side_by_side
-from noisy_surfaces import individual, with_noise
+from measure import beside_numpy, medians
+from mixed_noise import with_noise
+from noisy_surfaces import individual
 from sparse_lattices import largest_residual
 
 import modalmotion as mm
@@ -79,8 +79,8 @@ def animation(seed: int) -> float:
             pass
 
     calls = {f"{n}": partial(animate, Lattice(CYLINDER, (n, n))) for n in (32, 1000)}
-    few, many = side_by_side(calls, 9, time.process_time, 0.02).values()
-    return many.median / few.median
+    few, many = medians(calls, 9)
+    return many / few
 
 
 @experiment(

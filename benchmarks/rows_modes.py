@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
-import time
-
 import numpy as np
 from experiments import Row, experiment
-from extremes import rows_of
-from measure import beside_numpy, side_by_side
+from measure import beside_numpy, medians
 from noisy_surfaces import individual
 from sparse_lattices import lowest_eigenpairs, stiffness_matrix
+from template_remeshing import subdivided
 from tradeoff_bases import BELTRAMI, CLOSED, beltrami_modes, fronts
 
 from modalmotion.dynamics import dispersion, wave_vectors
@@ -62,10 +59,8 @@ def left(seed: int) -> float:
     is_timed=True,
 )
 def large(seed: int) -> float:
-    rows_of("extremes_lattice_rows")  # where the helpers of tests are found
     beat = simulate_ventricle(n_vertices=15_650, rng=np.random.default_rng([seed, 8]))
     moving = beat.vertices[:1].astype(np.float64), beat.faces
-    subdivided = importlib.import_module("template_remeshing").subdivided
     vertices, faces = subdivided(subdivided(moving))
     order = np.random.default_rng([seed, 7]).permutation(vertices.shape[1])
     one = mesh_sequence(vertices[:, order], np.argsort(order)[faces])
@@ -88,6 +83,5 @@ def times(seed: int) -> tuple[float, float]:
         "shapes": lambda: lattice.shapes(modes),
         "eigsh of the lattice": lambda: lowest_eigenpairs(matrix, 7),
     }
-    taken = side_by_side(calls, 7, time.process_time, 0.02).values()
-    ours, eigsh, shapes, of_lattice = (each.median for each in taken)
+    ours, eigsh, shapes, of_lattice = medians(calls, 7)
     return ours / eigsh, of_lattice / shapes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from functools import partial
+from itertools import chain
 
 from experiments import Row, experiment
 from measure import USUAL_SECONDS, beside_numpy, of_usual_core
@@ -27,16 +28,12 @@ OF_BARE = "of the rate of a bare upload"
     is_timed=True,
 )
 def over_http(_: int) -> tuple[float, ...]:
-    measured, beat = answers(n_rounds=5, seconds=0.5), large_beat()
-    signature, of_class, stored = (measured[name] for name in ("signature", "class", "stored"))
-    template = make_template(beat)
+    (share, milliseconds), *others = answers(n_rounds=5, seconds=0.5).tolist()
+    template = make_template(beat := large_beat())
     known = SignatureParameters(template=template.id)
     made = partial(modal_signature, beat, known, template=template)
-    library = (
-        1e3 * USUAL_SECONDS * beside_numpy({"library": made})["library"] / signature.milliseconds
-    )
-    times = (signature.milliseconds, library, of_class.share, of_class.milliseconds)
-    return (signature.share, *times, stored.share, stored.milliseconds)
+    library = 1e3 * USUAL_SECONDS * beside_numpy({"made": made})["made"] / milliseconds
+    return (share, milliseconds, library, *chain.from_iterable(others))
 
 
 @experiment(

@@ -5,7 +5,8 @@ from __future__ import annotations
 import tempfile
 
 from experiments import Row, experiment
-from started import ROOT, install_seconds, processor_seconds, recorded, saved
+from real_data import ROOT
+from started import install_seconds, processor_seconds, recorded, saved
 
 
 @experiment(

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Final
 
 from experiments import Row, experiment
+from real_data import ROOT
 
-ROOT: Final = Path(__file__).resolve().parents[1]
 PRODUCT: Final = (ROOT / "core", ROOT / "service")
 
 _TRACED = """

@@ -4,61 +4,29 @@ from __future__ import annotations
 
 import http.client
 import os
-import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import urlencode
 
 import numpy as np
 from measure import USUAL_SECONDS, fixed_work
+from numpy.typing import NDArray
+from real_data import ROOT
+from running import RunningService
 
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.simulate import Acquisition, simulate_ventricle
 
-ROOT: Final = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests" / "support"))
-
-from running import RunningService  # noqa: E402 (found on the path just set)
-
 # 25 frames x 3,300 vertices x 3 float32: 990,000 bytes.
 GRID: Final = (66, 50)
 N_CONNECTIONS: Final = 4
-BARE: Final = "receive and hash"
 SETTINGS: Final = {"MAX_REQUESTS_PER_MINUTE": "1000000", "WAIT_SECONDS": "600"}
 """However busy the machine is, requests are answered."""
-
-
-@dataclass
-class Answers:
-    """What a kind of request took, round by round.
-
-    Parameters
-    ----------
-    shares : list of float
-        Of the rate of a bare upload of the same bytes in the same round.
-    processor : list of float, s
-        Of all processes of the service, a request, over that of a fixed piece of NumPy work.
-    """
-
-    shares: list[float] = field(default_factory=list)
-    processor: list[float] = field(default_factory=list)
-
-    @property
-    def share(self) -> float:
-        """Percent of the rate of a bare upload, median of rounds."""
-        return 100.0 * statistics.median(self.shares)
-
-    @property
-    def milliseconds(self) -> float:
-        """Processor time of a core that does the fixed work in the usual time."""
-        return 1e3 * USUAL_SECONDS * statistics.median(self.processor)
 
 
 def large_beat() -> MeshSequence:
@@ -67,34 +35,40 @@ def large_beat() -> MeshSequence:
     return simulate_ventricle(grid=GRID, acquisition=beat, rng=np.random.default_rng(1994))
 
 
-def answers(n_rounds: int, seconds: float) -> dict[str, Answers]:
-    """Load the service in turn with bare uploads, signatures, classes and stored signatures."""
+def answers(n_rounds: int, seconds: float) -> NDArray[np.float64]:
+    """Load the service in turn with bare uploads, signatures, classes and stored signatures.
+
+    Returns
+    -------
+    (3, 2) float64
+        Of each of the last three the rate, percent of that of bare uploads in the same round, and
+        processor time of all processes of the service a request, ms of a usual core; medians.
+    """
     body = large_beat().vertices.astype("<f4").tobytes()
     known = {"format": "raw", "grid": f"{GRID[0]},{GRID[1]}", "topology": "cup", "unit": "mm"}
     with running([str(ROOT / "benchmarks" / "load_server.py")]) as service:
         template = service.request("POST", f"/v1/templates?{urlencode(known)}", body).json["id"]
         stored = service.request("POST", f"/v1/sequences?{urlencode(known)}", body).json["id"]
         whole = urlencode({**known, "template": template})
-        requests = {
-            BARE: ("POST", "/v1/decode", body, {}),
-            "signature": ("POST", f"/v1/signature?{whole}", body, {"Accept": "application/json"}),
-            "class": ("POST", f"/v1/classify?{urlencode(known)}", body, {}),
-            "stored": ("GET", f"/v1/sequences/{stored}/signature", None, {}),
-        }
-        found = {name: Answers() for name in requests}
-        for sent in requests.values():
-            load(service.port, seconds, *sent)  # warm
-        for _ in range(n_rounds):
-            rates = {}
-            for name, sent in requests.items():
+        requests: tuple[tuple[Any, ...], ...] = (
+            ("POST", "/v1/decode", body, {}),
+            ("POST", f"/v1/signature?{whole}", body, {"Accept": "application/json"}),
+            ("POST", f"/v1/classify?{urlencode(known)}", body, {}),
+            ("GET", f"/v1/sequences/{stored}/signature", None, {}),
+        )
+        rounds = []
+        for _ in range(1 + n_rounds):
+            taken = []
+            for sent in requests:
                 before, work = sum(service.cpu_seconds().values()), _work()
                 n, took = load(service.port, seconds, *sent)
                 spent = sum(service.cpu_seconds().values()) - before
-                found[name].processor.append(spent / n / ((work + _work()) / 2))
-                rates[name] = n / took
-            for name, rate in rates.items():
-                found[name].shares.append(rate / rates[BARE])
-    return found
+                taken.append((n / took, spent / n / ((work + _work()) / 2)))
+            rounds.append(taken)
+    # Without the first round, which warms it; (requests, rounds).
+    rates, times = np.array(rounds[1:]).T
+    both = 100.0 * rates / rates[0], 1e3 * USUAL_SECONDS * times
+    return np.asarray(np.median(both, axis=2).T[1:])
 
 
 def load(port: int, seconds: float, *sent: Any) -> tuple[int, float]:

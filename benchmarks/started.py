@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Final
 
 from coded_sequences import beat
+from real_data import ROOT
 
 from modalmotion import write_npz
 
-ROOT: Final = Path(__file__).resolve().parents[1]
 USUAL_SECONDS: Final = 0.07
 """Of importing NumPy, on a core of 2024."""
 

@@ -188,10 +188,8 @@ def measured(chosen: list[Experiment], seed: int) -> list[Line]:
 
 def _measure(name: str, seed: int) -> tuple[dict[str, float], str]:
     """Values by row, and what went wrong."""
-    from real_data import is_there
-
     each = next(each for each in experiments() if each.rows[0].name == name)
-    if not is_there(name, *each.needs):
+    if not each.is_possible:
         return {}, f"skipped: {', '.join(each.needs)} not there"
     start = time.perf_counter()
     try:
