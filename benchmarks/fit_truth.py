@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 from mixed_noise import with_noise
-from noisy_surfaces import Floats
+from noisy_surfaces import (
+    Floats,
+    closed_body,
+    drawn_noise,
+    hull,
+    individual,
+    moving_body,
+    moving_tube,
+)
 
 import modalmotion as mm
 from modalmotion.fit.basis import make_basis
@@ -26,6 +34,31 @@ def excess_of(clean: mm.MeshSequence, noisy: mm.MeshSequence, kept: int) -> floa
     counts = sorted({len(choose_modes(template, n).modes) for n in range(1, 201)} | {kept})
     risks = {n: beyond + brought[:n].sum() + lost[n:].sum() for n in counts}
     return float(np.sqrt(risks[kept] / min(risks.values())))
+
+
+def auto_of(rng: np.random.Generator, k: int) -> tuple[float, float, bool]:
+    """Excess of `auto` on the k-th kind of surface; its noise over the true one; whether inside."""
+    make = (individual, individual, individual, moving_body, moving_tube)[k % 5]
+    clean = make(rng, n_frames=int(rng.choice([10, 16, 25, 40])))
+    sigma, noisy = drawn_noise(clean, rng)
+    made = mm.modal_signature(noisy, mm.SignatureParameters(auto=True))
+    assert made.choice is not None
+    noise = made.choice.noise
+    assert noise is not None
+    is_inside = noise.lowest <= sigma <= (noise.highest or 0.0)
+    return excess_of(clean, noisy, len(made.modes)), noise.sigma / sigma, is_inside
+
+
+def changed_kind(rng: np.random.Generator, noise: float) -> tuple[bool, bool]:
+    """Whether noise changes the kind of modes of a closed body, and without a note on the border.
+
+    Bodies are on both sides of the border between sphere and modes of the mesh, most near it.
+    """
+    x = closed_body(rng, bend=rng.uniform(0.0, 0.02))
+    shapes = (x, x + rng.normal(0.0, noise, x.shape))
+    one, other = (make_template(mm.mesh_sequence(y[None], hull(), unit="mm")) for y in shapes)
+    changed = one.surface != other.surface
+    return changed, changed and not all("border" in " ".join(t.notes) for t in (one, other))
 
 
 def deviations_of(

@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from altered_beats import ALTERED, mirror_image
 from foreign_motions import FLAGGED
-from labelled_cases import ALONE, QUICK, Folds, area_of_volume, few_cases, of_pool, small
+from labelled_cases import (
+    ALONE,
+    QUICK,
+    Folds,
+    area_of_volume,
+    few_cases,
+    folds_of,
+    halves,
+    of_pool,
+    small,
+    synthetic,
+    tongue,
+    windows,
+)
 from third_generator import hearts
 
 from modalmotion.classification import Evaluation, TrainingCase, classify, evaluate, load_model
@@ -67,6 +81,24 @@ def mean(found: list[Evaluation]) -> tuple[float, ...]:
     """Mean accuracy, AUC and log loss."""
     values = np.array([(e.accuracy, e.auc, e.log_loss) for e in found], dtype=np.float64)
     return tuple(values.mean(axis=0).tolist())
+
+
+def on_cohorts(names: Sequence[str], seed: int) -> tuple[float, ...]:
+    """Mean accuracy, AUC and log loss on halves of synthetic cohorts."""
+    made = [synthetic(name, 100 + seed) for name in names]
+    return mean([held_out(cases, folds_of(cases, 2), seed) for cases in made])
+
+
+def on_words(seed: int) -> tuple[float, ...]:
+    """Accuracy, AUC and log loss on sixths of the words of the tongue."""
+    cases = tongue()
+    return mean([held_out(cases, folds_of(cases, 6), seed)])
+
+
+def on_windows(name: str, n_folds: int, seed: int) -> tuple[float, ...]:
+    """Accuracy, AUC and log loss on one half or both of a recorded figure's motions."""
+    cases = windows(name, seed % 4)
+    return mean([held_out(cases, halves(cases)[:n_folds], seed)])
 
 
 def with_few(n: int, n_tested: int, sizes: tuple[int, ...], seed: int) -> tuple[float, ...]:

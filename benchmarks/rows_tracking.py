@@ -6,7 +6,6 @@ rows of that yet.
 
 from __future__ import annotations
 
-import time
 from functools import partial
 from itertools import chain
 
@@ -14,6 +13,7 @@ import numpy as np
 from drawn_contours import contoured
 from experiments import Row, experiment
 from judged_tracks import beside_contours, judged, standard_figures, standard_rows
+from measure import medians
 from real_data import DATA, recording
 from seen_surfaces import Truth, dented, quartered, seen_clouds, ventricles
 
@@ -134,12 +134,9 @@ def real_contours(_: int) -> tuple[float, ...]:
 def speed(seed: int) -> float:
     (truth, rng), *_ = ventricles(seed, 1)
     frames, start, matrix = truth.seen(2000, 1.0, rng), truth.start(), rng.normal(size=(1000, 1000))
-    ratios = []
-    for _ in range(3):
-        begin = time.process_time()
-        track(frames, start=start, unit="mm")
-        middle = time.process_time()
-        for _ in range(len(frames)):
-            matrix @ matrix
-        ratios.append((middle - begin) / (time.process_time() - middle))
-    return float(np.median(ratios))
+    calls = {
+        "track": lambda: track(frames, start=start, unit="mm"),
+        "product": lambda: matrix @ matrix,
+    }
+    tracked, product = medians(calls, 3)
+    return tracked / len(frames) / product
