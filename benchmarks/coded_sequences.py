@@ -50,7 +50,7 @@ def mean_diagonal(sequence: MeshSequence) -> float:
     return float(np.linalg.norm(extent, axis=1).mean())
 
 
-def coded(sequence: MeshSequence, share: float) -> tuple[float, ...]:
+def coded(name: str, share: float, seed: int) -> tuple[float, ...]:
     """Encode at two targets and all efforts, and decode.
 
     Returns
@@ -59,6 +59,7 @@ def coded(sequence: MeshSequence, share: float) -> tuple[float, ...]:
         Bits a vertex and frame, target by target; the largest error over the one asked for; in how
         many pairs of efforts the higher takes more bits.
     """
+    sequence = sequence_of(name, seed)
     sizes: list[float] = []
     kept, disorder = 0.0, 0
     for target in TARGETS.values():

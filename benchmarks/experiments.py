@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Final, Literal, TypeAlias
 
-from real_data import is_there
-
 BLOCKS: Final = (
     "mission",
     "modes",
@@ -30,29 +28,14 @@ Measure: TypeAlias = Callable[[int], float | tuple[float, ...]]
 
 @dataclass(frozen=True)
 class Row:
-    """One figure of the table.
+    """One figure of the table."""
 
-    Parameters
-    ----------
-    name : str
-        block.what.which
-    what : str
-        What the figure is, for a reader who has never seen it.
-    unit : str
-    goal : float or (float, float), optional
-        What it should be: a bound, or a range that it should lie in.
-    better : {"lower", "higher"}
-        Where the goal is no range.
-    tolerance : float, optional
-        Of a figure without chance, for which there is no standard error.
-    """
-
-    name: str
-    what: str
+    name: str  # block.what.which
+    what: str  # what the figure is, for a reader who has never seen it
     unit: str = ""
-    goal: float | tuple[float, float] | None = None
-    better: Literal["lower", "higher"] = "lower"
-    tolerance: float | None = None
+    goal: float | tuple[float, float] | None = None  # a bound, or a range that it should lie in
+    better: Literal["lower", "higher"] = "lower"  # where the goal is no range
+    tolerance: float | None = None  # of a figure without chance, which has no standard error
 
     def shortfall(self, value: float) -> float:
         """Measure how far a value is from what is wished for; 0 within the range of a goal."""
@@ -82,30 +65,13 @@ def rows(keys: Iterable[object], name: str, what: str, unit: str = "", **options
 
 @dataclass(frozen=True)
 class Experiment:
-    """One measurement of rows, in their order.
-
-    Parameters
-    ----------
-    rows : tuple of Row
-    measure : callable
-    quick : bool
-        Whether it is part of the quick table.
-    needs : tuple of str
-        Recordings beside the project without which it is skipped.
-    is_timed : bool
-        Run by itself, after all others.
-    """
+    """One measurement of rows, in their order."""
 
     rows: tuple[Row, ...]
     measure: Measure
-    quick: bool
-    needs: tuple[str, ...]
-    is_timed: bool
-
-    @property
-    def is_possible(self) -> bool:
-        """Whether the recordings that it needs are there."""
-        return is_there(self.rows[0].name, *self.needs)
+    quick: bool  # part of the quick table
+    needs: tuple[str, ...]  # recordings beside the project without which it is skipped
+    is_timed: bool  # run by itself, after all others
 
     def values(self, seed: int) -> dict[str, float]:
         """Measure, and name the values by row."""

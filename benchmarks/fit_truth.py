@@ -4,15 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from mixed_noise import with_noise
-from noisy_surfaces import (
-    Floats,
-    closed_body,
-    drawn_noise,
-    hull,
-    individual,
-    moving_body,
-    moving_tube,
-)
+from noisy_surfaces import closed_body, drawn_noise, hull, individual, moving_body, moving_tube
+from numpy.typing import NDArray
 
 import modalmotion as mm
 from modalmotion.fit.basis import make_basis
@@ -80,5 +73,5 @@ def deviations_of(
     return (_rms(np.array(stated)), *(_rms(spread) for spread in spreads))  # type: ignore[return-value]
 
 
-def _rms(values: Floats) -> float:
+def _rms(values: NDArray[np.float64]) -> float:
     return float(np.sqrt((values**2).mean()))

@@ -6,23 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
+import labelled_cases as labelled
 import numpy as np
 from altered_beats import ALTERED, mirror_image
 from foreign_motions import FLAGGED
-from labelled_cases import (
-    ALONE,
-    QUICK,
-    Folds,
-    area_of_volume,
-    few_cases,
-    folds_of,
-    halves,
-    of_pool,
-    small,
-    synthetic,
-    tongue,
-    windows,
-)
 from third_generator import hearts
 
 from modalmotion.classification import Evaluation, TrainingCase, classify, evaluate, load_model
@@ -65,9 +52,9 @@ def on_third(name: str, n_per_class: int, seed: int) -> tuple[float, ...]:
     return *_figures(found), float(normal.mean()), float(weak.mean()), float(np.mean(mirrored))
 
 
-def held_out(cases: list[TrainingCase], folds: Folds, seed: int) -> Evaluation:
+def held_out(cases: list[TrainingCase], folds: labelled.Folds, seed: int) -> Evaluation:
     """Train in each fold, and measure the answers to the cases outside."""
-    options = replace(QUICK, seed=seed)
+    options = replace(labelled.QUICK, seed=seed)
     models = [trained([cases[i] for i in inner], "bench", options) for inner, _ in folds]
     answers = [
         answer
@@ -85,20 +72,20 @@ def mean(found: list[Evaluation]) -> tuple[float, ...]:
 
 def on_cohorts(names: Sequence[str], seed: int) -> tuple[float, ...]:
     """Mean accuracy, AUC and log loss on halves of synthetic cohorts."""
-    made = [synthetic(name, 100 + seed) for name in names]
-    return mean([held_out(cases, folds_of(cases, 2), seed) for cases in made])
+    made = [labelled.synthetic(name, 100 + seed) for name in names]
+    return mean([held_out(cases, labelled.folds_of(cases, 2), seed) for cases in made])
 
 
 def on_words(seed: int) -> tuple[float, ...]:
     """Accuracy, AUC and log loss on sixths of the words of the tongue."""
-    cases = tongue()
-    return mean([held_out(cases, folds_of(cases, 6), seed)])
+    cases = labelled.tongue()
+    return mean([held_out(cases, labelled.folds_of(cases, 6), seed)])
 
 
 def on_windows(name: str, n_folds: int, seed: int) -> tuple[float, ...]:
     """Accuracy, AUC and log loss on one half or both of a recorded figure's motions."""
-    cases = windows(name, seed % 4)
-    return mean([held_out(cases, halves(cases)[:n_folds], seed)])
+    cases = labelled.windows(name, seed % 4)
+    return mean([held_out(cases, labelled.halves(cases)[:n_folds], seed)])
 
 
 def with_few(n: int, n_tested: int, sizes: tuple[int, ...], seed: int) -> tuple[float, ...]:
@@ -108,17 +95,17 @@ def with_few(n: int, n_tested: int, sizes: tuple[int, ...], seed: int) -> tuple[
     akinetic ventricles of two generators.
     """
     made = [
-        (few_cases(n, 2 * seed, is_third=third), few_cases(n_tested, 2 * seed + 1, is_third=third))
+        [labelled.few_cases(k, 2 * seed + i, is_third=third) for i, k in enumerate((n, n_tested))]
         for third in (False, True)
     ]
     values: list[float] = []
     for size in sizes:
         found, better = [], []
         for pool, tested in made:
-            some = of_pool(pool, size, np.random.default_rng([seed, size]))
-            found.append(evaluate(trained(some, "few", QUICK), tested))
-            alone = evaluate(trained(some, "alone", ALONE), tested)
-            better.append(max(mean([alone])[1], area_of_volume(some, tested)))
+            some = labelled.of_pool(pool, size, np.random.default_rng([seed, size]))
+            found.append(evaluate(trained(some, "few", labelled.QUICK), tested))
+            alone = evaluate(trained(some, "alone", labelled.ALONE), tested)
+            better.append(max(mean([alone])[1], labelled.area_of_volume(some, tested)))
         accuracy, area, _ = mean(found)
         values += [accuracy, area, 100 * (float(np.mean(better)) - area)]
     return tuple(values)
@@ -128,8 +115,8 @@ def without_cavity(n: int, n_tested: int, seed: int) -> tuple[float, ...]:
     """Mean accuracy, AUC and log loss on small cohorts of people who all do either motion."""
     found = []
     for name, labels in _TRAPS.items():
-        known, new = (small(name, labels, k, [seed, k]) for k in (n, n_tested))
-        found.append(evaluate(trained(known, name, QUICK), new))
+        known, new = (labelled.small(name, labels, k, [seed, k]) for k in (n, n_tested))
+        found.append(evaluate(trained(known, name, labelled.QUICK), new))
     return mean(found)
 
 
@@ -137,13 +124,13 @@ def told_of_chance(n_trainings: int, seed: int) -> float:
     """Share of models of mixed-up labels, worse than chance, whose answers say so."""
     rng, told = np.random.default_rng([seed, 7]), []
     for number in range(n_trainings):
-        cases = small("rope", ("early", "late"), 6, [seed, number])
+        cases = labelled.small("rope", ("early", "late"), 6, [seed, number])
         labels = rng.permutation([case.label for case in cases]).tolist()
         mixed = [
             replace(case, label=label, subject=None)
             for case, label in zip(cases, labels, strict=True)
         ]
-        model = trained(mixed, "mixed", QUICK)
+        model = trained(mixed, "mixed", labelled.QUICK)
         if (model.card.auc or 0.0) < 0.5:
             told.append(any("chance" in note for note in classify(mixed[0].motion, model).notes))
     return float(np.mean(told))

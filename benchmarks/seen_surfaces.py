@@ -22,7 +22,7 @@ from modalmotion.tracking import Observation, of_surface
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
+PHASES = np.arange(6) / 6
 
 Cases = Iterable[tuple["Truth", np.random.Generator]]
 Seen = tuple["Truth", list[list[Observation]]]
@@ -56,7 +56,7 @@ class Truth:
 
     @property
     def volumes(self) -> Floats:
-        """Volume of each frame."""
+        """Of each frame."""
         return np.abs(cavity_of(self.faces, self.vertices.shape[1]).volume(self.vertices))
 
     @property
@@ -78,15 +78,14 @@ class Truth:
         n: int,
         noise: float,
         rng: np.random.Generator,
-        *,
         strays: float = 0.0,
         unseen: float = 0.0,
         has_start: bool = True,
     ) -> list[list[Observation]]:
-        """Random points of each frame, and the landmarks, with noise.
+        """Random points of each frame and the landmarks, of vertices or of ends, with noise.
 
         A share `strays` of them fills the space around; a share `unseen` of the surface, one patch
-        of the same tissue in all frames, has none. Landmarks are of vertices, or of apex and base.
+        of the same tissue in all frames, has none.
         """
         hidden, frames = self._patch(unseen, rng), []
         faces = self.faces[~hidden[self.faces].any(axis=1)]
@@ -134,48 +133,46 @@ def seen_clouds(cases: Cases, noise: float, **seen: Any) -> Iterator[Seen]:
         yield truth, truth.seen(2000, noise, rng, **seen)
 
 
-def ventricles(seed: int, n: int, n_frames: int = 6) -> Cases:
+def ventricles(seed: int, n: int) -> Cases:
     """Simulate ventricles whose classes take turns, in any pose."""
     classes = list(MotionClass)
     for k in range(n):
         rng = np.random.default_rng([seed, k])
         parameters = draw_parameters(classes[k % len(classes)], rng)
-        acquisition = Acquisition(n_frames=n_frames, pose=Pose(rotation=random_rotation(rng)))
+        acquisition = Acquisition(n_frames=len(PHASES), pose=Pose(rotation=random_rotation(rng)))
         one = simulate_ventricle(parameters, grid=(24, 48), acquisition=acquisition, rng=rng)
         yield Truth.of(one), rng
 
 
-def dented(seed: int, n: int, n_frames: int = 6) -> Cases:
+def dented(seed: int, n: int) -> Cases:
     """Simulate ventricles with dents that come and go in a beat, finer than usual modes."""
-    for truth, rng in ventricles(seed, n, n_frames):
-        x, share = truth.vertices, np.sin(np.pi * np.arange(n_frames) / n_frames)
+    for truth, rng in ventricles(seed, n):
+        x, share = truth.vertices, np.sin(np.pi * PHASES)
         spots = x[0][rng.integers(x.shape[1], size=4)]
         depths = np.exp(-((x[0][:, None] - spots) ** 2).sum(axis=2) / 2 / 6.0**2).sum(axis=1)
         inward = -4.0 * depths[:, None] * vertex_normals(x[0], truth.faces)
         yield replace(truth, vertices=x + share[:, None, None] * inward), rng
 
 
-def quartered(seed: int, n: int, n_frames: int = 6) -> Cases:
+def quartered(seed: int, n: int) -> Cases:
     """Make closed surfaces, no ellipsoids: each quarter has its own width, profile and motion."""
     base = standard_surface(Lattice(SPHERE, (24, 48)))
     unit = base.vertices[0] / np.linalg.norm(base.vertices[0], axis=1, keepdims=True)
     turns, height = np.arctan2(unit[:, 1], unit[:, 0]), np.clip(np.abs(unit[:, 2]), 0.0, 1.0)
     for k in range(n):
         rng = np.random.default_rng([seed, 1000 + k])
-        quarters = np.exp(
-            3.0 * np.cos(turns[:, None] - np.pi / 2 * np.arange(4) - rng.uniform(0.0, 7.0))
-        )
+        away = turns[:, None] - np.pi / 2 * np.arange(4) - rng.uniform(0.0, 7.0)
+        quarters = np.exp(3.0 * np.cos(away))
         quarters /= quarters.sum(axis=1, keepdims=True)
         width = quarters @ rng.uniform(18.0, 28.0, 4)
         power = quarters @ rng.uniform(1.7, 2.8, 4)
         less, late = quarters @ rng.uniform(0.08, 0.26, 4), quarters @ rng.uniform(-0.06, 0.06, 4)
         profile = width * np.maximum(1.0 - height**power, 0.0) ** (1.0 / power)
-        length, frames = rng.uniform(30.0, 45.0), []
-        for phase in np.arange(n_frames) / n_frames:
-            radius = profile * (1.0 - less * (0.5 - 0.5 * np.cos(2 * np.pi * (phase - late))))
-            axial = length * (1.0 - 0.1 * (0.5 - 0.5 * np.cos(2 * np.pi * phase))) * unit[:, 2]
-            frames.append(np.stack([radius * np.cos(turns), radius * np.sin(turns), axial], axis=1))
-        yield Truth(np.stack(frames), base.faces), rng
+        length, phase = rng.uniform(30.0, 45.0), PHASES[:, None]
+        radius = profile * (1.0 - less * (0.5 - 0.5 * np.cos(2 * np.pi * (phase - late))))
+        axial = length * (1.0 - 0.1 * (0.5 - 0.5 * np.cos(2 * np.pi * phase))) * unit[:, 2]
+        frames = np.stack([radius * np.cos(turns), radius * np.sin(turns), axial], axis=2)
+        yield Truth(frames, base.faces), rng
 
 
 def sampled(x: Floats, faces: Ints, n: int, rng: np.random.Generator) -> Floats:

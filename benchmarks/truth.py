@@ -33,6 +33,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 from experiments import BLOCKS, Experiment, Row, experiments  # noqa: E402 (after the threads)
+from real_data import is_there  # noqa: E402
 
 KEPT: Final = Path(__file__).with_name("truth.toml")
 N_PROCESSES: Final = 2
@@ -42,27 +43,13 @@ _ROUNDING: Final = 1e-3
 
 @dataclass(frozen=True)
 class Kept:
-    """What truth.toml has of a row.
-
-    Parameters
-    ----------
-    value : float
-    tolerance : float
-        By how much a value may be worse: two standard errors, at most a third of the way to the
-        goal.
-    standard_error : float
-        Over fresh seeds; 0 of a figure without chance.
-    seeds : int
-        How many.
-    recorded : str
-        The day on which a row that no table measures was measured by hand.
-    """
+    """What truth.toml has of a row."""
 
     value: float
-    tolerance: float
-    standard_error: float = 0.0
+    tolerance: float  # two standard errors, at most a third of the way to the goal
+    standard_error: float = 0.0  # over fresh seeds; 0 of a figure without chance
     seeds: int = 0
-    recorded: str = ""
+    recorded: str = ""  # the day on which a row that no table measures was measured by hand
 
 
 @dataclass(frozen=True)
@@ -171,25 +158,25 @@ def read_kept() -> dict[str, Kept]:
 
 def measured(chosen: list[Experiment], seed: int) -> list[Line]:
     """Measure: two side by side, then one by one, each in a new process, what is timed."""
-    kept, lines = read_kept(), []
+    found: dict[str, tuple[dict[str, float], str]] = {}
+    spawn = multiprocessing.get_context("spawn")
     for is_timed, n_processes, n_tasks in ((False, N_PROCESSES, None), (True, 1, 1)):
-        spawn = multiprocessing.get_context("spawn")
-        some = [each for each in chosen if each.is_timed == is_timed]
+        names = [each.rows[0].name for each in chosen if each.is_timed == is_timed]
         with ProcessPoolExecutor(n_processes, spawn, max_tasks_per_child=n_tasks) as pool:
-            found = pool.map(partial(_measure, seed=seed), (each.rows[0].name for each in some))
-            for each, (values, trouble) in zip(some, found, strict=True):
-                lines += [
-                    Line(row, kept.get(row.name), values.get(row.name), trouble)
-                    for row in each.rows
-                ]
-    order = [row.name for each in chosen for row in each.rows]
-    return sorted(lines, key=lambda line: order.index(line.row.name))
+            found |= zip(names, pool.map(partial(_measure, seed=seed), names), strict=True)
+    kept = read_kept()
+    return [
+        Line(row, kept.get(row.name), values.get(row.name), trouble)
+        for each in chosen
+        for values, trouble in [found[each.rows[0].name]]
+        for row in each.rows
+    ]
 
 
 def _measure(name: str, seed: int) -> tuple[dict[str, float], str]:
     """Values by row, and what went wrong."""
     each = next(each for each in experiments() if each.rows[0].name == name)
-    if not each.is_possible:
+    if not is_there(name, *each.needs):
         return {}, f"skipped: {', '.join(each.needs)} not there"
     start = time.perf_counter()
     try:
