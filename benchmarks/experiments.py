@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final, Literal, TypeAlias
 
 BLOCKS: Final = (
@@ -97,12 +98,16 @@ def experiment(
     return register
 
 
-def experiments(quick: bool = False, only: tuple[str, ...] = ("",)) -> list[Experiment]:
+quick = partial(experiment, quick=True)
+timed = partial(experiment, is_timed=True)
+
+
+def experiments(is_quick: bool = False, only: tuple[str, ...] = ("",)) -> list[Experiment]:
     """List experiments: all, those of the quick table, those with rows that begin as named.
 
     The quick table has no times: it runs beside whatever else a machine does.
     """
     for block in BLOCKS:
         importlib.import_module(f"rows_{block}")
-    chosen = [each for each in REGISTERED if not quick or (each.quick and not each.is_timed)]
+    chosen = [each for each in REGISTERED if each.quick or not is_quick]
     return [each for each in chosen if any(row.name.startswith(only) for row in each.rows)]

@@ -11,7 +11,7 @@ from typing import Final, Literal
 
 import judged_classes as judged
 import numpy as np
-from experiments import Row, experiment
+from experiments import Row, experiment, quick, timed
 from measure import side_by_side
 
 from modalmotion import classify, load_model, modal_signature, simulate_ventricle
@@ -81,7 +81,7 @@ def few(seed: int) -> tuple[float, ...]:
     return judged.with_few(24, 40, (16, 24), seed)
 
 
-@experiment(*_rows("no_cavity", "8 surfaces a class that hold no cavity", _THREE), quick=True)
+@quick(*_rows("no_cavity", "8 surfaces a class that hold no cavity", _THREE))
 def no_cavity(seed: int) -> tuple[float, ...]:
     return judged.without_cavity(8, 20, seed)
 
@@ -93,23 +93,18 @@ def chance(seed: int) -> float:
     return judged.told_of_chance(8, seed)
 
 
-@experiment(
+@quick(
     *(
         Row(f"classes.flags.{what.replace(' ', '_')}", f"flagged: {what}", "", 0.95, "higher")
         for what in (*judged.ALTERATIONS, "no ventricle")
     ),
     Row("classes.flags.sound", "flagged: sound beats", goal=0.1),
-    quick=True,
 )
 def flags(seed: int) -> tuple[float, ...]:
     return judged.flagged(6, 2, seed)
 
 
-@experiment(
-    Row("classes.answer.times", "time of a class over that of a singular value decomposition"),
-    quick=True,
-    is_timed=True,
-)
+@timed(Row("classes.answer.times", "time of a class over that of a singular value decomposition"))
 def answer(seed: int) -> float:
     model, work = load_model(DEFAULT_MODEL), np.random.default_rng(seed).random((120, 120))
     beat = simulate_ventricle(rng=np.random.default_rng([seed, 6]))

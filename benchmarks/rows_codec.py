@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 
 from coded_sequences import SEQUENCES, TARGETS, beat, coded, mean_diagonal
-from experiments import Row, experiment
+from experiments import Row, experiment, timed
 from measure import beside_numpy
 
 from modalmotion.codec import Effort, decode, encode
@@ -27,15 +27,13 @@ for _name, (_what, _path, _) in SEQUENCES.items():
     )(partial(coded, _name, SHARE))
 
 
-@experiment(
+@timed(
     *(
         Row(f"codec.{what}.{effort}", f"{what} 15 frames, {effort}, over NumPy's fixed work")
         for effort in Effort
         for what in ("encode", "decode")
     ),
     Row("codec.encode.realtime_over_fast", "encode, realtime over fast", goal=1, tolerance=0.12),
-    quick=True,
-    is_timed=True,
 )
 def times(_: int) -> tuple[float, ...]:
     surface, calls = beat(1000, 15), dict[str, Callable[[], object]]()

@@ -7,7 +7,7 @@ from contextlib import suppress
 from functools import partial
 
 import numpy as np
-from experiments import Row, experiment, rows
+from experiments import Row, experiment, quick, rows, timed
 from fit_truth import auto_of, changed_kind, deviations_of
 from measure import medians
 from mixed_noise import with_noise
@@ -41,9 +41,8 @@ def _left(sequence: mm.MeshSequence, counts: tuple[int, ...]) -> list[float]:
     return [error for made in asked for error in (made.rms_error, made.max_error)]
 
 
-@experiment(
+@quick(
     *(row for name, (_, counts) in REAL.items() for row in _errors(name, counts, 0.0)),
-    quick=True,
     needs=tuple(name for name, _ in REAL.values()),
 )
 def recorded(_: int) -> tuple[float, ...]:
@@ -63,9 +62,8 @@ def simulated(seed: int) -> tuple[float, ...]:
     return tuple(np.mean(of_each, axis=0).tolist())
 
 
-@experiment(
+@quick(
     *rows(TOLERANCES, "fit.smallest.{:g}", "modes that hold {:g} mm, endocardium", tolerance=0),
-    quick=True,
     needs=(HEART,),
 )
 def smallest(_: int) -> tuple[float, ...]:
@@ -118,12 +116,11 @@ def kind(seed: int) -> tuple[float, ...]:
     return tuple(np.sum(found, axis=0).tolist())
 
 
-@experiment(
+@timed(
     Row("fit.time.deviations", "deviations=true over plain seven modes, real heart", goal=3),
     Row("fit.time.auto", "`auto` over plain seven modes, real heart", goal=6),
     Row("fit.time.refusal", "to refuse what 500 vertices cannot hold over a plain fit", goal=50),
     needs=(HEART,),
-    is_timed=True,
 )
 def times(seed: int) -> tuple[float, ...]:
     heart, fit, asked = recording(HEART), mm.modal_signature, mm.SignatureParameters

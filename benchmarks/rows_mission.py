@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from experiments import Row, experiment, rows
+from experiments import Row, experiment, quick, rows, timed
 from extremes import SECTIONS
 from forced import forced_error
 from measure import beside_numpy, medians
@@ -20,10 +20,9 @@ from modalmotion.tracking import track
 COUNTS, OF_VERTICES = (3, 7, 21, 54), "of 4,000 vertices by"
 
 
-@experiment(
+@quick(
     Row("mission.extremes.missed", "numerical extremes out of their bounds", goal=0, tolerance=0),
     Row("mission.extremes.error", "largest error over its bound", goal=1, tolerance=0.1),
-    quick=True,
 )
 def extremes(_: int) -> tuple[float, float]:
     pairs = [(row[2](), row[3]) for of_section in SECTIONS.values() for row in of_section]
@@ -31,10 +30,9 @@ def extremes(_: int) -> tuple[float, float]:
     return sum(not ratio <= 1 for ratio in ratios), max(ratios)
 
 
-@experiment(
+@quick(
     Row("mission.closed_forms", "|K phi - M w^2 phi| of Nastar's modes", "", 1e-14, "lower", 3e-15),
     Row("mission.forced", "eq. 3 forced, up to 1e8 times critical", goal=1e-14, tolerance=1e-15),
-    quick=True,
 )
 def closed_forms(seed: int) -> tuple[float, float]:
     shapes = (mm.OPEN_CURVE, mm.CLOSED_CURVE, mm.PLANE, mm.CYLINDER, mm.TORUS)
@@ -42,10 +40,7 @@ def closed_forms(seed: int) -> tuple[float, float]:
     return max(map(largest_residual, lattices)), forced_error(np.random.default_rng([seed, 0]))
 
 
-@experiment(
-    Row("mission.rest_point", "track from where the data's force lets eq. 3 rest", "mm", goal=1e-5),
-    quick=True,
-)
+@quick(Row("mission.rest_point", "track from where the data let eq. 3 rest", "mm", goal=1e-5))
 def rest_point(seed: int) -> float:
     rng = np.random.default_rng([seed, 1])
     beat = with_noise(individual(rng, grid=(12, 24), n_frames=6), 0.5, rng)
@@ -55,11 +50,7 @@ def rest_point(seed: int) -> float:
     return float(np.abs(driven.driven_vertices(-1) - solved.sequence.vertices).max())
 
 
-@experiment(
-    Row("mission.animation", "time on a million nodes over a thousand", goal=1.5, tolerance=0.15),
-    quick=True,
-    is_timed=True,
-)
+@timed(Row("mission.animation", "time, a million nodes over a thousand", goal=1.5, tolerance=0.15))
 def animation(seed: int) -> float:
     forces = np.random.default_rng([seed, 2]).standard_normal((300, 7, 3))
 
@@ -73,11 +64,10 @@ def animation(seed: int) -> float:
     return many / few
 
 
-@experiment(
+@quick(
     Row("mission.compression.3", f"{OF_VERTICES} 3 amplitudes", "", 4000, "higher", 0),
     Row("mission.compression.21", f"{OF_VERTICES} 21 amplitudes", "", 571, "higher", 0),
     Row("mission.compression.51", f"{OF_VERTICES} 51 amplitudes", "", 235, "higher", 0),
-    quick=True,
 )
 def compression(_: int) -> tuple[float, ...]:
     beat = mm.simulate_ventricle(grid=(40, 100), acquisition=mm.Acquisition(n_frames=2))
@@ -96,10 +86,7 @@ def left(seed: int) -> tuple[float, ...]:
     return tuple(np.mean(errors, axis=0).tolist())
 
 
-@experiment(
-    *rows(COUNTS, "mission.time.{}", "signature of {} modes, 25 x 4,000 vertices, over NumPy work"),
-    is_timed=True,
-)
+@timed(*rows(COUNTS, "mission.time.{}", "signature, {} modes, 25 x 4,000 vertices over NumPy work"))
 def times(seed: int) -> tuple[float, ...]:
     beat = individual(np.random.default_rng([seed, 3]), n_vertices=4000)
     asked = (mm.SignatureParameters(modes=n) for n in COUNTS)

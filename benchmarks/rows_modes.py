@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from experiments import Row, experiment
+from experiments import Row, quick, timed
 from measure import beside_numpy, medians
 from noisy_surfaces import individual
 from sparse_lattices import lowest_eigenpairs, stiffness_matrix
@@ -23,10 +23,9 @@ SHAPES: dict[mm.Topology, tuple[tuple[int, ...], ...]] = {
 }
 
 
-@experiment(
+@quick(
     Row("modes.eigenvalues.error", "12 lattices off a dense solver", goal=2e-14, tolerance=4e-15),
     Row("modes.dispersion.error", "eq. 7 off the same, relative", goal=2e-14, tolerance=4e-15),
-    quick=True,
 )
 def eigenvalues(_: int) -> tuple[float, ...]:
     worst = []
@@ -39,20 +38,14 @@ def eigenvalues(_: int) -> tuple[float, ...]:
     return tuple(np.max(worst, axis=0).tolist())
 
 
-@experiment(
-    Row("modes.template.left", "RMS left by 7 closed-form modes of a mesh over 7 by eigsh"),
-    quick=True,
-)
+@quick(Row("modes.template.left", "RMS left by 7 closed-form modes of a mesh over 7 by eigsh"))
 def left(seed: int) -> float:
     """Of the surface itself, weighted by area; mean of five individuals."""
     found = [fronts(individual(np.random.default_rng([seed, k])), 20) for k in range(5)]
     return float(np.mean([each[CLOSED].at(21) / each[BELTRAMI].at(21) for each in found]))
 
 
-@experiment(
-    Row("modes.template.large", "template of 250,000 vertices numbered at random, over NumPy work"),
-    is_timed=True,
-)
+@timed(Row("modes.template.large", "template of 250,000 vertices in random order, over NumPy work"))
 def large(seed: int) -> float:
     beat = mm.simulate_ventricle(n_vertices=15_650, rng=np.random.default_rng([seed, 8]))
     moving = beat.vertices[:1].astype(np.float64), beat.faces
@@ -62,10 +55,9 @@ def large(seed: int) -> float:
     return beside_numpy({"template": lambda: mm.make_template(one)}, 1)["template"]
 
 
-@experiment(
+@timed(
     Row("modes.template.time", "template of 10,000 vertices and 7 modes over 7 by eigsh", goal=1.0),
     Row("modes.lattice.time", "eigsh of 100 x 100 nodes over shapes", "", 800, "higher"),
-    is_timed=True,
 )
 def times(seed: int) -> tuple[float, float]:
     beat = mm.simulate_ventricle(n_vertices=10_000, rng=np.random.default_rng([seed, 9]))

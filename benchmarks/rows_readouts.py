@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from experiments import Row, experiment
+from experiments import Row, experiment, quick
 from read_hearts import MESHES, hearts, noisy, peak_rates, read, shrinking_ellipsoid
 
 NOISES = (0.0, 0.6, 1.0, 1.5)
@@ -69,10 +69,9 @@ def meshes(seed: int) -> tuple[float, ...]:
     return tuple(float(np.mean(differences)) for differences in off.values())
 
 
-@experiment(
+@quick(
     Row("readouts.moved", "strain of a scaled, turned heart off", "points", 1e-9, "lower", 1e-12),
     Row("readouts.ellipsoid", "strain of ellipsoids off elliptic integrals by", "points", 0.1),
-    quick=True,
 )
 def laws(seed: int) -> tuple[float, float]:
     clean, _, rng = next(hearts("16x32", seed, 1))
@@ -87,11 +86,10 @@ def laws(seed: int) -> tuple[float, float]:
     return changed, float(np.mean(off))
 
 
-@experiment(
+@quick(
     Row("readouts.rates.16", "peak rates of 16 frames off by", "%", goal=1),
     Row("readouts.rates.41", "peak rates of 41 frames off by", "%", goal=0.5),
     Row("readouts.rates.inside", "peak rates within their bound", "%", goal=(92.0, 100.0)),
-    quick=True,
 )
 def rates(seed: int) -> tuple[float, ...]:
     off: dict[int, list[float]] = {16: [], 41: []}

@@ -11,7 +11,7 @@ from itertools import chain
 
 import numpy as np
 from drawn_contours import contoured
-from experiments import Row, experiment
+from experiments import Row, experiment, quick, timed
 from judged_tracks import beside_contours, judged, standard_figures, standard_rows
 from measure import medians
 from real_data import DATA, recording
@@ -24,10 +24,9 @@ from modalmotion.tracking.reading import read_observed
 HEART, FILES = "heart/lv_endocardium", DATA / "cine" / "contours"
 
 
-@experiment(
+@quick(
     *standard_rows("tracking.clouds", "clouds, 1 mm of noise, first surface known", 0.15, 0.3),
     Row("tracking.clouds.told", "their read-outs' interval of EF over theirs", goal=(1, 1)),
-    quick=True,
 )
 def clouds(seed: int) -> tuple[float, ...]:
     results = judged(seen_clouds(ventricles(seed, 10), 1.0))
@@ -104,11 +103,10 @@ for _vanish, _name, _what in (
     )(partial(_contours, _vanish))
 
 
-@experiment(
+@quick(
     Row("tracking.heart.distance", "clouds of a real ventricle, 1 mm of noise", "mm", goal=0.25),
     Row("tracking.heart.ef", "size of the error of its EF", "points", goal=0.5),
     needs=(HEART,),
-    quick=True,
 )
 def heart(seed: int) -> tuple[float, ...]:
     truth = Truth.of(recording(HEART), every=4)
@@ -130,7 +128,7 @@ def real_contours(_: int) -> tuple[float, ...]:
 
 
 # pycpd takes 97 times as long for a pair of frames (docs/decisions/0033-tracking.md).
-@experiment(Row("tracking.time", "time of a frame beside 1,000 x 1,000 products"), is_timed=True)
+@timed(Row("tracking.time", "time of a frame beside 1,000 x 1,000 products"))
 def speed(seed: int) -> float:
     (truth, rng), *_ = ventricles(seed, 1)
     frames, start, matrix = truth.seen(2000, 1.0, rng), truth.start(), rng.normal(size=(1000, 1000))
