@@ -51,11 +51,9 @@ def _rows(name: str, what: str, figures: dict[str, _Figure]) -> tuple[Row, ...]:
 
 for _kind, _model in (("material", DEFAULT_MODEL), ("offset", OFFSET_MODEL)):
     _what = f"model of {_kind} points, hearts of"
-    _own, _third = (
-        _rows(f"{_kind}.own", f"{_what} its generator", _OWN),
-        _rows(f"{_kind}.third", f"{_what} a third generator", _THIRD),
-    )
+    _own = _rows(f"{_kind}.own", f"{_what} its generator", _OWN)
     experiment(*_own)(partial(judged.on_own, _model, 20))
+    _third = _rows(f"{_kind}.third", f"{_what} a third generator", _THIRD)
     experiment(*_third)(partial(judged.on_third, _model, 30))
 
 for _name, _cohorts in {
@@ -65,18 +63,15 @@ for _name, _cohorts in {
     _six = _rows(_name, f"six cohorts of {_name}, people kept apart", _THREE)
     experiment(*_six)(partial(judged.on_cohorts, _cohorts))
 
-experiment(*_rows("tongue", "two words, sixths left out", _THREE), needs=("tongue",))(
-    judged.on_words
-)
+_words = _rows("tongue", "two words, sixths left out", _THREE)
+experiment(*_words, needs=("tongue",))(judged.on_words)
 
 for _name, _n_folds in (("robot", 1), ("fox", 2)):
     _half = _rows(_name, f"windows of the {_name}, other half", _THREE)
     experiment(*_half, needs=(_name,))(partial(judged.on_windows, _name, _n_folds))
 
 
-@experiment(
-    *_rows("few16", "16 ventricles a class", _FEW), *_rows("few24", "24 ventricles a class", _FEW)
-)
+@experiment(*(row for n in (16, 24) for row in _rows(f"few{n}", f"{n} ventricles a class", _FEW)))
 def few(seed: int) -> tuple[float, ...]:
     return judged.with_few(24, 40, (16, 24), seed)
 
@@ -86,9 +81,7 @@ def no_cavity(seed: int) -> tuple[float, ...]:
     return judged.without_cavity(8, 20, seed)
 
 
-@experiment(
-    Row("classes.chance.told", "models worse than chance that say so", goal=1.0, better="higher")
-)
+@experiment(Row("classes.chance.told", "models worse than chance that say so", "", 1.0, "higher"))
 def chance(seed: int) -> float:
     return judged.told_of_chance(8, seed)
 

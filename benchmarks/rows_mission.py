@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from experiments import Row, experiment, quick, rows, timed
+from experiments import Row, quick, rows, timed
 from extremes import SECTIONS
 from forced import forced_error
 from measure import beside_numpy, medians
@@ -75,9 +75,7 @@ def compression(_: int) -> tuple[float, ...]:
     return tuple(mm.modal_signature(beat, each).compression for each in asked)
 
 
-@experiment(
-    *rows(COUNTS, "mission.left.{}", "RMS that {} modes leave, simulated", "mm"), quick=True
-)
+@quick(*rows(COUNTS, "mission.left.{}", "RMS that {} modes leave, simulated", "mm"))
 def left(seed: int) -> tuple[float, ...]:
     """Mean of five hearts of 1,000 vertices."""
     hearts = [individual(np.random.default_rng([seed, k]), n_vertices=1000) for k in range(5)]

@@ -27,9 +27,7 @@ def readme(_: int) -> float:
     return len((ROOT / "README.md").read_text().splitlines())
 
 
-@experiment(
-    Row("use.install", "pip install of the wheel to a signature, processor time", "s", tolerance=2)
-)
+@experiment(Row("use.install", "wheel to first signature, processor time", "s", tolerance=2))
 def install(_: int) -> float:
     return install_seconds()
 
