@@ -39,9 +39,8 @@ def sequence_of(name: str, seed: int = 0) -> MeshSequence:
 
 def beat(n_vertices: int, n_frames: int = 25) -> MeshSequence:
     """Simulate a ventricle whose vertices are off by 0.3 mm."""
-    acquisition = Acquisition(n_frames=n_frames, noise=0.3)
-    rng = np.random.default_rng(1994)
-    return simulate_ventricle(n_vertices=n_vertices, acquisition=acquisition, rng=rng)
+    frames, rng = Acquisition(n_frames=n_frames, noise=0.3), np.random.default_rng(1994)
+    return simulate_ventricle(n_vertices=n_vertices, acquisition=frames, rng=rng)
 
 
 def mean_diagonal(sequence: MeshSequence) -> float:

@@ -26,33 +26,19 @@ _INNER = 0.97
 
 @dataclass(frozen=True)
 class Judged:
-    """Errors of a track, and what it states of them.
+    """Errors of a track, and what it states of them."""
 
-    Parameters
-    ----------
-    distance : float, mm
-        Mean of both ways, of every other frame.
-    off, bound : float, percentage points
-        Of the ejection fraction: the error, and half the width of the stated interval.
-    ratios : (n,) float64
-        Distances of vertices from the true surface over the stated deviations.
-    told : float
-        Interval that the track's read-outs state over that of the track, at most 1.
-    """
-
-    distance: float
-    off: float
-    bound: float
-    ratios: Floats
-    told: float
+    distance: float  # mm, mean of both ways, of every other frame
+    off: float  # error of the ejection fraction, percentage points
+    bound: float  # half the width of its stated interval
+    ratios: Floats  # (n,), distances of vertices from the true surface over stated deviations
+    told: float  # interval that the track's read-outs state over that of the track, at most 1
 
     @staticmethod
     def of(result: Track, truth: Truth) -> Judged:
         """Compare a track with the true surface."""
         faces, found = result.template.faces, result.sequence.vertices.astype(np.float64)
-        inner = np.ones(found.shape[1], dtype=np.bool_)
-        if truth.ends:
-            inner = result.template.coordinates[:, 0] < _INNER
+        inner = result.template.coordinates[:, 0] < (_INNER if truth.ends else np.inf)
         distances, ratios = [], []
         for k, (x, y) in enumerate(zip(found, truth.vertices, strict=True)):
             if k % 2 == 0:
@@ -100,16 +86,13 @@ def standard_rows(
 
 def standard_figures(results: Sequence[Judged], *, cover: bool = True) -> tuple[float, ...]:
     """Values of the standard rows."""
-    off, ratios = (
-        np.array([one.off for one in results]),
-        np.concatenate([r.ratios for r in results]),
-    )
+    off, ratios = np.array([one.off for one in results]), [one.ratios for one in results]
     figures = (
         float(np.mean([one.distance for one in results])),
         float(off.mean()),
         float(off.std(ddof=1)),
         float(np.mean([one.is_inside for one in results])),
-        *(float((ratios < limit).mean()) for limit in (1.0, 1.96)),
+        *(float((np.concatenate(ratios) < limit).mean()) for limit in (1.0, 1.96)),
     )
     return figures if cover else figures[:4]
 
@@ -126,12 +109,9 @@ def surface_distance(
 
 def beside_contours(result: Track, recorded: Recorded, mesh: Truth) -> tuple[float, float, float]:
     """Mean distance of a real heart's contours, mm; EF beside the mesh's, points; correlation."""
-    off = [
-        closest_points(
-            frame[0].points, x.astype(np.float64), result.template.faces
-        ).distances.mean()
-        for frame, x in zip(recorded.frames, result.sequence.vertices, strict=True)
-    ]
+    pairs = zip(recorded.frames, result.sequence.vertices.astype(np.float64), strict=True)
+    faces = result.template.faces
+    off = [closest_points(seen[0].points, x, faces).distances.mean() for seen, x in pairs]
     assert result.volumes is not None
     own, other = result.volumes, mesh.volumes
     # From frame 0, where the contours have end diastole.

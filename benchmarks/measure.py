@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Calls = Mapping[str, Callable[[], object]]
 
-USUAL_SECONDS: Final = 2.3e-3
-"""Of the fixed piece of NumPy work, on a core of 2024."""
+USUAL_SECONDS: Final = 2.3e-3  # of the fixed piece of NumPy work, on a core of 2024
 
 
 def table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -24,13 +23,7 @@ def table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> st
 
 
 def side_by_side(calls: Calls, n_samples: int) -> dict[str, Floats]:
-    """Time calls in turn, again and again, so that each meets the same machine.
-
-    Returns
-    -------
-    dict of str to (n_samples,) float64
-        Processor seconds of each call, as machines are shared.
-    """
+    """Time calls in turn, again and again: of each (n_samples,) processor seconds."""
     repeats = {name: _repeats(call) for name, call in calls.items()}
     samples: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(n_samples):
@@ -48,9 +41,9 @@ def medians(calls: Calls, n_samples: int) -> list[float]:
 
 
 def beside_numpy(calls: Calls, n_samples: int = 9) -> dict[str, float]:
-    """Processor time of calls over that of a fixed piece of NumPy work, taken in turn.
+    """Processor time of calls over that of a fixed piece of NumPy work, medians of samples.
 
-    Both meet the same machine, so the ratio says little of how busy it is. Medians of samples.
+    Both meet the same machine, so the ratio says little of how busy it is.
     """
     work, *times = side_by_side({"": fixed_work, **calls}, n_samples).values()
     return {name: float(np.median(t / work)) for name, t in zip(calls, times, strict=True)}
@@ -82,11 +75,7 @@ def in_words(seconds: float) -> str:
 
 
 def _repeats(call: Callable[[], object]) -> int:
-    """Find how often to call a short one within a sample.
-
-    The first call meets memory that the calls beside it have filled: samples of 20 ms are of calls
-    one after another.
-    """
+    """Find how often to call a short one in 20 ms: the first meets memory that others filled."""
     call()
     start = time.perf_counter()
     call()

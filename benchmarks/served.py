@@ -14,7 +14,7 @@ from typing import Any, Final
 from urllib.parse import urlencode
 
 import numpy as np
-from measure import USUAL_SECONDS, fixed_work
+from measure import of_usual_core
 from numpy.typing import NDArray
 from real_data import ROOT
 from running import RunningService
@@ -25,8 +25,8 @@ from modalmotion.simulate import Acquisition, simulate_ventricle
 # 25 frames x 3,300 vertices x 3 float32: 990,000 bytes.
 GRID: Final = (66, 50)
 N_CONNECTIONS: Final = 4
+# However busy the machine is, requests are answered.
 SETTINGS: Final = {"MAX_REQUESTS_PER_MINUTE": "1000000", "WAIT_SECONDS": "600"}
-"""However busy the machine is, requests are answered."""
 
 
 def large_beat() -> MeshSequence:
@@ -60,14 +60,14 @@ def answers(n_rounds: int, seconds: float) -> NDArray[np.float64]:
         for _ in range(1 + n_rounds):
             taken = []
             for sent in requests:
-                before, work = sum(service.cpu_seconds().values()), _work()
+                before, usual = sum(service.cpu_seconds().values()), of_usual_core(1e3)
                 n, took = load(service.port, seconds, *sent)
                 spent = sum(service.cpu_seconds().values()) - before
-                taken.append((n / took, spent / n / ((work + _work()) / 2)))
+                taken.append((n / took, spent / n * (usual + of_usual_core(1e3)) / 2))
             rounds.append(taken)
     # Without the first round, which warms it; (requests, rounds).
-    rates, times = np.array(rounds[1:]).T
-    both = 100.0 * rates / rates[0], 1e3 * USUAL_SECONDS * times
+    rates, milliseconds = np.array(rounds[1:]).T
+    both = 100.0 * rates / rates[0], milliseconds
     return np.asarray(np.median(both, axis=2).T[1:])
 
 
@@ -92,13 +92,7 @@ def load(port: int, seconds: float, *sent: Any) -> tuple[int, float]:
 
 
 def start() -> tuple[float, int, float]:
-    """Start the service as installed packages are, compiled once.
-
-    Returns
-    -------
-    float, int, float
-        Processor seconds of all processes until it is ready, processes, and megabytes at rest.
-    """
+    """Processor seconds until it is ready, modules compiled; processes and megabytes at rest."""
     with tempfile.TemporaryDirectory() as cache:
         os.environ |= {"PYTHONPYCACHEPREFIX": cache, "PYTHONDONTWRITEBYTECODE": ""}
         with running():
@@ -119,10 +113,3 @@ def running(program: list[str] | None = None) -> Iterator[RunningService]:
             yield service.start()
         finally:
             service.stop()
-
-
-def _work() -> float:
-    start = time.process_time()
-    for _ in range(10):
-        fixed_work()
-    return (time.process_time() - start) / 10

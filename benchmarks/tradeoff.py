@@ -111,13 +111,10 @@ def bases(by_surface: dict[str, dict[str, Front]]) -> str:
 def principal(by_surface: dict[str, dict[str, Front]]) -> str:
     """PCA beside the closed form, by the numbers that must be kept."""
     shares, pair = (0.2, 0.1, 0.05), (CLOSED, PCA)
-    found = [
-        (
-            name,
-            *(_numbers(of[kind], share * of[CLOSED].motion) for share in shares for kind in pair),
-        )
-        for name, of in by_surface.items()
-    ]
+    found = []
+    for name, of in by_surface.items():
+        bounds = [(of[kind], share * of[CLOSED].motion) for share in shares for kind in pair]
+        found.append((name, *(_numbers(*each) for each in bounds)))
     title = "Numbers to keep beyond the reference mesh, until the RMS left is a share of the motion"
     return table(
         title, ["surface", *(f"{100 * s:.0f} %, {kind}" for s in shares for kind in pair)], found

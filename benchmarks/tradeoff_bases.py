@@ -22,23 +22,19 @@ from modalmotion.template import make_template
 Floats = NDArray[np.float64]
 
 CLOSED, SPRINGS, BELTRAMI, PCA = "closed form", "spring modes", "Laplace-Beltrami", "PCA"
-MOST_MODES = 61
-"""Modes up to which fronts are measured; whole for cup and cylinder."""
+MOST_MODES = 61  # up to which fronts are measured; whole for cup and cylinder
 
 
 @dataclass(frozen=True)
 class Front:
-    """RMS error of one basis against the numbers it takes.
+    """RMS error of one basis against the numbers it takes."""
 
-    Amplitudes a frame (n,), RMS over the surface and all frames (n,), mm, and the numbers to keep
-    for the whole sequence beyond its reference mesh (n,): amplitudes, and the basis where it cannot
-    be made again; the RMS displacement, mm.
-    """
-
-    amplitudes: NDArray[np.int64]
-    rms: Floats
+    amplitudes: NDArray[np.int64]  # (n,), a frame
+    rms: Floats  # (n,), over the surface and all frames, mm
+    # (n,), to keep for the whole sequence beyond its reference mesh: amplitudes, and the basis
+    # where it cannot be made again.
     numbers: NDArray[np.int64]
-    motion: float
+    motion: float  # the RMS displacement, mm
 
     def at(self, amplitudes: int) -> float:
         """Error with the largest whole set of at most so many amplitudes, mm."""
@@ -108,10 +104,8 @@ def surfaces() -> dict[str, MeshSequence]:
     for name in ("lv_endocardium", "lv_grid_32x64"):
         if is_there(f"tradeoff: real {name}", f"heart/{name}"):
             one = recording(f"heart/{name}")
-            faces = one.faces if one.grid is None else None
-            found[f"real: {name}"] = mesh_sequence(
-                one.vertices, faces, grid=one.grid, topology="cup", unit="mm"
-            )
+            known = {"grid": one.grid} if one.grid else {"faces": one.faces}
+            found[f"real: {name}"] = mesh_sequence(one.vertices, topology="cup", unit="mm", **known)
     return found
 
 
