@@ -37,20 +37,15 @@ def _table(what: str, sequence: MeshSequence) -> str:
         calls |= {f"encode {effort}": encoded, f"decode {effort}": partial(decode, data)}
     for name, peer in peers_of(sequence).items():
         if (setting := peer.at_rms(exact, rms)) is not None:
-            parts = peer.encode(exact, setting)
-            sizes[name] = peer.size(parts)
+            sizes[name], parts = peer.encode(exact, setting)
             calls[f"encode {name}"] = partial(peer.encode, exact, setting)
             calls[f"decode {name}"] = partial(peer.decode, parts)
     # Of the processor and one thread: what else runs on the machine makes none of them dearer.
     with threadpool_limits(1):
         times = dict(zip(calls, medians(calls, 3), strict=True))
-    rows = [
-        (
-            name,
-            f"{8 * size / n_places:.3f}",
-            *(in_words(times[f"{way} {name}"]) for way in ("encode", "decode")),
-        )
-        for name, size in sizes.items()
-    ]
+    rows = []
+    for name, size in sizes.items():
+        both = (in_words(times[f"{way} {name}"]) for way in ("encode", "decode"))
+        rows.append((name, f"{8 * size / n_places:.3f}", *both))
     title = f"{what}: {n_places:,} positions, RMS {SHARE:.1%} of the diagonal"
     return table(title, ["coder", "bits", "encode", "decode"], rows)

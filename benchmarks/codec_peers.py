@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import cache, partial
 from importlib import import_module
 from importlib.util import find_spec
-from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -24,11 +23,10 @@ Volume = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Peer:
-    """A coder: from positions and a setting to what `decode` takes, and the bytes of that."""
+    """A coder: from positions and a setting to a number of bytes, and to what `decode` takes."""
 
-    encode: Callable[[Positions, float], Any]
-    decode: Callable[[Any], Positions]
-    size: Callable[[Any], int]
+    encode: Callable[[Positions, float], tuple[int, Any]]
+    decode: Callable[[Any], Positions] = lambda decoded: decoded
 
     def at_rms(self, exact: Positions, wanted: float) -> float | None:
         """Find the coarsest setting that keeps an RMS."""
@@ -36,7 +34,7 @@ class Peer:
         for _ in range(12):
             middle = (low + high) / 2
             setting = float(np.exp(middle))
-            if measure(exact, self.decode(self.encode(exact, setting))).rms <= wanted:
+            if measure(exact, self.decode(self.encode(exact, setting)[1])).rms <= wanted:
                 best, low = setting, middle
             else:
                 high = middle
@@ -46,20 +44,13 @@ class Peer:
 def peers_of(sequence: MeshSequence) -> dict[str, Peer]:
     """Those that are installed, each with the layout of the numbers that it compresses best."""
     grid = sequence.grid or (sequence.n_vertices,)
-    principal = _principal(sequence)
     peers = {
         "SZ3, interpolated": ("pysz", _by_volumes(grid, *_sz3("INTERP_LORENZO"))),
         "SZ3, predicted": ("pysz", _by_volumes(grid, *_sz3("LORENZO_REG"))),
-        "SZ3 in HDF5": ("hdf5plugin", _by_volumes(grid, *_hdf5())),
-        "zfp": ("zfpy", _by_volumes(grid, *_zfp())),
-        "PCA, basis counted": (
-            "numpy",
-            Peer(partial(_pca, principal), itemgetter(1), itemgetter(0)),
-        ),
-        "Draco, each frame": (
-            "DracoPy",
-            Peer(partial(_draco, sequence.faces), itemgetter(1), itemgetter(0)),
-        ),
+        "SZ3 in HDF5": ("hdf5plugin", _by_volumes(grid, _to_hdf5, _from_hdf5)),
+        "zfp": ("zfpy", _by_volumes(grid, _to_zfp, _from_zfp)),
+        "PCA, basis counted": ("numpy", Peer(partial(_pca, _principal(sequence)))),
+        "Draco, each frame": ("DracoPy", Peer(partial(_draco, sequence.faces))),
     }
     return {name: peer for name, (module, peer) in peers.items() if is_installed(module)}
 
@@ -75,71 +66,63 @@ def is_installed(module: str) -> bool:
 
 def _by_volumes(
     grid: tuple[int, ...],
-    write: Callable[[Volume, float], Any],
+    write: Callable[[Volume, float], tuple[int, Any]],
     read: Callable[[Any], Volume],
-    size: Callable[[Any], int],
 ) -> Peer:
     """Code frames x vertices, or frames x rows x columns, direction by direction."""
 
-    def encode(exact: Positions, setting: float) -> list[Any]:
+    def encode(exact: Positions, setting: float) -> tuple[int, Any]:
         shape = (len(exact), *grid)
         volumes = (np.ascontiguousarray(exact[:, :, i]).reshape(shape) for i in range(3))
-        return [write(volume, setting) for volume in volumes]
+        sizes, parts = zip(*(write(volume, setting) for volume in volumes), strict=True)
+        return sum(sizes), parts
 
-    def decode(parts: list[Any]) -> Positions:
+    def decode(parts: tuple[Any, ...]) -> Positions:
         volumes = [read(part) for part in parts]
         return np.stack([volume.reshape(len(volume), -1) for volume in volumes], axis=-1)
 
-    return Peer(encode, decode, lambda parts: sum(map(size, parts)))
+    return Peer(encode, decode)
 
 
-def _sz3(algorithm: str) -> tuple[Any, Any, Any]:
+def _sz3(algorithm: str) -> tuple[Any, Any]:
     """SZ3 itself, by one of its algorithms."""
 
-    def write(volume: Volume, bound: float) -> tuple[Any, tuple[int, ...]]:
+    def write(volume: Volume, bound: float) -> tuple[int, Any]:
         pysz = import_module("pysz")
         config = pysz.szConfig()
         config.errorBoundMode = pysz.szErrorBoundMode.ABS
         config.absErrorBound = bound
         config.cmprAlgo = getattr(pysz.szAlgorithm, algorithm)
-        return pysz.sz.compress(volume, config)[0], volume.shape
+        data = pysz.sz.compress(volume, config)[0]
+        return data.nbytes, (data, volume.shape)
 
-    def read(part: tuple[Any, tuple[int, ...]]) -> Volume:
-        volume: Volume = import_module("pysz").sz.decompress(part[0], np.float32, part[1])[0]
-        return volume
+    def read(part: tuple[Any, tuple[int, ...]]) -> Any:
+        return import_module("pysz").sz.decompress(part[0], np.float32, part[1])[0]
 
-    return write, read, lambda part: part[0].nbytes
+    return write, read
 
 
-def _hdf5() -> tuple[Any, Any, Any]:
+def _to_hdf5(volume: Volume, bound: float) -> tuple[int, io.BytesIO]:
     """SZ3 as a filter of HDF5."""
-    h5py = import_module("h5py")
-
-    def write(volume: Volume, bound: float) -> io.BytesIO:
-        file = io.BytesIO()
-        with h5py.File(file, "w") as h5:
-            filters = import_module("hdf5plugin").SZ3(absolute=bound)
-            h5.create_dataset("x", data=volume, chunks=volume.shape, **filters)
-        return file
-
-    def read(file: io.BytesIO) -> Volume:
-        with h5py.File(file, "r") as h5:
-            volume: Volume = h5["x"][:]
-            return volume
-
-    def size(file: io.BytesIO) -> int:
-        with h5py.File(file, "r") as h5:
-            return int(h5["x"].id.get_storage_size())
-
-    return write, read, size
+    file, filters = io.BytesIO(), import_module("hdf5plugin").SZ3(absolute=bound)
+    with import_module("h5py").File(file, "w") as h5:
+        dataset = h5.create_dataset("x", data=volume, chunks=volume.shape, **filters)
+        h5.flush()
+        return dataset.id.get_storage_size(), file
 
 
-def _zfp() -> tuple[Any, Any, Any]:
-    return (
-        lambda volume, setting: import_module("zfpy").compress_numpy(volume, tolerance=setting),
-        lambda data: import_module("zfpy").decompress_numpy(data),
-        len,
-    )
+def _from_hdf5(file: io.BytesIO) -> Any:
+    with import_module("h5py").File(file, "r") as h5:
+        return h5["x"][:]
+
+
+def _to_zfp(volume: Volume, tolerance: float) -> tuple[int, bytes]:
+    data = import_module("zfpy").compress_numpy(volume, tolerance=tolerance)
+    return len(data), data
+
+
+def _from_zfp(data: bytes) -> Any:
+    return import_module("zfpy").decompress_numpy(data)
 
 
 def _principal(sequence: MeshSequence) -> tuple[NDArray[np.float64], ...]:

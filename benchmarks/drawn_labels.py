@@ -55,7 +55,7 @@ def drawn_maps(seed: int, n: int, n_frames: int = 4) -> Iterator[Drawn]:
         affine = np.column_stack([place * steps, place @ low])
         frames = tuple(Volume(frame, affine) for frame in labels)
         full = Truth.of(one)
-        truth = Truth(local @ place.T, full.faces, full.ends, full.grid)
+        truth = Truth(local @ place.T, full.faces, full.ends)
         yield Drawn(ImageSequence(frames, one.times, parameters.period), truth)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -63,7 +64,7 @@ def true_strain(clean: mm.MeshSequence) -> dict[str, float]:
     lines = (down[:, :half] + down[:, half:] + through).mean(axis=1)
     around = np.linalg.norm(x - np.roll(x, 1, axis=2), axis=3).sum(axis=2)
     heights = (np.arange(rows) + 0.5) / rows
-    rings = [[np.interp(h, heights, rows) for rows in around] for h in (1 / 6, 1 / 2, 5 / 6)]
+    rings = [[np.interp(h, heights, ring) for ring in around] for h in (1 / 6, 1 / 2, 5 / 6)]
     a, b, c = (vertices[:, clean.faces[:, k]] for k in range(3))
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=2).sum(axis=1) / 2.0
     gls, *levels, gas = (100.0 * (end / start - 1.0) for start, end in (lines, *rings, areas))
@@ -94,13 +95,9 @@ def peak_rates(
     """Frames of a beat, a peak rate as the product states it, its bound, and that of 600 frames."""
     for k, label in enumerate(list(MotionClass) * n_per_class):
         parameters = draw_parameters(label, np.random.default_rng([seed, k]))
+        simulated = partial(simulate_ventricle, parameters, grid=(12, 24))
         finest, *beats = (
-            simulate_ventricle(
-                parameters,
-                grid=(12, 24),
-                acquisition=Acquisition(n_frames=n),
-                rng=np.random.default_rng([seed, k, 1]),
-            )
+            simulated(acquisition=Acquisition(n_frames=n), rng=np.random.default_rng([seed, k, 1]))
             for n in (600, *counts)
         )
         volumes = volumes_of(finest)
@@ -132,18 +129,16 @@ def shrinking_ellipsoid(rng: np.random.Generator) -> tuple[mm.MeshSequence, dict
         unit="mm",
         facts=mm.Facts(tracking="material", cavity="lv"),
     )
-    lengths = {"gls": _meridian, "gcs": _equator}
-    return beat, {name: 100 * (of(short) / of(rest) - 1) for name, of in lengths.items()}
-
-
-def _meridian(axes: Floats) -> float:
-    """Mean length of quarter ellipses from the apex of an ellipsoid to its equator."""
     turns = 2 * np.pi * (np.arange(720) + 0.5) / 720
-    r = np.hypot(axes[0] * np.cos(turns), axes[1] * np.sin(turns))
-    long, short = np.maximum(r, axes[2]), np.minimum(r, axes[2])
-    return float((long * ellipe(1 - (short / long) ** 2)).mean())
+    before, after = (
+        (_quarter(np.hypot(a * np.cos(turns), b * np.sin(turns)), c).mean(), _quarter(a, b))
+        for a, b, c in (rest, short)
+    )
+    gls, gcs = (float(100 * (y / x - 1)) for x, y in zip(before, after, strict=True))
+    return beat, {"gls": gls, "gcs": gcs}
 
 
-def _equator(axes: Floats) -> float:
-    short, long = sorted(axes[:2])
-    return float(4 * long * ellipe(1 - (short / long) ** 2))
+def _quarter(a: Any, b: Any) -> Any:
+    """Length of a quarter of an ellipse."""
+    long, short = np.maximum(a, b), np.minimum(a, b)
+    return long * ellipe(1 - (short / long) ** 2)

@@ -26,7 +26,7 @@ _KINDS = (
 )
 
 
-def _of_kind(kind: str, n: int, seed: int, cover: bool, **set_to: float) -> tuple[float, ...]:
+def _track(kind: str, n: int, seed: int, cover: bool = True, **set_to: float) -> tuple[float, ...]:
     cases = phantoms(kind, seed, n, 3, **set_to)
     results = [Judged.of(tracked(one), Truth.of(one.truth)) for one in cases]
     return standard_figures(results, cover=cover)
@@ -34,9 +34,7 @@ def _of_kind(kind: str, n: int, seed: int, cover: bool, **set_to: float) -> tupl
 
 for _kind, _what, _distance, _spread, _n, _coarse in _KINDS:
     _rows = standard_rows(f"images.{_kind}", _what, _distance, _spread)
-    experiment(*_rows, quick=_kind == "mri")(
-        partial(_of_kind, _kind, _n, cover=True, coarseness=_coarse)
-    )
+    experiment(*_rows, quick=_kind == "mri")(partial(_track, _kind, _n, coarseness=_coarse))
 
 
 @experiment(*standard_rows("images.labels", "label maps of 1.5 mm", 0.4, 1.0))
@@ -82,7 +80,7 @@ def valve(seed: int) -> tuple[float, ...]:
     *standard_rows("images.trabeculae", "these with trabeculae", 1.0, 1.5, cover=False),
 )
 def shifted(seed: int) -> tuple[float, ...]:
-    of = partial(_of_kind, "cine", 5, seed, cover=False, slice_shift=2.0)
+    of = partial(_track, "cine", 5, seed, cover=False, slice_shift=2.0)
     return (*of(trabeculae=0), *of(trabeculae=6))
 
 

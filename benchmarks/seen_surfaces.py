@@ -30,15 +30,11 @@ Seen = tuple["Truth", list[list[Observation]]]
 
 @dataclass(frozen=True)
 class Truth:
-    """A surface that is known in every frame, with the vertices of its ends.
-
-    A ventricle's lattice follows the tissue, so that its lines have the true strain.
-    """
+    """A surface that is known in every frame, with the vertices of its ends."""
 
     vertices: Floats
     faces: Ints
     ends: tuple[tuple[int, ...], ...] = ()
-    grid: tuple[int, ...] | None = None
 
     @staticmethod
     def of(sequence: MeshSequence, every: int = 1) -> Truth:
@@ -52,7 +48,7 @@ class Truth:
             ends = [tuple(np.flatnonzero(s <= s.min() + 1e-9).tolist())]
             ends += [tuple(rim.tolist()) for rim in rims if s[rim].mean() > 0.5]
         x = sequence.vertices[::every].astype(np.float64)
-        return Truth(x, template.faces, tuple(ends), sequence.grid)
+        return Truth(x, template.faces, tuple(ends))
 
     @property
     def volumes(self) -> Floats:
@@ -63,11 +59,6 @@ class Truth:
     def ejection_fraction(self) -> float:
         """Share of the largest volume that is lost, percent."""
         return float(100.0 * (1.0 - self.volumes.min() / self.volumes.max()))
-
-    @property
-    def sequence(self) -> MeshSequence:
-        """The surface as a mesh sequence."""
-        return mesh_sequence(self.vertices, self.faces, grid=self.grid, unit="mm")
 
     def start(self) -> MeshSequence:
         """Return the surface of frame 0."""
