@@ -7,15 +7,13 @@ from functools import partial
 
 import numpy as np
 from codec_peers import peers_of
-from coded_sequences import SEQUENCES, mean_diagonal, sequence_of
+from coded_sequences import SEQUENCES, SHARE, mean_diagonal, sequence_of
 from measure import in_words, medians, table
 from real_data import is_there
 from threadpoolctl import threadpool_limits
 
 from modalmotion.codec import Effort, decode, encode
 from modalmotion.mesh.sequence import MeshSequence
-
-SHARE = 0.003
 
 
 def run() -> Iterator[str]:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from seen_surfaces import Truth
+from seen_surfaces import Truth, in_turn
 
 from modalmotion.images import ImageSequence, Volume
 from modalmotion.mesh import face_areas
-from modalmotion.simulate import Acquisition, MotionClass, draw_parameters, simulate_ventricle
+from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.simulate.pose import random_rotation, rotation_matrix
 
 Floats = NDArray[np.float64]
@@ -38,10 +38,7 @@ class Drawn:
 
 def drawn_maps(seed: int, n: int, n_frames: int = 4) -> Iterator[Drawn]:
     """Draw maps of ventricles: every other is cropped to the heart, every third lacks slices."""
-    classes = list(MotionClass)
-    for k in range(n):
-        rng = np.random.default_rng([seed, 2000 + k])
-        parameters = draw_parameters(classes[k % len(classes)], rng)
+    for k, (parameters, rng) in enumerate(in_turn(seed, 2000, n)):
         recorded = Acquisition(n_frames=n_frames)
         one = simulate_ventricle(parameters, grid=(24, 48), acquisition=recorded, rng=rng)
         # A stack is planned by eye: some degrees off the long axis.

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from coded_sequences import SEQUENCES, TARGETS, beat, coded, mean_diagonal
+from coded_sequences import SEQUENCES, SHARE, TARGETS, beat, coded, mean_diagonal
 from experiments import Row, experiment, timed
 from measure import beside_numpy
 
 from modalmotion.codec import Effort, decode, encode
-
-SHARE = 0.003
 
 for _name, (_what, _path, _) in SEQUENCES.items():
     experiment(
@@ -24,7 +22,7 @@ for _name, (_what, _path, _) in SEQUENCES.items():
         Row(f"codec.{_name}.disorder", f"{_what}: pairs of efforts out of order, of 12", goal=0),
         quick=_name == "lattice",
         needs=(_path,) if _path else (),
-    )(partial(coded, _name, SHARE))
+    )(partial(coded, _name))
 
 
 @timed(

@@ -20,7 +20,6 @@ FIGURES = {
 }
 # Mean absolute errors at 1 mm of noise or less, coarse mesh and others.
 GOALS = {"gls": (0.6, 0.4), "gcs": (0.9, 0.6)}
-N_PER_CLASS = 4
 WIDEST = 6.0
 STRAINS = ("gls", "gcs")
 
@@ -37,7 +36,7 @@ def _rows(mesh: str) -> Iterator[Row]:
 
 def _measure(mesh: str, seed: int) -> tuple[float, ...]:
     found, true = [], []
-    for clean, truth, rng in hearts(mesh, seed, N_PER_CLASS):
+    for clean, truth, rng in hearts(mesh, seed, 4):
         found.append([read(noisy(clean, noise, rng)) for noise in NOISES])
         true.append([[truth[name]] for name in FIGURES])
     stated = [[[of[name] for name in FIGURES] for of in of_heart] for of_heart in found]

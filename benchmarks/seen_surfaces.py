@@ -15,7 +15,14 @@ from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import SPHERE
-from modalmotion.simulate import Acquisition, MotionClass, Pose, draw_parameters, simulate_ventricle
+from modalmotion.simulate import (
+    Acquisition,
+    MotionClass,
+    Pose,
+    VentricleParameters,
+    draw_parameters,
+    simulate_ventricle,
+)
 from modalmotion.simulate.pose import random_rotation
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation, of_surface
@@ -124,12 +131,18 @@ def seen_clouds(cases: Cases, noise: float, **seen: Any) -> Iterator[Seen]:
         yield truth, truth.seen(2000, noise, rng, **seen)
 
 
-def ventricles(seed: int, n: int) -> Cases:
-    """Simulate ventricles whose classes take turns, in any pose."""
-    classes = list(MotionClass)
+def in_turn(
+    seed: int, first: int, n: int
+) -> Iterator[tuple[VentricleParameters, np.random.Generator]]:
+    """Draw ventricles whose classes take turns, each with random numbers of its own."""
     for k in range(n):
-        rng = np.random.default_rng([seed, k])
-        parameters = draw_parameters(classes[k % len(classes)], rng)
+        rng = np.random.default_rng([seed, first + k])
+        yield draw_parameters(list(MotionClass)[k % len(MotionClass)], rng), rng
+
+
+def ventricles(seed: int, n: int) -> Cases:
+    """Simulate ventricles in any pose."""
+    for parameters, rng in in_turn(seed, 0, n):
         acquisition = Acquisition(n_frames=len(PHASES), pose=Pose(rotation=random_rotation(rng)))
         one = simulate_ventricle(parameters, grid=(24, 48), acquisition=acquisition, rng=rng)
         yield Truth.of(one), rng
