@@ -14,7 +14,7 @@ from third_generator import hearts
 
 from modalmotion.classification import Evaluation, TrainingCase, classify, evaluate, load_model
 from modalmotion.classification import train as trained
-from modalmotion.classification.evaluation.evaluation import evaluation_of
+from modalmotion.classification.evaluation.evaluation import CaseAnswer, evaluation_of
 from modalmotion.classification.training.train_shipped import RECIPES, held_out_cases
 from modalmotion.mesh import Cavity
 from modalmotion.mesh.sequence import MeshSequence
@@ -22,9 +22,6 @@ from modalmotion.signature.making import modal_signature
 from modalmotion.simulate import MotionClass, simulate_cohort
 
 ALTERATIONS: Final = ("motion x3", "motion x0.2", "mirrored", "frames missing in systole")
-
-_TRAPS: Final = {"torus": ("forwards", "backwards"), "sphere": ("oval", "squeezes")}
-_PRESERVED: Final = 0.55
 
 
 def on_own(model: str, n_per_class: int, seed: int) -> tuple[float, ...]:
@@ -47,7 +44,7 @@ def on_third(name: str, n_per_class: int, seed: int) -> tuple[float, ...]:
     ejected = np.array([_ejected(beat) for beat, _ in drawn])
     answers = np.array([case.answer or "" for case in found.cases])
     normal = answers[[label == MotionClass.NORMAL for _, label in drawn]] == MotionClass.NORMAL
-    weak = answers[ejected > _PRESERVED] == MotionClass.HYPOKINESIA
+    weak = answers[ejected > 0.55] == MotionClass.HYPOKINESIA
     mirrored = [bool(classify(mirror_image(beat, rng), model).flags) for beat, _ in drawn[::4]]
     return *_figures(found), float(normal.mean()), float(weak.mean()), float(np.mean(mirrored))
 
@@ -55,13 +52,11 @@ def on_third(name: str, n_per_class: int, seed: int) -> tuple[float, ...]:
 def held_out(cases: list[TrainingCase], folds: labelled.Folds, seed: int) -> Evaluation:
     """Train in each fold, and measure the answers to the cases outside."""
     options = replace(labelled.QUICK, seed=seed)
-    models = [trained([cases[i] for i in inner], "bench", options) for inner, _ in folds]
-    answers = [
-        answer
-        for model, (_, outer) in zip(models, folds, strict=True)
-        for answer in evaluate(model, [cases[i] for i in outer]).cases
-    ]
-    return evaluation_of(models[0], answers, 0.9)
+    answers: list[CaseAnswer] = []
+    for inner, outer in folds:
+        model = trained([cases[i] for i in inner], "bench", options)
+        answers += evaluate(model, [cases[i] for i in outer]).cases
+    return evaluation_of(model, answers, 0.9)
 
 
 def mean(found: list[Evaluation]) -> tuple[float, ...]:
@@ -113,8 +108,8 @@ def with_few(n: int, n_tested: int, sizes: tuple[int, ...], seed: int) -> tuple[
 
 def without_cavity(n: int, n_tested: int, seed: int) -> tuple[float, ...]:
     """Mean accuracy, AUC and log loss on small cohorts of people who all do either motion."""
-    found = []
-    for name, labels in _TRAPS.items():
+    motions, found = {"torus": ("forwards", "backwards"), "sphere": ("oval", "squeezes")}, []
+    for name, labels in motions.items():
         known, new = (labelled.small(name, labels, k, [seed, k]) for k in (n, n_tested))
         found.append(evaluate(trained(known, name, labelled.QUICK), new))
     return mean(found)

@@ -10,7 +10,6 @@ A mutant is caught where each row it names is worse than its tolerance.
 
     python benchmarks/mutate.py              all mutants
     python benchmarks/mutate.py --only fit   those whose file names begin so
-    python benchmarks/mutate.py --uncovered  rows that no mutant names
 """
 
 from __future__ import annotations
@@ -27,11 +26,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from experiments import experiments
 from real_data import ENVIRONMENT, ROOT
 
-WITHOUT: Final = ("weight", "use")
-"""Blocks whose rows need no mutant: they count and time."""
+WITHOUT: Final = ("weight", "use")  # blocks whose rows need no mutant: they count and time
 
 
 @dataclass(frozen=True)
@@ -73,17 +70,11 @@ def main() -> int:
     """Run the mutants; 1 where one lives that may not."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--only", nargs="+", default=[""], help="files whose names begin so")
-    parser.add_argument("--uncovered", action="store_true", help="list rows without a mutant")
-    options = parser.parse_args()
+    only = tuple(parser.parse_args().only)
     mutants = [Mutant.read(path) for path in sorted(Path(__file__).parent.glob("mutants/*.patch"))]
-    if options.uncovered:
-        named = {row for mutant in mutants for row in mutant.rows}
-        rows = [row.name for each in experiments() for row in each.rows]
-        print("\n".join(r for r in rows if r not in named and not r.startswith(WITHOUT)))
-        return 0
     is_wrong = False
     for mutant in mutants:
-        if mutant.path.name.startswith(tuple(options.only)):
+        if mutant.path.name.startswith(only):
             start, verdict = time.perf_counter(), "caught"
             if unnoticed := mutant.unnoticed():
                 verdict = f"LIVES, unnoticed by {', '.join(unnoticed)}"

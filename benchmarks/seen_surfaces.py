@@ -9,22 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import modalmotion as mm
 from modalmotion.mesh import cavity_of, face_normals, vertex_areas
 from modalmotion.mesh.normal_lines import vertex_normals
-from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
-from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import SPHERE
-from modalmotion.simulate import (
-    Acquisition,
-    MotionClass,
-    Pose,
-    VentricleParameters,
-    draw_parameters,
-    simulate_ventricle,
-)
+from modalmotion.simulate import MotionClass, Pose, draw_parameters
 from modalmotion.simulate.pose import random_rotation
-from modalmotion.template import make_template
 from modalmotion.tracking import Observation, of_surface
 
 Floats = NDArray[np.float64]
@@ -44,9 +34,9 @@ class Truth:
     ends: tuple[tuple[int, ...], ...] = ()
 
     @staticmethod
-    def of(sequence: MeshSequence, every: int = 1) -> Truth:
+    def of(sequence: mm.MeshSequence, every: int = 1) -> Truth:
         """Take the apex and the middle of each opening as ends; none of a closed surface."""
-        template = make_template(sequence)
+        template = mm.make_template(sequence)
         openings = cavity_of(template.faces, template.n_vertices).openings
         ends: list[tuple[int, ...]] = []
         if openings:
@@ -67,9 +57,9 @@ class Truth:
         """Share of the largest volume that is lost, percent."""
         return float(100.0 * (1.0 - self.volumes.min() / self.volumes.max()))
 
-    def start(self) -> MeshSequence:
+    def start(self) -> mm.MeshSequence:
         """Return the surface of frame 0."""
-        return mesh_sequence(self.vertices[:1], self.faces, unit="mm")
+        return mm.mesh_sequence(self.vertices[:1], self.faces, unit="mm")
 
     def seen(
         self,
@@ -133,7 +123,7 @@ def seen_clouds(cases: Cases, noise: float, **seen: Any) -> Iterator[Seen]:
 
 def in_turn(
     seed: int, first: int, n: int
-) -> Iterator[tuple[VentricleParameters, np.random.Generator]]:
+) -> Iterator[tuple[mm.VentricleParameters, np.random.Generator]]:
     """Draw ventricles whose classes take turns, each with random numbers of its own."""
     for k in range(n):
         rng = np.random.default_rng([seed, first + k])
@@ -143,8 +133,8 @@ def in_turn(
 def ventricles(seed: int, n: int) -> Cases:
     """Simulate ventricles in any pose."""
     for parameters, rng in in_turn(seed, 0, n):
-        acquisition = Acquisition(n_frames=len(PHASES), pose=Pose(rotation=random_rotation(rng)))
-        one = simulate_ventricle(parameters, grid=(24, 48), acquisition=acquisition, rng=rng)
+        acquisition = mm.Acquisition(n_frames=len(PHASES), pose=Pose(rotation=random_rotation(rng)))
+        one = mm.simulate_ventricle(parameters, grid=(24, 48), acquisition=acquisition, rng=rng)
         yield Truth.of(one), rng
 
 
@@ -160,7 +150,7 @@ def dented(seed: int, n: int) -> Cases:
 
 def quartered(seed: int, n: int) -> Cases:
     """Make closed surfaces, no ellipsoids: each quarter has its own width, profile and motion."""
-    base = standard_surface(Lattice(SPHERE, (24, 48)))
+    base = standard_surface(mm.Lattice(mm.SPHERE, (24, 48)))
     unit = base.vertices[0] / np.linalg.norm(base.vertices[0], axis=1, keepdims=True)
     turns, height = np.arctan2(unit[:, 1], unit[:, 0]), np.clip(np.abs(unit[:, 2]), 0.0, 1.0)
     for k in range(n):
