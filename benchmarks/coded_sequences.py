@@ -53,11 +53,8 @@ def mean_diagonal(sequence: MeshSequence) -> float:
 def coded(name: str, seed: int) -> tuple[float, ...]:
     """Encode at two targets and all efforts, and decode.
 
-    Returns
-    -------
-    tuple of float
-        Bits a vertex and frame, target by target; the largest error over the one asked for; in how
-        many pairs of efforts the higher takes more bits.
+    Bits a vertex and frame, target by target; the largest error over the one asked for; in how many
+    pairs of efforts the higher takes more bits.
     """
     sequence = sequence_of(name, seed)
     sizes: list[float] = []

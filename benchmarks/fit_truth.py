@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from mixed_noise import with_noise
 from noisy_surfaces import closed_body, drawn_noise, hull, individual, moving_body, moving_tube
-from numpy.typing import NDArray
 
 import modalmotion as mm
 from modalmotion.fit.basis import make_basis
@@ -56,7 +55,7 @@ def changed_kind(rng: np.random.Generator, noise: float) -> tuple[bool, bool]:
 
 def deviations_of(
     clean: mm.MeshSequence, n_mixings: int, rng: np.random.Generator, n_draws: int = 60
-) -> tuple[float, float, float]:
+) -> tuple[float, ...]:
     """RMS deviation over frames, modes and directions: stated, true, true on a fixed template."""
     template = make_template(clean)
     fixed = mm.SignatureParameters(template=template.id)
@@ -70,8 +69,4 @@ def deviations_of(
         if made.amplitude_deviations is not None:
             stated.append(made.amplitude_deviations[1:])
     spreads = (np.std(each, axis=0, ddof=1) for each in (own, on_fixed or own))
-    return (_rms(np.array(stated)), *(_rms(spread) for spread in spreads))  # type: ignore[return-value]
-
-
-def _rms(values: NDArray[np.float64]) -> float:
-    return float(np.sqrt((values**2).mean()))
+    return tuple(float(np.sqrt((x**2).mean())) for x in (np.array(stated), *spreads))

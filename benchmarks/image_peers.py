@@ -20,9 +20,7 @@ from modalmotion.simulate import Phantom
 from modalmotion.tracking.closest import closest_points
 
 Floats: TypeAlias = NDArray[np.float64]
-
-# mm of image around the ventricle that peers are given.
-_MARGIN: Final = 15.0
+_MARGIN: Final = 15.0  # mm of image around the ventricle that peers are given
 _N_STEPS: Final = 100
 
 

@@ -17,7 +17,6 @@ from modalmotion.classification import train as trained
 from modalmotion.classification.evaluation.evaluation import CaseAnswer, evaluation_of
 from modalmotion.classification.training.train_shipped import RECIPES, held_out_cases
 from modalmotion.mesh import Cavity
-from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import modal_signature
 from modalmotion.simulate import MotionClass, simulate_cohort
 
@@ -41,7 +40,8 @@ def on_third(name: str, n_per_class: int, seed: int) -> tuple[float, ...]:
     asked = model.signature_parameters
     cases = [TrainingCase(modal_signature(beat, asked), label) for beat, label in drawn]
     found = evaluate(model, cases)
-    ejected = np.array([_ejected(beat) for beat, _ in drawn])
+    volumes = [Cavity(beat.faces).volume(beat.vertices.astype(np.float64)) for beat, _ in drawn]
+    ejected = np.array([1.0 - each.min() / each.max() for each in volumes])
     answers = np.array([case.answer or "" for case in found.cases])
     normal = answers[[label == MotionClass.NORMAL for _, label in drawn]] == MotionClass.NORMAL
     weak = answers[ejected > 0.55] == MotionClass.HYPOKINESIA
@@ -147,8 +147,3 @@ def _figures(found: Evaluation) -> tuple[float, ...]:
     held = [case.truth in case.class_set for case in given]
     answered = len(given) / found.n_cases
     return *mean([found]), answered, float(np.mean(apart)), float(np.mean(held))
-
-
-def _ejected(beat: MeshSequence) -> float:
-    volumes = Cavity(beat.faces).volume(beat.vertices.astype(np.float64))
-    return float(1.0 - volumes.min() / volumes.max())

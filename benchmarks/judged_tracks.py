@@ -20,8 +20,7 @@ from modalmotion.tracking.reading import Recorded
 
 Floats = NDArray[np.float64]
 
-# Of the height of an open surface: beyond it landmarks place the surface, and not what is seen.
-_INNER = 0.97
+_INNER = 0.97  # height beyond which landmarks place an open surface, and not what is seen
 
 
 @dataclass(frozen=True)

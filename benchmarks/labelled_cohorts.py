@@ -45,18 +45,16 @@ class Cohort(NamedTuple):
 
 def recordings(cohort: Cohort, seed: int | list[int]) -> Iterator[TrainingCase]:
     """Make all recordings of a cohort; every person does something of each class."""
-    rng = np.random.default_rng(seed)
-    people = [_person(rng) for _ in range(cohort.n_people)]
+    rng, people = np.random.default_rng(seed), []
+    for _ in range(cohort.n_people):
+        size, tempo, strength = (float(np.exp(rng.normal(0.0, sd))) for sd in (0.25, 0.12, 0.2))
+        shape, habit = rng.standard_normal((2, 6))
+        people.append(Person(size, tempo, strength, shape, habit))
     for label, count in cohort.counts.items():
         first = int(rng.integers(cohort.n_people))
         for k in range(first, first + count):
             who = k % cohort.n_people
             yield TrainingCase(cohort.record(label, people[who], rng), label, f"person {who}")
-
-
-def _person(rng: Rng) -> Person:
-    size, tempo, strength = (float(np.exp(rng.normal(0.0, sd))) for sd in (0.25, 0.12, 0.2))
-    return Person(size, tempo, strength, rng.standard_normal(6), rng.standard_normal(6))
 
 
 def _bump(x: Array, centre: float | Array, width: float) -> Array:

@@ -122,13 +122,9 @@ def shrinking_ellipsoid(rng: np.random.Generator) -> tuple[mm.MeshSequence, dict
     polar, around = (each.ravel() for each in np.meshgrid(*axes, indexing="ij"))
     across, down = np.sin(polar), -np.cos(polar)
     sphere = np.stack([across * np.cos(around), across * np.sin(around), down], axis=1)
-    beat = mm.mesh_sequence(
-        np.stack([sphere * rest, sphere * short]),
-        grid=(32, 64),
-        topology="cup",
-        unit="mm",
-        facts=mm.Facts(tracking="material", cavity="lv"),
-    )
+    frames = np.stack([sphere * rest, sphere * short])
+    facts = mm.Facts(tracking="material", cavity="lv")
+    beat = mm.mesh_sequence(frames, grid=(32, 64), topology="cup", unit="mm", facts=facts)
     turns = 2 * np.pi * (np.arange(720) + 0.5) / 720
     before, after = (
         (_quarter(np.hypot(a * np.cos(turns), b * np.sin(turns)), c).mean(), _quarter(a, b))

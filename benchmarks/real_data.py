@@ -20,11 +20,10 @@ sys.path.extend(
 from project import DATA as DATA
 from project import ROOT as ROOT
 
+# Where a copy of the project finds the same recordings.
 ENVIRONMENT: Final = {"MODALMOTION_DATA": str(DATA)}
-"""Where a copy of the project finds the same recordings."""
-
+# Figures that were not measured, for want of their recordings.
 SKIPPED: Final[list[str]] = []
-"""Figures that were not measured, for want of their recordings."""
 
 
 def is_there(figures: str, *names: str) -> bool:

@@ -118,8 +118,8 @@ def kind(seed: int) -> tuple[float, ...]:
 )
 def times(seed: int) -> tuple[float, ...]:
     heart, fit, asked = recording(HEART), mm.modal_signature, mm.SignatureParameters
-    small = individual(np.random.default_rng([seed, 0]), n_vertices=500)
-    small = with_noise(small, 0.5, np.random.default_rng([seed, 1]))
+    clean = individual(np.random.default_rng([seed, 0]), n_vertices=500)
+    small = with_noise(clean, 0.5, np.random.default_rng([seed, 1]))
 
     def refuse() -> None:
         for kind in (ErrorKind.RMS, ErrorKind.MAX):

@@ -39,11 +39,9 @@ for _kind, _what, _distance, _spread, _n, _coarse in _KINDS:
 
 @experiment(*standard_rows("images.labels", "label maps of 1.5 mm", 0.4, 1.0))
 def labels(seed: int) -> tuple[float, ...]:
-    results = []
-    for one in phantoms("ct", seed, 5, 3, coarseness=4.0):
-        made = labelled(one, 1.5)
-        results.append(Judged.of(track(made.images, landmarks=made.landmarks), Truth.of(one.truth)))
-    return standard_figures(results)
+    cases = [(labelled(one, 1.5), one) for one in phantoms("ct", seed, 5, 3, coarseness=4.0)]
+    tracks = ((track(made.images, landmarks=made.landmarks), one) for made, one in cases)
+    return standard_figures([Judged.of(result, Truth.of(one.truth)) for result, one in tracks])
 
 
 def _drawn_rows(name: str, what: str) -> tuple[Row, ...]:

@@ -59,8 +59,8 @@ def animation(seed: int) -> float:
         for _ in driven_states(step, list(forces), State(0 * forces[0], 0 * forces[0])):
             pass
 
-    calls = {f"{n}": partial(animate, mm.Lattice(mm.CYLINDER, (n, n))) for n in (32, 1000)}
-    few, many = medians(calls, 9)
+    lattices = [mm.Lattice(mm.CYLINDER, (n, n)) for n in (32, 1000)]
+    few, many = medians({str(each.shape): partial(animate, each) for each in lattices}, 9)
     return many / few
 
 

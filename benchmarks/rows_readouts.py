@@ -20,8 +20,7 @@ FIGURES = {
 }
 # Mean absolute errors at 1 mm of noise or less, coarse mesh and others.
 GOALS = {"gls": (0.6, 0.4), "gcs": (0.9, 0.6)}
-WIDEST = 6.0
-STRAINS = ("gls", "gcs")
+WIDEST, STRAINS = 6.0, ("gls", "gcs")
 
 
 def _rows(mesh: str) -> Iterator[Row]:

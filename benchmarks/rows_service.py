@@ -13,8 +13,7 @@ from served import answers, large_beat, start
 from modalmotion import SignatureParameters, make_template, modal_signature
 from modalmotion_service.commands.openapi import document
 
-METHODS = {"get", "post", "put", "patch", "delete"}
-OF_BARE = "of the rate of a bare upload"
+METHODS, OF_BARE = {"get", "post", "put", "patch", "delete"}, "of the rate of a bare upload"
 
 
 @timed(

@@ -38,15 +38,12 @@ def large_beat() -> MeshSequence:
 def answers(n_rounds: int, seconds: float) -> NDArray[np.float64]:
     """Load the service in turn with bare uploads, signatures, classes and stored signatures.
 
-    Returns
-    -------
-    (3, 2) float64
-        Of each of the last three the rate, percent of that of bare uploads in the same round, and
-        processor time of all processes of the service a request, ms of a usual core; medians.
+    (3, 2) medians: of each of the last three the rate, percent of that of bare uploads in the same
+    round, and processor time of all processes of the service a request, ms of a usual core.
     """
     body = large_beat().vertices.astype("<f4").tobytes()
     known = {"format": "raw", "grid": f"{GRID[0]},{GRID[1]}", "topology": "cup", "unit": "mm"}
-    with running([str(ROOT / "benchmarks" / "load_server.py")]) as service:
+    with running(str(ROOT / "benchmarks" / "load_server.py")) as service:
         template = service.request("POST", f"/v1/templates?{urlencode(known)}", body).json["id"]
         stored = service.request("POST", f"/v1/sequences?{urlencode(known)}", body).json["id"]
         whole = urlencode({**known, "template": template})
@@ -104,11 +101,10 @@ def start() -> tuple[float, int, float]:
 
 
 @contextmanager
-def running(program: list[str] | None = None) -> Iterator[RunningService]:
+def running(*program: str) -> Iterator[RunningService]:
     """Serve an empty folder on this machine only."""
     with tempfile.TemporaryDirectory() as place:
-        service = RunningService(Path(place) / "results", SETTINGS, is_warm=False)
-        service.program = program or []
+        service = RunningService(Path(place) / "results", SETTINGS, program=program, is_warm=False)
         try:
             yield service.start()
         finally:

@@ -100,14 +100,9 @@ def record(heart: Heart, rng: np.random.Generator) -> MeshSequence:
     frames = frames + rng.normal(0.0, 0.5, frames.shape)  # mm
     turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
     turn[:, 0] *= np.linalg.det(turn)
-    return mesh_sequence(
-        frames @ turn.T + rng.normal(0.0, 50.0, 3),
-        faces,
-        topology=CUP,
-        times=times,
-        unit="mm",
-        facts=Facts(tracking="material", cavity="lv", handedness="right"),
-    )
+    frames = frames @ turn.T + rng.normal(0.0, 50.0, 3)
+    facts = Facts(tracking="material", cavity="lv", handedness="right")
+    return mesh_sequence(frames, faces, topology=CUP, times=times, unit="mm", facts=facts)
 
 
 def _solved(heart: Heart, grid: tuple[int, int], faces: NDArray[np.int64]) -> float:

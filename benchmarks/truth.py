@@ -37,8 +37,7 @@ from real_data import is_there  # noqa: E402
 
 KEPT: Final = Path(__file__).with_name("truth.toml")
 N_PROCESSES: Final = 2
-# What is equal but for last digits, of another machine or of what is kept.
-_ROUNDING: Final = 1e-3
+_ROUNDING: Final = 1e-3  # last digits, of another machine or of what is kept
 
 
 @dataclass(frozen=True)
