@@ -256,17 +256,10 @@ def _cup(label: str, person: Person, rng: Rng) -> MeshSequence:
         delay_azimuth=float(rng.uniform(0.0, 360.0)),
         **_WALLS[label],
     )
-    return simulate_ventricle(
-        parameters,
-        n_vertices=int(rng.integers(300, 700)),
-        acquisition=Acquisition(
-            n_frames=int(rng.integers(14, 33)),
-            noise=1.0,
-            start_phase=rng.uniform(),
-            pose=Pose(rotation=random_rotation(rng)),
-        ),
-        rng=rng,
-    )
+    n, n_frames, start = int(rng.integers(300, 700)), int(rng.integers(14, 33)), rng.uniform()
+    pose = Pose(rotation=random_rotation(rng))
+    taken = Acquisition(n_frames=n_frames, noise=1.0, start_phase=start, pose=pose)
+    return simulate_ventricle(parameters, n_vertices=n, acquisition=taken, rng=rng)
 
 
 def _ring(label: str, person: Person, rng: Rng) -> MeshSequence:
