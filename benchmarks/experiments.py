@@ -8,23 +8,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final, Literal, TypeAlias
 
+# In the order of the table; the experiments of each block are in rows_<block>.py.
 BLOCKS: Final = (
-    "mission",
-    "modes",
-    "fit",
-    "readouts",
-    "tracking",
-    "images",
-    "classes",
-    "codec",
-    "service",
-    "use",
-    "weight",
+    *("mission", "modes", "fit", "readouts", "tracking", "images"),
+    *("classes", "codec", "service", "use", "weight"),
 )
-"""Blocks in the order of the table; the experiments of each are in rows_<block>.py."""
-
+# From a seed, 0 for the table's own, to one value for each row.
 Measure: TypeAlias = Callable[[int], float | tuple[float, ...]]
-"""From a seed, 0 for the table's own, to one value for each row."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +72,8 @@ class Experiment:
         return {row.name: float(value) for row, value in pairs}
 
 
+# All experiments of the modules imported so far, in order.
 REGISTERED: Final[list[Experiment]] = []
-"""All experiments of the modules imported so far, in order."""
 
 
 def experiment(

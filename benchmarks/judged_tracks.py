@@ -11,8 +11,7 @@ from experiments import Row
 from numpy.typing import NDArray
 from seen_surfaces import Seen, Truth, sampled
 
-from modalmotion.clinical import clinical_readouts
-from modalmotion.errors import InputError
+import modalmotion as mm
 from modalmotion.signature.making import modal_signature
 from modalmotion.tracking import Track, track
 from modalmotion.tracking.closest import closest_points
@@ -46,7 +45,7 @@ class Judged:
                 ratios.append(closest_points(x[inner], y, truth.faces).distances / sd)
         off = (result.ejection_fraction or 0.0) - truth.ejection_fraction
         bound = result.ejection_fraction_bound or 0.0
-        curve = clinical_readouts(modal_signature(result.sequence), result.sequence).curve
+        curve = mm.clinical_readouts(modal_signature(result.sequence), result.sequence).curve
         told = min(1.0, (curve.share_bound or 0.0) / max(bound, 1e-9))
         return Judged(float(np.mean(distances)), off, bound, np.concatenate(ratios), told)
 
@@ -63,7 +62,7 @@ def judged(cases: Iterable[Seen], *, has_start: bool = True, **options: Any) -> 
         start = truth.start() if has_start else None
         try:
             results.append(Judged.of(track(seen, start=start, unit="mm", **options), truth))
-        except InputError:
+        except mm.InputError:
             continue
     return results
 

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+import modalmotion as mm
 from modalmotion.classification import TrainingCase
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import PLANE
-from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 from modalmotion.simulate.pose import Pose, random_rotation
 
 Array = NDArray[np.float64]
@@ -213,7 +212,7 @@ def _sheet_with_holes() -> tuple[Array, NDArray[np.int64]]:
     """Make a sheet with two holes: no topology that has natural coordinates."""
     x, y = np.meshgrid(np.arange(11) / 10, 1.5 * np.arange(15) / 14, indexing="ij")
     rest = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
-    faces = lattice_faces(PLANE, x.shape)
+    faces = lattice_faces(mm.PLANE, x.shape)
     away = [np.linalg.norm(rest[faces].mean(axis=1) - (0.5, y, 0.0), axis=1) for y in (0.45, 1.05)]
     used, places = np.unique(faces[np.min(away, axis=0) >= 0.17], return_inverse=True)
     return rest[used], places.reshape(-1, 3)
@@ -245,7 +244,7 @@ _WALLS: Final[dict[str, dict[str, float]]] = {
 
 def _cup(label: str, person: Person, rng: Rng) -> MeshSequence:
     """Record a ventricle that is meshed anew in each recording, with something subtle."""
-    parameters = VentricleParameters(
+    parameters = mm.VentricleParameters(
         length=float(np.clip(88.0 * person.size, 50.0, 140.0)),
         radius=float(np.clip(25.0 * person.size * np.exp(0.06 * person.shape[0]), 12.0, 45.0)),
         ejection_fraction=float(np.clip(0.55 + 0.05 * person.habit[0], 0.4, 0.68)),
@@ -258,8 +257,8 @@ def _cup(label: str, person: Person, rng: Rng) -> MeshSequence:
     )
     n, n_frames, start = int(rng.integers(300, 700)), int(rng.integers(14, 33)), rng.uniform()
     pose = Pose(rotation=random_rotation(rng))
-    taken = Acquisition(n_frames=n_frames, noise=1.0, start_phase=start, pose=pose)
-    return simulate_ventricle(parameters, n_vertices=n, acquisition=taken, rng=rng)
+    taken = mm.Acquisition(n_frames=n_frames, noise=1.0, start_phase=start, pose=pose)
+    return mm.simulate_ventricle(parameters, n_vertices=n, acquisition=taken, rng=rng)
 
 
 def _ring(label: str, person: Person, rng: Rng) -> MeshSequence:

@@ -12,16 +12,15 @@ from numpy.typing import NDArray
 from real_data import recording
 from scipy.spatial import ConvexHull
 
+import modalmotion as mm
 from modalmotion.fit.basis import make_basis
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import CYLINDER
-from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 from modalmotion.template import choose_modes, make_template
 
 Floats = NDArray[np.float64]
 Rng = np.random.Generator
-INDIVIDUAL: Final = VentricleParameters(shape_variation=2.0, motion_variation=2.0)
+INDIVIDUAL: Final = mm.VentricleParameters(shape_variation=2.0, motion_variation=2.0)
 
 
 def individual(
@@ -29,8 +28,8 @@ def individual(
 ) -> MeshSequence:
     """Simulate a ventricle with a shape and a motion of its own, triangulated without a grid."""
     mesh: dict[str, Any] = {"grid": grid} if grid else {"n_vertices": n_vertices}
-    frames = Acquisition(n_frames=n_frames)
-    return simulate_ventricle(INDIVIDUAL, acquisition=frames, rng=rng, **mesh)
+    frames = mm.Acquisition(n_frames=n_frames)
+    return mm.simulate_ventricle(INDIVIDUAL, acquisition=frames, rng=rng, **mesh)
 
 
 @cache
@@ -88,7 +87,7 @@ def moving_tube(rng: Rng, n_frames: int = 20) -> MeshSequence:
     bulge = np.exp(-2.0 * (1.0 - np.cos(turn - 0.5)) - 8.0 * (along - 0.3) ** 2)
     r = 26.0 - 9.0 * along + 7.0 * bulge + np.cos(2 * turn + rng.uniform(0, 6))
     x = np.stack([r * np.cos(turn), 0.8 * r * np.sin(turn), 90 * along], axis=2).reshape(-1, 3)
-    return _beating(x, lattice_faces(CYLINDER, shape), rng, n_frames)
+    return _beating(x, lattice_faces(mm.CYLINDER, shape), rng, n_frames)
 
 
 def drawn_noise(clean: MeshSequence, rng: Rng) -> tuple[float, MeshSequence]:

@@ -28,7 +28,7 @@ SKIPPED: Final[list[str]] = []
 
 def is_there(figures: str, *names: str) -> bool:
     """Tell whether recordings, files without .npz or folders, are there; note what is skipped."""
-    absent = [name for name in names if not _path(name).is_file() and not (DATA / name).is_dir()]
+    absent = [x for x in names if not ((DATA / f"{x}.npz").is_file() or (DATA / x).is_dir())]
     if absent:
         SKIPPED.append(f"{figures} ({', '.join(absent)})")
     return not absent
@@ -36,7 +36,7 @@ def is_there(figures: str, *names: str) -> bool:
 
 def recording(name: str) -> MeshSequence:
     """Read a recording, such as heart/lv_endocardium."""
-    return read_npz(_path(name).read_bytes()).sequence
+    return read_npz((DATA / f"{name}.npz").read_bytes()).sequence
 
 
 def files_of(folder: str) -> list[Path]:
@@ -48,7 +48,3 @@ def told() -> str:
     """Say what was skipped; empty where nothing was."""
     head = f"skipped, for its data are not in {DATA} (MODALMOTION_DATA names another folder):"
     return "\n  ".join([head, *SKIPPED]) if SKIPPED else ""
-
-
-def _path(name: str) -> Path:
-    return DATA / f"{name}.npz"

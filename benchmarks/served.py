@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from real_data import ROOT
 from running import RunningService
 
-from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.simulate import Acquisition, simulate_ventricle
+import modalmotion as mm
 
 # 25 frames x 3,300 vertices x 3 float32: 990,000 bytes.
 GRID: Final = (66, 50)
@@ -29,10 +28,10 @@ N_CONNECTIONS: Final = 4
 SETTINGS: Final = {"MAX_REQUESTS_PER_MINUTE": "1000000", "WAIT_SECONDS": "600"}
 
 
-def large_beat() -> MeshSequence:
+def large_beat() -> mm.MeshSequence:
     """Simulate a beat whose float32 take a megabyte."""
-    beat = Acquisition(n_frames=25, noise=0.6)
-    return simulate_ventricle(grid=GRID, acquisition=beat, rng=np.random.default_rng(1994))
+    beat = mm.Acquisition(n_frames=25, noise=0.6)
+    return mm.simulate_ventricle(grid=GRID, acquisition=beat, rng=np.random.default_rng(1994))
 
 
 def answers(n_rounds: int, seconds: float) -> NDArray[np.float64]:

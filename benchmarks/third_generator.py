@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from modalmotion.facts import Facts
+import modalmotion as mm
 from modalmotion.mesh import Cavity, lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import CUP
 from modalmotion.simulate import MotionClass
 
 Array = NDArray[np.float64]
@@ -95,14 +94,14 @@ def record(heart: Heart, rng: np.random.Generator) -> MeshSequence:
     # The lattice behind the apex, which a fan closes.
     ring = 1 + np.arange(grid[1])
     fan = np.stack([np.zeros_like(ring), np.roll(ring, -1), ring], axis=1)
-    faces = np.concatenate([fan, 1 + lattice_faces(CUP, grid)])
+    faces = np.concatenate([fan, 1 + lattice_faces(mm.CUP, grid)])
     frames = _frames(heart, grid, times, _solved(heart, grid, faces))
     frames = frames + rng.normal(0.0, 0.5, frames.shape)  # mm
     turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
     turn[:, 0] *= np.linalg.det(turn)
     frames = frames @ turn.T + rng.normal(0.0, 50.0, 3)
-    facts = Facts(tracking="material", cavity="lv", handedness="right")
-    return mesh_sequence(frames, faces, topology=CUP, times=times, unit="mm", facts=facts)
+    facts = mm.Facts(tracking="material", cavity="lv", handedness="right")
+    return mesh_sequence(frames, faces, topology=mm.CUP, times=times, unit="mm", facts=facts)
 
 
 def _solved(heart: Heart, grid: tuple[int, int], faces: NDArray[np.int64]) -> float:

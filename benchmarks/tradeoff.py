@@ -13,10 +13,9 @@ from noisy_surfaces import individual
 from real_data import ROOT, is_there, recording
 from tradeoff_bases import BELTRAMI, CLOSED, PCA, SPRINGS, Front, fronts, surfaces
 
+import modalmotion as mm
 from modalmotion.choice.fitter import Fitter
-from modalmotion.clinical import clinical_readouts
 from modalmotion.fit.basis import make_basis
-from modalmotion.formats import read_npz, write_npz
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.pictures.readouts import volume_figure
 from modalmotion.signature.making import SignatureParameters, modal_signature
@@ -34,7 +33,7 @@ def run() -> list[str]:
     figures = ROOT / "docs" / "figures"
     draw_surfaces(by_surface, figures / "tradeoff-surfaces.png")
     beat = individual(np.random.default_rng(3), n_vertices=1200)
-    readouts = clinical_readouts(modal_signature(beat), beat)
+    readouts = mm.clinical_readouts(modal_signature(beat), beat)
     volume_figure(readouts).savefig(figures / "volume.png", dpi=100)
     return [ventricles(), stages(), bases(by_surface), principal(by_surface)]
 
@@ -85,12 +84,12 @@ def stages() -> str:
     signature = modal_signature(sequence)
     fit = Fitter.of(sequence, template).fit
     calls: dict[str, Callable[[], object]] = {
-        "read the npz file, check every number": partial(read_npz, write_npz(sequence)),
+        "read the npz file, check every number": partial(mm.read_npz, mm.write_npz(sequence)),
         "natural coordinates (once for a mesh)": partial(make_template, sequence),
         "evaluate and factor 7 modes (once for a mesh)": partial(make_basis, template, chosen),
         "fit 25 frames, with rotations and errors": partial(fit, basis),
         "write the HDF5 result": partial(signature_to_hdf5, signature),
-        "read-outs, if asked for": partial(clinical_readouts, signature, sequence),
+        "read-outs, if asked for": partial(mm.clinical_readouts, signature, sequence),
     }
     taken = side_by_side(calls, n_samples=15)
     found = [(name, in_words(float(times.min()))) for name, times in taken.items()]
@@ -123,7 +122,7 @@ def principal(by_surface: dict[str, dict[str, Front]]) -> str:
 
 def _left_and_off(sequence: MeshSequence, n_modes: int) -> tuple[float, float]:
     signature = modal_signature(sequence, SignatureParameters(modes=n_modes))
-    found = clinical_readouts(signature, sequence)
+    found = mm.clinical_readouts(signature, sequence)
     off = (found.curve.share or 0.0) - (found.mesh_curve.share or 0.0)
     return signature.weighted_rms_error, abs(off)
 
