@@ -19,7 +19,7 @@ for _name, (_what, _path, _) in SEQUENCES.items():
             for effort in Effort
         ),
         Row(f"codec.{_name}.kept", f"{_what}: largest error over the one promised", goal=1),
-        Row(f"codec.{_name}.disorder", f"{_what}: pairs of efforts out of order, of 12", goal=0),
+        Row(f"codec.{_name}.disorder", f"{_what}: effort pairs whose higher has more bits", goal=0),
         quick=_name == "lattice",
         needs=(_path,) if _path else (),
     )(partial(coded, _name))

@@ -27,7 +27,7 @@ def readme(_: int) -> float:
     return len((ROOT / "README.md").read_text().splitlines())
 
 
-@experiment(Row("use.install", "wheel to first signature, processor time", "s", tolerance=2))
+@experiment(Row("use.install", "pip install to first signature, processor time", "s", tolerance=2))
 def install(_: int) -> float:
     return install_seconds()
 
