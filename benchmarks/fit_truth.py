@@ -9,6 +9,7 @@ from noisy_surfaces import closed_body, drawn_noise, hull, individual, moving_bo
 import modalmotion as mm
 from modalmotion.fit.basis import make_basis
 from modalmotion.template import choose_modes, make_template
+from modalmotion.template.landmarks import GivenLandmarks
 
 
 def excess_of(clean: mm.MeshSequence, noisy: mm.MeshSequence, kept: int) -> float:
@@ -54,15 +55,24 @@ def changed_kind(rng: np.random.Generator, noise: float) -> tuple[bool, bool]:
 
 
 def deviations_of(
-    clean: mm.MeshSequence, n_mixings: int, rng: np.random.Generator, n_draws: int = 60
+    clean: mm.MeshSequence, n_mixings: int, rng: np.random.Generator, is_marked: bool = False
 ) -> tuple[float, ...]:
-    """RMS deviation over frames, modes and directions: stated, true, true on a fixed template."""
+    """RMS deviation over frames, modes and directions: stated, true, true on a fixed template.
+
+    Of 60 draws; `is_marked` where the apex and a place with theta = 0 are stated.
+    """
     template = make_template(clean)
+    s, theta = template.coordinates.T
+    places = np.argmin(s), np.argmin(np.abs(s - 0.5) + np.minimum(theta, 1 - theta))
+    apex, zero = map(int, places) if is_marked else (None, None)
+    marks = GivenLandmarks(apex=apex, theta_zero=zero)
     fixed = mm.SignatureParameters(template=template.id)
     own, on_fixed, stated = [], [], []
-    for draw in range(n_draws):
+    for draw in range(60):
         noisy = with_noise(clean, 0.6, rng, mixed=n_mixings)
-        made = mm.modal_signature(noisy, mm.SignatureParameters(deviations=draw < 4))
+        made = mm.modal_signature(
+            noisy, mm.SignatureParameters(deviations=draw < 4, landmarks=marks)
+        )
         own.append(made.amplitudes[1:])
         if n_mixings == 0:
             on_fixed.append(mm.modal_signature(noisy, fixed, template=template).amplitudes[1:])

@@ -35,6 +35,7 @@ _THIRD: Final[dict[str, _Figure]] = _OWN | {
     "contradicted": ("called hypokinetic, of ejection fractions above 55 %", "", 0.0, "lower"),
     "mirrored": ("mirror images that are flagged", "", 0.8, "higher"),
 }
+_SIZES: Final = (4, 8, 16, 24, 32)
 _FEW: Final[dict[str, _Figure]] = {
     "accuracy": ("right labels", "", 0.936, "higher"),
     "auc": ("AUC", "", 0.983, "higher"),
@@ -71,9 +72,9 @@ for _name, _n_folds in (("robot", 1), ("fox", 2)):
     experiment(*_half, needs=(_name,))(partial(judged.on_windows, _name, _n_folds))
 
 
-@experiment(*(row for n in (16, 24) for row in _rows(f"few{n}", f"{n} ventricles a class", _FEW)))
+@experiment(*(row for n in _SIZES for row in _rows(f"few{n}", f"{n} ventricles a class", _FEW)))
 def few(seed: int) -> tuple[float, ...]:
-    return judged.with_few(24, 40, (16, 24), seed)
+    return judged.with_few(32, 40, _SIZES, seed)
 
 
 @quick(*_rows("no_cavity", "8 surfaces a class that hold no cavity", _THREE))

@@ -86,6 +86,7 @@ def auto(seed: int) -> tuple[float, ...]:
     Row("fit.deviations.mixed", "the same, noise mixed over neighbours", goal=(0.8, 1.25)),
     Row("fit.deviations.worst", "the same, independent, furthest surface, as a factor", goal=1.25),
     Row("fit.deviations.own", "true deviation over that on a fixed template, largest", goal=1.5),
+    Row("fit.deviations.marked", "stated over true, apex and a wall stated", goal=(0.9, 1.15)),
     needs=(HEART, OUTER),
 )
 def deviations(seed: int) -> tuple[float, ...]:
@@ -98,7 +99,9 @@ def deviations(seed: int) -> tuple[float, ...]:
     stated, true, fixed = np.moveaxis(np.array(drawn), 2, 0)
     pooled = np.sqrt((stated**2).sum(axis=1) / (true**2).sum(axis=1))
     furthest = np.maximum(stated / true, true / stated)[0].max()
-    return (*pooled, furthest, (true / fixed)[0].max())
+    marked = np.array([deviations_of(clean, 0, rng, is_marked=True) for clean in surfaces[:3]])
+    of_marked = np.sqrt((marked[:, 0] ** 2).sum() / (marked[:, 1] ** 2).sum())
+    return (*pooled, furthest, (true / fixed)[0].max(), of_marked)
 
 
 @experiment(
