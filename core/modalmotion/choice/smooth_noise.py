@@ -40,7 +40,7 @@ class SmoothNoise:
     fields: NDArray[np.float64]
 
     @staticmethod
-    def on(template: Template, mixings: tuple[int, ...] = MIXINGS) -> SmoothNoise:
+    def on(template: Template) -> SmoothNoise:
         """Draw fields on a template, the same each time."""
         edges, n = _edges_of(template), template.n_vertices
         rows = np.concatenate([edges[:, 0], edges[:, 1], np.arange(n)])
@@ -50,7 +50,7 @@ class SmoothNoise:
         n_fields = int(np.clip(_NUMBERS // n, _FEWEST, _MOST))
         field = np.random.default_rng(0).standard_normal((n, n_fields))
         fields = []
-        for before, times in zip((0, *mixings), mixings, strict=False):
+        for before, times in zip((0, *MIXINGS), MIXINGS, strict=False):
             for _ in range(times - before):
                 field = once @ field
             fields.append(field / np.sqrt((field[template.weights > 0] ** 2).mean()))
@@ -69,31 +69,41 @@ class SmoothNoise:
         return float((x * y).sum() / np.sqrt((x**2).sum() * (y**2).sum()))
 
 
-def independent(fields: NDArray[np.float64], weights: NDArray[np.float64] | float = 1.0) -> float:
+def independent(
+    fields: NDArray[np.float64], weights: NDArray[np.float64] | float = 1.0
+) -> NDArray[np.float64]:
     """Independent columns that average like these: tr(C)^2 / tr(C^2), C their covariance.
 
     Parameters
     ----------
-    fields : (columns, fields) float64
+    fields : (..., columns, fields) float64
         Independent draws.
     weights : (columns,) float64 or float
     """
-    weighted = np.ascontiguousarray((fields.T * weights).T)
-    products = product(np.ascontiguousarray(fields.T), weighted)
-    n, own = len(products), np.diag(products)
+    rows = np.ascontiguousarray(np.swapaxes(fields, -1, -2))
+    # A small product for each smoothness: one thread does it.
+    products = np.stack(
+        [
+            product(x, np.ascontiguousarray((x * weights).T))
+            for x in rows.reshape(-1, *rows.shape[-2:])
+        ]
+    )
+    products = products.reshape(*rows.shape[:-1], -1)
+    n, own = products.shape[-1], np.diagonal(products, axis1=-2, axis2=-1)
     # E (x'y)^2 = tr(C^2) for independent fields x and y.
-    squares = ((products**2).sum() - (own**2).sum()) / (n * (n - 1))
-    return float(own.mean() ** 2 / max(squares, 1e-300))
+    squares = ((products**2).sum(axis=(-2, -1)) - (own**2).sum(axis=-1)) / (n * (n - 1))
+    found: NDArray[np.float64] = own.mean(axis=-1) ** 2 / np.maximum(squares, 1e-300)
+    return found
 
 
-def shares_of(ladder: Ladder, template: Template, mixed: int) -> NDArray[np.float64]:
+def shares_of(ladder: Ladder, noise: SmoothNoise, mixed: int) -> NDArray[np.float64]:
     """Give the expected squared coefficient of each mode in noise of variance 1, (modes,)."""
     white = ladder.noise_shares
     if mixed == 0:
         return white
-    noise = SmoothNoise.on(template, (0, mixed)).coefficients(ladder.rows)
+    some = SmoothNoise(noise.edges, noise.fields[[0, MIXINGS.index(mixed)]])
     # Smooth fields stem from the white ones, so that chance cancels in their ratio.
-    own, smooth = (noise**2).mean(axis=2)
+    own, smooth = (some.coefficients(ladder.basis.analysis) ** 2).mean(axis=2)
     shares: NDArray[np.float64] = white * smooth / own
     return shares
 
