@@ -83,16 +83,13 @@ class Bands:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Energies (correlations, bands, directions) and log det of each correlation."""
         directions, turned = self._by_direction
-        found, log_dets = [], []
-        for correlation in correlations:
-            covariances = over_time(correlation, self.grams.shape[2])
-            # Each direction after those before it.
-            L = np.linalg.cholesky(directions.transpose(0, 2, 1) @ covariances @ directions)
-            inverse = np.linalg.inv(L)
-            energies = ((inverse @ turned) * inverse).sum(axis=(1, 3))
-            found.append(np.maximum(energies, 1e-280))
-            log_dets.append(2.0 * np.log(np.diagonal(L, axis1=1, axis2=2)).sum() / 3.0)
-        return np.array(found), np.array(log_dets)
+        covariances = np.stack([over_time(c, self.grams.shape[2]) for c in correlations])
+        covariances = directions.transpose(0, 2, 1) @ covariances[:, None] @ directions
+        # Each direction after those before it.
+        L = np.linalg.cholesky(covariances)
+        energies = [((inverse @ turned) * inverse).sum(axis=(1, 3)) for inverse in np.linalg.inv(L)]
+        log_dets = 2.0 * np.log(np.diagonal(L, axis1=2, axis2=3)).sum(axis=(1, 2)) / 3.0
+        return np.maximum(energies, 1e-280), log_dets
 
 
 def bands_of(

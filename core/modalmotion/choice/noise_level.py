@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -19,7 +20,7 @@ from modalmotion.numeric.scale import power_of_two
 from modalmotion.template.body_frame import Components
 
 # The first ladder; each further one is twice as long.
-_FIRST: Final = 128
+_FIRST: Final = 120
 
 # Risk that is as good as the least one: it is flat about the best set.
 _NEXT_TO_LEAST: Final = 1.02
@@ -49,25 +50,39 @@ _FEW_FRAMES: Final = 5
 _OFF: Final = 1.15
 
 
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a noise was estimated by.
+
+    Parameters
+    ----------
+    ladder : Ladder
+    coefficients : (frames, modes, 3) float64, length unit
+        Of the ladder's largest set.
+    smooth : SmoothNoise
+        On the same template.
+    """
+
+    ladder: Ladder
+    coefficients: NDArray[np.float64]
+    smooth: SmoothNoise
+
+
 def measure_noise(fitter: Fitter) -> Noise:
     """Estimate a sequence's noise as its parameters measure displacements."""
     return with_ladder(fitter)[0]
 
 
-def with_ladder(
-    fitter: Fitter,
-) -> tuple[Noise, Ladder, NDArray[np.float64], SmoothNoise]:
-    """Estimate the noise, and give what it was estimated by: modes, coefficients, fields."""
+def with_ladder(fitter: Fitter) -> tuple[Noise, Found]:
+    """Estimate the noise, and give what it was estimated by."""
     plain = fitter.asking(components=Components.CARTESIAN, order=ModeOrder.FIXED)
     ladder = ladder_of(plain.template, _FIRST, plain.sequence.grid)
-    coefficients = plain.coefficients(ladder.basis)
     smooth = SmoothNoise.on(plain.template)
-    return estimate_noise(plain, ladder, coefficients, smooth), ladder, coefficients, smooth
+    found = Found(ladder, plain.coefficients(ladder.basis), smooth)
+    return estimate_noise(plain, found), found
 
 
-def estimate_noise(
-    fitter: Fitter, ladder: Ladder, coefficients: NDArray[np.float64], smooth: SmoothNoise
-) -> Noise:
+def estimate_noise(fitter: Fitter, by: Found) -> Noise:
     """Estimate the noise's level, and its correlations in space and time.
 
     Taken for normal, of one level and one smoothness everywhere, and an autoregression of order 1
@@ -77,17 +92,13 @@ def estimate_noise(
     ----------
     fitter : Fitter
         Of Cartesian components.
-    ladder : Ladder
-    coefficients : (frames, modes, 3) float64, length unit
-        Of the ladder's largest set.
-    smooth : SmoothNoise
-        On the fitter's template.
+    by : Found
     """
     sequence, weights = fitter.sequence, fitter.template.weights
     rounding, n_weighted = _rounding(sequence), int((weights > 0).sum())
     if sequence.n_frames < 2 or n_weighted < 2:
         return Noise(rounding, rounding, None, 0.0, 0.0, n_weighted, 0, rounding, 0)
-    bands = bands_of(fitter, ladder, coefficients, smooth)
+    bands = bands_of(fitter, by.ladder, by.coefficients, by.smooth)
     if not bands.grams.max() > 0.0:
         return Noise(rounding, rounding, rounding, 0.0, 0.0, n_weighted, 0, rounding, bands.modes)
     variance, others, correlation, k = _variances(bands)
@@ -100,8 +111,8 @@ def estimate_noise(
         lowest=max(lowest / _OFF, rounding),
         highest=max(highest * _OFF, rounding),
         between_frames=correlation,
-        between_neighbours=smooth.beside(k) if k else 0.0,
-        independent_vertices=independent(smooth.fields[k], weights),
+        between_neighbours=by.smooth.beside(k) if k else 0.0,
+        independent_vertices=float(independent(by.smooth.fields[k], weights)),
         mixed=MIXINGS[k],
         rounding=rounding,
         modes=bands.modes,
@@ -154,23 +165,17 @@ def _peak(found: NDArray[np.float64]) -> float:
     return k + (float(np.clip(-b / (2.0 * a), -0.5, 0.5)) if a < 0.0 else 0.0)
 
 
-def modes_until_noise(
-    fitter: Fitter,
-    noise: Noise,
-    ladder: Ladder,
-    coefficients: NDArray[np.float64],
-    smooth: SmoothNoise,
-) -> tuple[Ladder, int]:
+def modes_until_noise(fitter: Fitter, noise: Noise, by: Found) -> tuple[Ladder, int]:
     """Give a ladder of modes, and the number of them to keep.
 
     Parameters
     ----------
     fitter : Fitter
     noise : Noise
-    ladder, coefficients, smooth
-        Those that the noise was estimated by.
+    by : Found
+        What that was estimated by.
     """
-    parameters = fitter.parameters
+    parameters, ladder, coefficients = fitter.parameters, by.ladder, by.coefficients
     most, n = parameters.most_modes or MOST_MODES, _FIRST
     if parameters.order == ModeOrder.ENERGY:
         most = n = parameters.most_modes or ENERGY_POOL
@@ -179,7 +184,7 @@ def modes_until_noise(
         n = min(n, most)
         ladder, coefficients = _ladder(fitter, n)
     while True:
-        shares = shares_of(ladder, smooth, noise.mixed)
+        shares = shares_of(ladder, by.smooth, noise.mixed)
         count = least_risk(ladder, coefficients, noise, shares, parameters.reference)
         if ladder.ends_because or n >= most or 4 * count <= 3 * ladder.counts[-1]:
             return ladder, count

@@ -108,7 +108,7 @@ def _with_count(fitter: Fitter, cache: TemplateCache) -> Model:
 
 def _until_noise(fitter: Fitter, smallest: Basis, scene: Scene) -> Model:
     sequence, parameters = fitter.sequence, fitter.parameters
-    noise, *first = with_ladder(fitter)
+    noise, found = with_ladder(fitter)
     kind = simplest_with_noise(scene, noise, fitter)
     limit = noise.displacement_rms(sequence.n_frames, parameters.reference)
     choice = ModelChoice("auto", limit, ErrorKind.WEIGHTED_RMS, noise, kind, scene.errors, None)
@@ -118,7 +118,7 @@ def _until_noise(fitter: Fitter, smallest: Basis, scene: Scene) -> Model:
     is_simple = kind == SceneKind.RIGID and parameters.remove_rotation
     if is_simple and parameters.components == Components.CARTESIAN:
         return _noted(fit_model(fitter, smallest), choice, sequence)
-    ladder, count = modes_until_noise(fitter, noise, *first)
+    ladder, count = modes_until_noise(fitter, noise, found)
     normal = None
     if _may_flatten(parameters) and holds_noise(scene.planar.error.weighted_rms, noise, fitter, 1):
         normal = scene.planar.normal

@@ -56,16 +56,15 @@ def triangle_of(A: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     step = max(_ROWS, 2 * A.shape[1])
     while len(A) >= 2 * step:
-        starts = range(0, len(A) - step + 1, step)
-        A = np.concatenate(
-            [
-                np.linalg.qr(A[i:j], mode="r")
-                for i, j in zip(starts, [*starts[1:], len(A)], strict=True)
-            ]
-        )
-    R = np.linalg.qr(A, mode="r")
+        parts = np.split(A, range(step, len(A) - step + 1, step))
+        A = np.concatenate([_r(part) for part in parts])
+    R = _r(A)
     signed: NDArray[np.float64] = R * np.where(np.diag(R) < 0, -1.0, 1.0)[:, None]
     return signed
+
+
+def _r(A: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(np.linalg.qr(A, mode="r"))
 
 
 def orthonormal(
