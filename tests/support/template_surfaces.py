@@ -18,7 +18,7 @@ from modalmotion.fit.basis import Basis, make_basis
 from modalmotion.fit.fit import Fit
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.template import GivenLandmarks, Template, Weights, choose_modes, make_template
-from modalmotion.template.body_frame import Components, in_body_frame
+from modalmotion.template.body_frame import Components, body_frame
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -66,7 +66,7 @@ def describe(
     fit = fit_sequence(sequence, template, basis, components=components)
     amplitudes = fit.amplitudes
     if template.landmarks is not None and components == Components.CARTESIAN:
-        amplitudes = in_body_frame(amplitudes, template.landmarks)
+        amplitudes = amplitudes @ body_frame(template.landmarks).T
     return Described(sequence, template, fit, amplitudes)
 
 

@@ -69,18 +69,14 @@ def select_model(fitter: Fitter, cache: TemplateCache) -> Model:
         model = static_model(fitter, smallest, scene.static)
         return _noted(model, choice, sequence)
     model = smallest_within(fitter, limit)
-    if _may_flatten(parameters) and simplest_is_planar(scene, limit, parameters.tolerance_of):
+    off_plane = error_of(scene.planar.error, parameters.tolerance_of)
+    if _may_flatten(parameters) and off_plane <= limit:
         normal = scene.planar.normal
         flat = fit_model(fitter, model.basis, normal=normal)
         if flat.error(parameters.tolerance_of) <= limit:
             model = replace(flat, notes=model.notes)
             choice = replace(choice, normal=normal)
     return _noted(model, choice, sequence)
-
-
-def simplest_is_planar(scene: Scene, limit: float, kind: ErrorKind) -> bool:
-    """Whether leaving out the motion off the plane holds a limit by itself."""
-    return error_of(scene.planar.error, kind) <= limit
 
 
 def _with_count(fitter: Fitter, cache: TemplateCache) -> Model:
