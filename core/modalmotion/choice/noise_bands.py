@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.nested_sets import Ladder
 from modalmotion.choice.noise import over_time
-from modalmotion.choice.smooth_noise import SmoothNoise, independent
+from modalmotion.choice.smooth_noise import SmoothNoise, independent, products_of
 from modalmotion.numeric.products import product
 from modalmotion.numeric.scale import power_of_two
 
@@ -130,20 +130,19 @@ def bands_of(
             u = block.u[start - block.frames.start : stop - block.frames.start][:, :, some]
             u = turn.T @ u * (block.shape.scale / scale)
             left[:, :, start - first : stop - first] = u.transpose(2, 1, 0)
-    left = (left - product(psi, c.reshape(m, -1)).reshape(left.shape)) / np.sqrt(len(some))
+    left -= product(psi, c.reshape(m, -1)).reshape(left.shape)
+    left *= np.sqrt(weights[some] / weights[some].sum())[:, None, None]
     # The first mode is a shift of the whole frame, which is motion.
     shift, n_bands = min(1, m - 1), max(1, m // _IN_BAND)
     paths = [*np.array_split(c[shift:], n_bands), left]
     # A small product for each direction: one thread does it.
     grams = [x.transpose(1, 2, 0) @ x.transpose(1, 0, 2) for x in paths]
     own = noise.coefficients(rows)
-    rest = noise.fields[:, some]
-    for field, of_field in zip(rest, own, strict=True):
-        field -= product(psi, of_field)
-    rest /= np.sqrt(len(some))
-    parts = [*np.array_split(own[:, shift:], n_bands, axis=1), rest]
-    variances = np.stack([(x**2).sum(axis=(1, 2)) / x.shape[2] for x in parts], axis=1)
-    columns = np.stack([np.maximum(3.0 * independent(x), 1.0) for x in parts], axis=1)
+    bands = [products_of(part) for part in np.array_split(own[:, shift:], n_bands, axis=1)]
+    # What orthonormal shapes leave has the products that theirs lack.
+    parts = np.stack([*bands, products_of(noise.fields, weights) - products_of(own)], axis=1)
+    variances = np.trace(parts, axis1=2, axis2=3) / parts.shape[2]
+    columns = np.maximum(3.0 * independent(parts), 1.0)
     # What white noise brings is known: chance cancels in the ratio of smooth fields to white ones.
     squares = (rows[shift:] ** 2).sum(axis=1)
     white = np.array([part.sum() for part in np.array_split(squares, n_bands)])

@@ -14,7 +14,13 @@ from modalmotion.choice.noise import Noise
 from modalmotion.choice.noise_bands import Bands, bands_of, levels_of, likelihoods
 from modalmotion.choice.ordered_sets import ENERGY_POOL, sorted_ladder
 from modalmotion.choice.parameters import MOST_MODES, ModeOrder
-from modalmotion.choice.smooth_noise import MIXINGS, SmoothNoise, independent, shares_of
+from modalmotion.choice.smooth_noise import (
+    MIXINGS,
+    SmoothNoise,
+    independent,
+    products_of,
+    shares_of,
+)
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.numeric.scale import power_of_two
 from modalmotion.template.body_frame import Components
@@ -112,7 +118,7 @@ def estimate_noise(fitter: Fitter, by: Found) -> Noise:
         highest=max(highest * _OFF, rounding),
         between_frames=correlation,
         between_neighbours=by.smooth.beside(k) if k else 0.0,
-        independent_vertices=float(independent(by.smooth.fields[k], weights)),
+        independent_vertices=float(independent(products_of(by.smooth.fields[[k]], weights))[0]),
         mixed=MIXINGS[k],
         rounding=rounding,
         modes=bands.modes,

@@ -69,26 +69,29 @@ class SmoothNoise:
         return float((x * y).sum() / np.sqrt((x**2).sum() * (y**2).sum()))
 
 
-def independent(
+def products_of(
     fields: NDArray[np.float64], weights: NDArray[np.float64] | float = 1.0
 ) -> NDArray[np.float64]:
-    """Independent columns that average like these: tr(C)^2 / tr(C^2), C their covariance.
+    """Products of fields with one another over their columns, (mixings, fields, fields) float64.
 
     Parameters
     ----------
-    fields : (..., columns, fields) float64
+    fields : (mixings, columns, fields) float64
         Independent draws.
     weights : (columns,) float64 or float
     """
-    rows = np.ascontiguousarray(np.swapaxes(fields, -1, -2))
-    # A small product for each smoothness: one thread does it.
-    products = np.stack(
-        [
-            product(x, np.ascontiguousarray((x * weights).T))
-            for x in rows.reshape(-1, *rows.shape[-2:])
-        ]
-    )
-    products = products.reshape(*rows.shape[:-1], -1)
+    rows = np.ascontiguousarray(fields.transpose(0, 2, 1))
+    return np.stack([product(x, np.ascontiguousarray((x * weights).T)) for x in rows])
+
+
+def independent(products: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Independent columns that average like those of fields: tr(C)^2 / tr(C^2), C their covariance.
+
+    Parameters
+    ----------
+    products : (..., fields, fields) float64
+        From `products_of`.
+    """
     n, own = products.shape[-1], np.diagonal(products, axis1=-2, axis2=-1)
     # E (x'y)^2 = tr(C^2) for independent fields x and y.
     squares = ((products**2).sum(axis=(-2, -1)) - (own**2).sum(axis=-1)) / (n * (n - 1))
