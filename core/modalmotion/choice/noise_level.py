@@ -112,13 +112,15 @@ def estimate_noise(fitter: Fitter, by: Found) -> Noise:
     lowest, highest = (bands.scale * float(np.sqrt(v)) for v in (min(others), max(others)))
     if sigma <= rounding:
         correlation, k = 0.0, 0
+    white, smooth = independent(products_of(by.smooth.fields[[0, k]], weights))
     return Noise(
         sigma=max(sigma, rounding),
         lowest=max(lowest / _OFF, rounding),
         highest=max(highest * _OFF, rounding),
         between_frames=correlation,
         between_neighbours=by.smooth.beside(k) if k else 0.0,
-        independent_vertices=float(independent(products_of(by.smooth.fields[[k]], weights))[0]),
+        # Chance cancels in the ratio of smooth fields to white ones, whose number is known.
+        independent_vertices=float(smooth / white / (weights**2).sum()),
         mixed=MIXINGS[k],
         rounding=rounding,
         modes=bands.modes,

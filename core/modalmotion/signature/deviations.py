@@ -51,9 +51,11 @@ def deviations_of(
             notes = (noise.note(sequence.unit),)
         if noise is None:
             return None, ()
+        # Of vertices that count alike: by how much they count is in the fit.
         n = sequence.n_vertices
+        independent = noise.independent_vertices * n * float((fitter.template.weights**2).sum())
         uncertainty = Uncertainty.of_noise(
-            noise.sigma, sequence.n_frames, n, noise.independent_vertices, noise.between_frames
+            noise.sigma, sequence.n_frames, n, independent, noise.between_frames
         )
         words = "the noise of the vertices"
     else:

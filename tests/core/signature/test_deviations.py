@@ -100,6 +100,17 @@ def test_auto_states_them_with_its_noise(noisy: MeshSequence) -> None:
     assert signature.amplitude_deviations.shape == signature.amplitudes.shape
 
 
+def test_vertices_that_count_for_less_are_as_independent_as_others(noisy: MeshSequence) -> None:
+    asked, n = SignatureParameters(modes=7), noisy.n_vertices
+    assert 1.0 / (make_template(noisy).weights ** 2).sum() < 0.85 * n
+    estimated = modal_signature(noisy, replace(asked, deviations=True)).amplitude_deviations
+    known = replace(noisy, uncertainty=Uncertainty.of_noise(0.3, noisy.n_frames, n, n))
+    stated = modal_signature(known, asked).amplitude_deviations
+    assert estimated is not None
+    assert stated is not None
+    assert np.sqrt((estimated**2).mean()) == pytest.approx(np.sqrt((stated**2).mean()), rel=0.05)
+
+
 def test_deviations_stay_with_their_amplitudes(tracked: Track) -> None:
     signature = modal_signature(tracked.sequence, OFFSET)
     stated = signature.amplitude_deviations
