@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from modalmotion.choice.nested_sets import Ladder
 from modalmotion.mesh.connectivity import connectivity_of
 from modalmotion.modes.topology import CLOSED
-from modalmotion.numeric.products import product
+from modalmotion.numeric.products import LARGEST_SINGLE_THREADED, product
 from modalmotion.template import Template
 
 MIXINGS: Final = (0, 1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
@@ -49,12 +49,14 @@ class SmoothNoise:
         once = scipy.sparse.csr_array((share[rows], (rows, columns)), shape=(n, n))
         n_fields = int(np.clip(_NUMBERS // n, _FEWEST, _MOST))
         field = np.random.default_rng(0).standard_normal((n, n_fields))
-        fields = []
-        for before, times in zip((0, *MIXINGS), MIXINGS, strict=False):
+        fields, counted = np.empty((len(MIXINGS), n, n_fields)), template.weights > 0
+        n_counted = max(int(counted.sum()), 1) * n_fields
+        for k, (before, times) in enumerate(zip((0, *MIXINGS), MIXINGS, strict=False)):
             for _ in range(times - before):
                 field = once @ field
-            fields.append(field / np.sqrt((field[template.weights > 0] ** 2).mean()))
-        return SmoothNoise(edges, np.stack(fields))
+            squares = np.einsum("vf,vf->v", field, field) @ counted
+            np.divide(field, np.sqrt(squares / n_counted), out=fields[k])
+        return SmoothNoise(edges, fields)
 
     def coefficients(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Coefficients rows @ field of shapes, (mixings, modes, fields) float64."""
@@ -81,6 +83,8 @@ def products_of(
     weights : (columns,) float64 or float
     """
     rows = np.ascontiguousarray(fields.transpose(0, 2, 1))
+    if rows[0].size * rows.shape[1] <= LARGEST_SINGLE_THREADED:
+        return rows @ (rows * weights).transpose(0, 2, 1)
     return np.stack([product(x, np.ascontiguousarray((x * weights).T)) for x in rows])
 
 
