@@ -15,6 +15,7 @@ from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.folding import require_unfolded
 from modalmotion.tracking.observation import Frame
 from modalmotion.tracking.passes import evidence, first_guess
+from modalmotion.tracking.posterior import across_covariance
 from modalmotion.tracking.settling import settle
 from modalmotion.tracking.start import start_shape
 
@@ -43,7 +44,7 @@ class FirstShape(NamedTuple):
     shapes : (vertices, n) float64
         Of the modes that it was brought there by.
     covariance : (3 n, 3 n) float64, length unit squared
-        Of their amplitudes: where no points are, what the prior leaves open.
+        Of their amplitudes across the surface: where no points are, what the prior leaves open.
     """
 
     template: Template
@@ -100,7 +101,8 @@ def shape_in(frame: Frame, number: int, topology: Topology | str | None) -> Firs
     shape = surface.positions(a)
     require_unfolded(surface, shape[None])
     fitted = mesh_sequence(shape[None], rough.faces, grid=rough.grid, topology=topology)
-    return FirstShape(make_template(fitted), rough.grid, surface.shapes, own.covariance)
+    covariance = across_covariance(own.covariance, own.information)
+    return FirstShape(make_template(fitted), rough.grid, surface.shapes, covariance)
 
 
 def landmarks_of(frame: Frame) -> dict[str, NDArray[np.float64]]:

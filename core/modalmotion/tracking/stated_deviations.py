@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.mesh import face_areas
+from modalmotion.mesh import face_areas, vertex_areas
 from modalmotion.mesh.cavity_gradient import lid_gradient, volume_gradient
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.first_shape import FirstShape
@@ -59,7 +59,9 @@ def stated_deviations(
                 gradient, of_lids, across[k], found.lasting[k], area, T, noises[k].n_values
             )
             if shape is not None:
-                g = (shape.shapes.T @ volume_gradient(cavity, x)).reshape(-1)
+                # What the wall sweeps along its normals: rims along it are found in every frame.
+                swept = vertex_areas(x, template.faces)[:, None] * normals_of(template, x)
+                g = (shape.shapes.T @ swept).reshape(-1)
                 of_volumes[k] = np.hypot(of_volumes[k], (g @ shape.covariance @ g) ** 0.5)
     if shape is not None:
         own = deviations_at(
