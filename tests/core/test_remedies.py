@@ -588,6 +588,7 @@ ELSEWHERE = {
     "Check the folder that is named as": "tests/service/workspace/test_read_only.py",
     "a service that was started without --stateless": "tests/service/routes/test_stateless.py",
     "Leave --label out": "tests/core/cli/test_track_command.py",
+    "Name one of these by --label": "tests/core/tracking/test_label_values.py",
     "Name a .png, or track images with --picture data": "tests/core/cli/test_track_command.py",
     "Name another owner of FOLDER: --owner": "tests/core/cli/test_store_commands.py",
     "Ask for less at once, or allow more as `most_bytes`": "tests/core/client",
