@@ -34,7 +34,7 @@ def hearts(
         rng = np.random.default_rng(state)
         clean = simulate_ventricle(parameters, acquisition=frames, rng=rng, **MESHES[mesh])
         twin = clean if clean.grid else fine_twin(parameters, state, frames)
-        yield clean, strain_truth(twin), rng
+        yield clean, strain_truth(twin, by_length=clean.grid is None), rng
 
 
 def true_figures(clean: MeshSequence, truth: StrainTruth) -> dict[str, float]:

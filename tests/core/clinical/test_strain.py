@@ -123,6 +123,25 @@ def test_intervals_hold_what_is_found_without_noise() -> None:
         assert 0.2 < np.sqrt(np.mean((errors / stated) ** 2)) < 1.6
 
 
+def test_noise_is_taken_off_lengths_and_areas_by_what_it_adds() -> None:
+    clean = simulate_ventricle(grid=(16, 32), acquisition=Acquisition(n_frames=12))
+    end = strain_of(clean, 5).curves[5, :3]
+    found = np.array([strain_of(noisy(clean, 1.0, k), 5).curves[5, :3] for k in range(30)])
+    error = found.std(axis=0, ddof=1) / np.sqrt(len(found))
+    assert (np.abs(found.mean(axis=0) - end) < 3.0 * error).all()
+
+
+def test_frames_that_noise_may_have_chosen_are_within_the_interval() -> None:
+    # Two of the same volume.
+    shapes = stretched((0.8, 0.8, 1.0), (0.85, 0.85, 0.8858))
+    exact = strain_of(shapes)
+    hazy = strain_of(noisy(shapes, 0.005, 1))
+    low, high = hazy.at("GLS", 1)[1:]
+    assert low < exact.curves[2, 0] < high
+    wide, narrow = (x.end_systolic["GLS"].high - x.end_systolic["GLS"].low for x in (hazy, exact))
+    assert narrow < 0.5 < wide
+
+
 def test_known_errors_of_positions_count_and_their_notes_are_passed_on() -> None:
     sequence = beat()
     n = sequence.n_vertices
