@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,8 +10,10 @@ import numpy as np
 from experiments import Row
 from numpy.typing import NDArray
 from seen_surfaces import Seen, Truth, sampled
+from strain_truth import strain_truth
 
 from modalmotion.clinical import clinical_readouts
+from modalmotion.clinical.strain_of import strain as measured_strain
 from modalmotion.errors import InputError
 from modalmotion.signature.making import modal_signature
 from modalmotion.tracking import Track, track
@@ -22,6 +24,11 @@ Floats = NDArray[np.float64]
 
 # Of the height of an open surface: beyond it landmarks place the surface, and not what is seen.
 _INNER = 0.97
+
+# The best published variability of GLS, and half the best error of GCS, percentage points.
+GOALS = {"GLS": 1.4, "GCS": 1.5}
+# Intervals of strain that are wider, points, count as a miss.
+WIDEST = 6.0
 
 
 @dataclass(frozen=True)
@@ -38,6 +45,9 @@ class Judged:
         Distances of vertices from the true surface over the stated deviations.
     told : float
         Interval that the track's read-outs state over that of the track, at most 1.
+    strain : tuple of (float, bool)
+        Error of GLS and of GCS, percentage points, each with whether the truth is within its
+        interval and that no wider than 6 points. None of what is no ventricle's lattice.
     """
 
     distance: float
@@ -45,6 +55,7 @@ class Judged:
     bound: float
     ratios: Floats
     told: float
+    strain: tuple[tuple[float, bool], ...]
 
     @staticmethod
     def of(result: Track, truth: Truth) -> Judged:
@@ -63,12 +74,21 @@ class Judged:
         bound = result.ejection_fraction_bound or 0.0
         curve = clinical_readouts(modal_signature(result.sequence), result.sequence).curve
         told = min(1.0, (curve.share_bound or 0.0) / max(bound, 1e-9))
-        return Judged(float(np.mean(distances)), off, bound, np.concatenate(ratios), told)
+        strain = tuple(_judged_strain(result, truth)) if truth.grid else ()
+        return Judged(float(np.mean(distances)), off, bound, np.concatenate(ratios), told, strain)
 
     @property
     def is_inside(self) -> bool:
         """Whether the true ejection fraction is within the interval."""
         return abs(self.off) <= self.bound
+
+
+def _judged_strain(result: Track, truth: Truth) -> Iterator[tuple[float, bool]]:
+    true = strain_truth(truth.sequence, by_length=True)
+    found = measured_strain(result).end_systolic
+    for name, value in (("GLS", true.gls), ("GCS", true.gcs)):
+        own, low, high = found[name]
+        yield own - value, low <= value <= high <= low + WIDEST
 
 
 def judged(cases: Iterable[Seen], *, has_start: bool = True, **options: Any) -> list[Judged]:
@@ -112,6 +132,25 @@ def standard_figures(results: Sequence[Judged], *, cover: bool = True) -> tuple[
         *(float((ratios < limit).mean()) for limit in (1.0, 1.96)),
     )
     return figures if cover else figures[:4]
+
+
+def strain_rows(name: str, what: str) -> tuple[Row, ...]:
+    """Rows of strain from one kind of data."""
+    return tuple(
+        row
+        for kind in ("GLS", "GCS")
+        for row in (
+            Row(f"{name}.{kind.lower()}", f"{kind} off by, {what}", "points", goal=GOALS[kind]),
+            Row(f"{name}.{kind.lower()}_inside", f"true {kind} inside, {what}", goal=(0.92, 0.98)),
+        )
+    )
+
+
+def strain_figures(results: Sequence[Judged]) -> tuple[float, ...]:
+    """Values of the rows of strain."""
+    off, inside = np.moveaxis(np.array([one.strain for one in results], dtype=np.float64), 2, 0)
+    means = np.abs(off).mean(axis=0), inside.mean(axis=0)
+    return tuple(float(value) for pair in zip(*means, strict=True) for value in pair)
 
 
 def surface_distance(

@@ -7,7 +7,14 @@ from functools import partial
 from drawn_labels import WALL, drawn_maps
 from experiments import Row, experiment
 from judged_images import drawn_figures, tracked, valve_figures
-from judged_tracks import Judged, beside_contours, standard_figures, standard_rows
+from judged_tracks import (
+    Judged,
+    beside_contours,
+    standard_figures,
+    standard_rows,
+    strain_figures,
+    strain_rows,
+)
 from phantoms import labelled, phantoms
 from real_data import DATA, recording
 from seen_surfaces import Truth
@@ -30,13 +37,15 @@ def _of_kind(
     kind: str, n: int, seed: int, *, cover: bool = True, **set_to: float
 ) -> tuple[float, ...]:
     cases = phantoms(kind, seed, n, 3, **set_to)
-    return standard_figures(
-        [Judged.of(tracked(one), Truth.of(one.truth)) for one in cases], cover=cover
-    )
+    results = [Judged.of(tracked(one), Truth.of(one.truth)) for one in cases]
+    return (*standard_figures(results, cover=cover), *(strain_figures(results) if cover else ()))
 
 
 for _kind, _what, _distance, _spread, _n, _coarse in _KINDS:
-    _rows = standard_rows(f"images.{_kind}", _what, _distance, _spread)
+    _rows = (
+        *standard_rows(f"images.{_kind}", _what, _distance, _spread),
+        *strain_rows(f"images.{_kind}", _what),
+    )
     experiment(*_rows, quick=_kind == "mri")(partial(_of_kind, _kind, _n, coarseness=_coarse))
 
 

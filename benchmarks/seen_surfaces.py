@@ -71,7 +71,8 @@ class Truth:
 
     def start(self) -> MeshSequence:
         """Return the surface of frame 0."""
-        return mesh_sequence(self.vertices[:1], self.faces, unit="mm")
+        topology = "cup" if len(self.ends) == 2 else None
+        return mesh_sequence(self.vertices[:1], self.faces, topology=topology, unit="mm")
 
     def seen(
         self,

@@ -20,9 +20,11 @@ from modalmotion.numeric.qr import inverse_of_triangle, tall_qr
 from modalmotion.template import Template
 
 # Functions along s and highest wave around, from fine to coarse: the finest of which the mesh
-# shows each by four vertices.
+# shows each by four vertices, and tells apart: where vertices leave a gap, as about a small hole,
+# fine ones take any value in it.
 _SIZES: Final = ((10, 8), (8, 6), (6, 4), (5, 3), (4, 2), (3, 1))
 _VERTICES_EACH: Final = 4
+_CONDITION: Final = 2e3
 
 # Natural coordinates of a mesh rise with the 5/4th power of the way from the pole: with this power
 # of them positions are smooth there. Those of a lattice count its rows, and are smooth as they are.
@@ -100,6 +102,8 @@ class SmoothWall:
     shapes : (vertices, functions) float64
     projector : (functions, vertices) float64
         coefficients = projector @ positions.
+    condition : float
+        Of the least squares.
     ends : (float, float)
         Of s, as far as there are vertices.
     """
@@ -109,6 +113,7 @@ class SmoothWall:
     n_waves: int
     shapes: NDArray[np.float64]
     projector: NDArray[np.float64]
+    condition: float
     ends: tuple[float, float]
 
     @cached_property
@@ -228,11 +233,14 @@ def smooth_walls(template: Template, *, is_lattice: bool) -> tuple[SmoothWall, S
             remedy="Send a finer mesh.",
             details={"vertices": n, "least": needed[-1]},
         )
-    fine, coarse = (
-        _fitted(template, *size, is_lattice=is_lattice)
-        for size in [sizes[0], sizes[min(1, len(sizes) - 1)]]
-    )
-    return fine, coarse
+    fitted = (_fitted(template, *size, is_lattice=is_lattice) for size in sizes)
+    fine = next((wall for wall in fitted if wall.condition <= _CONDITION), None)
+    if fine is None:
+        raise ParameterError(
+            "The vertices leave a gap in which nothing says how the wall runs.",
+            remedy="Send a more even mesh.",
+        )
+    return fine, next(fitted, fine)
 
 
 def _fitted(template: Template, n_along: int, n_waves: int, *, is_lattice: bool) -> SmoothWall:
@@ -253,6 +261,7 @@ def _fitted(template: Template, n_along: int, n_waves: int, *, is_lattice: bool)
         n_waves=n_waves,
         shapes=shapes,
         projector=projector,
+        condition=float(np.linalg.cond(R)),
         ends=(
             float(s.min()) if surface == CYLINDER else 0.0,
             1.0 if surface == SPHERE else float(s.max()),

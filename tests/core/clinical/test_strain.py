@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipe, ellipeinc
 
+import modalmotion as mm
 from modalmotion.clinical.segments import RINGS, SEGMENTS
 from modalmotion.clinical.strain import Strain, wall_strain
 from modalmotion.errors import ParameterError, TopologyError
@@ -131,15 +132,16 @@ def test_noise_is_taken_off_lengths_and_areas_by_what_it_adds() -> None:
     assert (np.abs(found.mean(axis=0) - end) < 3.0 * error).all()
 
 
-def test_frames_that_noise_may_have_chosen_are_within_the_interval() -> None:
-    # Two of the same volume.
-    shapes = stretched((0.8, 0.8, 1.0), (0.85, 0.85, 0.8858))
+def test_another_frame_that_noise_may_have_made_end_systole_is_within_the_interval() -> None:
+    # Two of the same volume: noise makes either the smaller, most often by little.
+    shapes = stretched((0.8, 0.8, 1.0), (0.85, 0.85, 0.64 / 0.85**2))
     exact = strain_of(shapes)
-    hazy = strain_of(noisy(shapes, 0.005, 1))
-    low, high = hazy.at("GLS", 1)[1:]
-    assert low < exact.curves[2, 0] < high
-    wide, narrow = (x.end_systolic["GLS"].high - x.end_systolic["GLS"].low for x in (hazy, exact))
-    assert narrow < 0.5 < wide
+    held = 0
+    for seed in range(12):
+        hazy = mm.strain(noisy(shapes, 0.005, seed))
+        _, low, high = hazy.end_systolic["GLS"]
+        held += low < exact.curves[3 - hazy.end_systole, 0] < high
+    assert held >= 5
 
 
 def test_known_errors_of_positions_count_and_their_notes_are_passed_on() -> None:
