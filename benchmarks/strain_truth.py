@@ -18,6 +18,7 @@ from modalmotion.simulate import Acquisition, VentricleParameters, simulate_vent
 Floats = NDArray[np.float64]
 
 # Heights from apex to base of the three levels: the middles of the thirds of the wall.
+_CAP = 1 / 8  # of the wall, which the 17th segment has
 _LEVELS = {"apical": 1 / 6, "mid": 1 / 2, "basal": 5 / 6}
 
 
@@ -113,6 +114,32 @@ def fine_twin(
     clean = replace(acquisition, noise=0.0)
     rng = np.random.default_rng(seed)
     return simulate_ventricle(parameters, grid=(96, 192), acquisition=clean, rng=rng)
+
+
+def dyssynchrony_truth(clean: MeshSequence) -> float:
+    """Deviation of the times of least volume of 16 segments, % of the cycle (Kapetanakis 2005).
+
+    Parameters
+    ----------
+    clean : MeshSequence
+        A cup lattice of one cycle, in so many frames that they do not matter.
+    """
+    assert clean.grid is not None
+    rows, columns = clean.grid
+    x = clean.vertices.astype(np.float64).reshape(clean.n_frames, rows, columns, 3)
+    middles = x.mean(axis=2, keepdims=True)
+    sectors = np.cross(x - middles, np.roll(x, -1, axis=2) - middles) / 2.0
+    pieces = (sectors * np.gradient(middles, axis=1)).sum(axis=3)
+    heights = (np.arange(rows) + 0.5) / rows
+    turn = (np.arange(columns) + 0.5) / columns
+    times = []
+    for ring, parts in enumerate((4, 6, 6)):
+        low, high = _CAP + (1 - _CAP) * np.array([ring, ring + 1]) / 3
+        within = (heights >= low) & (heights < high)
+        for part in range(parts):
+            own = pieces[:, within][:, :, np.floor(parts * turn) == part].sum(axis=(1, 2))
+            times.append(float(np.abs(own).argmin()) / clean.n_frames)
+    return float(100.0 * np.std(times, ddof=1))
 
 
 def _around(x: Floats, heights: Floats, level: float) -> Floats:

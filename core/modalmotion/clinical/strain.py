@@ -70,11 +70,6 @@ class Figure(NamedTuple):
     high: float
 
 
-def _figure(value: float, deviation: float, least: float = -np.inf) -> Figure:
-    reach = TWO_DEVIATIONS * deviation
-    return Figure(value, max(value - reach, least), value + reach)
-
-
 @shown("names", "end_systolic", "segments", "sequence_id")
 @dataclass(frozen=True, eq=False)
 class Strain:
@@ -138,7 +133,8 @@ class Strain:
     def at(self, name: str, frame: int) -> Figure:
         """Give a strain in a frame, with its interval."""
         place = self.names.index(name)
-        return _figure(float(self.curves[frame, place]), float(self.deviations[frame, place]))
+        value, reach = self.curves[frame, place], TWO_DEVIATIONS * self.deviations[frame, place]
+        return Figure(float(value), float(value - reach), float(value + reach))
 
 
 def wall_strain(
@@ -320,11 +316,9 @@ def _dyssynchrony(motion: WallMotion, sequence: MeshSequence, end: int) -> Figur
     found = dyssynchrony(
         segment_volumes(motion, segment, _N_SEGMENTS),
         _phases(sequence),
-        np.zeros(_N_SEGMENTS)
-        if motion.uncertainty is None
-        else volume_variances(motion, segment, _N_SEGMENTS, end),
+        volume_variances(motion, segment, _N_SEGMENTS, end),
     )
-    return None if found is None else _figure(*found, least=0.0)
+    return None if found is None else Figure(*found)
 
 
 def _phases(sequence: MeshSequence) -> NDArray[np.float64]:
