@@ -3,11 +3,13 @@
 # hash (requirements.txt, by tools/requirements.py), of the version in constraints.txt that the tests
 # run with, on this version of Python.
 FROM python:3.11-slim AS build
+# requirements-slim.txt: the service alone, without pictures, images, DICOM, logins, traces, cluster.
+ARG REQUIREMENTS=requirements.txt
 WORKDIR /build
-COPY requirements.txt requirements-build.txt ./
+COPY requirements.txt requirements-slim.txt requirements-build.txt ./
 RUN python -m venv /opt/build /opt/modalmotion \
     && /opt/build/bin/pip install --no-cache-dir --require-hashes --only-binary=:all: -r requirements-build.txt \
-    && /opt/modalmotion/bin/pip install --no-cache-dir --require-hashes --only-binary=:all: -r requirements.txt
+    && /opt/modalmotion/bin/pip install --no-cache-dir --require-hashes --only-binary=:all: -r ${REQUIREMENTS}
 COPY pyproject.toml README.md LICENSE ./
 COPY core ./core
 COPY service ./service

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cache, partial
 from importlib import import_module
 from importlib.util import find_spec
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -19,21 +20,11 @@ from modalmotion.mesh.sequence import MeshSequence
 
 Positions = NDArray[np.float32]
 Volume = NDArray[np.float32]
-IN_HDF5 = "SZ3 in HDF5"
 
 
 @dataclass(frozen=True)
 class Peer:
-    """A coder: three arrays, one for each direction, or all positions, to bytes and back.
-
-    Parameters
-    ----------
-    encode : callable
-        From positions and a setting to what `decode` takes.
-    decode : callable
-    size : callable
-        Bytes of that.
-    """
+    """A coder: from positions and a setting to what `decode` takes, and the bytes of that."""
 
     encode: Callable[[Positions, float], Any]
     decode: Callable[[Any], Positions]
@@ -59,10 +50,16 @@ def peers_of(sequence: MeshSequence) -> dict[str, Peer]:
     peers = {
         "SZ3, interpolated": ("pysz", _by_volumes(grid, *_sz3("INTERP_LORENZO"))),
         "SZ3, predicted": ("pysz", _by_volumes(grid, *_sz3("LORENZO_REG"))),
-        IN_HDF5: ("hdf5plugin", _by_volumes(grid, _hdf5_written, _hdf5_read, _hdf5_size)),
+        "SZ3 in HDF5": ("hdf5plugin", _by_volumes(grid, *_hdf5())),
         "zfp": ("zfpy", _by_volumes(grid, *_zfp())),
-        "PCA, basis counted": ("numpy", Peer(partial(_pca, principal), _second, _first)),
-        "Draco, each frame": ("DracoPy", Peer(partial(_draco, sequence.faces), _second, _first)),
+        "PCA, basis counted": (
+            "numpy",
+            Peer(partial(_pca, principal), itemgetter(1), itemgetter(0)),
+        ),
+        "Draco, each frame": (
+            "DracoPy",
+            Peer(partial(_draco, sequence.faces), itemgetter(1), itemgetter(0)),
+        ),
     }
     return {name: peer for name, (module, peer) in peers.items() if is_installed(module)}
 
@@ -114,29 +111,27 @@ def _sz3(algorithm: str) -> tuple[Any, Any, Any]:
     return write, read, lambda part: part[0].nbytes
 
 
-def _hdf5_written(volume: Volume, bound: float) -> io.BytesIO:
-    import h5py
+def _hdf5() -> tuple[Any, Any, Any]:
+    """SZ3 as a filter of HDF5."""
+    h5py = import_module("h5py")
 
-    file = io.BytesIO()
-    with h5py.File(file, "w") as h5:
-        filters = import_module("hdf5plugin").SZ3(absolute=bound)
-        h5.create_dataset("x", data=volume, chunks=volume.shape, **filters)
-    return file
+    def write(volume: Volume, bound: float) -> io.BytesIO:
+        file = io.BytesIO()
+        with h5py.File(file, "w") as h5:
+            filters = import_module("hdf5plugin").SZ3(absolute=bound)
+            h5.create_dataset("x", data=volume, chunks=volume.shape, **filters)
+        return file
 
+    def read(file: io.BytesIO) -> Volume:
+        with h5py.File(file, "r") as h5:
+            volume: Volume = h5["x"][:]
+            return volume
 
-def _hdf5_read(file: io.BytesIO) -> Volume:
-    import h5py
+    def size(file: io.BytesIO) -> int:
+        with h5py.File(file, "r") as h5:
+            return int(h5["x"].id.get_storage_size())
 
-    with h5py.File(file, "r") as h5:
-        volume: Volume = h5["x"][:]
-        return volume
-
-
-def _hdf5_size(file: io.BytesIO) -> int:
-    import h5py
-
-    with h5py.File(file, "r") as h5:
-        return int(h5["x"].id.get_storage_size())
+    return write, read, size
 
 
 def _zfp() -> tuple[Any, Any, Any]:
@@ -145,14 +140,6 @@ def _zfp() -> tuple[Any, Any, Any]:
         lambda data: import_module("zfpy").decompress_numpy(data),
         len,
     )
-
-
-def _first(found: tuple[int, Positions]) -> int:
-    return found[0]
-
-
-def _second(found: tuple[int, Positions]) -> Positions:
-    return found[1]
 
 
 def _principal(sequence: MeshSequence) -> tuple[NDArray[np.float64], ...]:

@@ -8,6 +8,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from measure import table
+
 ROOT = Path(__file__).resolve().parents[1]
 
 SECTIONS = (
@@ -20,17 +22,18 @@ HEAD = """# Numerical extremes
 
 Written by `python benchmarks/extremes.py` from a run of the rows that
 `tests/extremes/test_rows.py` holds to their bounds. "Straightforward" is the error of the formula
-that suggests itself, where it was computed too. The last digits depend on the machine.
-"""
+that suggests itself, where it was computed too. The last digits depend on the machine."""
+COLUMNS = ("extreme", "right answer", "error reached", "bound", "straightforward")
+Number = Callable[[], float]
 
 
 def main() -> None:
     """Evaluate every row and write the table."""
     parts = [HEAD]
     for title, module in SECTIONS:
-        parts += [f"\n## {title}\n", *table(rows_of(module))]
+        parts.append(table(title, COLUMNS, [cells_of(*row) for row in rows_of(module)]))
     path = ROOT / "docs" / "extremes.md"
-    path.write_text("\n".join(parts) + "\n", encoding="utf-8")
+    path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
     print(f"{path.relative_to(ROOT)} written")
 
 
@@ -43,32 +46,20 @@ def rows_of(module: str) -> Sequence[tuple[Any, ...]]:
     return rows
 
 
-def table(rows: Sequence[tuple[Any, ...]]) -> list[str]:
-    """Lines of a table of rows; its last column only where a row has a straightforward formula."""
-    has_naive = any(len(row) > 4 for row in rows)
-    head = ["extreme", "right answer", "error reached", "bound"]
-    head += ["straightforward"] * has_naive
-    lines = [_line(head), _line(["---"] * len(head))]
-    for extreme, right, reached, bound, *naive in rows:
-        error = reached()
-        assert error <= bound, f"{extreme}: {error} > {bound}"
-        cells = [extreme, right, _number(error), _number(bound)]
-        if has_naive:
-            cells.append(_of(naive[0]) if naive else "")
-        lines.append(_line(cells))
-    return lines
-
-
-def _of(naive: Callable[[], float] | None) -> str:
-    return "" if naive is None else f"**{_number(naive())}**"
-
-
-def _number(value: float) -> str:
-    return f"{value:.3g}" if value >= 1 else f"{value:.2g}"
-
-
-def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+def cells_of(
+    extreme: str, right: str, reached: Number, bound: float, naive: Number | None = None
+) -> list[str]:
+    """Evaluate a row; its last cell is the error of the straightforward formula, if it has one."""
+    error = reached()
+    assert error <= bound, f"{extreme}: {error} > {bound}"
+    other = "" if naive is None else f"**{naive():.2g}**"
+    return [
+        extreme.replace("|", r"\|"),
+        right.replace("|", r"\|"),
+        f"{error:.2g}",
+        f"{bound:.2g}",
+        other,
+    ]
 
 
 if __name__ == "__main__":

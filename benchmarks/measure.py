@@ -1,11 +1,11 @@
-"""Timing side by side, and tables of what was measured beside what is asked for."""
+"""Timing side by side, and tables of what was measured."""
 
 from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import Final
 
@@ -36,50 +36,10 @@ class Times:
         return statistics.median(self.samples)
 
 
-@dataclass
-class Table:
-    """Figures, each beside its bound.
-
-    Parameters
-    ----------
-    title : str
-    columns : tuple of str
-        Headings before the last two, which are the bound and whether it holds.
-    """
-
-    title: str
-    columns: tuple[str, ...]
-    rows: list[tuple[str, ...]] = field(default_factory=list)
-    n_missed: int = 0
-
-    def add(self, *cells: str) -> None:
-        """Add a row of figures that no bound is set for."""
-        self.rows.append((*cells, "", ""))
-
-    def add_at_least(self, value: float, bound: float, *cells: str) -> None:
-        """Add a row whose value must not fall below its bound."""
-        self._add(value >= bound, f">= {bound:,g}", cells)
-
-    def add_at_most(self, value: float, bound: float, *cells: str) -> None:
-        """Add a row whose value must not exceed its bound."""
-        self._add(value <= bound, f"<= {bound:,g}", cells)
-
-    def _add(self, holds: bool, bound: str, cells: tuple[str, ...]) -> None:
-        self.n_missed += not holds
-        self.rows.append((*cells, bound, "holds" if holds else "MISSED"))
-
-    def __str__(self) -> str:
-        lines = [(*self.columns, "bound", ""), *self.rows]
-        widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
-        texts = [
-            "  ".join(
-                cell.ljust(width) if i == 0 else cell.rjust(width)
-                for i, (cell, width) in enumerate(zip(line, widths, strict=True))
-            ).rstrip()
-            for line in lines
-        ]
-        rule = "-" * max(map(len, texts))
-        return "\n".join([self.title, rule, texts[0], rule, *texts[1:]])
+def table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Lay figures out in Markdown."""
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "\n".join([f"*{title}.*", "", *("| " + " | ".join(line) + " |" for line in lines)])
 
 
 def side_by_side(

@@ -47,11 +47,9 @@ def files_of(folder: str) -> list[Path]:
 
 
 def told() -> str:
-    """Say what was skipped, a line for each; empty where nothing was."""
-    if not SKIPPED:
-        return ""
-    lines = [f"skipped, for its data are not in {DATA} (MODALMOTION_DATA names another folder):"]
-    return "\n".join([*lines, *(f"  {figures}" for figures in SKIPPED)])
+    """Say what was skipped; empty where nothing was."""
+    head = f"skipped, for its data are not in {DATA} (MODALMOTION_DATA names another folder):"
+    return "\n  ".join([head, *SKIPPED]) if SKIPPED else ""
 
 
 def _path(name: str) -> Path:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import http.client
 import os
 import statistics
 import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from urllib.parse import urlencode
 
 import numpy as np
-from load_generator import load, request
 from measure import USUAL_SECONDS, fixed_work
 
 from modalmotion.mesh.sequence import MeshSequence
@@ -75,25 +76,45 @@ def answers(n_rounds: int, seconds: float) -> dict[str, Answers]:
         stored = service.request("POST", f"/v1/sequences?{urlencode(known)}", body).json["id"]
         whole = urlencode({**known, "template": template})
         requests = {
-            BARE: request("POST", "/v1/decode", body),
-            "signature": request("POST", f"/v1/signature?{whole}", body, Accept="application/json"),
-            "class": request("POST", f"/v1/classify?{urlencode(known)}", body),
-            "stored": request("GET", f"/v1/sequences/{stored}/signature"),
+            BARE: ("POST", "/v1/decode", body, {}),
+            "signature": ("POST", f"/v1/signature?{whole}", body, {"Accept": "application/json"}),
+            "class": ("POST", f"/v1/classify?{urlencode(known)}", body, {}),
+            "stored": ("GET", f"/v1/sequences/{stored}/signature", None, {}),
         }
         found = {name: Answers() for name in requests}
         for sent in requests.values():
-            load(service.port, sent, N_CONNECTIONS, seconds)  # warm
+            load(service.port, seconds, *sent)  # warm
         for _ in range(n_rounds):
             rates = {}
             for name, sent in requests.items():
                 before, work = sum(service.cpu_seconds().values()), _work()
-                n, took = load(service.port, sent, N_CONNECTIONS, seconds)
+                n, took = load(service.port, seconds, *sent)
                 spent = sum(service.cpu_seconds().values()) - before
                 found[name].processor.append(spent / n / ((work + _work()) / 2))
                 rates[name] = n / took
             for name, rate in rates.items():
                 found[name].shares.append(rate / rates[BARE])
     return found
+
+
+def load(port: int, seconds: float, *sent: Any) -> tuple[int, float]:
+    """Send a request again and again over each of several connections; how many, in what time."""
+    start = time.perf_counter()
+
+    def send(_: int) -> int:
+        n, connection = 0, http.client.HTTPConnection("127.0.0.1", port, timeout=60)
+        while time.perf_counter() < start + seconds:
+            connection.request(*sent)
+            answer = connection.getresponse()
+            found = answer.read()
+            assert answer.status == 200, found[:1000]
+            n += 1
+        connection.close()
+        return n
+
+    with ThreadPoolExecutor(N_CONNECTIONS) as threads:
+        n = sum(threads.map(send, range(N_CONNECTIONS)))
+    return n, time.perf_counter() - start
 
 
 def start() -> tuple[float, int, float]:

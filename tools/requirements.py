@@ -19,8 +19,10 @@ from pathlib import Path
 from typing import Any, Final
 
 ROOT: Final = Path(__file__).resolve().parents[1]
-EXTRAS: Final = ("service", "plot", "cluster")
+EXTRAS: Final = ("service", "plot", "cluster", "images", "dicom", "oidc", "telemetry")
 """Of the project, that the image has."""
+SLIM: Final = ("service",)
+"""The same of a slim image: no pictures, images, DICOM, logins, traces, cluster."""
 MACHINES: Final = ("x86_64",)
 """That the image is built for: the codec is compiled for no others."""
 
@@ -32,10 +34,13 @@ def main() -> None:
     """Write both files."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     optional = project["project"]["optional-dependencies"]
-    wanted = [*project["project"]["dependencies"]]
-    wanted += [dependency for extra in EXTRAS for dependency in optional[extra]]
+    whole, slim = (
+        [*project["project"]["dependencies"], *(one for extra in extras for one in optional[extra])]
+        for extras in (EXTRAS, SLIM)
+    )
     for name, needed in (
-        ("requirements.txt", wanted),
+        ("requirements.txt", whole),
+        ("requirements-slim.txt", slim),
         ("requirements-build.txt", [*project["build-system"]["requires"], *optional["codec"]]),
     ):
         (ROOT / name).write_text(text_of(needed))

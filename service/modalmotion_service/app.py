@@ -10,6 +10,7 @@ from typing import Any
 
 from fastapi import Depends, FastAPI
 from fastapi.encoders import jsonable_encoder
+from fastapi.middleware.cors import CORSMiddleware
 from starlette.routing import BaseRoute
 
 from modalmotion.hdf5.image import INTENDED_USE
@@ -25,6 +26,7 @@ from modalmotion_service.http.admission import BodyLimits, Concurrency, WholeAns
 from modalmotion_service.http.api_version import API_VERSION
 from modalmotion_service.http.departure import Departure
 from modalmotion_service.http.gate import Access, Gate, require_judged
+from modalmotion_service.http.head import HeadAsGet
 from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.observation import Observation
 from modalmotion_service.http.request_head import RequestHeadCheck
@@ -172,6 +174,7 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
     )
     problems.install(app)
     # The last one added is the outermost.
+    app.add_middleware(HeadAsGet)
     app.add_middleware(Departure)
     app.add_middleware(
         BodyLimits,
@@ -199,6 +202,8 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
         chosen.oidc_audience,
         scope_prefix=chosen.oidc_scope_prefix,
         owner_claim=chosen.oidc_owner_claim,
+        name_claim=chosen.oidc_name_claim,
+        roles=chosen.oidc_roles,
     )
     app.add_middleware(Gate, require_keys=chosen.require_keys, rates=rates, logins=logins)
     app.add_middleware(RequestHeadCheck)
@@ -207,6 +212,16 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
         app.add_middleware(Tracing, telemetry=telemetry)
     app.add_middleware(SecurityHeaders)
     app.add_middleware(Observation)
+    if chosen.cors_origins:
+        # Before everything: a preflight request carries no key.
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=chosen.cors_origins,
+            allow_methods=("GET", "HEAD", "POST", "PATCH", "DELETE"),
+            # Keys come in headers, never as cookies.
+            allow_headers=("Authorization", "X-API-Key", "Idempotency-Key", "Prefer"),
+            expose_headers=("Location", "ETag", "Retry-After", "X-Request-ID"),
+        )
     routes = judged_routes()
     app.router.routes.extend(stateless_routes(routes) if chosen.stateless else routes)
     return app

@@ -34,6 +34,11 @@ class Settings(BaseSettings):
     reserve_bytes: int = Field(
         100_000_000, ge=0, description="Uploads are refused while less is free on the disk."
     )
+    max_owner_bytes: int = Field(
+        0,
+        ge=0,
+        description="Bytes that one owner's store may hold; more is answered 507. 0: all there is.",
+    )
     workers: int = Field(
         default_factory=lambda: os.cpu_count() or 1,
         ge=1,
@@ -61,6 +66,21 @@ class Settings(BaseSettings):
         description="Whether requests over loopback need a key too, as behind a reverse proxy; "
         "those over any other address always do.",
     )
+    first_key_file: Path | None = Field(
+        None,
+        description="File, such as a secret of a container, whose first line is the first key "
+        "(mm_, 16 hexadecimal digits, _, 43 letters of base64url); none: one is made and shown.",
+    )
+    trusted_proxies: str = Field(
+        "127.0.0.1",
+        description="Addresses and networks, separated by commas, of proxies whose "
+        "X-Forwarded-For and X-Forwarded-Proto are believed.",
+    )
+    cors_origins: tuple[str, ...] = Field(
+        (),
+        description="Origins whose pages may call the service with a key, as JSON such as "
+        '["https://viewer.example"].',
+    )
     oidc_issuer: str | None = Field(
         None, description="Issuer whose logins (OpenID Connect) are accepted beside keys."
     )
@@ -70,6 +90,16 @@ class Settings(BaseSettings):
     oidc_scope_prefix: str = Field(
         "modalmotion:",
         description="Of our scopes in tokens: modalmotion:read opens what read does.",
+    )
+    oidc_roles: dict[str, str] = Field(
+        {},
+        description="Scopes that roles and groups of tokens open, as JSON such as "
+        '{"cardiology": "read,write"}.',
+    )
+    oidc_name_claim: str | None = Field(
+        None,
+        description="Claim of tokens, such as preferred_username, that the audit log names people "
+        "by; none: by a digest.",
     )
     oidc_owner_claim: str = Field(
         "sub",
@@ -189,7 +219,7 @@ class Settings(BaseSettings):
         6_000_000_000, ge=1_000_000_000, description="Address space of one piece of work."
     )
 
-    @field_validator("scheduler", "oidc_issuer", "oidc_audience", mode="before")
+    @field_validator("scheduler", "oidc_issuer", "oidc_audience", "oidc_name_claim", mode="before")
     @classmethod
     def _none_if_empty(cls, value: object) -> object:
         # As a compose file passes on a variable that is not set.

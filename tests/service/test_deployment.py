@@ -22,7 +22,7 @@ from dask_cluster import free_port
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from project import ROOT
-from requirements import EXTRAS
+from requirements import EXTRAS, SLIM
 from running import RunningService
 from warm_start import WarmProcess, start_warm
 
@@ -114,14 +114,16 @@ def test_the_image_names_its_bases_versions_and_ends_as_a_plain_user() -> None:
 
 
 def test_the_image_has_every_extra_that_its_commands_need() -> None:
-    assert {"service", "cluster", "plot"} <= set(EXTRAS)
-    assert installed_for(wanted()) == set(pinned("requirements.txt"))
+    wanted = {"service", "cluster", "plot", "images", "dicom", "oidc", "telemetry"}
+    assert wanted <= set(EXTRAS)
+    assert installed_for(needed_by(EXTRAS)) == set(pinned("requirements.txt"))
+    assert installed_for(needed_by(SLIM)) == set(pinned("requirements-slim.txt"))
 
 
-def wanted() -> list[str]:
+def needed_by(extras: tuple[str, ...]) -> list[str]:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    extras = [one for extra in EXTRAS for one in project["optional-dependencies"][extra]]
-    return [*project["dependencies"], *extras]
+    optional = project["optional-dependencies"]
+    return [*project["dependencies"], *(one for extra in extras for one in optional[extra])]
 
 
 def installed_for(requirements: list[str]) -> set[str]:
@@ -160,7 +162,7 @@ def test_the_image_has_the_versions_that_the_tests_run_with_by_their_hashes() ->
     constraints = {
         str(canonicalize_name(name)): one for name, one in (x.split("==") for x in lines)
     }
-    for file in ("requirements.txt", "requirements-build.txt"):
+    for file in ("requirements.txt", "requirements-slim.txt", "requirements-build.txt"):
         for name, version in pinned(file).items():
             assert constraints[name] == version, f"{name}: run tools/requirements.py"
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -222,7 +224,7 @@ def test_the_proxy_passes_what_the_service_would_take() -> None:
     settings = Settings()
     megabytes = re.search(r"client_max_body_size (\d+)m;", code)
     assert megabytes is not None
-    assert int(megabytes[1]) * 2**20 > settings.max_body_bytes
+    assert int(megabytes[1]) * 2**20 > settings.max_image_body_bytes
     patience = re.search(r"proxy_read_timeout (\d+)s;", code)
     assert patience is not None
     assert int(patience[1]) > max(settings.wait_seconds, settings.task_seconds)
@@ -264,6 +266,63 @@ def test_units_start_commands_that_exist(name: str) -> None:
     options = {option for parameter in found.params for option in parameter.opts}
     command = text.partition("ExecStart=")[2].partition("\n")[0]
     assert options >= set(re.findall(r"--[a-z-]+", command))
+
+
+def manifests() -> list[dict[str, Any]]:
+    return list(yaml.safe_load_all((DEPLOY / "kubernetes.yaml").read_text()))
+
+
+def test_pods_run_the_image_as_its_own_user_with_probes_and_limits() -> None:
+    pods = {
+        (one["kind"], one["metadata"]["name"]): one["spec"]["template"]["spec"]
+        for one in manifests()
+        if "template" in one.get("spec", {})
+    }
+    assert set(pods) == {("StatefulSet", "modalmotion"), ("Deployment", "modalmotion-stateless")}
+    user = re.search(r"--uid (\d+)", dockerfile())
+    assert user is not None
+    for pod in pods.values():
+        assert pod["securityContext"]["runAsUser"] == int(user[1])
+        assert pod["securityContext"]["runAsNonRoot"] is True
+        # Else variables of the cluster look like settings of ours.
+        assert pod["enableServiceLinks"] is False
+        assert pod["terminationGracePeriodSeconds"] > 2 * Settings().drain_seconds
+        (container,) = pod["containers"]
+        assert container["image"] == f"modalmotion:{version()}"
+        assert container["securityContext"]["readOnlyRootFilesystem"] is True
+        assert container["resources"]["limits"]["memory"]
+        paths = {
+            container[probe]["httpGet"]["path"] for probe in ("readinessProbe", "livenessProbe")
+        }
+        assert paths == {"/health/ready", "/health/live"}
+        options = [word.partition("=")[0] for word in container.get("command", ["", "serve"])[2:]]
+        known = main.get_command(click.Context(main), "serve")
+        assert known is not None
+        assert {one for parameter in known.params for one in parameter.opts} >= set(options)
+
+
+def test_the_manifests_name_settings_and_volumes_that_exist() -> None:
+    names = {f"MODALMOTION_{name.upper()}" for name in Settings.model_fields}
+    for one in manifests():
+        if one["kind"] == "ConfigMap":
+            assert names >= one["data"].keys()
+            assert all(isinstance(value, str) for value in one["data"].values())
+        pod = one.get("spec", {}).get("template", {}).get("spec")
+        if pod is None:
+            continue
+        volumes = {volume["name"] for volume in pod.get("volumes", ())}
+        volumes |= {
+            each["metadata"]["name"] for each in one["spec"].get("volumeClaimTemplates", ())
+        }
+        for container in pod["containers"]:
+            assert names >= {variable["name"] for variable in container.get("env", ())}
+            assert volumes == {mount["name"] for mount in container["volumeMounts"]}
+
+
+def test_the_manifests_are_valid_to_kubernetes() -> None:
+    validate = pytest.importorskip("kubernetes_validate").validate
+    for one in manifests():
+        validate(one, "1.30", strict=True)
 
 
 @pytest.fixture

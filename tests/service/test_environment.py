@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
+import socket
 import stat
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -13,7 +17,9 @@ from running import RunningService
 
 from modalmotion.cli.commands import main
 from modalmotion.errors import ParameterError
+from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.environment import read_settings, unknown_variables
+from modalmotion_service.settings import Settings
 
 
 def test_values_that_are_none_are_all_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -36,6 +42,47 @@ def test_no_command_answers_with_a_traceback(
     assert run.exit_code == 1
     assert run.stderr.startswith("Error: MODALMOTION_WORKERS is 'none'")
     assert len(run.stderr.splitlines()) == 1
+
+
+def test_all_settings_are_listed_with_values_defaults_and_meanings(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("MODALMOTION_WORKERS", "3")
+    monkeypatch.setenv("MODALMOTION_CORS_ORIGINS", '["https://viewer.example"]')
+    runner = CliRunner()
+    listed = json.loads(runner.invoke(main, ["settings", "--json"]).stdout)
+    assert [one["variable"] for one in listed] == [
+        f"MODALMOTION_{name.upper()}" for name in Settings.model_fields
+    ]
+    assert all(one["meaning"] for one in listed)
+    by_name = {one["variable"]: one["value"] for one in listed}
+    assert by_name["MODALMOTION_WORKERS"] == 3
+    assert by_name["MODALMOTION_CORS_ORIGINS"] == ["https://viewer.example"]
+    shown = runner.invoke(main, ["settings"]).stdout
+    assert "MODALMOTION_WORKERS = 3 (default:" in shown
+    assert 'MODALMOTION_LOG_LEVEL = "info"\n' in shown
+    helped = runner.invoke(main, ["serve", "--help"]).stdout
+    assert all(one["variable"] in helped for one in listed)
+
+
+def test_a_start_that_fails_shows_no_key(tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        run = subprocess.run(
+            [
+                *(sys.executable, "-m", "modalmotion", "serve", "--port"),
+                *(str(taken.getsockname()[1]), "--data-dir", str(tmp_path)),
+            ],
+            env={**os.environ, "MODALMOTION_REQUIRE_KEYS": "true", "MODALMOTION_WORKERS": "1"},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    assert run.returncode != 0
+    assert "mm_" not in run.stdout + run.stderr
+    with KeyRing(tmp_path) as ring:
+        assert ring.all() == []
 
 
 def test_a_misspelt_setting_is_found_and_what_is_no_setting_is_let_be() -> None:

@@ -136,6 +136,7 @@ class KeyRing(Authenticator):
         *,
         note: str = "",
         expires: datetime | None = None,
+        token: str = "",
     ) -> tuple[Key, str]:
         """Make a key.
 
@@ -146,6 +147,8 @@ class KeyRing(Authenticator):
         note : str
         expires : datetime, optional
             With its time zone.
+        token : str
+            The key itself, where it was made elsewhere; one is drawn by default.
 
         Returns
         -------
@@ -155,7 +158,8 @@ class KeyRing(Authenticator):
         Raises
         ------
         ParameterError
-            If the owner's name is not valid, there is no scope, or the time has passed.
+            If the owner's name is not valid, there is no scope, the time has passed, or the
+            token is no key.
         """
         require_owner(owner)
         if not scopes:
@@ -163,13 +167,14 @@ class KeyRing(Authenticator):
         end = None if expires is None else to_text(expires.timestamp())
         if end is not None and end <= now():
             raise ParameterError("The key would have expired already.", remedy="Name a later day.")
-        key_id, secret = secrets.token_hex(8), secrets.token_urlsafe(_SECRET_BYTES)
+        token = token or f"mm_{secrets.token_hex(8)}_{secrets.token_urlsafe(_SECRET_BYTES)}"
+        key_id, secret = parts_of(token)
         key = Key(key_id, owner, frozenset(scopes), note[:200], now(), end, None)
         self._write(
             "INSERT INTO keys VALUES (?, ?, ?, ?, ?, ?, ?, NULL)",
             (key.id, owner, ",".join(sorted(scopes)), _digest(secret), key.note, key.created, end),
         )
-        return key, f"mm_{key_id}_{secret}"
+        return key, token
 
     def revoke(self, key_id: str) -> Key:
         """Take a key back, at once and for good.
@@ -202,6 +207,25 @@ class KeyRing(Authenticator):
     def _write(self, statement: str, values: tuple[Any, ...]) -> None:
         with self._lock, explained(self._path.name):
             self._connection.execute(statement, values)
+
+
+def parts_of(token: str) -> tuple[str, str]:
+    """Split a key into its id and its secret.
+
+    Raises
+    ------
+    ParameterError
+        If it has not the form of a key.
+    """
+    parts = _TOKEN.fullmatch(token)
+    if parts is None:
+        raise ParameterError(
+            "A key is mm_, 16 hexadecimal digits, _ and 43 letters of base64url; this one has "
+            f"{len(token)} letters in all.",
+            remedy='Make one with `python -c "import secrets as s; '
+            "print(f'mm_{s.token_hex(8)}_{s.token_urlsafe(32)}')\"`.",
+        )
+    return parts[1], parts[2]
 
 
 def key_required() -> AuthenticationError:

@@ -33,6 +33,7 @@ _FEWEST_BITS: Final = 2048
 
 _TOKEN: Final = re.compile(r"[A-Za-z0-9_-]{1,4000}\.[A-Za-z0-9_-]{1,16000}\.[A-Za-z0-9_-]{0,4000}")
 _LONGEST_KEY_ID: Final = 256
+_NAME: Final = re.compile(r"[\w.@+-]{1,100}", re.ASCII)
 _LEEWAY_SECONDS: Final = 60
 """By which clocks may differ."""
 
@@ -51,15 +52,28 @@ class Logins:
         Of our scopes among those of a token.
     owner_claim : str
         Claim that says who an owner is.
+    name_claim : str, optional
+        Claim by which the audit log names people; by a digest without it.
+    roles : mapping of str to str, optional
+        Scopes, separated by commas, that roles and groups open.
 
     Raises
     ------
     MissingExtraError
         If PyJWT is absent.
+    ParameterError
+        If a role opens what is no scope.
     """
 
     def __init__(
-        self, provider: Provider, audience: str, *, scope_prefix: str, owner_claim: str
+        self,
+        provider: Provider,
+        audience: str,
+        *,
+        scope_prefix: str,
+        owner_claim: str,
+        name_claim: str | None = None,
+        roles: Mapping[str, str] | None = None,
     ) -> None:
         with needs_extra("oidc"):
             import cryptography  # noqa: F401 (without it PyJWT has no such algorithms)
@@ -70,6 +84,8 @@ class Logins:
         self._audience = audience
         self._scope_prefix = scope_prefix
         self._owner_claim = owner_claim
+        self._name_claim = name_claim
+        self._roles = {role: _scopes_of(role, words) for role, words in (roles or {}).items()}
 
     async def principal(self, token: str) -> Principal:
         """Check a token.
@@ -127,28 +143,26 @@ class Logins:
         # A name of a folder that tells nothing of the person, and is nobody's of another issuer.
         owner = f"oidc-{_digest(self._provider.issuer, self._owner_claim, who)[:40]}"
         key_id = f"oidc-{_digest(self._provider.issuer, str(claims['sub']))[:16]}"
+        name = claims.get(self._name_claim) if self._name_claim else None
+        if isinstance(name, str) and _NAME.fullmatch(name):
+            key_id = f"{key_id}:{name}"
         return Principal(owner, key_id, self._scopes(claims))
 
     def _scopes(self, claims: Mapping[str, Any]) -> frozenset[Scope]:
-        # RFC 8693 has one text of words in `scope`; others a list, or call it `scp`.
-        stated: list[str] = []
-        for name in ("scope", "scp"):
-            value = claims.get(name)
-            words = value.split() if isinstance(value, str) else value
-            if isinstance(words, list):
-                stated += [word for word in words if isinstance(word, str)]
-        named = {
-            word.removeprefix(self._scope_prefix)
-            for word in stated
-            if word.startswith(self._scope_prefix)
-        }
-        return frozenset(scope for scope in Scope if str(scope) in named)
+        # RFC 8693 has one text of words in `scope`; others a list, or call it `scp`. Roles and
+        # groups are lists of RFC 9068; Keycloak has its roles in `realm_access`.
+        stated = [word for name in ("scope", "scp") for word in _words(claims.get(name))]
+        realm = claims.get("realm_access")
+        held = [word for name in ("roles", "groups") for word in _words(claims.get(name))]
+        held += _words(realm.get("roles")) if isinstance(realm, Mapping) else []
+        prefix = self._scope_prefix
+        named = {word.removeprefix(prefix) for word in stated + held if word.startswith(prefix)}
+        by_role = frozenset[Scope]().union(*(self._roles.get(word, ()) for word in held))
+        return by_role | {scope for scope in Scope if str(scope) in named}
 
 
-def logins_of(
-    issuer: str | None, audience: str | None, *, scope_prefix: str, owner_claim: str
-) -> Logins | None:
-    """Make the logins that settings name; None where they name no issuer.
+def logins_of(issuer: str | None, audience: str | None, **options: Any) -> Logins | None:
+    """Make the logins that settings name, with options of `Logins`; None where they name no issuer.
 
     Raises
     ------
@@ -166,7 +180,7 @@ def logins_of(
             "same issuer must not open it.",
         )
     provider = Provider(issuer)
-    return Logins(provider, audience, scope_prefix=scope_prefix, owner_claim=owner_claim)
+    return Logins(provider, audience, **options)
 
 
 def is_login(token: str) -> bool:
@@ -183,6 +197,21 @@ def _head_of(token: str) -> dict[str, Any]:
     if not isinstance(head, dict):
         raise _refused("does not read")
     return head
+
+
+def _words(value: object) -> list[str]:
+    words = value.split() if isinstance(value, str) else value
+    return [word for word in words if isinstance(word, str)] if isinstance(words, list) else []
+
+
+def _scopes_of(role: str, words: str) -> frozenset[Scope]:
+    try:
+        return frozenset(Scope(word.strip()) for word in words.split(","))
+    except ValueError:
+        raise ParameterError(
+            f"MODALMOTION_OIDC_ROLES gives the role {role[:80]!r} the scopes {words[:80]!r}.",
+            remedy=f"Scopes are {', '.join(Scope)}, separated by commas.",
+        ) from None
 
 
 def _refused(why: str) -> AuthenticationError:

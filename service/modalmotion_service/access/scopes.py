@@ -151,5 +151,7 @@ def methods_of(path: str) -> list[str]:
     A path that stands in the interface's document as it is has the methods of that entry alone.
     """
     if literal := {method for method, template in SCOPE_OF if template == path}:
-        return sorted(literal)
-    return sorted(method for method in _MATCHERS if target_of(method, path) is not None)
+        found = literal
+    else:
+        found = {method for method in _MATCHERS if target_of(method, path) is not None}
+    return sorted(found | ({"HEAD"} if "GET" in found else set()))

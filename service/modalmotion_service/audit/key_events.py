@@ -11,6 +11,7 @@ from modalmotion_service.access.keys import Key, KeyRing
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.audit.entry import Event
 from modalmotion_service.audit.log import AuditLog
+from modalmotion_service.audit.notes import Notes
 
 
 def make_key(
@@ -23,13 +24,18 @@ def make_key(
 ) -> tuple[Key, str]:
     """Make a key as `KeyRing.create` does, and note it; one that cannot be noted is taken back."""
     with KeyRing(data_dir) as ring, AuditLog(data_dir) as log:
-        key, token = ring.create(owner, scopes, note=note, expires=expires)
-        try:
-            log.append([of_command("keys create", key.owner, key.id)])
-        except BaseException:
-            ring.revoke(key.id)
-            raise
-    return key, token
+        return note_key(ring.create(owner, scopes, note=note, expires=expires), ring, log)
+
+
+def note_key(made: tuple[Key, str], ring: KeyRing, log: Notes) -> tuple[Key, str]:
+    """Note a key that was just made; one that cannot be noted is taken back."""
+    key, _ = made
+    try:
+        log.append([of_command("keys create", key.owner, key.id)])
+    except BaseException:
+        ring.revoke(key.id)
+        raise
+    return made
 
 
 def take_back_key(data_dir: Path, key_id: str) -> Key:

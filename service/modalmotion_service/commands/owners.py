@@ -25,12 +25,12 @@ from modalmotion_service.audit.log import AuditLog
 from modalmotion_service.commands.options import DATA_DIR
 from modalmotion_service.commands.options import folder_of as data_folder_of
 from modalmotion_service.workspace.owners import FOLDER, folder_of
+from modalmotion_service.workspace.quota import sizes
 
 # No owner's name begins so: the service skips folders under removal.
 _REMOVED: Final = ".removed-"
 
 # Of the data folder, and not part of the store of its own owner.
-_OF_ALL: Final = ("access", FOLDER, "cluster")
 
 
 @dataclass(frozen=True)
@@ -65,13 +65,12 @@ def usage_of(data_dir: Path) -> Iterator[Usage]:
     others = [path for path in sorted((data_dir / FOLDER).glob("[a-z0-9]*")) if path.is_dir()]
     active = _active_keys(data_dir)
     for owner, root in ((LOCAL, data_dir), *((path.name, path) for path in others)):
-        sizes = list(_sizes(root, () if root != data_dir else _OF_ALL))
         yield Usage(
             owner,
             _count(root / "sequences", "*/*.json"),
             sum(_count(root / f"{kind}s", "*/*.h5") for kind in get_args(ResultKind)),
             _count(root / "models", "*/*.h5"),
-            sum(sizes),
+            sum(sizes(root)),
             active.count(owner),
         )
 
@@ -148,19 +147,6 @@ def _revoke_keys(data_dir: Path, owner: str) -> None:
 
 def _count(folder: Path, pattern: str) -> int:
     return sum(1 for _ in folder.glob(pattern))
-
-
-def _sizes(root: Path, passed_by: tuple[str, ...]) -> Iterator[int]:
-    for path in root.iterdir():
-        if path.name in passed_by:
-            continue
-        for file in (path, *path.rglob("*")) if path.is_dir() else (path,):
-            try:
-                if file.is_file():
-                    yield file.stat().st_size
-            except FileNotFoundError:
-                # Under way, and done by now.
-                continue
 
 
 @click.group()

@@ -13,7 +13,25 @@ from modalmotion_service.commands.options import DATA_DIR
 from modalmotion_service.work.fork_server import begin_fork_server
 
 
-@click.command(epilog=example("serve --port 8000 --data-dir results"))
+class _WithSettings(click.Command):
+    """A command whose help lists the settings of the environment too."""
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        # Here, so that the help of all commands need not import the settings.
+        from modalmotion_service.commands.settings import described
+        from modalmotion_service.environment import read_settings
+
+        super().format_epilog(ctx, formatter)
+        with formatter.section("Settings, of the environment (see `modalmotion settings`)"):
+            formatter.write_dl(
+                [
+                    (one["variable"], f"{one['meaning']}  [default: {one['default']}]")
+                    for one in described(read_settings())
+                ]
+            )
+
+
+@click.command(cls=_WithSettings, epilog=example("serve --port 8000 --data-dir results"))
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
 @click.option("--port", default=8000, show_default=True, help="Port; 0 takes a free one.")
 @DATA_DIR

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 import logging
 import logging.config
 import os
+import socket
+import sys
+from collections.abc import Callable
 from typing import Final
 
 import uvicorn
@@ -15,7 +19,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.store import ResultStore
 from modalmotion_service.access.key_snapshot import KeySnapshot
 from modalmotion_service.app import create_app
-from modalmotion_service.commands.first_key import offer_first_key, secured
+from modalmotion_service.commands.first_key import offer_first_key, secured, stated_key
 from modalmotion_service.environment import unknown_variables
 from modalmotion_service.http.connections import protocol_with_deadline, room_for_connections
 from modalmotion_service.log_lines import log_config
@@ -51,8 +55,13 @@ def run(settings: Settings, host: str, port: int) -> None:
         if settings.scheduler is not None:
             open_engine(settings).shutdown()
     chosen = secured(settings, host)
-    offer_first_key(chosen)
-    run_app(create_app(chosen), chosen, host, port)
+    stated_key(chosen.first_key_file)  # one that cannot be used is no matter of a running server
+    app = create_app(chosen)
+
+    def offer() -> None:
+        offer_first_key(chosen, app.state.access.keys, app.state.access.audit)
+
+    run_app(app, chosen, host, port, offer)
 
 
 def without_store(settings: Settings) -> Settings:
@@ -97,13 +106,19 @@ def prepare_process(log_level: str) -> None:
         logger.warning("no such setting", extra={"variable": name, "nearest": nearest or None})
 
 
-def run_app(app: FastAPI, settings: Settings, host: str, port: int) -> None:
+def run_app(
+    app: FastAPI,
+    settings: Settings,
+    host: str,
+    port: int,
+    when_started: Callable[[], None] = lambda: None,
+) -> None:
     """Serve an application as `run` serves the service's own."""
     # Modules, classes and routes stay for good, and the collector need not walk them.
     keep_freed_memory(KEPT_BYTES, in_one=True)
     gc.enable()
     connections, at_once = room_for_connections(settings.max_connections)
-    uvicorn.run(
+    config = uvicorn.Config(
         app,
         host=host,
         port=port,
@@ -116,5 +131,24 @@ def run_app(app: FastAPI, settings: Settings, host: str, port: int) -> None:
         log_config=log_config(settings.log_level),
         access_log=False,
         server_header=False,
+        forwarded_allow_ips=settings.trusted_proxies,
         timeout_graceful_shutdown=int(settings.drain_seconds) + 1,
     )
+    server = _Server(config, when_started)
+    server.run()
+    if not server.started:
+        sys.exit(3)  # as uvicorn's own command does
+
+
+class _Server(uvicorn.Server):
+    """Calls back once it listens: a start that fails makes and shows no key."""
+
+    def __init__(self, config: uvicorn.Config, when_started: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._when_started = when_started
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Open the application and the port."""
+        await super().startup(sockets)
+        if self.started:
+            await asyncio.to_thread(self._when_started)

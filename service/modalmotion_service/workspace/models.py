@@ -127,6 +127,7 @@ class Models(ModelVersions):
                 )
 
         async def make(tell: StageReport) -> None:
+            self._analysis.quota.require()
             result = await named(parameters, tell)
             if result.imposed is not None:
                 # As `fitted_for` does it where a sequence is at hand.

@@ -15,6 +15,7 @@ from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.owner import work_of
 from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.work.task_progress import followed
+from modalmotion_service.workspace.quota import Quota
 from modalmotion_service.workspace.shared_work import SharedWork
 from modalmotion_service.workspace.spool import Spool, remove_with_beside
 
@@ -34,13 +35,18 @@ class OwnerWork:
         Where workers leave their output.
     tariff : Tariff
         Of the owner whose store it is.
+    quota : Quota
+        Of the same.
     """
 
-    def __init__(self, store: ResultStore, engine: Engine, spool: Spool, tariff: Tariff) -> None:
+    def __init__(
+        self, store: ResultStore, engine: Engine, spool: Spool, tariff: Tariff, quota: Quota
+    ) -> None:
         self._store = store
         self.engine = engine
         self._spool = spool
         self._tariff = tariff
+        self.quota = quota
         self._shared_work = SharedWork()
 
     def within_store(self, path: Path) -> str:
@@ -65,7 +71,14 @@ class OwnerWork:
 
     @contextmanager
     def image(self) -> Iterator[Path]:
-        """Name a file for a worker to write, which is removed in the end."""
+        """Name a file for a worker to write and the store to take; it is removed in the end.
+
+        Raises
+        ------
+        StoreError
+            If the owner may store no more.
+        """
+        self.quota.require()
         with self.output() as path:
             try:
                 yield path

@@ -28,6 +28,7 @@ from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.norms import Norms
 from modalmotion_service.workspace.perseverance import for_ever
+from modalmotion_service.workspace.quota import Quota
 from modalmotion_service.workspace.read_only import lay_out
 from modalmotion_service.workspace.reply_kinds import make_replies
 from modalmotion_service.workspace.retention import Retention
@@ -181,7 +182,8 @@ class Owners:
             )
             spool.clear(keep=await asyncio.to_thread(retention.needed))
             tariff = Tariff(owner, settings.task_cost_factor, settings.task_cost_seconds)
-            analysis = Analysis(store, self._engine, spool, tariff)
+            quota = Quota(root, settings.max_owner_bytes)
+            analysis = Analysis(store, self._engine, spool, tariff, quota)
             images = Images(store, analysis, jobs, keys, spool)
             models, tracks = Models(store, analysis), Tracks(store, analysis, images)
             norms = Norms(store, analysis)
@@ -209,6 +211,10 @@ class Owners:
         self._states[owner] = state
         self._failed.discard(owner)
         image_age = timedelta(hours=settings.image_hours)
-        for sweeping in (retention.sweep_for_ever(), images.sweep_for_ever(image_age)):
+        for sweeping in (
+            retention.sweep_for_ever(),
+            images.sweep_for_ever(image_age),
+            quota.measure_for_ever(),
+        ):
             self._background.append(asyncio.create_task(sweeping))
         return state

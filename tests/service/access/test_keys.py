@@ -19,7 +19,8 @@ from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.access.site import is_loopback
 from modalmotion_service.app import create_app
-from modalmotion_service.commands.first_key import offer_first_key, secured
+from modalmotion_service.audit.log import AuditLog
+from modalmotion_service.commands.first_key import offer_first_key, secured, stated_key
 from modalmotion_service.errors import AuthenticationError
 from modalmotion_service.settings import Settings
 
@@ -130,17 +131,42 @@ def test_an_expiry_is_days_or_a_time(tmp_path: Path) -> None:
     assert ends[2] == "2999-12-31T11:00:00.000000Z"
 
 
+def offered(settings: Settings) -> None:
+    with KeyRing(settings.data_dir) as ring, AuditLog(settings.data_dir) as log:
+        offer_first_key(settings, ring, log)
+
+
+def test_the_first_key_comes_from_a_file_and_is_not_shown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    token = f"mm_{'0a' * 8}_{'Ab-_' * 10}abc"
+    file = tmp_path / "secret"
+    file.write_text(f"{token}\nanything")
+    settings = Settings(data_dir=tmp_path / "d", require_keys=True, first_key_file=file)
+    offered(settings)
+    assert capsys.readouterr().out == ""
+    with KeyRing(settings.data_dir) as ring:
+        assert ring.authenticate(token).scopes == frozenset(Scope)
+    for content in ("", "mm_short", "mm_\u00e9", f"x{token}"):
+        file.write_text(content)
+        with pytest.raises(ParameterError, match="has no key") as caught:
+            stated_key(file)
+        assert token not in str(caught.value)
+    with pytest.raises(ParameterError, match="No such file"):
+        stated_key(tmp_path / "absent")
+
+
 def test_the_first_key_is_made_and_shown_once(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     settings = Settings(data_dir=tmp_path, workers=1)
-    offer_first_key(secured(settings, "127.0.0.1"))
+    offered(secured(settings, "127.0.0.1"))
     assert capsys.readouterr().out == ""
     open_to_all = secured(settings, "0.0.0.0")  # noqa: S104 (nothing listens)
-    offer_first_key(open_to_all)
+    offered(open_to_all)
     found = re.search(r"mm_\S+", capsys.readouterr().out)
     assert found is not None
-    offer_first_key(open_to_all)
+    offered(open_to_all)
     assert capsys.readouterr().out == ""
     with TestClient(create_app(open_to_all)) as client:
         assert client.get("/v1/sequences").status_code == 401

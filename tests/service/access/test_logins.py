@@ -85,6 +85,46 @@ def test_a_login_opens_a_store_of_its_own_by_its_scopes(
     assert ask(client, "mm_" + "0" * 16 + "_" + "A" * 43).status_code == 401
 
 
+def test_roles_and_groups_open_scopes_and_the_audit_may_name_people(
+    issuer: IdentityProvider, tmp_path: Path
+) -> None:
+    settings = Settings(
+        data_dir=tmp_path,
+        workers=1,
+        require_keys=True,
+        oidc_issuer=issuer.issuer,
+        oidc_audience="modalmotion",
+        oidc_roles={"cardiology": "read, write", "it": "admin"},
+        oidc_name_claim="preferred_username",
+    )
+    bare: dict[str, Any] = {"scope": None, "preferred_username": "jane.doe@ward"}
+    claims: dict[str, Any]
+    with TestClient(create_app(settings)) as client:
+        for claims in (
+            {"roles": ["cardiology", "it"]},
+            {"groups": ["it", "cardiology", 3]},
+            {"realm_access": {"roles": ["it", "cardiology"]}},
+            {"roles": ["modalmotion:read", "it"]},
+        ):
+            token = issuer.token("first", **bare, **claims)
+            assert ask(client, token).status_code == 200, claims
+            assert ask(client, token, path="/v1/audit").status_code == 200, claims
+        for claims in ({"roles": ["surgery"]}, {"realm_access": ["cardiology"]}, {"groups": 7}):
+            assert ask(client, issuer.token("first", **bare, **claims)).status_code == 403, claims
+        # A name that could break a line of the log counts for nothing.
+        odd = issuer.token("first", scope="modalmotion:read", preferred_username="a\nb")
+        assert ask(client, odd).status_code == 200
+        admin = issuer.token("first", **bare, roles=["it"])
+        entries = ask(client, admin, path="/v1/audit").json()["entries"]
+    people = {entry["key_id"].partition(":")[2] for entry in entries}
+    assert people == {"jane.doe@ward", ""}
+
+
+def test_a_role_with_what_is_no_scope_is_refused_at_the_start() -> None:
+    with pytest.raises(ParameterError, match="the role 'x' the scopes 'reed'"):
+        logins_of("https://a.example", "b", scope_prefix="", owner_claim="sub", roles={"x": "reed"})
+
+
 def unsigned(claims: dict[str, Any], **head: Any) -> str:
     def part(value: dict[str, Any]) -> str:
         return base64.urlsafe_b64encode(json.dumps(value).encode()).decode().rstrip("=")

@@ -232,7 +232,8 @@ def test_what_is_done_to_keys_is_noted(tmp_path: Path) -> None:
     def keys(*words: str) -> Result:
         return CliRunner().invoke(main, ["keys", *words, "--data-dir", str(tmp_path)])
 
-    offer_first_key(Settings(data_dir=tmp_path, require_keys=True))
+    with KeyRing(tmp_path) as ring, AuditLog(tmp_path) as log:
+        offer_first_key(Settings(data_dir=tmp_path, require_keys=True), ring, log)
     key_id = keys("create", "--owner", "lab", "--scopes", "read").stdout[3:19]
     assert keys("revoke", "0" * 16).exit_code == 1
     assert keys("revoke", key_id).exit_code == 0

@@ -1,0 +1,48 @@
+"""All settings of the service: names, values in force, defaults, meanings."""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from collections.abc import Iterator
+from typing import Any
+
+import click
+
+from modalmotion.cli.options import example, json_option
+
+
+@click.command("settings", epilog=example("settings --json"))
+@json_option
+def settings(as_json: bool) -> None:
+    """Show every setting: its variable, value, default and meaning."""
+    # Here, so that the help of all commands need not import the settings.
+    from modalmotion_service.environment import read_settings
+
+    known = list(described(read_settings()))
+    click.echo(json.dumps(known, indent=1) if as_json else in_words(known))
+
+
+def described(settings: Any) -> Iterator[dict[str, Any]]:
+    """Describe each setting of a pydantic model of settings, in its order."""
+    values = settings.model_dump(mode="json")
+    fields = type(settings).model_fields
+    defaults = type(settings).model_construct().model_dump(mode="json")
+    for name, field in fields.items():
+        yield {
+            "variable": f"{settings.model_config['env_prefix']}{name.upper()}",
+            "value": values[name],
+            "default": defaults[name],
+            "meaning": field.description,
+        }
+
+
+def in_words(known: list[dict[str, Any]]) -> str:
+    """Lay settings out for a terminal; one that is not at its default shows both."""
+    lines: list[str] = []
+    for one in known:
+        value, default = (json.dumps(one[name]) for name in ("value", "default"))
+        shown = value if value == default else f"{value} (default: {default})"
+        lines.append(f"{one['variable']} = {shown}")
+        lines += textwrap.wrap(one["meaning"], 92, initial_indent="    ", subsequent_indent="    ")
+    return "\n".join(lines)
