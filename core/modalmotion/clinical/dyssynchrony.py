@@ -125,7 +125,7 @@ def dyssynchrony(
     reach = TWO_DEVIATIONS * np.hypot(by_errors, by_fewer)
     ends = np.maximum([own, own - reach, own + reach], 0.0)
     value, low, high = 100.0 * np.sqrt(np.maximum(ends**2 - by_noise, 0.0))
-    return float(value), float(low), float(high)
+    return float(value), float(low), float(max(high, 100.0 * reach))
 
 
 def _apart(curves: NDArray[np.float64]) -> float:

@@ -326,7 +326,8 @@ def _phases(sequence: MeshSequence) -> NDArray[np.float64]:
     n = sequence.n_frames
     times = np.arange(n, dtype=np.float64) if sequence.times is None else sequence.times
     times = times - times[0]
-    period = sequence.facts.period or times[-1] * n / max(n - 1, 1) or 1.0
+    stated = None if sequence.times is None else sequence.facts.period
+    period = stated or times[-1] * n / max(n - 1, 1) or 1.0
     return np.asarray(times / period, dtype=np.float64)
 
 
