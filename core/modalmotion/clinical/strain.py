@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from modalmotion.clinical.dyssynchrony import (
     dyssynchrony,
@@ -279,7 +279,7 @@ def _choice(
     found = []
     for chosen, sign in ((start, 1.0), (end, -1.0)):
         apart = np.sqrt(np.maximum(variances + variances[chosen], np.finfo(np.float64).tiny))
-        chances = ndtr(sign * (volumes - volumes[chosen]) / apart)
+        chances = scipy.special.ndtr(sign * (volumes - volumes[chosen]) / apart)
         squares = (curves - curves[chosen]) ** 2
         found.append(np.sqrt(chances @ squares / chances.sum()))
     return found[0], found[1]
