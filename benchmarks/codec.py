@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-import time
+import io
+import zlib
 from collections.abc import Callable, Iterator
-from functools import partial
+from dataclasses import dataclass
+from functools import cache, partial
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
-from codec_peers import peers_of
-from coded_sequences import SEQUENCES, mean_diagonal, sequence_of
-from measure import in_words, side_by_side, table
+from coded_sequences import SEQUENCES, SHARE, mean_diagonal, sequence_of
+from measure import in_words, medians, table
+from numpy.typing import NDArray
 from real_data import is_there
 from threadpoolctl import threadpool_limits
 
 from modalmotion.codec import Effort, decode, encode
+from modalmotion.codec.measure import measure
 from modalmotion.mesh.sequence import MeshSequence
 
-SHARE = 0.003
+Positions = NDArray[np.float32]
+Volume = NDArray[np.float32]
 
 
 def run() -> Iterator[str]:
@@ -38,20 +45,163 @@ def _table(what: str, sequence: MeshSequence) -> str:
         calls |= {f"encode {effort}": encoded, f"decode {effort}": partial(decode, data)}
     for name, peer in peers_of(sequence).items():
         if (setting := peer.at_rms(exact, rms)) is not None:
-            parts = peer.encode(exact, setting)
-            sizes[name] = peer.size(parts)
+            sizes[name], parts = peer.encode(exact, setting)
             calls[f"encode {name}"] = partial(peer.encode, exact, setting)
             calls[f"decode {name}"] = partial(peer.decode, parts)
     # Of the processor and one thread: what else runs on the machine makes none of them dearer.
     with threadpool_limits(1):
-        times = side_by_side(calls, 3, time.process_time)
-    rows = [
-        (
-            name,
-            f"{8 * size / n_places:.3f}",
-            *(in_words(times[f"{way} {name}"].median) for way in ("encode", "decode")),
-        )
-        for name, size in sizes.items()
-    ]
+        times = dict(zip(calls, medians(calls, 3), strict=True))
+    rows = []
+    for name, size in sizes.items():
+        both = (in_words(times[f"{way} {name}"]) for way in ("encode", "decode"))
+        rows.append((name, f"{8 * size / n_places:.3f}", *both))
     title = f"{what}: {n_places:,} positions, RMS {SHARE:.1%} of the diagonal"
     return table(title, ["coder", "bits", "encode", "decode"], rows)
+
+
+@dataclass(frozen=True)
+class Peer:
+    """A coder: from positions and a setting to a number of bytes, and to what `decode` takes."""
+
+    encode: Callable[[Positions, float], tuple[int, Any]]
+    decode: Callable[[Any], Positions] = lambda decoded: decoded
+
+    def at_rms(self, exact: Positions, wanted: float) -> float | None:
+        """Find the coarsest setting that keeps an RMS."""
+        low, high, best = np.log(wanted) - 4.0, np.log(wanted) + 4.0, None
+        for _ in range(12):
+            middle = (low + high) / 2
+            setting = float(np.exp(middle))
+            if measure(exact, self.decode(self.encode(exact, setting)[1])).rms <= wanted:
+                best, low = setting, middle
+            else:
+                high = middle
+        return best
+
+
+def peers_of(sequence: MeshSequence) -> dict[str, Peer]:
+    """Those that are installed, each with the layout of the numbers that it compresses best."""
+    grid = sequence.grid or (sequence.n_vertices,)
+    peers = {
+        "SZ3, interpolated": ("pysz", _by_volumes(grid, *_sz3("INTERP_LORENZO"))),
+        "SZ3, predicted": ("pysz", _by_volumes(grid, *_sz3("LORENZO_REG"))),
+        "SZ3 in HDF5": ("hdf5plugin", _by_volumes(grid, _to_hdf5, _from_hdf5)),
+        "zfp": ("zfpy", _by_volumes(grid, _to_zfp, _from_zfp)),
+        "PCA, basis counted": ("numpy", Peer(partial(_pca, _principal(sequence)))),
+        "Draco, each frame": ("DracoPy", Peer(partial(_draco, sequence.faces))),
+    }
+    return {name: peer for name, (module, peer) in peers.items() if is_installed(module)}
+
+
+@cache
+def is_installed(module: str) -> bool:
+    """Tell whether a peer is there, and say once if it is not."""
+    there = find_spec(module) is not None
+    if not there:
+        print(f"{module} is not installed (extra bench): its rows are left out")
+    return there
+
+
+def _by_volumes(
+    grid: tuple[int, ...],
+    write: Callable[[Volume, float], tuple[int, Any]],
+    read: Callable[[Any], Volume],
+) -> Peer:
+    """Code frames x vertices, or frames x rows x columns, direction by direction."""
+
+    def encode(exact: Positions, setting: float) -> tuple[int, Any]:
+        shape = (len(exact), *grid)
+        volumes = (np.ascontiguousarray(exact[:, :, i]).reshape(shape) for i in range(3))
+        sizes, parts = zip(*(write(volume, setting) for volume in volumes), strict=True)
+        return sum(sizes), parts
+
+    def decode(parts: tuple[Any, ...]) -> Positions:
+        volumes = [read(part) for part in parts]
+        return np.stack([volume.reshape(len(volume), -1) for volume in volumes], axis=-1)
+
+    return Peer(encode, decode)
+
+
+def _sz3(algorithm: str) -> tuple[Any, Any]:
+    """SZ3 itself, by one of its algorithms."""
+
+    def write(volume: Volume, bound: float) -> tuple[int, Any]:
+        pysz = import_module("pysz")
+        config = pysz.szConfig()
+        config.errorBoundMode = pysz.szErrorBoundMode.ABS
+        config.absErrorBound = bound
+        config.cmprAlgo = getattr(pysz.szAlgorithm, algorithm)
+        data = pysz.sz.compress(volume, config)[0]
+        return data.nbytes, (data, volume.shape)
+
+    def read(part: tuple[Any, tuple[int, ...]]) -> Any:
+        return import_module("pysz").sz.decompress(part[0], np.float32, part[1])[0]
+
+    return write, read
+
+
+def _to_hdf5(volume: Volume, bound: float) -> tuple[int, io.BytesIO]:
+    """SZ3 as a filter of HDF5."""
+    file, filters = io.BytesIO(), import_module("hdf5plugin").SZ3(absolute=bound)
+    with import_module("h5py").File(file, "w") as h5:
+        dataset = h5.create_dataset("x", data=volume, chunks=volume.shape, **filters)
+        h5.flush()
+        return dataset.id.get_storage_size(), file
+
+
+def _from_hdf5(file: io.BytesIO) -> Any:
+    with import_module("h5py").File(file, "r") as h5:
+        return h5["x"][:]
+
+
+def _to_zfp(volume: Volume, tolerance: float) -> tuple[int, bytes]:
+    data = import_module("zfpy").compress_numpy(volume, tolerance=tolerance)
+    return len(data), data
+
+
+def _from_zfp(data: bytes) -> Any:
+    return import_module("zfpy").decompress_numpy(data)
+
+
+def _principal(sequence: MeshSequence) -> tuple[NDArray[np.float64], ...]:
+    """Mean, trajectories, strengths and coefficients of the principal components."""
+    exact = sequence.vertices.astype(np.float64)
+    flat = exact.transpose(0, 2, 1).reshape(3 * len(exact), -1)
+    mean = flat.mean(axis=1, keepdims=True)
+    return (mean, *np.linalg.svd(flat - mean, full_matrices=False))
+
+
+def _pca(
+    principal: tuple[NDArray[np.float64], ...], exact: Positions, setting: float
+) -> tuple[int, Positions]:
+    """Principal components of the trajectories; basis and coefficients in one step, deflated."""
+    mean, U, s, Vt = principal
+    left = np.sqrt(np.maximum((s**2).sum() - np.cumsum(s**2), 0.0) / exact[..., 0].size)
+    k = int(np.searchsorted(-left, -setting)) + 1
+    total, parts = 4 * len(mean), []
+    # One step for strength x trajectory and for what the coefficients add at that strength.
+    for factor, steps in ((U[:, :k] * s[:k], np.ones(k)), (Vt[:k].T, 1.0 / s[:k])):
+        numbers = np.rint(factor / (setting * steps)).astype("<i4")
+        planes = np.frombuffer(numbers.tobytes(), np.uint8).reshape(-1, 4).T
+        total += len(zlib.compress(planes.tobytes(), 9))
+        parts.append(numbers * (setting * steps))
+    found = mean + (parts[0] / s[:k]) @ (parts[1] * s[:k]).T
+    decoded = found.reshape(len(exact), 3, -1).transpose(0, 2, 1)
+    return total, np.ascontiguousarray(decoded, dtype=np.float32)
+
+
+def _draco(faces: NDArray[np.int64], exact: Positions, setting: float) -> tuple[int, Positions]:
+    """Draco, frame by frame.
+
+    Its bytes are those of the layout it compresses best, in which it is free to reorder the
+    vertices; its error is measured in the layout that keeps their order, at the same bits.
+    """
+    draco = import_module("DracoPy")
+    bits = np.clip(np.ceil(np.log2(float(np.ptp(exact, axis=1).max()) / setting)), 1, 24)
+    known = {"faces": faces.astype(np.uint32) if len(faces) else None, "compression_level": 10}
+    total, decoded = 0, np.empty_like(exact)
+    for frame, positions in enumerate(exact):
+        pack = partial(draco.encode, positions, quantization_bits=int(bits), **known)
+        total += len(pack())
+        decoded[frame] = draco.decode(pack(preserve_order=True)).points
+    return total, decoded

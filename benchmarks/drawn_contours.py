@@ -15,6 +15,7 @@ from modalmotion.tracking import Observation
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Rng = np.random.Generator
 
 # Of the base against the axis, as of a valve; between points, of points and of slices aside, mm.
 _TILT, _STEP, _NOISE, _SHIFT = np.radians(15.0), 2.5, 0.7, 0.5
@@ -60,9 +61,7 @@ def _leaning(truth: Truth) -> Truth:
     return replace(truth, vertices=x)
 
 
-def _drawn(
-    truth: Truth, rng: np.random.Generator, *, vanish: bool
-) -> Iterator[tuple[Floats, Floats]]:
+def _drawn(truth: Truth, rng: Rng, *, vanish: bool) -> Iterator[tuple[Floats, Floats]]:
     """Points of the sections, and of the valve, of each frame."""
     x, faces = truth.vertices, truth.faces
     tip, rim = (list(end) for end in truth.ends)
@@ -84,9 +83,8 @@ def _drawn(
             points = _section(frame, faces, origin, normal, rng)
             away = points - points.mean(axis=0) if len(points) else points
             if len(points) and np.linalg.norm(away, axis=1).mean() >= smallest:
-                rows.append(
-                    points + shift + _in_plane(rng.normal(0.0, _NOISE, points.shape), normal)
-                )
+                moves = rng.normal(0.0, _NOISE, points.shape)
+                rows.append(points + shift + _in_plane(moves, normal))
         ends = []
         for (origin, normal), shift in zip(long, shifts[len(short) :], strict=True):
             points = _crossings(frame, sides, origin, normal)
@@ -99,13 +97,10 @@ def _crossings(x: Floats, sides: Ints, origin: Floats, normal: Floats) -> Floats
     height = (x - origin) @ normal
     a, b = sides[height[sides].prod(axis=1) < 0].T
     t = height[a] / (height[a] - height[b])
-    points: Floats = x[a] + t[:, None] * (x[b] - x[a])
-    return points
+    return np.asarray(x[a] + t[:, None] * (x[b] - x[a]))
 
 
-def _section(
-    x: Floats, faces: Ints, origin: Floats, normal: Floats, rng: np.random.Generator
-) -> Floats:
+def _section(x: Floats, faces: Ints, origin: Floats, normal: Floats, rng: Rng) -> Floats:
     """Points of a surface in a plane, evenly along the section."""
     height = (x - origin) @ normal
     cut = faces[(height[faces].min(axis=1) < 0) & (height[faces].max(axis=1) > 0)]
@@ -117,15 +112,12 @@ def _section(
     n = max(3, round(float(reach[-1]) / _STEP))
     piece = np.searchsorted(reach, (np.arange(n) + 0.5) / n * reach[-1])
     t = rng.uniform(0.0, 1.0, (n, 1))
-    points: Floats = (1.0 - t) * both[piece, 0] + t * both[piece, 1]
-    return points
+    return np.asarray((1.0 - t) * both[piece, 0] + t * both[piece, 1])
 
 
 def _in_plane(moves: Floats, normal: Floats) -> Floats:
-    flat: Floats = moves - (moves @ normal)[:, None] * normal
-    return flat
+    return np.asarray(moves - (moves @ normal)[:, None] * normal)
 
 
 def _unit(vector: NDArray[Any]) -> Floats:
-    unit: Floats = vector / np.linalg.norm(vector)
-    return unit
+    return np.asarray(vector / np.linalg.norm(vector))

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from seen_surfaces import Truth
+from seen_surfaces import Truth, in_turn
 
 from modalmotion.images import ImageSequence, Volume
 from modalmotion.mesh import face_areas
-from modalmotion.simulate import Acquisition, MotionClass, draw_parameters, simulate_ventricle
+from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.simulate.pose import random_rotation, rotation_matrix
 
 Floats = NDArray[np.float64]
@@ -38,10 +38,7 @@ class Drawn:
 
 def drawn_maps(seed: int, n: int, n_frames: int = 4) -> Iterator[Drawn]:
     """Draw maps of ventricles: every other is cropped to the heart, every third lacks slices."""
-    classes = list(MotionClass)
-    for k in range(n):
-        rng = np.random.default_rng([seed, 2000 + k])
-        parameters = draw_parameters(classes[k % len(classes)], rng)
+    for k, (parameters, rng) in enumerate(in_turn(seed, 2000, n)):
         recorded = Acquisition(n_frames=n_frames)
         one = simulate_ventricle(parameters, grid=(24, 48), acquisition=recorded, rng=rng)
         # A stack is planned by eye: some degrees off the long axis.
@@ -55,7 +52,7 @@ def drawn_maps(seed: int, n: int, n_frames: int = 4) -> Iterator[Drawn]:
         affine = np.column_stack([place * steps, place @ low])
         frames = tuple(Volume(frame, affine) for frame in labels)
         full = Truth.of(one)
-        truth = Truth(local @ place.T, full.faces, full.ends, full.grid)
+        truth = Truth(local @ place.T, full.faces, full.ends)
         yield Drawn(ImageSequence(frames, one.times, parameters.period), truth)
 
 
@@ -70,11 +67,8 @@ def _labels(
     areas = np.array([face_areas(frame, faces).sum() for frame in x])
     rows = x.reshape(len(x), 24, 48, 3)
     for f, frame in enumerate(rows):
-        drawn = []
-        for k in range(n[2]):
-            z = low[2] + k * _SLICE
-            if (section := _section(frame, z)) is not None:
-                drawn.append((k, *section))
+        sections = ((k, _section(frame, low[2] + k * _SLICE)) for k in range(n[2]))
+        drawn = [(k, *section) for k, section in sections if section is not None]
         if rng.uniform() < 0.25 and len(drawn) > 3:
             # The reader takes the top slice for atrium here, and not in the frame before.
             drawn.pop()
@@ -82,7 +76,7 @@ def _labels(
             drawn = drawn[1 + int(rng.uniform() < 0.4) :]
         for k, middle, radii in drawn:
             thick = _THICK * areas[0] / areas[f]
-            labels[f, :, :, k] = _slice(labels.shape[1:3], low[:2], middle, radii, thick, rng)
+            labels[f, :, :, k] = _slice(labels.shape[1:3], low[:2] - middle, radii, thick, rng)
     return labels, low
 
 
@@ -92,12 +86,8 @@ def _section(rows: Floats, z: float) -> tuple[Floats, Floats] | None:
     crosses = (rows[0, :, 2] < z) & (rows[-1, :, 2] >= z)
     if below or crosses.mean() < _RING:
         return None
-    points = np.array(
-        [
-            [np.interp(z, column[:, 2], column[:, i]) for i in (0, 1)]
-            for column in rows.swapaxes(0, 1)
-        ]
-    )
+    columns = rows.swapaxes(0, 1)
+    points = np.array([[np.interp(z, one[:, 2], one[:, i]) for i in (0, 1)] for one in columns])
     middle = points.mean(axis=0)
     away = points - middle
     radii = np.linalg.norm(away, axis=1)
@@ -110,15 +100,10 @@ def _section(rows: Floats, z: float) -> tuple[Floats, Floats] | None:
 
 
 def _slice(
-    shape: tuple[int, ...],
-    low: Floats,
-    middle: Floats,
-    radii: Floats,
-    thick: float,
-    rng: np.random.Generator,
+    shape: tuple[int, ...], origin: Floats, radii: Floats, thick: float, rng: np.random.Generator
 ) -> NDArray[np.int16]:
     """Draw one slice: a reader's line, the wall around it, and gaps in the wall."""
-    places = _PIXEL * np.moveaxis(np.indices(shape).astype(np.float64), 0, -1) + (low - middle)
+    places = _PIXEL * np.moveaxis(np.indices(shape).astype(np.float64), 0, -1) + origin
     angles, r = np.arctan2(places[..., 1], places[..., 0]), np.linalg.norm(places, axis=-1)
     even = np.linspace(-np.pi, np.pi, len(radii), endpoint=False)
     waves = _WAVES[:, None] * even

@@ -5,49 +5,28 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from functools import partial
+from typing import Any, Final, Literal, TypeAlias
 
+# In the order of the table; the experiments of each block are in rows_<block>.py.
 BLOCKS: Final = (
-    "mission",
-    "modes",
-    "fit",
-    "readouts",
-    "tracking",
-    "images",
-    "classes",
-    "codec",
-    "service",
-    "use",
-    "weight",
+    *("mission", "modes", "fit", "readouts", "tracking", "images"),
+    *("classes", "codec", "service", "use", "weight"),
 )
-"""Blocks in the order of the table; the experiments of each are in rows_<block>.py."""
+# From a seed, 0 for the table's own, to one value for each row.
+Measure: TypeAlias = Callable[[int], float | tuple[float, ...]]
 
 
 @dataclass(frozen=True)
 class Row:
-    """One figure of the table.
+    """One figure of the table."""
 
-    Parameters
-    ----------
-    name : str
-        block.what.which
-    what : str
-        What the figure is, for a reader who has never seen it.
-    unit : str
-    goal : float or (float, float), optional
-        What it should be: a bound, or a range that it should lie in.
-    better : {"lower", "higher"}
-        Where the goal is no range.
-    tolerance : float, optional
-        Of a figure without chance, for which there is no standard error.
-    """
-
-    name: str
-    what: str
+    name: str  # block.what.which
+    what: str  # what the figure is, for a reader who has never seen it
     unit: str = ""
-    goal: float | tuple[float, float] | None = None
-    better: Literal["lower", "higher"] = "lower"
-    tolerance: float | None = None
+    goal: float | tuple[float, float] | None = None  # a bound, or a range that it should lie in
+    better: Literal["lower", "higher"] = "lower"  # where the goal is no range
+    tolerance: float | None = None  # of a figure without chance, which has no standard error
 
     def shortfall(self, value: float) -> float:
         """Measure how far a value is from what is wished for; 0 within the range of a goal."""
@@ -70,28 +49,20 @@ class Row:
         return min(abs(value - bound) for bound in bounds)
 
 
+def rows(keys: Iterable[object], name: str, what: str, unit: str = "", **options: Any) -> list[Row]:
+    """Make rows that differ by one word each, which stands for {} in names and texts."""
+    return [Row(name.format(key), what.format(key), unit, **options) for key in keys]
+
+
 @dataclass(frozen=True)
 class Experiment:
-    """One measurement of one or several rows.
-
-    Parameters
-    ----------
-    rows : tuple of Row
-    measure : callable
-        From a seed, 0 for the table's own, to one value for each row.
-    quick : bool
-        Whether it is part of the quick table.
-    needs : tuple of str
-        Recordings beside the project without which it is skipped.
-    is_timed : bool
-        Run by itself, after all others.
-    """
+    """One measurement of rows, in their order."""
 
     rows: tuple[Row, ...]
-    measure: Callable[[int], float | tuple[float, ...]]
-    quick: bool
-    needs: tuple[str, ...]
-    is_timed: bool
+    measure: Measure
+    quick: bool  # part of the quick table
+    needs: tuple[str, ...]  # recordings beside the project without which it is skipped
+    is_timed: bool  # run by itself, after all others
 
     def values(self, seed: int) -> dict[str, float]:
         """Measure, and name the values by row."""
@@ -101,41 +72,32 @@ class Experiment:
         return {row.name: float(value) for row, value in pairs}
 
 
-def rows(keys: Iterable[object], name: str, what: str, unit: str = "", **options: Any) -> list[Row]:
-    """Make rows that differ by one word each, which stands for {} in names and texts."""
-    return [Row(name.format(key), what.format(key), unit, **options) for key in keys]
-
-
+# All experiments of the modules imported so far, in order.
 REGISTERED: Final[list[Experiment]] = []
-"""All experiments of the modules imported so far, in order."""
 
 
 def experiment(
     *rows: Row, quick: bool = False, needs: tuple[str, ...] = (), is_timed: bool = False
-) -> Callable[
-    [Callable[[int], float | tuple[float, ...]]], Callable[[int], float | tuple[float, ...]]
-]:
-    """Register a function of a seed that measures rows, in their order."""
+) -> Callable[[Measure], Measure]:
+    """Register a function that measures rows."""
 
-    def register(
-        measure: Callable[[int], float | tuple[float, ...]],
-    ) -> Callable[[int], float | tuple[float, ...]]:
+    def register(measure: Measure) -> Measure:
         REGISTERED.append(Experiment(rows, measure, quick, needs, is_timed))
         return measure
 
     return register
 
 
-def experiments(quick: bool = False, only: tuple[str, ...] = ()) -> list[Experiment]:
+quick = partial(experiment, quick=True)
+timed = partial(experiment, is_timed=True)
+
+
+def experiments(is_quick: bool = False, only: tuple[str, ...] = ("",)) -> list[Experiment]:
     """List experiments: all, those of the quick table, those with rows that begin as named.
 
     The quick table has no times: it runs beside whatever else a machine does.
     """
     for block in BLOCKS:
         importlib.import_module(f"rows_{block}")
-    return [
-        each
-        for each in REGISTERED
-        if (not quick or (each.quick and not each.is_timed))
-        and (not only or any(row.name.startswith(only) for row in each.rows))
-    ]
+    chosen = [each for each in REGISTERED if each.quick or not is_quick]
+    return [each for each in chosen if any(row.name.startswith(only) for row in each.rows)]

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
+from importlib import import_module
 from typing import Any
 
 from measure import table
+from real_data import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
-
-SECTIONS = (
-    ("Basis, eigenvalues and projection on lattices", "extremes_lattice_rows"),
-    ("Oscillators", "extremes_oscillator_rows"),
-)
-"""Titles, and the modules of tests/core whose ROWS are held to their bounds by the tests."""
+SECTIONS: dict[str, Sequence[tuple[Any, ...]]] = {
+    title: import_module(f"extremes_{name}_rows").ROWS
+    for title, name in (
+        ("Basis, eigenvalues and projection on lattices", "lattice"),
+        ("Oscillators", "oscillator"),
+    )
+}
+"""By title: rows of an extreme, its right answer, what gives the error reached, its bound, ..."""
 
 HEAD = """# Numerical extremes
 
@@ -30,20 +30,12 @@ Number = Callable[[], float]
 def main() -> None:
     """Evaluate every row and write the table."""
     parts = [HEAD]
-    for title, module in SECTIONS:
-        parts.append(table(title, COLUMNS, [cells_of(*row) for row in rows_of(module)]))
+    parts += [
+        table(title, COLUMNS, [cells_of(*row) for row in rows]) for title, rows in SECTIONS.items()
+    ]
     path = ROOT / "docs" / "extremes.md"
     path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
     print(f"{path.relative_to(ROOT)} written")
-
-
-def rows_of(module: str) -> Sequence[tuple[Any, ...]]:
-    """Rows of one module of the tests: name, right answer, error reached, bound, ..."""
-    for folder in ("extremes", "slow_twins", "support"):
-        if (path := str(ROOT / "tests" / folder)) not in sys.path:
-            sys.path.append(path)
-    rows: Sequence[tuple[Any, ...]] = importlib.import_module(module).ROWS
-    return rows
 
 
 def cells_of(
@@ -53,13 +45,8 @@ def cells_of(
     error = reached()
     assert error <= bound, f"{extreme}: {error} > {bound}"
     other = "" if naive is None else f"**{naive():.2g}**"
-    return [
-        extreme.replace("|", r"\|"),
-        right.replace("|", r"\|"),
-        f"{error:.2g}",
-        f"{bound:.2g}",
-        other,
-    ]
+    texts = (each.replace("|", r"\|") for each in (extreme, right))
+    return [*texts, f"{error:.2g}", f"{bound:.2g}", other]
 
 
 if __name__ == "__main__":

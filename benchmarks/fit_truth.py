@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from noisy_surfaces import Floats, with_noise
+from mixed_noise import with_noise
+from noisy_surfaces import closed_body, drawn_noise, hull, individual, moving_body, moving_tube
 
 import modalmotion as mm
 from modalmotion.fit.basis import make_basis
 from modalmotion.template import choose_modes, make_template
+from modalmotion.template.landmarks import GivenLandmarks
 
 
 def excess_of(clean: mm.MeshSequence, noisy: mm.MeshSequence, kept: int) -> float:
@@ -27,24 +29,54 @@ def excess_of(clean: mm.MeshSequence, noisy: mm.MeshSequence, kept: int) -> floa
     return float(np.sqrt(risks[kept] / min(risks.values())))
 
 
+def auto_of(rng: np.random.Generator, k: int) -> tuple[float, float, bool]:
+    """Excess of `auto` on the k-th kind of surface; its noise over the true one; whether inside."""
+    make = (individual, individual, individual, moving_body, moving_tube)[k % 5]
+    clean = make(rng, n_frames=int(rng.choice([10, 16, 25, 40])))
+    sigma, noisy = drawn_noise(clean, rng)
+    made = mm.modal_signature(noisy, mm.SignatureParameters(auto=True))
+    assert made.choice is not None
+    noise = made.choice.noise
+    assert noise is not None
+    is_inside = noise.lowest <= sigma <= (noise.highest or 0.0)
+    return excess_of(clean, noisy, len(made.modes)), noise.sigma / sigma, is_inside
+
+
+def changed_kind(rng: np.random.Generator, noise: float) -> tuple[bool, bool]:
+    """Whether noise changes the kind of modes of a closed body, and without a note on the border.
+
+    Bodies are on both sides of the border between sphere and modes of the mesh, most near it.
+    """
+    x = closed_body(rng, bend=rng.uniform(0.0, 0.02))
+    shapes = (x, x + rng.normal(0.0, noise, x.shape))
+    one, other = (make_template(mm.mesh_sequence(y[None], hull(), unit="mm")) for y in shapes)
+    changed = one.surface != other.surface
+    return changed, changed and not all("border" in " ".join(t.notes) for t in (one, other))
+
+
 def deviations_of(
-    clean: mm.MeshSequence, n_mixings: int, rng: np.random.Generator, n_draws: int = 60
-) -> tuple[float, float, float]:
-    """RMS deviation over frames, modes and directions: stated, true, true on a fixed template."""
+    clean: mm.MeshSequence, n_mixings: int, rng: np.random.Generator, is_marked: bool = False
+) -> tuple[float, ...]:
+    """RMS deviation over frames, modes and directions: stated, true, true on a fixed template.
+
+    Of 60 draws; `is_marked` where the apex and a place with theta = 0 are stated.
+    """
     template = make_template(clean)
+    s, theta = template.coordinates.T
+    places = np.argmin(s), np.argmin(np.abs(s - 0.5) + np.minimum(theta, 1 - theta))
+    apex, zero = map(int, places) if is_marked else (None, None)
+    marks = GivenLandmarks(apex=apex, theta_zero=zero)
     fixed = mm.SignatureParameters(template=template.id)
     own, on_fixed, stated = [], [], []
-    for draw in range(n_draws):
-        noisy = with_noise(clean, 0.6, rng, n_mixings=n_mixings)
-        made = mm.modal_signature(noisy, mm.SignatureParameters(deviations=draw < 4))
+    for draw in range(60):
+        noisy = with_noise(clean, 0.6, rng, mixed=n_mixings)
+        made = mm.modal_signature(
+            noisy, mm.SignatureParameters(deviations=draw < 4, landmarks=marks)
+        )
         own.append(made.amplitudes[1:])
         if n_mixings == 0:
             on_fixed.append(mm.modal_signature(noisy, fixed, template=template).amplitudes[1:])
         if made.amplitude_deviations is not None:
             stated.append(made.amplitude_deviations[1:])
     spreads = (np.std(each, axis=0, ddof=1) for each in (own, on_fixed or own))
-    return (_rms(np.array(stated)), *(_rms(spread) for spread in spreads))  # type: ignore[return-value]
-
-
-def _rms(values: Floats) -> float:
-    return float(np.sqrt((values**2).mean()))
+    return tuple(float(np.sqrt((x**2).mean())) for x in (np.array(stated), *spreads))

@@ -20,9 +20,7 @@ from modalmotion.simulate import Phantom
 from modalmotion.tracking.closest import closest_points
 
 Floats: TypeAlias = NDArray[np.float64]
-
-# mm of image around the ventricle that peers are given.
-_MARGIN: Final = 15.0
+_MARGIN: Final = 15.0  # mm of image around the ventricle that peers are given
 _N_STEPS: Final = 100
 
 
@@ -34,10 +32,8 @@ def run() -> list[str]:
     seconds = (time.process_time() - start) / result.n_frames
     off = Judged.of(result, Truth.of(phantom.truth)).distance
     rows = [("tracking in modes", f"{off:.2f}", f"{seconds:.2f}", "1")]
-    for name, call in {
-        "Chan-Vese, scikit-image": _chan_vese,
-        "demons, SimpleITK, true first surface": _demons,
-    }.items():
+    demons = "demons, SimpleITK, true first surface"
+    for name, call in {"Chan-Vese, scikit-image": _chan_vese, demons: _demons}.items():
         try:
             theirs, took = call(phantom)
         except ModuleNotFoundError as missing:

@@ -2,33 +2,25 @@
 
 from __future__ import annotations
 
-import sys
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Final
 
+import labelled_cases as labelled
 import numpy as np
-from labelled_cases import ALONE, QUICK, Folds, area_of_volume, few_cases, of_pool, small
+from altered_beats import ALTERED, mirror_image
+from foreign_motions import FLAGGED
 from third_generator import hearts
 
 from modalmotion.classification import Evaluation, TrainingCase, classify, evaluate, load_model
 from modalmotion.classification import train as trained
-from modalmotion.classification.evaluation.evaluation import evaluation_of
+from modalmotion.classification.evaluation.evaluation import CaseAnswer, evaluation_of
 from modalmotion.classification.training.train_shipped import RECIPES, held_out_cases
 from modalmotion.mesh import Cavity
-from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import modal_signature
 from modalmotion.simulate import MotionClass, simulate_cohort
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
-
-from altered_beats import ALTERED, mirror_image
-from foreign_motions import FLAGGED
-
 ALTERATIONS: Final = ("motion x3", "motion x0.2", "mirrored", "frames missing in systole")
-
-_TRAPS: Final = {"torus": ("forwards", "backwards"), "sphere": ("oval", "squeezes")}
-_PRESERVED: Final = 0.55
 
 
 def on_own(model: str, n_per_class: int, seed: int) -> tuple[float, ...]:
@@ -48,30 +40,47 @@ def on_third(name: str, n_per_class: int, seed: int) -> tuple[float, ...]:
     asked = model.signature_parameters
     cases = [TrainingCase(modal_signature(beat, asked), label) for beat, label in drawn]
     found = evaluate(model, cases)
-    ejected = np.array([_ejected(beat) for beat, _ in drawn])
+    volumes = [Cavity(beat.faces).volume(beat.vertices.astype(np.float64)) for beat, _ in drawn]
+    ejected = np.array([1.0 - each.min() / each.max() for each in volumes])
     answers = np.array([case.answer or "" for case in found.cases])
     normal = answers[[label == MotionClass.NORMAL for _, label in drawn]] == MotionClass.NORMAL
-    weak = answers[ejected > _PRESERVED] == MotionClass.HYPOKINESIA
+    weak = answers[ejected > 0.55] == MotionClass.HYPOKINESIA
     mirrored = [bool(classify(mirror_image(beat, rng), model).flags) for beat, _ in drawn[::4]]
     return *_figures(found), float(normal.mean()), float(weak.mean()), float(np.mean(mirrored))
 
 
-def held_out(cases: list[TrainingCase], folds: Folds, seed: int) -> Evaluation:
+def held_out(cases: list[TrainingCase], folds: labelled.Folds, seed: int) -> Evaluation:
     """Train in each fold, and measure the answers to the cases outside."""
-    options = replace(QUICK, seed=seed)
-    models = [trained([cases[i] for i in inner], "bench", options) for inner, _ in folds]
-    answers = [
-        answer
-        for model, (_, outer) in zip(models, folds, strict=True)
-        for answer in evaluate(model, [cases[i] for i in outer]).cases
-    ]
-    return evaluation_of(models[0], answers, 0.9)
+    options = replace(labelled.QUICK, seed=seed)
+    answers: list[CaseAnswer] = []
+    for inner, outer in folds:
+        model = trained([cases[i] for i in inner], "bench", options)
+        answers += evaluate(model, [cases[i] for i in outer]).cases
+    return evaluation_of(model, answers, 0.9)
 
 
 def mean(found: list[Evaluation]) -> tuple[float, ...]:
     """Mean accuracy, AUC and log loss."""
     values = np.array([(e.accuracy, e.auc, e.log_loss) for e in found], dtype=np.float64)
     return tuple(values.mean(axis=0).tolist())
+
+
+def on_cohorts(names: Sequence[str], seed: int) -> tuple[float, ...]:
+    """Mean accuracy, AUC and log loss on halves of synthetic cohorts."""
+    made = [labelled.synthetic(name, 100 + seed) for name in names]
+    return mean([held_out(cases, labelled.folds_of(cases, 2), seed) for cases in made])
+
+
+def on_words(seed: int) -> tuple[float, ...]:
+    """Accuracy, AUC and log loss on sixths of the words of the tongue."""
+    cases = labelled.tongue()
+    return mean([held_out(cases, labelled.folds_of(cases, 6), seed)])
+
+
+def on_windows(name: str, n_folds: int, seed: int) -> tuple[float, ...]:
+    """Accuracy, AUC and log loss on one half or both of a recorded figure's motions."""
+    cases = labelled.windows(name, seed % 4)
+    return mean([held_out(cases, labelled.halves(cases)[:n_folds], seed)])
 
 
 def with_few(n: int, n_tested: int, sizes: tuple[int, ...], seed: int) -> tuple[float, ...]:
@@ -81,17 +90,17 @@ def with_few(n: int, n_tested: int, sizes: tuple[int, ...], seed: int) -> tuple[
     akinetic ventricles of two generators.
     """
     made = [
-        (few_cases(n, 2 * seed, is_third=third), few_cases(n_tested, 2 * seed + 1, is_third=third))
+        [labelled.few_cases(k, 2 * seed + i, is_third=third) for i, k in enumerate((n, n_tested))]
         for third in (False, True)
     ]
     values: list[float] = []
     for size in sizes:
         found, better = [], []
         for pool, tested in made:
-            some = of_pool(pool, size, np.random.default_rng([seed, size]))
-            found.append(evaluate(trained(some, "few", QUICK), tested))
-            alone = evaluate(trained(some, "alone", ALONE), tested)
-            better.append(max(mean([alone])[1], area_of_volume(some, tested)))
+            some = labelled.of_pool(pool, size, np.random.default_rng([seed, size]))
+            found.append(evaluate(trained(some, "few", labelled.QUICK), tested))
+            alone = evaluate(trained(some, "alone", labelled.ALONE), tested)
+            better.append(max(mean([alone])[1], labelled.area_of_volume(some, tested)))
         accuracy, area, _ = mean(found)
         values += [accuracy, area, 100 * (float(np.mean(better)) - area)]
     return tuple(values)
@@ -99,10 +108,10 @@ def with_few(n: int, n_tested: int, sizes: tuple[int, ...], seed: int) -> tuple[
 
 def without_cavity(n: int, n_tested: int, seed: int) -> tuple[float, ...]:
     """Mean accuracy, AUC and log loss on small cohorts of people who all do either motion."""
-    found = []
-    for name, labels in _TRAPS.items():
-        known, new = (small(name, labels, k, [seed, k]) for k in (n, n_tested))
-        found.append(evaluate(trained(known, name, QUICK), new))
+    motions, found = {"torus": ("forwards", "backwards"), "sphere": ("oval", "squeezes")}, []
+    for name, labels in motions.items():
+        known, new = (labelled.small(name, labels, k, [seed, k]) for k in (n, n_tested))
+        found.append(evaluate(trained(known, name, labelled.QUICK), new))
     return mean(found)
 
 
@@ -110,13 +119,13 @@ def told_of_chance(n_trainings: int, seed: int) -> float:
     """Share of models of mixed-up labels, worse than chance, whose answers say so."""
     rng, told = np.random.default_rng([seed, 7]), []
     for number in range(n_trainings):
-        cases = small("rope", ("early", "late"), 6, [seed, number])
+        cases = labelled.small("rope", ("early", "late"), 6, [seed, number])
         labels = rng.permutation([case.label for case in cases]).tolist()
         mixed = [
             replace(case, label=label, subject=None)
             for case, label in zip(cases, labels, strict=True)
         ]
-        model = trained(mixed, "mixed", QUICK)
+        model = trained(mixed, "mixed", labelled.QUICK)
         if (model.card.auc or 0.0) < 0.5:
             told.append(any("chance" in note for note in classify(mixed[0].motion, model).notes))
     return float(np.mean(told))
@@ -138,8 +147,3 @@ def _figures(found: Evaluation) -> tuple[float, ...]:
     held = [case.truth in case.class_set for case in given]
     answered = len(given) / found.n_cases
     return *mean([found]), answered, float(np.mean(apart)), float(np.mean(held))
-
-
-def _ejected(beat: MeshSequence) -> float:
-    volumes = Cavity(beat.faces).volume(beat.vertices.astype(np.float64))
-    return float(1.0 - volumes.min() / volumes.max())

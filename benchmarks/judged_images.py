@@ -26,12 +26,8 @@ def tracked(phantom: Phantom, known: Sequence[int] | None = None) -> Track:
 def valve_figures(phantoms: Iterable[Phantom], *, at_systole: bool) -> tuple[float, float]:
     """Track with the valve at end diastole, and maybe at end systole, known alone.
 
-    Returns
-    -------
-    ratio : float
-        Of each case the largest error of a volume over its 95 %; the median.
-    inside : float
-        Share of ejection fractions within their intervals.
+    The median of each case's largest error of a volume over its 95 %; the share of ejection
+    fractions within their intervals.
     """
     ratios, inside = [], []
     for one in phantoms:

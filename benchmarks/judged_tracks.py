@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 from experiments import Row
 from numpy.typing import NDArray
+from read_hearts import true_strain
 from seen_surfaces import Seen, Truth, sampled
-from strain_truth import strain_truth
 
-from modalmotion.clinical import clinical_readouts
-from modalmotion.clinical.strain_of import strain as measured_strain
-from modalmotion.errors import InputError
+import modalmotion as mm
 from modalmotion.signature.making import modal_signature
 from modalmotion.tracking import Track, track
 from modalmotion.tracking.closest import closest_points
@@ -22,8 +20,7 @@ from modalmotion.tracking.reading import Recorded
 
 Floats = NDArray[np.float64]
 
-# Of the height of an open surface: beyond it landmarks place the surface, and not what is seen.
-_INNER = 0.97
+_INNER = 0.97  # height beyond which landmarks place an open surface, and not what is seen
 
 # The best published variability of GLS, and half the best error of GCS, percentage points.
 GOALS = {"GLS": 1.4, "GCS": 1.5}
@@ -33,37 +30,20 @@ WIDEST = 6.0
 
 @dataclass(frozen=True)
 class Judged:
-    """Errors of a track, and what it states of them.
+    """Errors of a track, and what it states of them."""
 
-    Parameters
-    ----------
-    distance : float, mm
-        Mean of both ways, of every other frame.
-    off, bound : float, percentage points
-        Of the ejection fraction: the error, and half the width of the stated interval.
-    ratios : (n,) float64
-        Distances of vertices from the true surface over the stated deviations.
-    told : float
-        Interval that the track's read-outs state over that of the track, at most 1.
-    strain : tuple of (float, bool)
-        Error of GLS and of GCS, percentage points, each with whether the truth is within its
-        interval and that no wider than 6 points. None of what is no ventricle's lattice.
-    """
-
-    distance: float
-    off: float
-    bound: float
-    ratios: Floats
-    told: float
-    strain: tuple[tuple[float, bool], ...]
+    distance: float  # mm, mean of both ways, of every other frame
+    off: float  # error of the ejection fraction, percentage points
+    bound: float  # half the width of its stated interval
+    ratios: Floats  # (n,), distances of vertices from the true surface over stated deviations
+    told: float  # interval that the track's read-outs state over that of the track, at most 1
+    strain: tuple[tuple[float, bool], ...]  # error of GLS and GCS, and whether it is inside
 
     @staticmethod
     def of(result: Track, truth: Truth) -> Judged:
         """Compare a track with the true surface."""
         faces, found = result.template.faces, result.sequence.vertices.astype(np.float64)
-        inner = np.ones(found.shape[1], dtype=np.bool_)
-        if truth.ends:
-            inner = result.template.coordinates[:, 0] < _INNER
+        inner = result.template.coordinates[:, 0] < (_INNER if truth.ends else np.inf)
         distances, ratios = [], []
         for k, (x, y) in enumerate(zip(found, truth.vertices, strict=True)):
             if k % 2 == 0:
@@ -72,7 +52,7 @@ class Judged:
                 ratios.append(closest_points(x[inner], y, truth.faces).distances / sd)
         off = (result.ejection_fraction or 0.0) - truth.ejection_fraction
         bound = result.ejection_fraction_bound or 0.0
-        curve = clinical_readouts(modal_signature(result.sequence), result.sequence).curve
+        curve = mm.clinical_readouts(modal_signature(result.sequence), result.sequence).curve
         told = min(1.0, (curve.share_bound or 0.0) / max(bound, 1e-9))
         strain = tuple(_judged_strain(result, truth)) if truth.grid else ()
         return Judged(float(np.mean(distances)), off, bound, np.concatenate(ratios), told, strain)
@@ -84,10 +64,10 @@ class Judged:
 
 
 def _judged_strain(result: Track, truth: Truth) -> Iterator[tuple[float, bool]]:
-    true = strain_truth(truth.sequence, by_length=True)
-    found = measured_strain(result).end_systolic
-    for name, value in (("GLS", true.gls), ("GCS", true.gcs)):
-        own, low, high = found[name]
+    still = mm.mesh_sequence(truth.vertices, truth.faces, grid=truth.grid, unit="mm")
+    true, found = true_strain(still, by_length=True), mm.strain(result).end_systolic
+    for name in GOALS:
+        (own, low, high), value = found[name], true[name.lower()]
         yield own - value, low <= value <= high <= low + WIDEST
 
 
@@ -98,7 +78,7 @@ def judged(cases: Iterable[Seen], *, has_start: bool = True, **options: Any) -> 
         start = truth.start() if has_start else None
         try:
             results.append(Judged.of(track(seen, start=start, unit="mm", **options), truth))
-        except InputError:
+        except mm.InputError:
             continue
     return results
 
@@ -120,16 +100,13 @@ def standard_rows(
 
 def standard_figures(results: Sequence[Judged], *, cover: bool = True) -> tuple[float, ...]:
     """Values of the standard rows."""
-    off, ratios = (
-        np.array([one.off for one in results]),
-        np.concatenate([r.ratios for r in results]),
-    )
+    off, ratios = np.array([one.off for one in results]), [one.ratios for one in results]
     figures = (
         float(np.mean([one.distance for one in results])),
         float(off.mean()),
         float(off.std(ddof=1)),
         float(np.mean([one.is_inside for one in results])),
-        *(float((ratios < limit).mean()) for limit in (1.0, 1.96)),
+        *(float((np.concatenate(ratios) < limit).mean()) for limit in (1.0, 1.96)),
     )
     return figures if cover else figures[:4]
 
@@ -138,7 +115,7 @@ def strain_rows(name: str, what: str) -> tuple[Row, ...]:
     """Rows of strain from one kind of data."""
     return tuple(
         row
-        for kind in ("GLS", "GCS")
+        for kind in GOALS
         for row in (
             Row(f"{name}.{kind.lower()}", f"{kind} off by, {what}", "points", goal=GOALS[kind]),
             Row(f"{name}.{kind.lower()}_inside", f"true {kind} inside, {what}", goal=(0.92, 0.98)),
@@ -165,12 +142,9 @@ def surface_distance(
 
 def beside_contours(result: Track, recorded: Recorded, mesh: Truth) -> tuple[float, float, float]:
     """Mean distance of a real heart's contours, mm; EF beside the mesh's, points; correlation."""
-    off = [
-        closest_points(
-            frame[0].points, x.astype(np.float64), result.template.faces
-        ).distances.mean()
-        for frame, x in zip(recorded.frames, result.sequence.vertices, strict=True)
-    ]
+    pairs = zip(recorded.frames, result.sequence.vertices.astype(np.float64), strict=True)
+    faces = result.template.faces
+    off = [closest_points(seen[0].points, x, faces).distances.mean() for seen, x in pairs]
     assert result.volumes is not None
     own, other = result.volumes, mesh.volumes
     # From frame 0, where the contours have end diastole.

@@ -16,14 +16,10 @@ from modalmotion.classification import TrainingCase, TrainingOptions
 from modalmotion.formats import read_sequence
 from modalmotion.simulate import MotionClass, simulate_cohort
 
+# The model is the default one to the byte; its card is not read here.
 QUICK: Final = TrainingOptions(repetitions=1, card="quick")
-"""The model is the default one to the byte; its card is not read here."""
-
-ALONE: Final = replace(QUICK, further=False)
-"""Nothing but the motion."""
-
+ALONE: Final = replace(QUICK, further=False)  # nothing but the motion
 _FEW: Final = (MotionClass.NORMAL, MotionClass.AKINESIA)
-
 _WINDOW: Final = 12
 
 Folds = list[tuple[NDArray[np.int64], NDArray[np.int64]]]
@@ -31,15 +27,13 @@ Folds = list[tuple[NDArray[np.int64], NDArray[np.int64]]]
 
 def synthetic(name: str, seed: int) -> list[TrainingCase]:
     """Simulate a synthetic cohort of that name."""
-    of_name = recordings(COHORTS[name], seed)
-    return [TrainingCase(case.sequence, case.label, case.person) for case in of_name]
+    return list(recordings(COHORTS[name], seed))
 
 
 def small(name: str, labels: Sequence[str], n: int, seed: Sequence[int]) -> list[TrainingCase]:
     """Simulate people who each do all of some motions of a cohort."""
-    cohort = replace(COHORTS[name], counts=dict.fromkeys(labels, n), n_people=n)
-    made = recordings(cohort, [*seed, len(name)])
-    return [TrainingCase(case.sequence, case.label, case.person) for case in made]
+    cohort = COHORTS[name]._replace(counts=dict.fromkeys(labels, n), n_people=n)
+    return list(recordings(cohort, [*seed, len(name)]))
 
 
 def tongue() -> list[TrainingCase]:
@@ -87,11 +81,8 @@ def few_cases(n: int, seed: int, *, is_third: bool) -> list[TrainingCase]:
     """Simulate normal and akinetic ventricles of the first or third generator, fitted once."""
     first = simulate_cohort(n, rng=np.random.default_rng(seed), classes=_FEW)
     drawn = hearts(n, seed, _FEW) if is_third else ((c.sequence, str(c.label)) for c in first)
-    asked = QUICK.signature_parameters
-    return [
-        TrainingCase(beat, label, f"{seed} {k}").fitted(asked)
-        for k, (beat, label) in enumerate(drawn)
-    ]
+    cases = (TrainingCase(beat, label, f"{seed} {k}") for k, (beat, label) in enumerate(drawn))
+    return [case.fitted(QUICK.signature_parameters) for case in cases]
 
 
 def of_pool(pool: list[TrainingCase], n: int, rng: np.random.Generator) -> list[TrainingCase]:
@@ -109,9 +100,8 @@ def area_of_volume(few: list[TrainingCase], tested: list[TrainingCase]) -> float
     from sklearn.preprocessing import StandardScaler
 
     def two_numbers(cases: list[TrainingCase]) -> list[tuple[float, float]]:
-        volumes = [case.signature.volumes for case in cases]
-        assert all(each is not None for each in volumes)
-        return [(1.0 - v.min() / v.max(), np.log(v.max())) for v in volumes if v is not None]
+        volumes = [np.asarray(case.signature.volumes) for case in cases]
+        return [(1.0 - v.min() / v.max(), np.log(v.max())) for v in volumes]
 
     two: Any = make_pipeline(StandardScaler(), LogisticRegression(max_iter=1000))
     two.fit(two_numbers(few), [case.label for case in few])

@@ -10,7 +10,6 @@ A mutant is caught where each row it names is worse than its tolerance.
 
     python benchmarks/mutate.py              all mutants
     python benchmarks/mutate.py --only fit   those whose file names begin so
-    python benchmarks/mutate.py --uncovered  rows that no mutant names
 """
 
 from __future__ import annotations
@@ -27,13 +26,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from experiments import experiments
-from real_data import ENVIRONMENT
+from real_data import ENVIRONMENT, ROOT
 
-ROOT: Final = Path(__file__).resolve().parents[1]
-PARTS: Final = ("core", "service", "benchmarks", "tests", "tools", "openapi", "pyproject.toml")
-WITHOUT: Final = ("weight", "use")
-"""Blocks whose rows need no mutant: they count and time."""
+WITHOUT: Final = ("weight", "use")  # blocks whose rows need no mutant: they count and time
 
 
 @dataclass(frozen=True)
@@ -54,10 +49,10 @@ class Mutant:
 
     def unnoticed(self) -> list[str]:
         """Run its rows on a patched copy; those that are no worse than their tolerance."""
-        with tempfile.TemporaryDirectory() as name:
-            copy = Path(name)
-            for part in PARTS:
-                _copy(ROOT / part, copy / part)
+        with tempfile.TemporaryDirectory() as place:
+            copy = Path(place) / "project"
+            without = shutil.ignore_patterns(".*", "node_modules", "__pycache__")
+            shutil.copytree(ROOT, copy, ignore=without)
             subprocess.run(["git", "apply", str(self.path)], cwd=copy, check=True)
             paths = os.pathsep.join(str(copy / part) for part in ("core", "service"))
             environment = os.environ | ENVIRONMENT | {"PYTHONPATH": paths}
@@ -65,46 +60,29 @@ class Mutant:
             run = subprocess.run(
                 command, cwd=copy, env=environment, capture_output=True, text=True, check=False
             )
-        verdicts = {line["row"]: line["verdict"] for line in json.loads(run.stdout)}
-        return [
-            f"{row} ({verdicts.get(row, 'no such row')})"
-            for row in self.rows
-            if verdicts.get(row) not in ("WORSE", "skipped")
-        ]
+        verdicts = {line["row"]["name"]: line["verdict"] for line in json.loads(run.stdout)}
+        found = {row: verdicts.get(row, "no such row") for row in self.rows}
+        noticed = ("WORSE", "skipped")
+        return [f"{row} ({said})" for row, said in found.items() if said not in noticed]
 
 
 def main() -> int:
     """Run the mutants; 1 where one lives that may not."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--only", nargs="+", default=[""], help="files whose names begin so")
-    parser.add_argument("--uncovered", action="store_true", help="list rows without a mutant")
-    options = parser.parse_args()
+    only = tuple(parser.parse_args().only)
     mutants = [Mutant.read(path) for path in sorted(Path(__file__).parent.glob("mutants/*.patch"))]
-    if options.uncovered:
-        named = {row for mutant in mutants for row in mutant.rows}
-        rows = [row.name for each in experiments() for row in each.rows]
-        print("\n".join(r for r in rows if r not in named and not r.startswith(WITHOUT)))
-        return 0
-    n_wrong = 0
+    is_wrong = False
     for mutant in mutants:
-        if mutant.path.name.startswith(tuple(options.only)):
-            start = time.perf_counter()
-            unnoticed = mutant.unnoticed()
-            verdict = f"LIVES, unnoticed by {', '.join(unnoticed)}" if unnoticed else "caught"
-            if unnoticed and mutant.lives:
-                verdict += f"; may live: {mutant.lives}"
-            n_wrong += bool(unnoticed) and not mutant.lives
+        if mutant.path.name.startswith(only):
+            start, verdict = time.perf_counter(), "caught"
+            if unnoticed := mutant.unnoticed():
+                verdict = f"LIVES, unnoticed by {', '.join(unnoticed)}"
+                verdict += f"; may live: {mutant.lives}" if mutant.lives else ""
+                is_wrong |= not mutant.lives
             seconds = time.perf_counter() - start
             print(f"{seconds:6.1f} s  {mutant.path.stem}: {verdict}", flush=True)
-    return int(n_wrong > 0)
-
-
-def _copy(source: Path, target: Path) -> None:
-    if source.is_file():
-        shutil.copy(source, target)
-    else:
-        ignored = shutil.ignore_patterns("node_modules", "__pycache__")
-        shutil.copytree(source, target, ignore=ignored)
+    return int(is_wrong)
 
 
 if __name__ == "__main__":

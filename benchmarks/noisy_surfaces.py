@@ -4,36 +4,32 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from mixed_noise import with_noise
 from numpy.typing import NDArray
 from real_data import recording
-from scipy.sparse import coo_array
 from scipy.spatial import ConvexHull
 
+import modalmotion as mm
 from modalmotion.fit.basis import make_basis
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import CYLINDER
-from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 from modalmotion.template import choose_modes, make_template
 
 Floats = NDArray[np.float64]
-INDIVIDUAL: Final = VentricleParameters(shape_variation=2.0, motion_variation=2.0)
+Rng = np.random.Generator
+INDIVIDUAL: Final = mm.VentricleParameters(shape_variation=2.0, motion_variation=2.0)
 
 
 def individual(
-    rng: np.random.Generator,
-    n_vertices: int = 1500,
-    grid: tuple[int, int] | None = None,
-    n_frames: int = 25,
+    rng: Rng, n_vertices: int = 1500, grid: tuple[int, int] | None = None, n_frames: int = 25
 ) -> MeshSequence:
     """Simulate a ventricle with a shape and a motion of its own, triangulated without a grid."""
-    frames = Acquisition(n_frames=n_frames)
-    if grid is not None:
-        return simulate_ventricle(INDIVIDUAL, grid=grid, acquisition=frames, rng=rng)
-    return simulate_ventricle(INDIVIDUAL, n_vertices=n_vertices, acquisition=frames, rng=rng)
+    mesh: dict[str, Any] = {"grid": grid} if grid else {"n_vertices": n_vertices}
+    frames = mm.Acquisition(n_frames=n_frames)
+    return mm.simulate_ventricle(INDIVIDUAL, acquisition=frames, rng=rng, **mesh)
 
 
 @cache
@@ -45,9 +41,8 @@ def smoothed(name: str) -> MeshSequence:
     template = make_template(recorded)
     basis = make_basis(template, choose_modes(template, 60).modes)
     turns = 2 * np.pi * np.arange(n_frames) / n_frames
-    waves = [
-        f(p * turns) for p in range(1, min(6, (n_frames - 2) // 4) + 1) for f in (np.cos, np.sin)
-    ]
+    n_waves = min(6, (n_frames - 2) // 4)
+    waves = [f(p * turns) for p in range(1, n_waves + 1) for f in (np.cos, np.sin)]
     # A line too: not every recording is a cycle.
     time = np.linalg.qr(np.stack([np.ones(n_frames), turns, *waves], axis=1))[0]
     coefficients = np.einsum("mv,fvd->fmd", basis.projector, x - x[0])
@@ -55,7 +50,7 @@ def smoothed(name: str) -> MeshSequence:
     return replace(recorded, vertices=x[0] + u)
 
 
-def closed_body(rng: np.random.Generator, bend: float = 0.0, n_vertices: int = 1500) -> Floats:
+def closed_body(rng: Rng, bend: float = 0.0, n_vertices: int = 1500) -> Floats:
     """Draw a long closed body with smooth lumps, bent by `bend` per mm, its faces `hull()`."""
     p = _directions(n_vertices)
     x = p * (25.0, 22.0, 40.0)
@@ -76,7 +71,7 @@ def hull(n_vertices: int = 1500) -> NDArray[np.int64]:
     return faces
 
 
-def moving_body(rng: np.random.Generator, n_frames: int = 20) -> MeshSequence:
+def moving_body(rng: Rng, n_frames: int = 20) -> MeshSequence:
     """Let a pear with a bulge on one side beat, one end more than the other."""
     x = closed_body(rng)
     x[:, :2] *= 1.0 + 0.004 * x[:, 2:]
@@ -84,7 +79,7 @@ def moving_body(rng: np.random.Generator, n_frames: int = 20) -> MeshSequence:
     return _beating(x, hull(), rng, n_frames)
 
 
-def moving_tube(rng: np.random.Generator, n_frames: int = 20) -> MeshSequence:
+def moving_tube(rng: Rng, n_frames: int = 20) -> MeshSequence:
     """Let a conical tube with a bulge beat; nothing states that it is a lattice."""
     shape = (24, 40)
     along, around = np.meshgrid(*((np.arange(n) + 0.5) / n for n in shape), indexing="ij")
@@ -92,40 +87,14 @@ def moving_tube(rng: np.random.Generator, n_frames: int = 20) -> MeshSequence:
     bulge = np.exp(-2.0 * (1.0 - np.cos(turn - 0.5)) - 8.0 * (along - 0.3) ** 2)
     r = 26.0 - 9.0 * along + 7.0 * bulge + np.cos(2 * turn + rng.uniform(0, 6))
     x = np.stack([r * np.cos(turn), 0.8 * r * np.sin(turn), 90 * along], axis=2).reshape(-1, 3)
-    return _beating(x, lattice_faces(CYLINDER, shape), rng, n_frames)
+    return _beating(x, lattice_faces(mm.CYLINDER, shape), rng, n_frames)
 
 
-def with_noise(
-    clean: MeshSequence,
-    sigma: float,
-    rng: np.random.Generator,
-    *,
-    n_mixings: int = 0,
-    between: float = 0.0,
-) -> MeshSequence:
-    """Add normal noise of RMS sigma, mixed over neighbours and correlated from frame to frame."""
-    e = rng.standard_normal(clean.vertices.shape)
-    for frame in range(1, len(e)):
-        e[frame] = between * e[frame - 1] + np.sqrt(1 - between**2) * e[frame]
-    if n_mixings:
-        mean = _mean_over_neighbours(clean.n_vertices, clean.faces)
-        for _ in range(n_mixings):
-            e = np.stack([mean @ frame for frame in e])
-    return replace(clean, vertices=clean.vertices + e * (sigma / np.sqrt((e**2).mean())))
-
-
-def drawn_noise(clean: MeshSequence, rng: np.random.Generator) -> tuple[float, MeshSequence]:
+def drawn_noise(clean: MeshSequence, rng: Rng) -> tuple[float, MeshSequence]:
     """Draw size and kind of the noise too; its RMS, and the noisy surface."""
     sigma = float(rng.choice([0.2, 0.6, 1.5]))
     n_mixings, between = int(rng.choice([0, 0, 1, 5, 20])), float(rng.choice([0.0, 0.0, 0.5, 0.9]))
-    return sigma, with_noise(clean, sigma, rng, n_mixings=n_mixings, between=between)
-
-
-def _mean_over_neighbours(n: int, faces: NDArray[np.int64]) -> coo_array:
-    i = np.concatenate([np.arange(n), faces[:, [0, 1, 2, 1, 2, 0]].ravel()])
-    j = np.concatenate([np.arange(n), faces[:, [1, 2, 0, 0, 1, 2]].ravel()])
-    i, j = np.unique(np.stack([i, j]), axis=1)
-    return coo_array((1.0 / np.bincount(i)[i], (i, j)), shape=(n, n)).tocsr()
+    return sigma, with_noise(clean, sigma, rng, mixed=n_mixings, correlation=between)
 
 
 def _directions(n: int) -> Floats:
@@ -136,9 +105,7 @@ def _directions(n: int) -> Floats:
     return np.stack([radius * np.cos(turn), radius * np.sin(turn), height], axis=1)
 
 
-def _beating(
-    x: Floats, faces: NDArray[np.int64], rng: np.random.Generator, n_frames: int
-) -> MeshSequence:
+def _beating(x: Floats, faces: NDArray[np.int64], rng: Rng, n_frames: int) -> MeshSequence:
     phases = 2 * np.pi * np.arange(n_frames) / n_frames
     share = (x[:, 2] - x[:, 2].min()) / np.ptp(x[:, 2])
     inward = 0.1 + 0.15 * share * rng.uniform(0.5, 1.5)

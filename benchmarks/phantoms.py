@@ -6,25 +6,17 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from seen_surfaces import in_turn
 
 from modalmotion.images import ImageSequence, Volume
-from modalmotion.simulate import (
-    MotionClass,
-    Phantom,
-    PhantomSettings,
-    draw_parameters,
-    simulate_images,
-)
+from modalmotion.simulate import Phantom, PhantomSettings, simulate_images
 from modalmotion.simulate.anatomy import Anatomy
 from modalmotion.tracking.label_maps import Labelled, from_labels
 
 
 def phantoms(kind: str, seed: int, n: int, n_frames: int, **settings: Any) -> Iterator[Phantom]:
     """Take images of ventricles whose classes take turns; settings as of `PhantomSettings`."""
-    classes = list(MotionClass)
-    for k in range(n):
-        rng = np.random.default_rng([seed, 3000 + k])
-        parameters = draw_parameters(classes[k % len(classes)], rng)
+    for parameters, rng in in_turn(seed, 3000, n):
         set_to = PhantomSettings(**settings)
         yield simulate_images(kind, parameters, n_frames=n_frames, settings=set_to, rng=rng)
 

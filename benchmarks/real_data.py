@@ -1,4 +1,7 @@
-"""Real recordings beside the project, by their names; what is skipped without them is told."""
+"""Real recordings beside the project, by their names; what is skipped without them is told.
+
+What the tests are made of is found from here on too.
+"""
 
 from __future__ import annotations
 
@@ -9,28 +12,23 @@ from typing import Final
 from modalmotion.formats import read_npz
 from modalmotion.mesh.sequence import MeshSequence
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
+sys.path.extend(
+    str(Path(__file__).resolve().parents[1] / "tests" / folder)
+    for folder in ("support", "slow_twins", "extremes")
+)
 
 from project import DATA as DATA
+from project import ROOT as ROOT
 
+# Where a copy of the project finds the same recordings.
 ENVIRONMENT: Final = {"MODALMOTION_DATA": str(DATA)}
-"""Where a copy of the project finds the same recordings."""
-
+# Figures that were not measured, for want of their recordings.
 SKIPPED: Final[list[str]] = []
-"""Figures that were not measured, for want of their recordings."""
 
 
 def is_there(figures: str, *names: str) -> bool:
-    """Tell whether recordings are there; if not, the figures count as skipped.
-
-    Parameters
-    ----------
-    figures : str
-        Which bench, and what it measures on them.
-    *names : str
-        Files without their suffix .npz, or folders.
-    """
-    absent = [name for name in names if not _path(name).is_file() and not (DATA / name).is_dir()]
+    """Tell whether recordings, files without .npz or folders, are there; note what is skipped."""
+    absent = [x for x in names if not ((DATA / f"{x}.npz").is_file() or (DATA / x).is_dir())]
     if absent:
         SKIPPED.append(f"{figures} ({', '.join(absent)})")
     return not absent
@@ -38,7 +36,7 @@ def is_there(figures: str, *names: str) -> bool:
 
 def recording(name: str) -> MeshSequence:
     """Read a recording, such as heart/lv_endocardium."""
-    return read_npz(_path(name).read_bytes()).sequence
+    return read_npz((DATA / f"{name}.npz").read_bytes()).sequence
 
 
 def files_of(folder: str) -> list[Path]:
@@ -50,7 +48,3 @@ def told() -> str:
     """Say what was skipped; empty where nothing was."""
     head = f"skipped, for its data are not in {DATA} (MODALMOTION_DATA names another folder):"
     return "\n  ".join([head, *SKIPPED]) if SKIPPED else ""
-
-
-def _path(name: str) -> Path:
-    return DATA / f"{name}.npz"

@@ -6,28 +6,16 @@ each generator, five folds of a cohort and thirty draws of few cases are the ful
 
 from __future__ import annotations
 
-import time
+from functools import partial
 from typing import Final, Literal
 
+import judged_classes as judged
 import numpy as np
-from experiments import Row, experiment
-from judged_classes import (
-    ALTERATIONS,
-    flagged,
-    held_out,
-    mean,
-    on_own,
-    on_third,
-    told_of_chance,
-    with_few,
-    without_cavity,
-)
-from labelled_cases import folds_of, halves, synthetic, tongue, windows
+from experiments import Row, experiment, quick, timed
 from measure import side_by_side
 
-from modalmotion.classification import DEFAULT_MODEL, OFFSET_MODEL, classify, load_model
-from modalmotion.signature.making import modal_signature
-from modalmotion.simulate import simulate_ventricle
+from modalmotion import classify, load_model, modal_signature, simulate_ventricle
+from modalmotion.classification import DEFAULT_MODEL, OFFSET_MODEL
 
 _Figure = tuple[str, str, float | tuple[float, float], Literal["lower", "higher"]]
 
@@ -47,6 +35,7 @@ _THIRD: Final[dict[str, _Figure]] = _OWN | {
     "contradicted": ("called hypokinetic, of ejection fractions above 55 %", "", 0.0, "lower"),
     "mirrored": ("mirror images that are flagged", "", 0.8, "higher"),
 }
+_SIZES: Final = (4, 8, 16, 24, 32)
 _FEW: Final[dict[str, _Figure]] = {
     "accuracy": ("right labels", "", 0.936, "higher"),
     "auc": ("AUC", "", 0.983, "higher"),
@@ -61,90 +50,59 @@ def _rows(name: str, what: str, figures: dict[str, _Figure]) -> tuple[Row, ...]:
     )
 
 
-def _shipped(kind: str, model: str) -> None:
-    of_model = f"model of {kind} points"
+for _kind, _model in (("material", DEFAULT_MODEL), ("offset", OFFSET_MODEL)):
+    _what = f"model of {_kind} points, hearts of"
+    _own = _rows(f"{_kind}.own", f"{_what} its generator", _OWN)
+    experiment(*_own)(partial(judged.on_own, _model, 20))
+    _third = _rows(f"{_kind}.third", f"{_what} a third generator", _THIRD)
+    experiment(*_third)(partial(judged.on_third, _model, 30))
 
-    @experiment(*_rows(f"{kind}.own", f"{of_model}, hearts of its generator", _OWN))
-    def of_own(seed: int) -> tuple[float, ...]:
-        return on_own(model, 20, seed)
+for _name, _cohorts in {
+    "cycles": ("membrane", "torus", "sphere", "cup", "ring", "bulge"),
+    "courses": ("folding", "words", "words, turned", "figure", "tube", "rope"),
+}.items():
+    _six = _rows(_name, f"six cohorts of {_name}, people kept apart", _THREE)
+    experiment(*_six)(partial(judged.on_cohorts, _cohorts))
 
-    @experiment(*_rows(f"{kind}.third", f"{of_model}, hearts of a third generator", _THIRD))
-    def of_third(seed: int) -> tuple[float, ...]:
-        return on_third(model, 30, seed)
+_words = _rows("tongue", "two words, sixths left out", _THREE)
+experiment(*_words, needs=("tongue",))(judged.on_words)
 
-
-_shipped("material", DEFAULT_MODEL)
-_shipped("offset", OFFSET_MODEL)
-
-
-def _cohorts(name: str, *cohorts: str) -> None:
-    @experiment(*_rows(name, f"six cohorts of {name}, people kept apart", _THREE))
-    def of_cohorts(seed: int) -> tuple[float, ...]:
-        made = [synthetic(each, 100 + seed) for each in cohorts]
-        return mean([held_out(cases, folds_of(cases, 2), seed) for cases in made])
-
-
-_cohorts("cycles", "membrane", "torus", "sphere", "cup", "ring", "bulge")
-_cohorts("courses", "folding", "words", "words, turned", "figure", "tube", "rope")
+for _name, _n_folds in (("robot", 1), ("fox", 2)):
+    _half = _rows(_name, f"windows of the {_name}, other half", _THREE)
+    experiment(*_half, needs=(_name,))(partial(judged.on_windows, _name, _n_folds))
 
 
-@experiment(*_rows("tongue", "two words, sixths left out", _THREE), needs=("tongue",))
-def words_of_the_tongue(seed: int) -> tuple[float, ...]:
-    cases = tongue()
-    return mean([held_out(cases, folds_of(cases, 6), seed)])
-
-
-def _figure(name: str, n_folds: int) -> None:
-    @experiment(*_rows(name, f"windows of the {name}, other half", _THREE), needs=(name,))
-    def of_figure(seed: int) -> tuple[float, ...]:
-        cases = windows(name, seed % 4)
-        return mean([held_out(cases, halves(cases)[:n_folds], seed)])
-
-
-_figure("robot", n_folds=1)
-_figure("fox", n_folds=2)
-
-
-@experiment(
-    *_rows("few16", "16 ventricles a class", _FEW), *_rows("few24", "24 ventricles a class", _FEW)
-)
+@experiment(*(row for n in _SIZES for row in _rows(f"few{n}", f"{n} ventricles a class", _FEW)))
 def few(seed: int) -> tuple[float, ...]:
-    return with_few(24, 40, (16, 24), seed)
+    return judged.with_few(32, 40, _SIZES, seed)
 
 
-@experiment(*_rows("no_cavity", "8 surfaces a class that hold no cavity", _THREE), quick=True)
+@quick(*_rows("no_cavity", "8 surfaces a class that hold no cavity", _THREE))
 def no_cavity(seed: int) -> tuple[float, ...]:
-    return without_cavity(8, 20, seed)
+    return judged.without_cavity(8, 20, seed)
 
 
-@experiment(
-    Row("classes.chance.told", "models worse than chance that say so", goal=1.0, better="higher")
-)
+@experiment(Row("classes.chance.told", "models worse than chance that say so", "", 1.0, "higher"))
 def chance(seed: int) -> float:
-    return told_of_chance(8, seed)
+    return judged.told_of_chance(8, seed)
 
 
-@experiment(
+@quick(
     *(
         Row(f"classes.flags.{what.replace(' ', '_')}", f"flagged: {what}", "", 0.95, "higher")
-        for what in (*ALTERATIONS, "no ventricle")
+        for what in (*judged.ALTERATIONS, "no ventricle")
     ),
     Row("classes.flags.sound", "flagged: sound beats", goal=0.1),
-    quick=True,
 )
 def flags(seed: int) -> tuple[float, ...]:
-    return flagged(6, 2, seed)
+    return judged.flagged(6, 2, seed)
 
 
-@experiment(
-    Row("classes.answer.times", "time of a class over that of a singular value decomposition"),
-    quick=True,
-    is_timed=True,
-)
+@timed(Row("classes.answer.times", "time of a class over that of a singular value decomposition"))
 def answer(seed: int) -> float:
     model, work = load_model(DEFAULT_MODEL), np.random.default_rng(seed).random((120, 120))
     beat = simulate_ventricle(rng=np.random.default_rng([seed, 6]))
     signature = modal_signature(beat, model.signature_parameters)
     calls = {"class": lambda: classify(signature, model), "svd": lambda: np.linalg.svd(work)}
-    times = side_by_side(calls, 20, time.process_time, 0.02)
-    return times["class"].best / times["svd"].best
+    of_class, of_svd = side_by_side(calls, 20).values()
+    return float(of_class.min() / of_svd.min())

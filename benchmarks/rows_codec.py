@@ -5,18 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from coded_sequences import SEQUENCES, TARGETS, beat, coded, mean_diagonal, sequence_of
-from experiments import Row, experiment
+from coded_sequences import SEQUENCES, SHARE, TARGETS, beat, coded, mean_diagonal
+from experiments import Row, experiment, timed
 from measure import beside_numpy
 
 from modalmotion.codec import Effort, decode, encode
-
-SHARE = 0.003
-
-
-def bits(name: str, seed: int) -> tuple[float, ...]:
-    return coded(sequence_of(name, seed), SHARE)
-
 
 for _name, (_what, _path, _) in SEQUENCES.items():
     experiment(
@@ -26,25 +19,19 @@ for _name, (_what, _path, _) in SEQUENCES.items():
             for effort in Effort
         ),
         Row(f"codec.{_name}.kept", f"{_what}: largest error over the one promised", goal=1),
-        Row(
-            f"codec.{_name}.disorder",
-            f"{_what}: of 12 pairs of efforts, those of which the higher takes more bits",
-            goal=0,
-        ),
+        Row(f"codec.{_name}.disorder", f"{_what}: effort pairs whose higher has more bits", goal=0),
         quick=_name == "lattice",
         needs=(_path,) if _path else (),
-    )(partial(bits, _name))
+    )(partial(coded, _name))
 
 
-@experiment(
+@timed(
     *(
         Row(f"codec.{what}.{effort}", f"{what} 15 frames, {effort}, over NumPy's fixed work")
         for effort in Effort
         for what in ("encode", "decode")
     ),
     Row("codec.encode.realtime_over_fast", "encode, realtime over fast", goal=1, tolerance=0.12),
-    quick=True,
-    is_timed=True,
 )
 def times(_: int) -> tuple[float, ...]:
     surface, calls = beat(1000, 15), dict[str, Callable[[], object]]()

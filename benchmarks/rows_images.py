@@ -33,9 +33,7 @@ _KINDS = (
 )
 
 
-def _of_kind(
-    kind: str, n: int, seed: int, *, cover: bool = True, **set_to: float
-) -> tuple[float, ...]:
+def _track(kind: str, n: int, seed: int, cover: bool = True, **set_to: float) -> tuple[float, ...]:
     cases = phantoms(kind, seed, n, 3, **set_to)
     results = [Judged.of(tracked(one), Truth.of(one.truth)) for one in cases]
     return (*standard_figures(results, cover=cover), *(strain_figures(results) if cover else ()))
@@ -46,16 +44,14 @@ for _kind, _what, _distance, _spread, _n, _coarse in _KINDS:
         *standard_rows(f"images.{_kind}", _what, _distance, _spread),
         *strain_rows(f"images.{_kind}", _what),
     )
-    experiment(*_rows, quick=_kind == "mri")(partial(_of_kind, _kind, _n, coarseness=_coarse))
+    experiment(*_rows, quick=_kind == "mri")(partial(_track, _kind, _n, coarseness=_coarse))
 
 
 @experiment(*standard_rows("images.labels", "label maps of 1.5 mm", 0.4, 1.0))
 def labels(seed: int) -> tuple[float, ...]:
-    results = []
-    for one in phantoms("ct", seed, 5, 3, coarseness=4.0):
-        made = labelled(one, 1.5)
-        results.append(Judged.of(track(made.images, landmarks=made.landmarks), Truth.of(one.truth)))
-    return standard_figures(results)
+    cases = [(labelled(one, 1.5), one) for one in phantoms("ct", seed, 5, 3, coarseness=4.0)]
+    tracks = ((track(made.images, landmarks=made.landmarks), one) for made, one in cases)
+    return standard_figures([Judged.of(result, Truth.of(one.truth)) for result, one in tracks])
 
 
 def _drawn_rows(name: str, what: str) -> tuple[Row, ...]:
@@ -92,11 +88,8 @@ def valve(seed: int) -> tuple[float, ...]:
     *standard_rows("images.trabeculae", "these with trabeculae", 1.0, 1.5, cover=False),
 )
 def shifted(seed: int) -> tuple[float, ...]:
-    smooth, rough = (
-        _of_kind("cine", 5, seed, cover=False, slice_shift=2.0, trabeculae=depth)
-        for depth in (0, 6)
-    )
-    return (*smooth, *rough)
+    of = partial(_track, "cine", 5, seed, cover=False, slice_shift=2.0)
+    return (*of(trabeculae=0), *of(trabeculae=6))
 
 
 @experiment(

@@ -2,110 +2,80 @@
 
 from __future__ import annotations
 
-import time
 from functools import partial
 
 import numpy as np
-from experiments import Row, experiment, rows
-from extremes import SECTIONS, rows_of
+from experiments import Row, quick, rows, timed
+from extremes import SECTIONS
 from forced import forced_error
-from measure import beside_numpy, side_by_side
-from noisy_surfaces import individual, with_noise
+from measure import beside_numpy, medians
+from mixed_noise import with_noise
+from noisy_surfaces import individual
 from sparse_lattices import largest_residual
 
 import modalmotion as mm
 from modalmotion.dynamics import State, driven_states, exact_step, mode_oscillators
-from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CLOSED_CURVE, CYLINDER, OPEN_CURVE, PLANE, TORUS
-from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.tracking import track
 
-AMPLITUDES, COUNTS = (3, 21, 51), (3, 7, 21, 54)
+COUNTS, OF_VERTICES = (3, 7, 21, 54), "of 4,000 vertices by"
 
 
-@experiment(
+@quick(
     Row("mission.extremes.missed", "numerical extremes out of their bounds", goal=0, tolerance=0),
     Row("mission.extremes.error", "largest error over its bound", goal=1, tolerance=0.1),
-    quick=True,
 )
 def extremes(_: int) -> tuple[float, float]:
-    errors = [(row[2](), row[3]) for _, module in SECTIONS for row in rows_of(module)]
-    ratios = [error / bound if bound else float(error > 0) * 1e9 for error, bound in errors]
+    pairs = [(row[2](), row[3]) for of_section in SECTIONS.values() for row in of_section]
+    ratios = [error / bound if bound else float(error > 0) * 1e9 for error, bound in pairs]
     return sum(not ratio <= 1 for ratio in ratios), max(ratios)
 
 
-@experiment(
-    Row(
-        "mission.closed_forms",
-        "|K phi - M w^2 phi| of the paper's shapes",
-        goal=1e-14,
-        tolerance=3e-15,
-    ),
+@quick(
+    Row("mission.closed_forms", "|K phi - M w^2 phi| of Nastar's modes", "", 1e-14, "lower", 3e-15),
     Row("mission.forced", "eq. 3 forced, up to 1e8 times critical", goal=1e-14, tolerance=1e-15),
-    quick=True,
 )
 def closed_forms(seed: int) -> tuple[float, float]:
-    shapes = (OPEN_CURVE, CLOSED_CURVE, PLANE, CYLINDER, TORUS)
-    lattices = (Lattice(topology, (40, 100)[: len(topology.ends)]) for topology in shapes)
+    shapes = (mm.OPEN_CURVE, mm.CLOSED_CURVE, mm.PLANE, mm.CYLINDER, mm.TORUS)
+    lattices = (mm.Lattice(topology, (40, 100)[: len(topology.ends)]) for topology in shapes)
     return max(map(largest_residual, lattices)), forced_error(np.random.default_rng([seed, 0]))
 
 
-@experiment(
-    Row("mission.rest_point", "track from where the data's force lets eq. 3 rest", "mm", goal=1e-5),
-    quick=True,
-)
+@quick(Row("mission.rest_point", "track from where the data let eq. 3 rest", "mm", goal=1e-5))
 def rest_point(seed: int) -> float:
     rng = np.random.default_rng([seed, 1])
     beat = with_noise(individual(rng, grid=(12, 24), n_frames=6), 0.5, rng)
     start = mm.mesh_sequence(beat.vertices[:1], beat.faces, topology="cup", unit="mm")
-    solved, driven = (
-        track(list(beat.vertices), start=start, modes=7, unit="mm", dynamics=way)
-        for way in (False, True)
-    )
+    tracked = partial(track, list(beat.vertices), start=start, modes=7, unit="mm")
+    solved, driven = tracked(dynamics=False), tracked(dynamics=True)
     return float(np.abs(driven.driven_vertices(-1) - solved.sequence.vertices).max())
 
 
-@experiment(
-    Row("mission.animation", "time on a million nodes over a thousand", goal=1.5, tolerance=0.15),
-    quick=True,
-    is_timed=True,
-)
+@timed(Row("mission.animation", "time, a million nodes over a thousand", goal=1.5, tolerance=0.15))
 def animation(seed: int) -> float:
     forces = np.random.default_rng([seed, 2]).standard_normal((300, 7, 3))
 
-    def animate(lattice: Lattice) -> None:
+    def animate(lattice: mm.Lattice) -> None:
         step = exact_step(mode_oscillators(lattice, lattice.lowest_modes(7), 0.1), 0.04)
         for _ in driven_states(step, list(forces), State(0 * forces[0], 0 * forces[0])):
             pass
 
-    calls = {f"{n}": partial(animate, Lattice(CYLINDER, (n, n))) for n in (32, 1000)}
-    few, many = side_by_side(calls, 9, time.process_time, 0.02).values()
-    return many.median / few.median
+    lattices = [mm.Lattice(mm.CYLINDER, (n, n)) for n in (32, 1000)]
+    few, many = medians({str(each.shape): partial(animate, each) for each in lattices}, 9)
+    return many / few
 
 
-@experiment(
-    *(
-        Row(
-            f"mission.compression.{n}",
-            f"of 4,000 vertices by {n} amplitudes",
-            "",
-            goal,
-            "higher",
-            0,
-        )
-        for n, goal in zip(AMPLITUDES, (4000, 571, 235), strict=True)
-    ),
-    quick=True,
+@quick(
+    Row("mission.compression.3", f"{OF_VERTICES} 3 amplitudes", "", 4000, "higher", 0),
+    Row("mission.compression.21", f"{OF_VERTICES} 21 amplitudes", "", 571, "higher", 0),
+    Row("mission.compression.51", f"{OF_VERTICES} 51 amplitudes", "", 235, "higher", 0),
 )
 def compression(_: int) -> tuple[float, ...]:
-    beat = simulate_ventricle(grid=(40, 100), acquisition=Acquisition(n_frames=2))
-    asked = (mm.SignatureParameters(amplitudes=n, split_pairs=True) for n in AMPLITUDES)
+    beat = mm.simulate_ventricle(grid=(40, 100), acquisition=mm.Acquisition(n_frames=2))
+    asked = (mm.SignatureParameters(amplitudes=n, split_pairs=True) for n in (3, 21, 51))
     return tuple(mm.modal_signature(beat, each).compression for each in asked)
 
 
-@experiment(
-    *rows(COUNTS, "mission.left.{}", "RMS that {} modes leave, simulated", "mm"), quick=True
-)
+@quick(*rows(COUNTS, "mission.left.{}", "RMS that {} modes leave, simulated", "mm"))
 def left(seed: int) -> tuple[float, ...]:
     """Mean of five hearts of 1,000 vertices."""
     hearts = [individual(np.random.default_rng([seed, k]), n_vertices=1000) for k in range(5)]
@@ -114,12 +84,9 @@ def left(seed: int) -> tuple[float, ...]:
     return tuple(np.mean(errors, axis=0).tolist())
 
 
-@experiment(
-    *rows(COUNTS, "mission.time.{}", "signature of {} modes, 25 x 4,000 vertices, over NumPy work"),
-    is_timed=True,
-)
+@timed(*rows(COUNTS, "mission.time.{}", "signature, {} modes, 25 x 4,000 vertices over NumPy work"))
 def times(seed: int) -> tuple[float, ...]:
     beat = individual(np.random.default_rng([seed, 3]), n_vertices=4000)
-    asked = {str(n): mm.SignatureParameters(modes=n) for n in COUNTS}
-    calls = {name: partial(mm.modal_signature, beat, each) for name, each in asked.items()}
+    asked = (mm.SignatureParameters(modes=n) for n in COUNTS)
+    calls = {str(each.modes): partial(mm.modal_signature, beat, each) for each in asked}
     return tuple(beside_numpy(calls).values())

@@ -2,92 +2,73 @@
 
 from __future__ import annotations
 
-import importlib
-import time
-
 import numpy as np
-from experiments import Row, experiment
-from extremes import rows_of
-from measure import beside_numpy, side_by_side
+from experiments import Row, quick, timed
+from measure import beside_numpy, medians
 from noisy_surfaces import individual
 from sparse_lattices import lowest_eigenpairs, stiffness_matrix
+from template_remeshing import subdivided
 from tradeoff_bases import BELTRAMI, CLOSED, beltrami_modes, fronts
 
+import modalmotion as mm
 from modalmotion.dynamics import dispersion, wave_vectors
 from modalmotion.fit.basis import make_basis
-from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
-from modalmotion.simulate import simulate_ventricle
-from modalmotion.template import choose_modes, make_template
+from modalmotion.template import choose_modes
 
-LATTICES = [
-    *((topology, shape) for topology in (CYLINDER, CUP) for shape in ((5, 6), (9, 14), (12, 16))),
-    *((topology, shape) for topology in (SPHERE, TORUS) for shape in ((6, 8), (12, 16))),
-    (PLANE, (7, 9)),
-    (Topology.parse("pole-open x closed x open"), (4, 6, 3)),
-]
+SHAPES: dict[mm.Topology, tuple[tuple[int, ...], ...]] = {
+    **dict.fromkeys((mm.CYLINDER, mm.CUP), ((5, 6), (9, 14), (12, 16))),
+    **dict.fromkeys((mm.SPHERE, mm.TORUS), ((6, 8), (12, 16))),
+    mm.PLANE: ((7, 9),),
+    mm.Topology.parse("pole-open x closed x open"): ((4, 6, 3),),
+}
 
 
-@experiment(
+@quick(
     Row("modes.eigenvalues.error", "12 lattices off a dense solver", goal=2e-14, tolerance=4e-15),
     Row("modes.dispersion.error", "eq. 7 off the same, relative", goal=2e-14, tolerance=4e-15),
-    quick=True,
 )
-def eigenvalues(_: int) -> tuple[float, float]:
-    worst = worst_wave = 0.0
-    for topology, shape in LATTICES:
-        lattice = Lattice(topology, shape)
+def eigenvalues(_: int) -> tuple[float, ...]:
+    worst = []
+    for lattice in (mm.Lattice(kind, shape) for kind, shapes in SHAPES.items() for shape in shapes):
         dense = np.linalg.eigvalsh(stiffness_matrix(lattice).toarray())
         modes = lattice.all_modes()
-        own = lattice.angular_frequencies(modes) ** 2
-        waves = dispersion(lattice, wave_vectors(lattice, modes)) ** 2
-        worst = max(worst, float(np.abs(np.sort(own) - dense).max() / dense[-1]))
-        worst_wave = max(worst_wave, float(np.abs(np.sort(waves) - dense).max() / dense[-1]))
-    return worst, worst_wave
+        waves = dispersion(lattice, wave_vectors(lattice, modes))
+        both = np.sort(np.stack([lattice.angular_frequencies(modes), waves]) ** 2)
+        worst.append(np.abs(both - dense).max(axis=1) / dense[-1])
+    return tuple(np.max(worst, axis=0).tolist())
 
 
-@experiment(
-    Row("modes.template.left", "RMS left by 7 closed-form modes of a mesh over 7 by eigsh"),
-    quick=True,
-)
+@quick(Row("modes.template.left", "RMS left by 7 closed-form modes of a mesh over 7 by eigsh"))
 def left(seed: int) -> float:
     """Of the surface itself, weighted by area; mean of five individuals."""
     found = [fronts(individual(np.random.default_rng([seed, k])), 20) for k in range(5)]
     return float(np.mean([each[CLOSED].at(21) / each[BELTRAMI].at(21) for each in found]))
 
 
-@experiment(
-    Row("modes.template.large", "template of 250,000 vertices numbered at random, over NumPy work"),
-    is_timed=True,
-)
+@timed(Row("modes.template.large", "template of 250,000 vertices in random order, over NumPy work"))
 def large(seed: int) -> float:
-    rows_of("extremes_lattice_rows")  # where the helpers of tests are found
-    beat = simulate_ventricle(n_vertices=15_650, rng=np.random.default_rng([seed, 8]))
+    beat = mm.simulate_ventricle(n_vertices=15_650, rng=np.random.default_rng([seed, 8]))
     moving = beat.vertices[:1].astype(np.float64), beat.faces
-    subdivided = importlib.import_module("template_remeshing").subdivided
     vertices, faces = subdivided(subdivided(moving))
     order = np.random.default_rng([seed, 7]).permutation(vertices.shape[1])
-    one = mesh_sequence(vertices[:, order], np.argsort(order)[faces])
-    return beside_numpy({"template": lambda: make_template(one)}, 1)["template"]
+    one = mm.mesh_sequence(vertices[:, order], np.argsort(order)[faces])
+    return beside_numpy({"template": lambda: mm.make_template(one)}, 1)["template"]
 
 
-@experiment(
+@timed(
     Row("modes.template.time", "template of 10,000 vertices and 7 modes over 7 by eigsh", goal=1.0),
     Row("modes.lattice.time", "eigsh of 100 x 100 nodes over shapes", "", 800, "higher"),
-    is_timed=True,
 )
 def times(seed: int) -> tuple[float, float]:
-    beat = simulate_ventricle(n_vertices=10_000, rng=np.random.default_rng([seed, 9]))
-    one = mesh_sequence(beat.vertices[:1], beat.faces)
-    lattice = Lattice(CUP, (100, 100))
+    beat = mm.simulate_ventricle(n_vertices=10_000, rng=np.random.default_rng([seed, 9]))
+    one = mm.mesh_sequence(beat.vertices[:1], beat.faces)
+    lattice = mm.Lattice(mm.CUP, (100, 100))
     modes, matrix = lattice.lowest_modes(7), stiffness_matrix(lattice)
     calls = {
-        "ours": lambda: make_basis(t := make_template(one), choose_modes(t, 7).modes),
+        "ours": lambda: make_basis(t := mm.make_template(one), choose_modes(t, 7).modes),
         "eigsh": lambda: beltrami_modes(one, 7),
         "shapes": lambda: lattice.shapes(modes),
         "eigsh of the lattice": lambda: lowest_eigenpairs(matrix, 7),
     }
-    taken = side_by_side(calls, 7, time.process_time, 0.02).values()
-    ours, eigsh, shapes, of_lattice = (each.median for each in taken)
+    ours, eigsh, shapes, of_lattice = medians(calls, 7)
     return ours / eigsh, of_lattice / shapes

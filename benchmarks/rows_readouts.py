@@ -7,12 +7,18 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from experiments import Row, experiment
-from read_hearts import MESHES, hearts, noisy, read, shrinking_ellipsoid, true_figures, volumes_of
-from strain_truth import dyssynchrony_truth
+from experiments import Row, experiment, quick
+from read_hearts import (
+    MESHES,
+    hearts,
+    noisy,
+    peak_rates,
+    read,
+    shrinking_ellipsoid,
+    true_dyssynchrony,
+)
 
 import modalmotion as mm
-from modalmotion.clinical.rates import rates_of
 from modalmotion.simulate import Acquisition, MotionClass, draw_parameters, simulate_ventricle
 
 NOISES = (0.0, 0.6, 1.0, 1.5)
@@ -25,14 +31,12 @@ FIGURES = {
 }
 # Mean absolute errors at 1 mm of noise or less, coarse mesh and others.
 GOALS = {"gls": (0.6, 0.4), "gcs": (0.9, 0.6)}
-N_PER_CLASS = 4
-WIDEST = 6.0
+WIDEST, STRAINS = 6.0, ("gls", "gcs")
 
 
 def _rows(mesh: str) -> Iterator[Row]:
     for name, (words, unit) in FIGURES.items():
-        goals = GOALS.get(name)
-        goal = None if goals is None else goals[mesh != "16x32"]
+        goal = GOALS.get(name, (None, None))[mesh != "16x32"]
         for noise in NOISES:
             text = f"{words} off by, {noise:g} mm of noise, {mesh}"
             yield Row(f"readouts.{mesh}.{name}.{noise:g}", text, unit, goal if noise <= 1 else None)
@@ -41,23 +45,18 @@ def _rows(mesh: str) -> Iterator[Row]:
 
 
 def _measure(mesh: str, seed: int) -> tuple[float, ...]:
-    errors: dict[str, dict[float, list[float]]] = {n: {s: [] for s in NOISES} for n in FIGURES}
-    inside: dict[str, list[bool]] = {name: [] for name in FIGURES}
-    for clean, truth, rng in hearts(mesh, seed, N_PER_CLASS):
-        true = true_figures(clean, truth)
-        for noise in NOISES:
-            found = read(noisy(clean, noise, rng))
-            for name, (value, low, high) in found.items():
-                scale = 100 / true[name] if name == "edv" else 1.0
-                errors[name][noise].append(scale * abs(value - true[name]))
-                if noise:
-                    is_narrow = name == "edv" or high - low <= WIDEST
-                    inside[name].append(is_narrow and low <= true[name] <= high)
-    return tuple(
-        float(value)
-        for name in FIGURES
-        for value in (*map(np.mean, errors[name].values()), 100 * np.mean(inside[name]))
-    )
+    found, true = [], []
+    for clean, truth, rng in hearts(mesh, seed, 4):
+        found.append([read(noisy(clean, noise, rng)) for noise in NOISES])
+        true.append([[truth[name]] for name in FIGURES])
+    stated = [[[of[name] for name in FIGURES] for of in of_heart] for of_heart in found]
+    # Values and ends of intervals, each (figures, noises, hearts).
+    (value, low, high), t = np.array(stated).T.copy(), np.moveaxis(np.array(true), 0, 2)
+    is_share = np.array([[[unit == "%"]] for _, unit in FIGURES.values()])
+    off = np.abs(value - t) * np.where(is_share, 100 / t, 1.0)
+    inside = (low <= t) & (t <= high) & (is_share | (high - low <= WIDEST))
+    shares = 100 * inside[:, 1:].mean(axis=(1, 2))
+    return tuple(np.column_stack([off.mean(axis=2), shares]).ravel().tolist())
 
 
 for _mesh in MESHES:
@@ -74,29 +73,25 @@ def meshes(seed: int) -> tuple[float, ...]:
     for pair in zip(hearts("16x32", seed, 2), hearts("32x64", seed, 2), strict=True):
         for noise, differences in off.items():
             found = [(read(noisy(heart, noise, rng)), truth) for heart, truth, rng in pair]
-            one, other = (np.array([r["gls"][0] - t.gls, r["gcs"][0] - t.gcs]) for r, t in found)
+            one, other = (np.array([r[n][0] - t[n] for n in STRAINS]) for r, t in found)
             differences.append(float(np.abs(one - other).mean()))
     return tuple(float(np.mean(differences)) for differences in off.values())
 
 
-@experiment(
-    Row(
-        "readouts.moved", "strain of a scaled, turned heart off by", "points", 1e-9, tolerance=1e-12
-    ),
+@quick(
+    Row("readouts.moved", "strain of a scaled, turned heart off", "points", 1e-9, "lower", 1e-12),
     Row("readouts.ellipsoid", "strain of ellipsoids off elliptic integrals by", "points", 0.1),
-    quick=True,
 )
 def laws(seed: int) -> tuple[float, float]:
     clean, _, rng = next(hearts("16x32", seed, 1))
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     turn *= np.linalg.det(turn)
     here, there = read(clean), read(replace(clean, vertices=1.7 * clean.vertices @ turn + 40.0))
+    changed = max(abs(here[name][0] - there[name][0]) for name in STRAINS)
     off = []
-    for _ in range(10):
-        beat, strains = shrinking_ellipsoid(rng)
+    for beat, strains in (shrinking_ellipsoid(rng) for _ in range(10)):
         found = read(beat)
         off.append([abs(found[name][0] - true) for name, true in strains.items()])
-    changed = max(abs(here[name][0] - there[name][0]) for name in ("gls", "gcs"))
     return changed, float(np.mean(off))
 
 
@@ -122,7 +117,7 @@ def late_walls(seed: int) -> tuple[float, ...]:
             )
             for n in (400, 25)
         )
-        true = dyssynchrony_truth(many)
+        true = true_dyssynchrony(many)
         for noise, errors in off.items():
             found = mm.strain(noisy(few, noise, np.random.default_rng(state))).dyssynchrony
             assert found is not None
@@ -158,40 +153,15 @@ def phases(seed: int) -> tuple[float, float]:
     return float(np.mean(ratios)), float(np.mean(inside))
 
 
-@experiment(
+@quick(
     Row("readouts.rates.16", "peak rates of 16 frames off by", "%", goal=1),
     Row("readouts.rates.41", "peak rates of 41 frames off by", "%", goal=0.5),
     Row("readouts.rates.inside", "peak rates within their bound", "%", goal=(92.0, 100.0)),
-    quick=True,
 )
 def rates(seed: int) -> tuple[float, ...]:
     off: dict[int, list[float]] = {16: [], 41: []}
     inside = []
-    for k, label in enumerate(list(MotionClass) * 4):
-        parameters = draw_parameters(label, np.random.default_rng([seed, k]))
-        beats = {
-            n: simulate_ventricle(
-                parameters,
-                grid=(12, 24),
-                acquisition=Acquisition(n_frames=n),
-                rng=np.random.default_rng([seed, k, 1]),
-            )
-            for n in (*off, 600)
-        }
-        volumes = volumes_of(beats[600])
-        slopes = np.diff(volumes, append=volumes[0]) * 600 / parameters.period
-        true = -slopes.min() / 1000, slopes.max() / 1000
-        for n in off:
-            readouts = mm.clinical_readouts(mm.modal_signature(beats[n]), beats[n])
-            found = rates_of(readouts, parameters.period)
-            stated = (
-                (found.peak_ejection_rate, found.ejection_bound),
-                (
-                    found.peak_filling_rate,
-                    found.filling_bound,
-                ),
-            )
-            for (value, bound), rate in zip(stated, true, strict=True):
-                off[n].append(100 * abs(value - rate) / rate)
-                inside.append(abs(value - rate) <= bound)
+    for n, value, bound, true in peak_rates(seed, tuple(off)):
+        off[n].append(100 * abs(value - true) / true)
+        inside.append(abs(value - true) <= bound)
     return (*(float(np.mean(each)) for each in off.values()), 100 * float(np.mean(inside)))

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import json
 from functools import partial
+from itertools import chain
 
-from experiments import Row, experiment
+from experiments import Row, quick, timed
 from measure import USUAL_SECONDS, beside_numpy, of_usual_core
 from served import answers, large_beat, start
 
 from modalmotion import SignatureParameters, make_template, modal_signature
 from modalmotion_service.commands.openapi import document
 
-METHODS = {"get", "post", "put", "patch", "delete"}
-OF_BARE = "of the rate of a bare upload"
+METHODS, OF_BARE = {"get", "post", "put", "patch", "delete"}, "of the rate of a bare upload"
 
 
-@experiment(
+@timed(
     Row("service.signature.share", f"signature, {OF_BARE}", "%", goal=45, better="higher"),
     Row("service.signature.processor", "signature over HTTP, processor time", "ms"),
     Row("service.signature.library", "of it, the library's", goal=0.65, better="higher"),
@@ -24,37 +24,30 @@ OF_BARE = "of the rate of a bare upload"
     Row("service.class.processor", "class over HTTP, processor time", "ms"),
     Row("service.stored.share", f"GET of a stored signature, {OF_BARE}", "%", better="higher"),
     Row("service.stored.processor", "GET of a stored signature, processor time", "ms", goal=2.5),
-    is_timed=True,
 )
 def over_http(_: int) -> tuple[float, ...]:
-    measured, beat = answers(n_rounds=5, seconds=0.5), large_beat()
-    signature, of_class, stored = (measured[name] for name in ("signature", "class", "stored"))
-    template = make_template(beat)
+    (share, milliseconds), *others = answers(n_rounds=5, seconds=0.5).tolist()
+    template = make_template(beat := large_beat())
     known = SignatureParameters(template=template.id)
     made = partial(modal_signature, beat, known, template=template)
-    library = (
-        1e3 * USUAL_SECONDS * beside_numpy({"library": made})["library"] / signature.milliseconds
-    )
-    times = (signature.milliseconds, library, of_class.share, of_class.milliseconds)
-    return (signature.share, *times, stored.share, stored.milliseconds)
+    library = 1e3 * USUAL_SECONDS * beside_numpy({"made": made})["made"] / milliseconds
+    return (share, milliseconds, library, *chain.from_iterable(others))
 
 
-@experiment(
+@timed(
     Row("service.start.processor", "processor time until it is ready", "s", goal=1, tolerance=0.2),
     Row("service.start.processes", "processes at rest", goal=6, tolerance=0),
     Row("service.start.memory", "memory at rest, of all", "MB", goal=130, tolerance=4),
-    is_timed=True,
 )
 def at_rest(_: int) -> tuple[float, ...]:
     seconds, n_processes, megabytes = start()
     return of_usual_core(seconds), n_processes, megabytes
 
 
-@experiment(
+@quick(
     Row("service.openapi.size", "openapi.json", "kB", goal=350, tolerance=5),
     Row("service.openapi.operations", "operations of the interface", goal=58, tolerance=0),
     Row("service.openapi.parameters", "parameters of all operations", goal=250, tolerance=0),
-    quick=True,
 )
 def interface(_: int) -> tuple[float, ...]:
     text = document()

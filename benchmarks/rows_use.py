@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import tempfile
 
-from experiments import Row, experiment
-from started import ROOT, install_seconds, processor_seconds, recorded, saved
+from experiments import Row, experiment, quick, timed
+from real_data import ROOT
+from started import install_seconds, processor_seconds, recorded, saved
 
 
-@experiment(
+@timed(
     # By so much one machine differs from another, and a busy one from itself.
     Row("use.import", "import modalmotion, processor time", "s", tolerance=0.004),
     Row("use.help", "modalmotion --help, processor time", "s", tolerance=0.015),
     Row("use.signature", "modalmotion signature, cold, its time", "s", goal=0.5, tolerance=0.035),
-    quick=True,
-    is_timed=True,
 )
 def cold(_: int) -> tuple[float, ...]:
     with tempfile.TemporaryDirectory() as place:
@@ -23,14 +22,12 @@ def cold(_: int) -> tuple[float, ...]:
         return processor_seconds(("-c", "import modalmotion"), (*program, "--help"), signature)
 
 
-@experiment(Row("use.readme", "lines of README", tolerance=5), quick=True)
+@quick(Row("use.readme", "lines of README", tolerance=5))
 def readme(_: int) -> float:
     return len((ROOT / "README.md").read_text().splitlines())
 
 
-@experiment(
-    Row("use.install", "pip install of the wheel to a signature, processor time", "s", tolerance=2)
-)
+@experiment(Row("use.install", "pip install to first signature, processor time", "s", tolerance=2))
 def install(_: int) -> float:
     return install_seconds()
 

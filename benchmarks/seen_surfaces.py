@@ -9,20 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import modalmotion as mm
 from modalmotion.mesh import cavity_of, face_normals, vertex_areas
 from modalmotion.mesh.normal_lines import vertex_normals
-from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
-from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import SPHERE
-from modalmotion.simulate import Acquisition, MotionClass, Pose, draw_parameters, simulate_ventricle
+from modalmotion.simulate import MotionClass, Pose, draw_parameters
 from modalmotion.simulate.pose import random_rotation
-from modalmotion.template import make_template
 from modalmotion.tracking import Observation, of_surface
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
+PHASES = np.arange(6) / 6
 
 Cases = Iterable[tuple["Truth", np.random.Generator]]
 Seen = tuple["Truth", list[list[Observation]]]
@@ -30,20 +27,17 @@ Seen = tuple["Truth", list[list[Observation]]]
 
 @dataclass(frozen=True)
 class Truth:
-    """A surface that is known in every frame, with the vertices of its ends.
-
-    A ventricle's lattice follows the tissue, so that its lines have the true strain.
-    """
+    """A surface that is known in every frame, with the vertices of its ends."""
 
     vertices: Floats
     faces: Ints
     ends: tuple[tuple[int, ...], ...] = ()
-    grid: tuple[int, ...] | None = None
+    grid: tuple[int, ...] | None = None  # of a ventricle's lattice, whose rows follow the tissue
 
     @staticmethod
-    def of(sequence: MeshSequence, every: int = 1) -> Truth:
+    def of(sequence: mm.MeshSequence, every: int = 1) -> Truth:
         """Take the apex and the middle of each opening as ends; none of a closed surface."""
-        template = make_template(sequence)
+        template = mm.make_template(sequence)
         openings = cavity_of(template.faces, template.n_vertices).openings
         ends: list[tuple[int, ...]] = []
         if openings:
@@ -56,7 +50,7 @@ class Truth:
 
     @property
     def volumes(self) -> Floats:
-        """Volume of each frame."""
+        """Of each frame."""
         return np.abs(cavity_of(self.faces, self.vertices.shape[1]).volume(self.vertices))
 
     @property
@@ -64,30 +58,24 @@ class Truth:
         """Share of the largest volume that is lost, percent."""
         return float(100.0 * (1.0 - self.volumes.min() / self.volumes.max()))
 
-    @property
-    def sequence(self) -> MeshSequence:
-        """The surface as a mesh sequence."""
-        return mesh_sequence(self.vertices, self.faces, grid=self.grid, unit="mm")
-
-    def start(self) -> MeshSequence:
+    def start(self) -> mm.MeshSequence:
         """Return the surface of frame 0."""
         topology = "cup" if len(self.ends) == 2 else None
-        return mesh_sequence(self.vertices[:1], self.faces, topology=topology, unit="mm")
+        return mm.mesh_sequence(self.vertices[:1], self.faces, topology=topology, unit="mm")
 
     def seen(
         self,
         n: int,
         noise: float,
         rng: np.random.Generator,
-        *,
         strays: float = 0.0,
         unseen: float = 0.0,
         has_start: bool = True,
     ) -> list[list[Observation]]:
-        """Random points of each frame, and the landmarks, with noise.
+        """Random points of each frame and the landmarks, of vertices or of ends, with noise.
 
         A share `strays` of them fills the space around; a share `unseen` of the surface, one patch
-        of the same tissue in all frames, has none. Landmarks are of vertices, or of apex and base.
+        of the same tissue in all frames, has none.
         """
         hidden, frames = self._patch(unseen, rng), []
         faces = self.faces[~hidden[self.faces].any(axis=1)]
@@ -135,48 +123,52 @@ def seen_clouds(cases: Cases, noise: float, **seen: Any) -> Iterator[Seen]:
         yield truth, truth.seen(2000, noise, rng, **seen)
 
 
-def ventricles(seed: int, n: int, n_frames: int = 6) -> Cases:
-    """Simulate ventricles whose classes take turns, in any pose."""
-    classes = list(MotionClass)
+def in_turn(
+    seed: int, first: int, n: int
+) -> Iterator[tuple[mm.VentricleParameters, np.random.Generator]]:
+    """Draw ventricles whose classes take turns, each with random numbers of its own."""
     for k in range(n):
-        rng = np.random.default_rng([seed, k])
-        parameters = draw_parameters(classes[k % len(classes)], rng)
-        acquisition = Acquisition(n_frames=n_frames, pose=Pose(rotation=random_rotation(rng)))
-        one = simulate_ventricle(parameters, grid=(24, 48), acquisition=acquisition, rng=rng)
+        rng = np.random.default_rng([seed, first + k])
+        yield draw_parameters(list(MotionClass)[k % len(MotionClass)], rng), rng
+
+
+def ventricles(seed: int, n: int) -> Cases:
+    """Simulate ventricles in any pose."""
+    for parameters, rng in in_turn(seed, 0, n):
+        acquisition = mm.Acquisition(n_frames=len(PHASES), pose=Pose(rotation=random_rotation(rng)))
+        one = mm.simulate_ventricle(parameters, grid=(24, 48), acquisition=acquisition, rng=rng)
         yield Truth.of(one), rng
 
 
-def dented(seed: int, n: int, n_frames: int = 6) -> Cases:
+def dented(seed: int, n: int) -> Cases:
     """Simulate ventricles with dents that come and go in a beat, finer than usual modes."""
-    for truth, rng in ventricles(seed, n, n_frames):
-        x, share = truth.vertices, np.sin(np.pi * np.arange(n_frames) / n_frames)
+    for truth, rng in ventricles(seed, n):
+        x, share = truth.vertices, np.sin(np.pi * PHASES)
         spots = x[0][rng.integers(x.shape[1], size=4)]
         depths = np.exp(-((x[0][:, None] - spots) ** 2).sum(axis=2) / 2 / 6.0**2).sum(axis=1)
         inward = -4.0 * depths[:, None] * vertex_normals(x[0], truth.faces)
         yield replace(truth, vertices=x + share[:, None, None] * inward), rng
 
 
-def quartered(seed: int, n: int, n_frames: int = 6) -> Cases:
+def quartered(seed: int, n: int) -> Cases:
     """Make closed surfaces, no ellipsoids: each quarter has its own width, profile and motion."""
-    base = standard_surface(Lattice(SPHERE, (24, 48)))
+    base = standard_surface(mm.Lattice(mm.SPHERE, (24, 48)))
     unit = base.vertices[0] / np.linalg.norm(base.vertices[0], axis=1, keepdims=True)
     turns, height = np.arctan2(unit[:, 1], unit[:, 0]), np.clip(np.abs(unit[:, 2]), 0.0, 1.0)
     for k in range(n):
         rng = np.random.default_rng([seed, 1000 + k])
-        quarters = np.exp(
-            3.0 * np.cos(turns[:, None] - np.pi / 2 * np.arange(4) - rng.uniform(0.0, 7.0))
-        )
+        away = turns[:, None] - np.pi / 2 * np.arange(4) - rng.uniform(0.0, 7.0)
+        quarters = np.exp(3.0 * np.cos(away))
         quarters /= quarters.sum(axis=1, keepdims=True)
         width = quarters @ rng.uniform(18.0, 28.0, 4)
         power = quarters @ rng.uniform(1.7, 2.8, 4)
         less, late = quarters @ rng.uniform(0.08, 0.26, 4), quarters @ rng.uniform(-0.06, 0.06, 4)
         profile = width * np.maximum(1.0 - height**power, 0.0) ** (1.0 / power)
-        length, frames = rng.uniform(30.0, 45.0), []
-        for phase in np.arange(n_frames) / n_frames:
-            radius = profile * (1.0 - less * (0.5 - 0.5 * np.cos(2 * np.pi * (phase - late))))
-            axial = length * (1.0 - 0.1 * (0.5 - 0.5 * np.cos(2 * np.pi * phase))) * unit[:, 2]
-            frames.append(np.stack([radius * np.cos(turns), radius * np.sin(turns), axial], axis=1))
-        yield Truth(np.stack(frames), base.faces), rng
+        length, phase = rng.uniform(30.0, 45.0), PHASES[:, None]
+        radius = profile * (1.0 - less * (0.5 - 0.5 * np.cos(2 * np.pi * (phase - late))))
+        axial = length * (1.0 - 0.1 * (0.5 - 0.5 * np.cos(2 * np.pi * phase))) * unit[:, 2]
+        frames = np.stack([radius * np.cos(turns), radius * np.sin(turns), axial], axis=2)
+        yield Truth(frames, base.faces), rng
 
 
 def sampled(x: Floats, faces: Ints, n: int, rng: np.random.Generator) -> Floats:

@@ -6,20 +6,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
+from modalmotion.mesh.laplacian import graph_laplacian
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CLOSED, End
 
 
 def stiffness_matrix(lattice: Lattice) -> Any:
-    """Assemble the springs of a lattice.
-
-    Returns
-    -------
-    (nodes, nodes) csc_matrix
-    """
+    """Assemble the springs of a lattice, sparse, (nodes, nodes)."""
     node = np.arange(lattice.n_nodes).reshape(lattice.shape)
     pairs: list[tuple[NDArray[np.int64], NDArray[np.int64]]] = []
     for axis, ends in enumerate(lattice.topology.ends):
@@ -27,16 +22,12 @@ def stiffness_matrix(lattice: Lattice) -> Any:
         pairs.append((rows[:-1].ravel(), rows[1:].ravel()))
         if ends == CLOSED:
             pairs.append((rows[-1].ravel(), rows[0].ravel()))
-        for end, row in ((ends[0], rows[0]), (ends[1], rows[-1])):
+        for end, row in zip(ends, (rows[0], rows[-1]), strict=True):
             if end == End.POLE:
                 near, far = np.split(row, 2, axis=axis)
                 pairs.append((near.ravel(), far.ravel()))
-    i, j = (np.concatenate(side) for side in zip(*pairs, strict=True))
-    ones = np.ones(len(i))
-    adjacency = sparse.coo_matrix((ones, (i, j)), shape=(lattice.n_nodes,) * 2)
-    adjacency = adjacency + adjacency.T
-    degrees = sparse.diags(np.asarray(adjacency.sum(axis=1)).ravel())
-    return (degrees - adjacency).tocsc()
+    edges = np.concatenate([np.column_stack(each) for each in pairs])
+    return graph_laplacian(edges, lattice.n_nodes)
 
 
 def lowest_eigenpairs(matrix: Any, n_modes: int) -> tuple[NDArray[np.float64], Any]:

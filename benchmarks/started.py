@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import resource
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -12,32 +11,28 @@ import tomllib
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 from coded_sequences import beat
+from real_data import ROOT
 
 from modalmotion import write_npz
 
-ROOT: Final = Path(__file__).resolve().parents[1]
-USUAL_SECONDS: Final = 0.07
-"""Of importing NumPy, on a core of 2024."""
+USUAL_SECONDS: Final = 0.07  # of importing NumPy, on a core of 2024
 
 
 def processor_seconds(*commands: tuple[str, ...], n_rounds: int = 5) -> tuple[float, ...]:
-    """Processor time of Python's commands, of a core that imports NumPy in 0.07 s.
+    """Processor time of Python with each list of arguments, of a core that imports NumPy in 0.07 s.
 
-    Parameters
-    ----------
-    *commands : tuple of str
-        Arguments of Python. Modules are compiled before, as those of installed packages are.
+    Modules are compiled in the first round, as those of installed packages are.
     """
-    numpy = ("-c", "import numpy")
-    ratios: list[list[float]] = [[] for _ in commands]
     with tempfile.TemporaryDirectory() as cache:
         environment = os.environ | {"PYTHONPYCACHEPREFIX": cache, "PYTHONDONTWRITEBYTECODE": ""}
-        for _ in range(n_rounds + 1):
-            unit = _spent(numpy, environment)
-            for of_command, command in zip(ratios, commands, strict=True):
-                of_command.append(_spent(command, environment) / unit)
-    return tuple(USUAL_SECONDS * statistics.median(of_command[1:]) for of_command in ratios)
+        spent = [
+            [_spent(command, environment) for command in (("-c", "import numpy"), *commands)]
+            for _ in range(n_rounds + 1)
+        ]
+    unit, *times = np.array(spent[1:]).T
+    return tuple(USUAL_SECONDS * float(np.median(of_command / unit)) for of_command in times)
 
 
 def install_seconds() -> float:

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from modalmotion.facts import Facts
+import modalmotion as mm
 from modalmotion.mesh import Cavity, lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import CUP
 from modalmotion.simulate import MotionClass
 
 Array = NDArray[np.float64]
@@ -28,37 +27,22 @@ _WALLS: Final = np.radians(60.0 * np.arange(6))
 
 @dataclass(frozen=True)
 class Heart:
-    """One ventricle and its beat.
+    """One ventricle and its beat."""
 
-    Parameters
-    ----------
-    semi_axes, powers : (float, float, float), mm, and (float, float)
-        Lateral, inferior, and to the apex; powers along the axis and around it, 1 of an ellipsoid.
-    cut, ejection_fraction : float
-        Height of the base above the widest section, in semi-axes; where no wall lost its motion.
-    descent, twist : float, share of the length and degrees
-        Of the base; of the apex against it, counterclockwise as seen from the apex.
-    period, rise, quickness : float, s, share and power
-        Of the beat; of it until end systole; of time in the fall, below 1 fills early.
-    lost, wall : float and (float, float, float, float), shares and rad
-        Motion lost in the middle of a wall; middle and half width around the axis, and along it.
-    lag, flash : float, s and share
-        Of the lateral wall behind the septum; early contraction of the septum.
-    """
-
-    semi_axes: tuple[float, float, float]
-    powers: tuple[float, float]
-    cut: float
-    ejection_fraction: float
-    descent: float
-    twist: float
-    period: float
-    rise: float
-    quickness: float
-    lost: float = 0.0
+    semi_axes: tuple[float, float, float]  # mm, lateral, inferior, and to the apex
+    powers: tuple[float, float]  # along the axis and around it, 1 of an ellipsoid
+    cut: float  # height of the base above the widest section, in semi-axes
+    ejection_fraction: float  # where no wall lost its motion
+    descent: float  # of the base, share of the length
+    twist: float  # degrees, of the apex against the base, counterclockwise as seen from the apex
+    period: float  # s
+    rise: float  # share of the beat until end systole
+    quickness: float  # power of time in the fall, below 1 fills early
+    lost: float = 0.0  # share of the motion lost in the middle of a wall
+    # Middle and half width of that wall around the axis, rad, and along it, shares.
     wall: tuple[float, float, float, float] = (0.0, 1.0, 0.5, 0.5)
-    lag: float = 0.0
-    flash: float = 0.0
+    lag: float = 0.0  # s, of the lateral wall behind the septum
+    flash: float = 0.0  # early contraction of the septum, share
 
 
 def hearts(
@@ -67,7 +51,7 @@ def hearts(
     """Draw recordings of as many of each class, with their labels."""
     for label in classes:
         for k in range(n_per_class):
-            rng = np.random.default_rng([seed, tuple(MotionClass).index(label), k])
+            rng = np.random.default_rng([seed, list(MotionClass).index(label), k])
             yield record(draw(label, rng), rng), str(label)
 
 
@@ -110,19 +94,14 @@ def record(heart: Heart, rng: np.random.Generator) -> MeshSequence:
     # The lattice behind the apex, which a fan closes.
     ring = 1 + np.arange(grid[1])
     fan = np.stack([np.zeros_like(ring), np.roll(ring, -1), ring], axis=1)
-    faces = np.concatenate([fan, 1 + lattice_faces(CUP, grid)])
+    faces = np.concatenate([fan, 1 + lattice_faces(mm.CUP, grid)])
     frames = _frames(heart, grid, times, _solved(heart, grid, faces))
     frames = frames + rng.normal(0.0, 0.5, frames.shape)  # mm
     turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
     turn[:, 0] *= np.linalg.det(turn)
-    return mesh_sequence(
-        frames @ turn.T + rng.normal(0.0, 50.0, 3),
-        faces,
-        topology=CUP,
-        times=times,
-        unit="mm",
-        facts=Facts(tracking="material", cavity="lv", handedness="right"),
-    )
+    frames = frames @ turn.T + rng.normal(0.0, 50.0, 3)
+    facts = mm.Facts(tracking="material", cavity="lv", handedness="right")
+    return mesh_sequence(frames, faces, topology=mm.CUP, times=times, unit="mm", facts=facts)
 
 
 def _solved(heart: Heart, grid: tuple[int, int], faces: NDArray[np.int64]) -> float:

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from measure import in_words, side_by_side, table
-from real_data import is_there, recording
-from tradeoff_bases import BELTRAMI, CLOSED, PCA, ROOT, SPRINGS, Front, fronts, surfaces, ventricle
+from noisy_surfaces import individual
+from real_data import ROOT, is_there, recording
+from tradeoff_bases import BELTRAMI, CLOSED, PCA, SPRINGS, Front, fronts, surfaces
 
+import modalmotion as mm
 from modalmotion.choice.fitter import Fitter
-from modalmotion.clinical import clinical_readouts
 from modalmotion.fit.basis import make_basis
-from modalmotion.formats import read_npz, write_npz
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.pictures.readouts import volume_figure
 from modalmotion.signature.making import SignatureParameters, modal_signature
@@ -32,8 +32,8 @@ def run() -> list[str]:
     by_surface = {name: fronts(sequence) for name, sequence in surfaces().items()}
     figures = ROOT / "docs" / "figures"
     draw_surfaces(by_surface, figures / "tradeoff-surfaces.png")
-    beat = ventricle(1200, seed=3)
-    readouts = clinical_readouts(modal_signature(beat), beat)
+    beat = individual(np.random.default_rng(3), n_vertices=1200)
+    readouts = mm.clinical_readouts(modal_signature(beat), beat)
     volume_figure(readouts).savefig(figures / "volume.png", dpi=100)
     return [ventricles(), stages(), bases(by_surface), principal(by_surface)]
 
@@ -54,7 +54,8 @@ def draw_surfaces(by_surface: dict[str, dict[str, Front]], path: Path) -> None:
 
 def ventricles() -> str:
     """Measure what ever more amplitudes leave of ventricles."""
-    simulated = [ventricle(1200, seed) for seed in range(N_VENTRICLES)]
+    seeds = map(np.random.default_rng, range(N_VENTRICLES))
+    simulated = [individual(rng, n_vertices=1200) for rng in seeds]
     name = "heart/lv_endocardium"
     real = [recording(name)] if is_there("tradeoff: a real ventricle", name) else []
     heads = ["amplitudes a frame", "RMS left, mm: median", "90 %", "real"]
@@ -75,7 +76,7 @@ def ventricles() -> str:
 
 def stages() -> str:
     """Where the time of the usual request goes."""
-    made = ventricle(1500)
+    made = individual(np.random.default_rng(1994))
     sequence = mesh_sequence(made.vertices.astype(np.float32), made.faces, unit="mm")
     template = make_template(sequence)
     chosen = choose_modes(template, 7).modes
@@ -83,15 +84,15 @@ def stages() -> str:
     signature = modal_signature(sequence)
     fit = Fitter.of(sequence, template).fit
     calls: dict[str, Callable[[], object]] = {
-        "read the npz file, check every number": partial(read_npz, write_npz(sequence)),
+        "read the npz file, check every number": partial(mm.read_npz, mm.write_npz(sequence)),
         "natural coordinates (once for a mesh)": partial(make_template, sequence),
         "evaluate and factor 7 modes (once for a mesh)": partial(make_basis, template, chosen),
         "fit 25 frames, with rotations and errors": partial(fit, basis),
         "write the HDF5 result": partial(signature_to_hdf5, signature),
-        "read-outs, if asked for": partial(clinical_readouts, signature, sequence),
+        "read-outs, if asked for": partial(mm.clinical_readouts, signature, sequence),
     }
     taken = side_by_side(calls, n_samples=15)
-    found = [(name, in_words(times.best)) for name, times in taken.items()]
+    found = [(name, in_words(float(times.min()))) for name, times in taken.items()]
     title = "A beat of 25 frames and 1,500 vertices, fastest of 15 runs"
     return table(title, ["stage", "time"], found)
 
@@ -109,13 +110,10 @@ def bases(by_surface: dict[str, dict[str, Front]]) -> str:
 def principal(by_surface: dict[str, dict[str, Front]]) -> str:
     """PCA beside the closed form, by the numbers that must be kept."""
     shares, pair = (0.2, 0.1, 0.05), (CLOSED, PCA)
-    found = [
-        (
-            name,
-            *(_numbers(of[kind], share * of[CLOSED].motion) for share in shares for kind in pair),
-        )
-        for name, of in by_surface.items()
-    ]
+    found = []
+    for name, of in by_surface.items():
+        bounds = [(of[kind], share * of[CLOSED].motion) for share in shares for kind in pair]
+        found.append((name, *(_numbers(*each) for each in bounds)))
     title = "Numbers to keep beyond the reference mesh, until the RMS left is a share of the motion"
     return table(
         title, ["surface", *(f"{100 * s:.0f} %, {kind}" for s in shares for kind in pair)], found
@@ -124,7 +122,7 @@ def principal(by_surface: dict[str, dict[str, Front]]) -> str:
 
 def _left_and_off(sequence: MeshSequence, n_modes: int) -> tuple[float, float]:
     signature = modal_signature(sequence, SignatureParameters(modes=n_modes))
-    found = clinical_readouts(signature, sequence)
+    found = mm.clinical_readouts(signature, sequence)
     off = (found.curve.share or 0.0) - (found.mesh_curve.share or 0.0)
     return signature.weighted_rms_error, abs(off)
 

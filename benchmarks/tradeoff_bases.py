@@ -2,46 +2,39 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
+from noisy_surfaces import individual
 from numpy.typing import NDArray
 from real_data import is_there, recording
 from scipy.sparse import diags_array
 from scipy.sparse.linalg import eigsh
+from template_surfaces import MAKERS
 
 from modalmotion.alignment.reference import displacements_from
 from modalmotion.mesh import cotangent_laplacian, vertex_areas
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.mesh.spring_modes import spring_modes
 from modalmotion.modes import lowest_modes, whole_count
-from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 from modalmotion.template import make_template
 
-ROOT = Path(__file__).resolve().parents[1]
 Floats = NDArray[np.float64]
 
 CLOSED, SPRINGS, BELTRAMI, PCA = "closed form", "spring modes", "Laplace-Beltrami", "PCA"
-MOST_MODES = 61
-"""Modes up to which fronts are measured; whole for cup and cylinder."""
+MOST_MODES = 61  # up to which fronts are measured; whole for cup and cylinder
 
 
 @dataclass(frozen=True)
 class Front:
-    """RMS error of one basis against the numbers it takes.
+    """RMS error of one basis against the numbers it takes."""
 
-    Amplitudes a frame (n,), RMS over the surface and all frames (n,), mm, and the numbers to keep
-    for the whole sequence beyond its reference mesh (n,): amplitudes, and the basis where it cannot
-    be made again; the RMS displacement, mm.
-    """
-
-    amplitudes: NDArray[np.int64]
-    rms: Floats
+    amplitudes: NDArray[np.int64]  # (n,), a frame
+    rms: Floats  # (n,), over the surface and all frames, mm
+    # (n,), to keep for the whole sequence beyond its reference mesh: amplitudes, and the basis
+    # where it cannot be made again.
     numbers: NDArray[np.int64]
-    motion: float
+    motion: float  # the RMS displacement, mm
 
     def at(self, amplitudes: int) -> float:
         """Error with the largest whole set of at most so many amplitudes, mm."""
@@ -56,16 +49,18 @@ def fronts(sequence: MeshSequence, most: int = MOST_MODES) -> dict[str, Front]:
     whole = whole_count(template.topology, most, sequence.grid)
     modes = lowest_modes(template.topology, whole, sequence.grid)
     counts = sorted({whole_count(template.topology, k, sequence.grid) for k in range(1, most + 1)})
-    n_frames, weights = len(u), template.weights
+    ranks, weights = np.arange(1, most + 1), template.weights
     motion = float(np.sqrt(np.einsum("n,fnd->f", weights, u * u).mean()))
-    closed = left_by(modes.shapes_on(template), u, weights)
-    found = {CLOSED: _front(closed, np.array(counts), n_frames, motion)}
-    ranks = np.arange(1, most + 1)
     springs = spring_modes(template.faces, sequence.n_vertices, most).shapes
-    found[SPRINGS] = _front(left_by(springs, u, weights), ranks, n_frames, motion)
     own = beltrami_modes(mesh_sequence(sequence.vertices[:1], template.faces), most)
-    found[BELTRAMI] = _front(left_by(own, u, weights), ranks, n_frames, motion)
-    found[PCA] = _principal(u, weights, motion)
+    found = {PCA: _principal(u, weights, motion)}
+    for name, shapes, of_name in (
+        (CLOSED, modes.shapes_on(template), np.array(counts)),
+        (SPRINGS, springs, ranks),
+        (BELTRAMI, own, ranks),
+    ):
+        left = left_by(shapes, u, weights)[of_name - 1]
+        found[name] = Front(3 * of_name, left, 3 * of_name * len(u), motion)
     return found
 
 
@@ -100,40 +95,18 @@ def left_by(shapes: Floats, u: Floats, weights: Floats) -> Floats:
 
 def surfaces() -> dict[str, MeshSequence]:
     """One moving surface of each topology, and the real ventricle where it is at hand."""
-    sys.path.insert(0, str(ROOT / "tests" / "support"))
-    made = importlib.import_module("template_surfaces")
     rng = np.random.default_rng(1994)
-    found = {"ventricle (cup)": ventricle(1500)}
-    for name, title in (
-        ("cylinder", "tube (cylinder)"),
-        ("torus", "ring (torus)"),
-        ("sphere", "pear (sphere)"),
-        ("plane", "sheet (plane)"),
-    ):
-        moving = made.MAKERS[name](1500, rng)
-        found[title] = mesh_sequence(*moving, topology=name, unit="mm")
+    found = {"ventricle (cup)": individual(np.random.default_rng(1994))}
+    kinds = {"tube": "cylinder", "ring": "torus", "pear": "sphere", "sheet": "plane"}
+    for name, kind in kinds.items():
+        moving = MAKERS[kind](1500, rng)
+        found[f"{name} ({kind})"] = mesh_sequence(*moving, topology=kind, unit="mm")
     for name in ("lv_endocardium", "lv_grid_32x64"):
         if is_there(f"tradeoff: real {name}", f"heart/{name}"):
             one = recording(f"heart/{name}")
-            faces = one.faces if one.grid is None else None
-            found[f"real: {name}"] = mesh_sequence(
-                one.vertices, faces, grid=one.grid, topology="cup", unit="mm"
-            )
+            known = {"grid": one.grid} if one.grid else {"faces": one.faces}
+            found[f"real: {name}"] = mesh_sequence(one.vertices, topology="cup", unit="mm", **known)
     return found
-
-
-def ventricle(n_vertices: int, seed: int = 1994) -> MeshSequence:
-    """Simulate a ventricle that moves about as richly as a real one."""
-    return simulate_ventricle(
-        VentricleParameters(shape_variation=2.0, motion_variation=2.0),
-        n_vertices=n_vertices,
-        acquisition=Acquisition(n_frames=25),
-        rng=np.random.default_rng(seed),
-    )
-
-
-def _front(rms: Floats, counts: NDArray[np.int64], n_frames: int, motion: float) -> Front:
-    return Front(3 * counts, rms[counts - 1], 3 * counts * n_frames, motion)
 
 
 def _principal(u: Floats, weights: Floats, motion: float) -> Front:

@@ -20,9 +20,11 @@ import statistics
 import sys
 import time
 import tomllib
-from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass
+from collections import Counter
+from collections.abc import Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -31,37 +33,22 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 from experiments import BLOCKS, Experiment, Row, experiments  # noqa: E402 (after the threads)
+from real_data import is_there  # noqa: E402
 
 KEPT: Final = Path(__file__).with_name("truth.toml")
 N_PROCESSES: Final = 2
-OPTIONAL: Final = ("seeds", "recorded")
-# What is equal but for last digits, of another machine or of what is kept.
-_ROUNDING: Final = 1e-3
+_ROUNDING: Final = 1e-3  # last digits, of another machine or of what is kept
 
 
 @dataclass(frozen=True)
 class Kept:
-    """What truth.toml has of a row.
-
-    Parameters
-    ----------
-    value : float
-    tolerance : float
-        By how much a value may be worse: two standard errors, at most a third of the way to the
-        goal.
-    standard_error : float
-        Over fresh seeds; 0 of a figure without chance.
-    seeds : int
-        How many.
-    recorded : str
-        The day on which a row that no table measures was measured by hand.
-    """
+    """What truth.toml has of a row."""
 
     value: float
-    tolerance: float
-    standard_error: float = 0.0
+    tolerance: float  # two standard errors, at most a third of the way to the goal
+    standard_error: float = 0.0  # over fresh seeds; 0 of a figure without chance
     seeds: int = 0
-    recorded: str = ""
+    recorded: str = ""  # the day on which a row that no table measures was measured by hand
 
 
 @dataclass(frozen=True)
@@ -91,50 +78,51 @@ class Line:
         """Whether the table fails by it."""
         return self.verdict in ("WORSE", "FAILED", "new")
 
+    @property
+    def is_short(self) -> bool:
+        """Whether it was measured and falls short of its goal."""
+        return self.value is not None and self.row.is_short(self.value)
+
 
 def main() -> int:
     """Measure, print, keep; 1 where a row is worse than its tolerance or was not measured."""
-    options = _options()
-    chosen = experiments(options.quick, tuple(options.only))
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--quick", action="store_true", help="the quick part, 90 s at most")
+    parser.add_argument("--only", nargs="+", default=[""], help="rows whose names begin so")
+    parser.add_argument("--json", action="store_true", help="lines as JSON")
+    parser.add_argument("--markdown", action="store_true", help="kept values, for docs/truth.md")
+    parser.add_argument("--keep", action="store_true", help="move the kept values to those of now")
+    parser.add_argument("--seeds", type=int, default=0, help="fresh ones, to derive tolerances")
+    options = parser.parse_args()
     if options.markdown:
         sys.stdout.write(markdown(read_kept()))
         return 0
-    seconds = time.perf_counter()
-    lines: list[Line] = []
-    kept = read_kept()
-    for each, measured in _measured(chosen, 0):
-        lines += _lines(each, measured, kept)
-    order = {row.name: place for place, row in enumerate(_rows(chosen))}
-    lines.sort(key=lambda line: order[line.row.name])
+    start = time.perf_counter()
+    chosen = experiments(options.quick, tuple(options.only))
+    lines = measured(chosen, 0)
     if options.keep:
-        _keep(lines, _errors(chosen, options.seeds))
-        kept = read_kept()
-        lines = [
-            Line(line.row, kept.get(line.row.name), line.value, line.trouble) for line in lines
-        ]
+        others = [measured(chosen, seed) for seed in range(1, options.seeds + 1)]
+        kept = _keep(lines, others)
+        lines = [replace(line, kept=kept.get(line.row.name)) for line in lines]
     if options.json:
-        print(json.dumps([_record(line) for line in lines], indent=1))
+        print(json.dumps([asdict(line) | {"verdict": line.verdict} for line in lines], indent=1))
     else:
         print(table(lines))
-        print(_summary(lines, time.perf_counter() - seconds))
+        counts = Counter(line.verdict for line in lines)
+        found = ", ".join(f"{n} {verdict}" for verdict, n in counts.items())
+        n_short = sum(line.is_short for line in lines)
+        seconds = time.perf_counter() - start
+        print(f"\n{len(lines)} rows in {seconds:.0f} s: {found}; {n_short} short of their goal")
     return int(any(line.fails for line in lines))
 
 
 def table(lines: list[Line]) -> str:
-    """Lay the table out for a terminal, block by block."""
-    cells = [("row", "now", "kept", "+-", "goal", ""), *(_cells(line) for line in lines)]
-    widths = [max(len(row[i]) for row in cells) for i in range(6)]
-    texts = []
-    block = ""
-    for line, row in zip([None, *lines], cells, strict=True):
-        if line and line.row.name.split(".")[0] != block:
-            block = line.row.name.split(".")[0]
-            texts += ["", block]
-        text = "  ".join(
-            [row[0].ljust(widths[0]), *(row[i].rjust(widths[i]) for i in range(1, 5)), row[5]]
-        )
-        texts.append(text.rstrip())
-    return "\n".join(texts)
+    """Lay the table out for a terminal."""
+    cells = [("row", "now", "kept", "+-", "goal", ""), *map(_cells, lines)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    aligned = zip("<>>>><", widths, strict=True)
+    layout = "  ".join(f"{{:{side}{width}}}" for side, width in aligned)
+    return "\n".join(layout.format(*row).rstrip() for row in cells)
 
 
 def markdown(kept: Mapping[str, Kept]) -> str:
@@ -148,125 +136,83 @@ def markdown(kept: Mapping[str, Kept]) -> str:
         "rows that do not reach their goal yet. Rows on real recordings are measured where these",
         "are at hand.",
     ]
-    rows = list(_rows(experiments()))
+    rows = [row for each in experiments() for row in each.rows if row.name in kept]
     for block in BLOCKS:
         texts += ["", f"## {block.capitalize()}", "", "| figure | value | tolerance | goal | |"]
         texts.append("|---|---|---|---|---|")
         for row in rows:
-            if row.name.split(".")[0] == block and (stored := kept.get(row.name)):
+            if row.name.startswith(f"{block}."):
+                stored = kept[row.name]
                 short = "**short**" if row.is_short(stored.value) else ""
                 value = f"{_number(stored.value)} {row.unit}".strip()
-                spread = f"{_number(stored.tolerance)}"
-                what = row.what.replace("|", r"\|")
-                texts.append(f"| {what} | {value} | {spread} | {_goal(row)} | {short} |")
+                cells = (value, _number(stored.tolerance), _goal(row), short)
+                texts.append(" | ".join(["| " + row.what.replace("|", r"\|"), *cells]) + " |")
     return "\n".join(texts) + "\n"
 
 
 def read_kept() -> dict[str, Kept]:
     """Read truth.toml."""
-    if not KEPT.is_file():
-        return {}
-    content = tomllib.loads(KEPT.read_text())
-    return {name: Kept(**values) for name, values in content.items()}
+    return {name: Kept(**values) for name, values in tomllib.loads(KEPT.read_text()).items()}
 
 
-def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--quick", action="store_true", help="the quick part, 90 s at most")
-    parser.add_argument("--only", nargs="+", default=[], help="rows whose names begin so")
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument(
-        "--markdown", action="store_true", help="the kept values, for docs/truth.md"
-    )
-    parser.add_argument("--keep", action="store_true", help="move the kept values to those of now")
-    parser.add_argument(
-        "--seeds", type=int, default=0, help="fresh seeds to derive tolerances from"
-    )
-    return parser.parse_args()
-
-
-def _measured(
-    chosen: list[Experiment], seed: int
-) -> Iterator[tuple[Experiment, dict[str, float] | str]]:
-    """Measure: two side by side, then one by one what is timed."""
-    side_by_side = [each for each in chosen if not each.is_timed]
+def measured(chosen: list[Experiment], seed: int) -> list[Line]:
+    """Measure: two side by side, then one by one, each in a new process, what is timed."""
+    found: dict[str, tuple[dict[str, float], str]] = {}
     spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(N_PROCESSES, spawn) as pool:
-        waiting = {pool.submit(_measure, each.rows[0].name, seed): each for each in side_by_side}
-        for done in as_completed(waiting):
-            yield waiting[done], _told(waiting[done], *done.result())
-    for each in chosen:
-        if each.is_timed:
-            with ProcessPoolExecutor(1, spawn) as pool:
-                result = pool.submit(_measure, each.rows[0].name, seed).result()
-            yield each, _told(each, *result)
+    for is_timed, n_processes, n_tasks in ((False, N_PROCESSES, None), (True, 1, 1)):
+        names = [each.rows[0].name for each in chosen if each.is_timed == is_timed]
+        with ProcessPoolExecutor(n_processes, spawn, max_tasks_per_child=n_tasks) as pool:
+            found |= zip(names, pool.map(partial(_measure, seed=seed), names), strict=True)
+    kept = read_kept()
+    return [
+        Line(row, kept.get(row.name), values.get(row.name), trouble)
+        for each in chosen
+        for values, trouble in [found[each.rows[0].name]]
+        for row in each.rows
+    ]
 
 
-def _told(
-    each: Experiment, measured: dict[str, float] | str, seconds: float
-) -> dict[str, float] | str:
-    print(f"{seconds:6.1f} s  {each.rows[0].name}", file=sys.stderr, flush=True)
-    return measured
-
-
-def _measure(name: str, seed: int) -> tuple[dict[str, float] | str, float]:
-    from real_data import is_there
-
+def _measure(name: str, seed: int) -> tuple[dict[str, float], str]:
+    """Values by row, and what went wrong."""
     each = next(each for each in experiments() if each.rows[0].name == name)
-    if not is_there(each.rows[0].name, *each.needs):
-        return f"skipped: {', '.join(each.needs)} not there", 0.0
+    if not is_there(name, *each.needs):
+        return {}, f"skipped: {', '.join(each.needs)} not there"
     start = time.perf_counter()
     try:
-        return each.values(seed), time.perf_counter() - start
+        return each.values(seed), ""
     except Exception as error:  # noqa: BLE001 (a row that cannot be measured is a result)
-        return f"{type(error).__name__}: {error}", time.perf_counter() - start
+        return {}, f"{type(error).__name__}: {error}"
+    finally:
+        print(f"{time.perf_counter() - start:6.1f} s  {name}", file=sys.stderr, flush=True)
 
 
-def _lines(
-    each: Experiment, measured: dict[str, float] | str, kept: Mapping[str, Kept]
-) -> list[Line]:
-    if isinstance(measured, str):
-        return [Line(row, kept.get(row.name), None, measured) for row in each.rows]
-    return [Line(row, kept.get(row.name), measured[row.name]) for row in each.rows]
-
-
-def _errors(chosen: list[Experiment], n_seeds: int) -> dict[str, tuple[float, int]]:
-    """Measure each row with fresh seeds: its standard error, and over how many."""
-    values: dict[str, list[float]] = {}
-    for seed in range(1, n_seeds + 1):
-        for _, measured in _measured(chosen, seed):
-            if not isinstance(measured, str):
-                for name, value in measured.items():
-                    values.setdefault(name, []).append(value)
-    return {
-        name: (statistics.stdev(of_row), len(of_row))
-        for name, of_row in values.items()
-        if len(of_row) > 1
-    }
-
-
-def _keep(lines: list[Line], errors: Mapping[str, tuple[float, int]]) -> None:
-    """Write the values of now, under a lock, in the order of the table."""
-    with KEPT.with_suffix(".lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+def _keep(lines: list[Line], others: list[list[Line]]) -> dict[str, Kept]:
+    """Write the values of now, in the order of the table; the others are of fresh seeds."""
+    with KEPT.open("r+") as file:
+        # Others may keep other rows meanwhile.
+        fcntl.flock(file, fcntl.LOCK_EX)
         kept = read_kept()
-        for line in lines:
+        for line, *fresh in zip(lines, *others, strict=True):
+            values = [one.value for one in fresh if one.value is not None]
+            error = (statistics.stdev(values), len(values)) if len(values) > 1 else None
             if line.value is not None:
-                kept[line.row.name] = kept_of(line, errors.get(line.row.name))
-        places = {row.name: place for place, row in enumerate(_rows(experiments()))}
+                kept[line.row.name] = kept_of(line, error)
+        names = [row.name for each in experiments() for row in each.rows if row.name in kept]
         # Rows that came while this ran are kept too, after the others.
-        names = sorted(kept, key=lambda name: places.get(name, len(places)))
-        KEPT.write_text("\n".join(_toml(name, kept[name]) for name in names))
+        kept = {name: kept[name] for name in dict.fromkeys([*names, *kept])}
+        file.write("\n".join(_toml(name, each) for name, each in kept.items()))
+        file.truncate()
+    return kept
 
 
 def kept_of(line: Line, error: tuple[float, int] | None) -> Kept:
+    """Round the value of now; its tolerance by its standard error over so many fresh seeds."""
     assert line.value is not None
     value = float(f"{line.value:.6g}")
+    before = line.kept or Kept(value, 0.0)
     if line.row.tolerance is not None:
-        return Kept(value, line.row.tolerance, recorded=line.kept.recorded if line.kept else "")
-    spread, n_seeds = error or (
-        (line.kept.standard_error, line.kept.seeds) if line.kept else (0, 0)
-    )
+        return Kept(value, line.row.tolerance, recorded=before.recorded)
+    spread, n_seeds = error or (before.standard_error, before.seeds)
     # Exactly at its goal a figure has no way to go: its own spread is all that there is.
     way = line.row.way_to_goal(value) or math.inf
     tolerance = min(2 * spread, way / 3)
@@ -274,49 +220,21 @@ def kept_of(line: Line, error: tuple[float, int] | None) -> Kept:
 
 
 def _toml(name: str, kept: Kept) -> str:
-    values = {key: value for key, value in asdict(kept).items() if value or key not in OPTIONAL}
+    required = ("value", "tolerance", "standard_error")
+    values = {key: value for key, value in asdict(kept).items() if value or key in required}
     return "\n".join([f'["{name}"]', *(f"{key} = {value!r}" for key, value in values.items()), ""])
 
 
-def _rows(chosen: list[Experiment]) -> Iterator[Row]:
-    for each in chosen:
-        yield from each.rows
-
-
 def _cells(line: Line) -> tuple[str, ...]:
-    kept = line.kept
-    short = "short" if line.value is not None and line.row.is_short(line.value) else ""
+    kept, remarks = line.kept, (line.verdict, "short" if line.is_short else "", line.trouble)
     return (
-        f"  {line.row.name}",
+        line.row.name,
         f"{_number(line.value)} {line.row.unit}".strip() if line.value is not None else "",
         _number(kept.value) if kept else "",
         _number(kept.tolerance) if kept else "",
         _goal(line.row),
-        " ".join(filter(None, (line.verdict, short, line.trouble))),
+        " ".join(filter(None, remarks)),
     )
-
-
-def _record(line: Line) -> dict[str, object]:
-    return {
-        "row": line.row.name,
-        "what": line.row.what,
-        "unit": line.row.unit,
-        "now": line.value,
-        "kept": line.kept and asdict(line.kept),
-        "goal": line.row.goal,
-        "verdict": line.verdict,
-        "short": line.value is not None and line.row.is_short(line.value),
-        "trouble": line.trouble,
-    }
-
-
-def _summary(lines: list[Line], seconds: float) -> str:
-    count = dict.fromkeys(("same", "better", "WORSE", "FAILED", "new", "skipped"), 0)
-    for line in lines:
-        count[line.verdict] += 1
-    n_short = sum(line.value is not None and line.row.is_short(line.value) for line in lines)
-    found = ", ".join(f"{n} {verdict}" for verdict, n in count.items() if n)
-    return f"\n{len(lines)} rows in {seconds:.0f} s: {found}; {n_short} short of their goal"
 
 
 def _goal(row: Row) -> str:

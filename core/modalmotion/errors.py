@@ -19,7 +19,7 @@
         ├── NotFoundError               nothing is stored under that id
         ├── CorruptFileError            a result file that does not read as written
         │   └── LostFileError           one that is gone, though nobody deleted it
-        ├── OlderFileError              a file that an older version wrote; `store rebuild` takes it
+        ├── OlderFileError              a file that an older version wrote
         └── ModelNotReproducedError     a model whose answers differ from those at its training
 """
 
@@ -207,7 +207,7 @@ class LostFileError(CorruptFileError):
 
 
 class OlderFileError(StoreError):
-    """A file was written by an older version, and `store rebuild` has not rewritten it."""
+    """A file was written by an older version."""
 
     code = "older_file"
 

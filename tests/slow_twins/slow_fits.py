@@ -32,39 +32,34 @@ def slow_fit(
     *,
     remove_rotation: bool,
     frames: Floats | None = None,
-    present: np.ndarray | None = None,
 ) -> SlowFit:
     """Frame by frame: rotation from SciPy, least squares from NumPy, everything sorted."""
     start, results = vertices[0], []
-    centre = template.weights @ start
-    for k, frame in enumerate(vertices):
-        kept = np.ones(len(start), dtype=bool) if present is None else present[k]
-        w = np.where(kept, template.weights, 0.0)
-        w = w / w.sum()
-        here, before = w @ frame, w @ start
+    w = template.weights
+    centre = w @ start
+    for frame in vertices:
+        here = w @ frame
         R = np.eye(3)
         if remove_rotation:
-            R = Rotation.align_vectors(frame[kept] - here, start[kept] - before, w[kept])[0]
-            R = R.as_matrix()
-        middle = here + R @ (centre - before)
-        u = (frame - middle) @ R + middle - start
+            R = Rotation.align_vectors(frame - here, start - centre, w)[0].as_matrix()
+        u = (frame - here) @ R + here - start
         if frames is not None:
             u = np.einsum("nij,nj->ni", frames, u)
-        root = np.sqrt(w[kept])[:, None]
-        a = np.linalg.lstsq(root * shapes[kept], root * u[kept], rcond=None)[0]
-        squares = ((u - shapes @ a) ** 2).sum(axis=1)[kept]
-        moved = (u[kept] ** 2).sum(axis=1)
+        root = np.sqrt(w)[:, None]
+        a = np.linalg.lstsq(root * shapes, root * u, rcond=None)[0]
+        squares = ((u - shapes @ a) ** 2).sum(axis=1)
+        moved = (u**2).sum(axis=1)
         ranked = np.sort(squares)[::-1]
         results.append(
             (
                 a,
                 R,
                 np.sqrt(squares.mean()),
-                np.sqrt(w[kept] @ squares),
+                np.sqrt(w @ squares),
                 np.sqrt(ranked[len(ranked) // 20]),
                 np.sqrt(squares.max()),
                 np.sqrt(moved.mean()),
-                np.sqrt(w[kept] @ moved),
+                np.sqrt(w @ moved),
             )
         )
     return SlowFit(*(np.array(column) for column in zip(*results, strict=True)))

@@ -36,9 +36,10 @@ def with_noise(
     noise = rng.standard_normal((f, n, 3))
     for k in range(1, f):
         noise[k] = correlation * noise[k - 1] + np.sqrt(1 - correlation**2) * noise[k]
-    mixing = _mixing(make_template(sequence).faces, n)
-    for _ in range(mixed):
-        noise = np.stack([mixing @ frame for frame in noise])
+    if mixed:
+        mixing = _mixing(make_template(sequence).faces, n)
+        for _ in range(mixed):
+            noise = np.stack([mixing @ frame for frame in noise])
     noise *= sigma / np.sqrt((noise**2).mean())
     return replace(sequence, vertices=sequence.vertices + noise)
 

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 from project import DATA
 from scipy.spatial import ConvexHull, Delaunay
 
-from modalmotion.alignment.reference import displacements_from
 from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.fit.basis import Basis, make_basis
-from modalmotion.fit.fit import Fit, fit_displacements
+from modalmotion.fit.fit import Fit
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.template import GivenLandmarks, Template, Weights, choose_modes, make_template
-from modalmotion.template.body_frame import Components, in_body_frame
+from modalmotion.template.body_frame import Components, body_frame
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -67,7 +66,7 @@ def describe(
     fit = fit_sequence(sequence, template, basis, components=components)
     amplitudes = fit.amplitudes
     if template.landmarks is not None and components == Components.CARTESIAN:
-        amplitudes = in_body_frame(amplitudes, template.landmarks)
+        amplitudes = amplitudes @ body_frame(template.landmarks).T
     return Described(sequence, template, fit, amplitudes)
 
 
@@ -75,21 +74,10 @@ def fit_sequence(
     sequence: MeshSequence,
     template: Template,
     basis: Basis,
-    *,
-    present: np.ndarray | None = None,
     **parameters: Any,
 ) -> Fit:
-    """Fit modes at hand, where not all positions may be there."""
-    fitter = Fitter.of(sequence, template, SignatureParameters(**parameters))
-    displacements = displacements_from(
-        fitter.parameters.reference,
-        sequence,
-        template.weights,
-        template.isolated,
-        remove_rotation=fitter.parameters.remove_rotation,
-        present=present,
-    )
-    return fit_displacements(displacements, basis, fitter.frames)
+    """Fit modes at hand."""
+    return Fitter.of(sequence, template, SignatureParameters(**parameters)).fit(basis)
 
 
 def root_mean_square(values: Floats) -> float:

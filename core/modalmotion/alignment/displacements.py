@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from modalmotion.alignment.reference_shape import ReferenceShape
 from modalmotion.alignment.rigid import Rotations, kabsch
-from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.products import product
 
@@ -60,7 +59,7 @@ class LooseVertices:
 
 @dataclass(frozen=True, eq=False)
 class PositionBlock:
-    """Positions in consecutive frames in which the same vertices are present.
+    """Positions in consecutive frames.
 
     Parameters
     ----------
@@ -71,10 +70,10 @@ class PositionBlock:
     is_still : (frames,) bool
         True for frames that repeat the reference bit for bit.
     shape : ReferenceShape
-        The reference's vertices that are present.
+        The reference.
     remove_rotation : bool
     loose : LooseVertices
-        Those in no triangle that are present.
+        Those in no triangle.
     """
 
     frames: slice
@@ -96,14 +95,13 @@ class PositionBlock:
         rotations : Rotations
             About the centroid of each frame.
         drifts : (frames, 3) float64, in units of the scale
-            Of the whole reference's centroid, carried along with the part that is present.
+            Of the centroid.
         """
-        shape, middle = self.shape, sums[:, :, 3]
+        shape, drifts = self.shape, sums[:, :, 3].copy()
         if self.remove_rotation:
-            rotations = kabsch(sums[:, :, :3], shape.tolerance, shape.noise(middle))
+            rotations = kabsch(sums[:, :, :3], shape.tolerance, shape.noise(drifts))
         else:
             rotations = Rotations.none(len(sums))
-        drifts = middle - rotations.matrices @ shape.middle
         # A frame that repeats the reference has not moved at all.
         rotations.matrices[self.is_still], drifts[self.is_still] = np.eye(3), 0.0
         return rotations, drifts
@@ -132,7 +130,7 @@ class PositionBlock:
 
 @dataclass(frozen=True, eq=False)
 class DisplacementBlock:
-    """Displacements in consecutive frames in which the same vertices are present.
+    """Displacements in consecutive frames.
 
     Parameters
     ----------
@@ -173,71 +171,36 @@ class Displacements:
         The same, centred.
     remove_rotation : bool
         Whether each frame's best rotation about its centroid is taken out.
-    present : (frames, vertices) bool or None
-        True for positions that are present; None if all are. The others are not read.
     """
 
     sequence: MeshSequence
     start: NDArray[np.float64]
     shape: ReferenceShape
     remove_rotation: bool = True
-    present: NDArray[np.bool_] | None = None
 
     def blocks(self) -> Iterator[DisplacementBlock]:
-        """Displacements of all frames, in blocks of bounded memory; errors as `positions`."""
+        """Displacements of all frames, in blocks of bounded memory."""
         return (block.turned_back() for block in self.positions())
 
     def positions(self) -> Iterator[PositionBlock]:
-        """Positions in all frames, in blocks of bounded memory.
-
-        Raises
-        ------
-        ParameterError
-            Naming the first frame without any weighted vertex.
-        """
-        n = max(1, _BLOCK // (3 * self.sequence.n_vertices))
-        for first, last in self._alike():
-            shape = self.shape
-            if self.present is not None and not self.present[first].all():
-                shape = _part(shape, self.present[first], first)
-            for k in range(first, last, n):
-                frames = slice(k, min(k + n, last))
-                vertices = self.sequence.vertices[frames]
-                is_still = _is_still(vertices, self.start, shape)
-                yield PositionBlock(
-                    frames,
-                    _centred(vertices, shape),
-                    is_still,
-                    shape,
-                    self.remove_rotation,
-                    self._loose(frames),
-                )
+        """Positions in all frames, in blocks of bounded memory."""
+        n, last = max(1, _BLOCK // (3 * self.sequence.n_vertices)), self.sequence.n_frames
+        for k in range(0, last, n):
+            frames = slice(k, min(k + n, last))
+            vertices = self.sequence.vertices[frames]
+            yield PositionBlock(
+                frames,
+                _centred(vertices, self.shape),
+                _is_still(vertices, self.start, self.shape),
+                self.shape,
+                self.remove_rotation,
+                self._loose(frames),
+            )
 
     def _loose(self, frames: slice) -> LooseVertices:
-        loose = self.shape.ignored
-        if self.present is not None:
-            loose = loose[self.present[frames.start][loose]]
-        centre = self.shape.centre
+        loose, centre = self.shape.ignored, self.shape.centre
         positions = self.sequence.vertices[frames][:, loose].astype(np.float64) - centre
         return LooseVertices(loose, positions, self.start[loose] - centre)
-
-    def _alike(self) -> Iterator[tuple[int, int]]:
-        """Beginnings and ends of runs of frames in which the same vertices are present."""
-        ends = [self.sequence.n_frames]
-        if self.present is not None:
-            differ = (self.present[1:] != self.present[:-1]).any(axis=1)
-            ends = [*(np.flatnonzero(differ) + 1).tolist(), *ends]
-        return zip([0, *ends[:-1]], ends, strict=True)
-
-
-def _part(shape: ReferenceShape, there: NDArray[np.bool_], frame: int) -> ReferenceShape:
-    if not shape.weights[there].any():
-        raise ParameterError(
-            f"The surface has no vertex in frame {frame}.",
-            remedy="Leave the frame out.",
-            frame=frame,
-        )
-    return shape.part(there)
 
 
 def _centred(

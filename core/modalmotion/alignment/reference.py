@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from modalmotion.alignment.displacements import Displacements
 from modalmotion.alignment.mean_shape import mean_onto, mean_shape
 from modalmotion.alignment.reference_shape import ReferenceShape
-from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 
 # A mean takes up to three passes over all frames, and several steps ask for it.
@@ -66,7 +65,6 @@ def displacements_from(
     isolated: NDArray[np.int64] | None = None,
     *,
     remove_rotation: bool = True,
-    present: NDArray[np.bool_] | None = None,
 ) -> Displacements:
     """Measure a sequence from a reference.
 
@@ -81,47 +79,7 @@ def displacements_from(
         Vertices in no triangle, which neither rotation nor fit reads.
     remove_rotation : bool
         Whether to take out each frame's best rotation about its centroid first.
-    present : (frames, vertices) bool, optional
-        True for positions present; the others are not read. The reference must be complete.
-
-    Raises
-    ------
-    ShapeError
-        If `present` has another shape.
-    ParameterError
-        If the reference is incomplete.
     """
-    _require_present(sequence, reference, present)
     start = reference_positions(sequence, reference)
     shape = ReferenceShape.at(sequence, weights, start, isolated)
-    return Displacements(sequence, start, shape, remove_rotation, present)
-
-
-def _require_present(
-    sequence: MeshSequence, reference: Reference, present: NDArray[np.bool_] | None
-) -> None:
-    if present is None:
-        return
-    shape = (sequence.n_frames, sequence.n_vertices)
-    if present.shape != shape or present.dtype != np.bool_:
-        raise ShapeError(
-            f"'present' has the shape {present.shape} and holds {present.dtype}; "
-            f"{shape} truth values are needed.",
-            remedy="Give one truth value for each vertex of each frame.",
-        )
-    if reference == MEAN:
-        if not present.all():
-            raise ParameterError(
-                "Vertices are missing, so there is no mean shape to measure from.",
-                remedy="Choose a reference frame with all vertices present.",
-            )
-        return
-    if not present[reference].all():
-        vertex = int(np.flatnonzero(~present[reference])[0])
-        raise ParameterError(
-            f"Vertex {vertex} is missing in the reference, frame {reference}, so nothing can be "
-            "measured from it.",
-            remedy="Choose a reference frame with all vertices present.",
-            frame=reference,
-            vertex=vertex,
-        )
+    return Displacements(sequence, start, shape, remove_rotation)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -40,11 +40,7 @@ class ReferenceShape:
     tolerance : float
         Of `kabsch`: the thickness that rounding of the stored positions gives to a line.
     ignored : (n,) int64
-        Vertices that are not read here: in no triangle, or missing.
-    middle : (3,) float64, in units of `scale`
-        Weighted mean of `rest`, zero unless vertices are missing.
-    coverage : float
-        Share of the surface present, 1 unless vertices are missing.
+        Vertices that are not read here: in no triangle.
     """
 
     centre: NDArray[np.float64]
@@ -53,8 +49,6 @@ class ReferenceShape:
     scale: float
     tolerance: float
     ignored: NDArray[np.int64]
-    middle: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    coverage: float = 1.0
 
     @cached_property
     def spread(self) -> float:
@@ -69,21 +63,7 @@ class ReferenceShape:
     @cached_property
     def moments(self) -> NDArray[np.float64]:
         """Columns that sum positions x to sum w x x_ref' and to sum w x, (vertices, 4)."""
-        offsets = self.rest - self.middle[:, None]
-        return np.concatenate([offsets * self.weights, self.weights[None]]).T
-
-    def part(self, there: NDArray[np.bool_]) -> ReferenceShape:
-        """Give the same shape with only some of its vertices, (vertices,) bool, to fit to."""
-        shares = np.where(there, self.weights, 0.0)
-        coverage = float(shares.sum())
-        shares /= coverage
-        return replace(
-            self,
-            weights=shares,
-            ignored=np.union1d(np.flatnonzero(~there), self.ignored),
-            middle=weighted_sum(shares, self.rest.T),
-            coverage=coverage,
-        )
+        return np.concatenate([self.rest * self.weights, self.weights[None]]).T
 
     @staticmethod
     def at(

@@ -97,6 +97,15 @@ class Fitter:
         own = product(shape.rest, basis.columns)[:, :n_modes].T * shape.scale
         return replace(fit, reference_amplitudes=own)
 
+    def coefficients(self, basis: Basis) -> NDArray[np.float64]:
+        """Find those of each frame along orthonormal shapes, (frames, modes, n), length unit."""
+        parts = []
+        for block in self.displacements.blocks():
+            u = self.in_components(block)[0]
+            c = product(u.reshape(-1, u.shape[2]), basis.analysis.T) * block.shape.scale
+            parts.append(c.reshape(*u.shape[:2], -1).transpose(0, 2, 1))
+        return np.concatenate(parts)
+
     def in_components(
         self, block: DisplacementBlock
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

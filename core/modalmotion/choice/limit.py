@@ -64,11 +64,7 @@ def require_unit(parameters: SignatureParameters, sequence: MeshSequence) -> Non
 
 def error_of(error: SceneError, kind: ErrorKind) -> float:
     """Error that a tolerance limits."""
-    return {
-        ErrorKind.RMS: error.rms,
-        ErrorKind.WEIGHTED_RMS: error.weighted_rms,
-        ErrorKind.MAX: error.max,
-    }[kind]
+    return float(getattr(error, kind.value))
 
 
 def holds_noise(error: float, noise: Noise, fitter: Fitter, n_directions: int = 3) -> bool:

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from modalmotion.choice.parameters import MOST_MODES
 from modalmotion.fit.basis import Basis, largest_sound
 from modalmotion.modes import Modes, whole_count, whole_counts
-from modalmotion.numeric.products import product
-from modalmotion.numeric.qr import inverse_of_triangle, tall_qr
+from modalmotion.numeric.qr import orthonormal, triangle_of
 from modalmotion.template import Template, choose_modes
 from modalmotion.template.loose_vertices import shapes_of
 
@@ -60,25 +59,17 @@ class Ladder:
             Near 1 / vertices each.
         """
         # c = Q'W^(1/2) e, so E c_j^2 is the squared length of row j.
-        shares: NDArray[np.float64] = np.einsum("jn,jn->j", self.rows, self.rows)
+        rows = self.basis.analysis
+        shares: NDArray[np.float64] = np.einsum("jn,jn->j", rows, rows)
         return shares
 
-    @cached_property
-    def rows(self) -> NDArray[np.float64]:
-        """Q'W^(1/2) = R P, (modes, vertices): coefficients of orthonormal shapes."""
-        return product(self.basis.triangle, self.basis.projector)
-
     def basis_of(self, count: int) -> Basis:
-        """First modes of the order, factored: P = R^-1 Q'W^(1/2), whose rows are those of all."""
+        """First modes of the order, factored."""
         whole = self.basis
         R = np.ascontiguousarray(whole.triangle[:count, :count])
-        return Basis(
-            self.modes(count),
-            np.ascontiguousarray(whole.shapes[:, :count]),
-            product(inverse_of_triangle(R), self.rows[:count]),
-            R,
-            float(np.linalg.cond(R)),
-        )
+        shapes = np.ascontiguousarray(whole.shapes[:, :count])
+        condition = float(np.linalg.cond(R))
+        return Basis(self.modes(count), shapes, R, whole.analysis[:count], condition)
 
     def modes(self, count: int) -> Modes:
         """First modes of the order."""
@@ -102,15 +93,18 @@ def ladder_of(template: Template, n_modes: int, grid: tuple[int, ...] | None = N
     modes = choice.modes
     shapes = shapes_of(modes, template)
     root = np.sqrt(template.weights)[:, None]
-    Q, R = tall_qr(root * shapes)
+    weighted = root * shapes
+    R = triangle_of(weighted)
     counts = whole_counts(modes)
     sound, condition = largest_sound(R, counts)
     if sound < n:
         ends = f"{sound} modes are the most that its vertices tell apart"
-        Q, R, shapes = Q[:, :sound], R[:sound, :sound], np.ascontiguousarray(shapes[:, :sound])
+        weighted, R = weighted[:, :sound], np.ascontiguousarray(R[:sound, :sound])
+        shapes = np.ascontiguousarray(shapes[:, :sound])
         modes, counts = modes.take(np.arange(sound)), counts[counts <= sound]
-    projector = product(inverse_of_triangle(R), np.ascontiguousarray((root * Q).T))
-    return Ladder(Basis(modes, shapes, projector, R, condition), counts, ends, choice.notes)
+    Q, R = orthonormal(weighted, R, condition)
+    basis = Basis(modes, shapes, R, np.ascontiguousarray((root * Q).T), condition)
+    return Ladder(basis, counts, ends, choice.notes)
 
 
 def most_modes_of(

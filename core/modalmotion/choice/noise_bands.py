@@ -9,6 +9,7 @@ nothing of them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -17,8 +18,7 @@ from numpy.typing import NDArray
 from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.nested_sets import Ladder
 from modalmotion.choice.noise import over_time
-from modalmotion.choice.smooth_noise import SmoothNoise, independent
-from modalmotion.fit.fit import Fit
+from modalmotion.choice.smooth_noise import SmoothNoise, independent, products_of
 from modalmotion.numeric.products import product
 from modalmotion.numeric.scale import power_of_two
 
@@ -65,30 +65,36 @@ class Bands:
     scale: float
     modes: int
 
-    def whitened(self, correlations: tuple[float, ...]) -> list[tuple[NDArray[np.float64], float]]:
-        """Energies (bands, directions), those of most motion last, and log det of each correlation.
+    @cached_property
+    def _by_direction(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Directions of time, (3, frames, directions), and the bands' products along them.
 
-        Each vertex's mean is left out: it takes the reference's own noise with it.
+        Those of most motion last. Each vertex's mean is left out: it takes the reference's own
+        noise with it.
         """
-        n_frames = self.grams.shape[2]
-        still = np.linalg.qr(np.ones((n_frames, 1)), mode="complete")[0][:, 1:]
+        still = np.linalg.qr(np.ones((self.grams.shape[2], 1)), mode="complete")[0][:, 1:]
         totals = still.T @ self.grams.sum(axis=1) @ still
-        others = totals.sum(axis=0) - totals
-        directions = still @ np.linalg.eigh(others)[1]
-        moved = directions.transpose(0, 2, 1) @ self.grams.transpose(1, 0, 2, 3) @ directions
-        result = []
-        for correlation in correlations:
-            covariances = over_time(correlation, n_frames)
-            # Each direction after those before it.
-            L = np.linalg.cholesky(directions.transpose(0, 2, 1) @ covariances @ directions)
-            inverse = np.linalg.inv(L)
-            energies = ((inverse @ moved) * inverse).sum(axis=(1, 3))
-            log_det = 2.0 * float(np.log(np.diagonal(L, axis1=1, axis2=2)).sum()) / 3.0
-            result.append((np.maximum(energies, 1e-280), log_det))
-        return result
+        directions = still @ np.linalg.eigh(totals.sum(axis=0) - totals)[1]
+        turned = directions.transpose(0, 2, 1) @ self.grams.transpose(1, 0, 2, 3) @ directions
+        return directions, turned
+
+    def whitened(
+        self, correlations: tuple[float, ...]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Energies (correlations, bands, directions) and log det of each correlation."""
+        directions, turned = self._by_direction
+        covariances = np.stack([over_time(c, self.grams.shape[2]) for c in correlations])
+        covariances = directions.transpose(0, 2, 1) @ covariances[:, None] @ directions
+        # Each direction after those before it.
+        L = np.linalg.cholesky(covariances)
+        energies = [((inverse @ turned) * inverse).sum(axis=(1, 3)) for inverse in np.linalg.inv(L)]
+        log_dets = 2.0 * np.log(np.diagonal(L, axis1=2, axis2=3)).sum(axis=(1, 2)) / 3.0
+        return np.maximum(energies, 1e-280), log_dets
 
 
-def bands_of(fitter: Fitter, ladder: Ladder, fit: Fit, noise: SmoothNoise) -> Bands:
+def bands_of(
+    fitter: Fitter, ladder: Ladder, coefficients: NDArray[np.float64], noise: SmoothNoise
+) -> Bands:
     """Split a motion and fields of noise alike.
 
     Parameters
@@ -96,7 +102,7 @@ def bands_of(fitter: Fitter, ladder: Ladder, fit: Fit, noise: SmoothNoise) -> Ba
     fitter : Fitter
         Of Cartesian components.
     ladder : Ladder
-    fit : Fit
+    coefficients : (frames, modes, 3) float64, length unit
         Of the ladder's largest set.
     noise : SmoothNoise
     """
@@ -104,22 +110,19 @@ def bands_of(fitter: Fitter, ladder: Ladder, fit: Fit, noise: SmoothNoise) -> Ba
     weighted = np.flatnonzero(weights > 0)
     most = max(1, min(_MODES, len(weighted) // _SHARE))
     m = int(ladder.counts[np.searchsorted(ladder.counts, most, side="right") - 1])
-    triangle = np.ascontiguousarray(ladder.basis.triangle[:m])
     # c = rows u, and u = psi c
-    rows = ladder.rows[:m]
+    rows = ladder.basis.analysis[:m]
     some = weighted[:: -(-len(weighted) // _MOST_VERTICES)]
     psi = np.ascontiguousarray(rows[:, some].T / weights[some, None])
     first = max(0, (f - _MOST_FRAMES) // 2)
     last = min(f, first + _MOST_FRAMES)
-    a = fit.amplitudes[first:last]
-    size = max(float(fit.weighted_motion_rms.max()), float(np.abs(a).max(initial=0.0)))
-    scale = power_of_two(size)
-    a = a / scale
-    off = (a - a.mean(axis=0)).reshape(-1, 3)
+    c = coefficients[first:last, :m]
+    scale = power_of_two(float(np.abs(c).max(initial=0.0)))
+    c = c / scale
+    off = (c - c.mean(axis=0)).reshape(-1, 3)
     turn = np.linalg.eigh(off.T @ off)[1][:, ::-1] @ _MIXED
     n = last - first
-    flat = np.ascontiguousarray((a @ turn).transpose(1, 2, 0)).reshape(a.shape[1], -1)
-    c = product(triangle, flat).reshape(m, 3, n)
+    c = np.ascontiguousarray((c @ turn).transpose(1, 2, 0))
     left = np.empty((len(some), 3, n))
     for block in fitter.displacements.blocks():
         start, stop = max(block.frames.start, first), min(block.frames.stop, last)
@@ -127,38 +130,41 @@ def bands_of(fitter: Fitter, ladder: Ladder, fit: Fit, noise: SmoothNoise) -> Ba
             u = block.u[start - block.frames.start : stop - block.frames.start][:, :, some]
             u = turn.T @ u * (block.shape.scale / scale)
             left[:, :, start - first : stop - first] = u.transpose(2, 1, 0)
-    left = (left - product(psi, c.reshape(m, -1)).reshape(left.shape)) / np.sqrt(len(some))
+    left -= product(psi, c.reshape(m, -1)).reshape(left.shape)
+    left *= np.sqrt(weights[some] / weights[some].sum())[:, None, None]
     # The first mode is a shift of the whole frame, which is motion.
     shift, n_bands = min(1, m - 1), max(1, m // _IN_BAND)
     paths = [*np.array_split(c[shift:], n_bands), left]
     # A small product for each direction: one thread does it.
     grams = [x.transpose(1, 2, 0) @ x.transpose(1, 0, 2) for x in paths]
-    expected, columns = [], []
-    for field, own in zip(noise.fields, noise.coefficients(rows), strict=True):
-        rest = (field[some] - product(psi, own)) / np.sqrt(len(some))
-        parts = [*np.array_split(own[shift:], n_bands), rest]
-        expected.append([(x**2).sum() / x.shape[1] for x in parts])
-        columns.append([max(3.0 * independent(x), 1.0) for x in parts])
-    variances = np.array(expected)
+    own = noise.coefficients(rows)
+    bands = [products_of(part) for part in np.array_split(own[:, shift:], n_bands, axis=1)]
+    # What orthonormal shapes leave has the products that theirs lack.
+    parts = np.stack([*bands, products_of(noise.fields, weights) - products_of(own)], axis=1)
+    variances = np.trace(parts, axis1=2, axis2=3) / parts.shape[2]
+    columns = np.maximum(3.0 * independent(parts), 1.0)
     # What white noise brings is known: chance cancels in the ratio of smooth fields to white ones.
     squares = (rows[shift:] ** 2).sum(axis=1)
     white = np.array([part.sum() for part in np.array_split(squares, n_bands)])
     variances[:, :-1] *= white / variances[0, :-1]
-    return Bands(np.stack(grams, axis=1), variances, np.array(columns), scale, m)
+    return Bands(np.stack(grams, axis=1), variances, columns, scale, m)
 
 
-def likelihood(
-    energies: NDArray[np.float64], log_det: float, columns: NDArray[np.float64], cost: float
-) -> float:
-    """Log-likelihood where each band has a level of its own.
+def likelihoods(
+    energies: NDArray[np.float64],
+    log_dets: NDArray[np.float64],
+    columns: NDArray[np.float64],
+    cost: float,
+) -> NDArray[np.float64]:
+    """Log-likelihood of each correlation where each band has a level of its own.
 
     In each band the directions of most motion have energies of their own, as many as pay their
     cost.
 
     Parameters
     ----------
-    energies : (bands, directions) float64
-    log_det : float
+    energies : (correlations, bands, directions) float64
+    log_dets : (correlations,) float64
         Of the correlation at which they are white.
     columns : (bands,) float64
     cost : float
@@ -168,8 +174,9 @@ def likelihood(
     rest, own, noises, moving = _split(energies / columns[:, None])
     with np.errstate(divide="ignore", invalid="ignore"):
         levels = np.where(noises > 0, noises * np.log(rest / noises), 0.0)
-    found = -0.5 * n[:, None] * (levels + own + log_det) - cost * moving
-    return float(found.max(axis=1).sum())
+    found = -0.5 * n[:, None] * (levels + own + log_dets[:, None, None]) - cost * moving
+    best: NDArray[np.float64] = found.max(axis=2).sum(axis=1)
+    return best
 
 
 def levels_of(

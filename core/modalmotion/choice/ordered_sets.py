@@ -12,6 +12,7 @@ from modalmotion.choice.nested_sets import Ladder, ladder_of
 from modalmotion.choice.parameters import ModeOrder, SignatureParameters
 from modalmotion.fit.basis import Basis
 from modalmotion.fit.fit import Fit
+from modalmotion.numeric.products import product
 from modalmotion.numeric.qr import tall_qr
 
 ENERGY_POOL: Final = 200
@@ -66,12 +67,12 @@ def by_energy(ladder: Ladder, fit: Fit) -> tuple[Ladder, Fit]:
     rest = sorted(groups[1:], key=lambda group: -float(energy[group].sum()))
     order = np.concatenate([groups[0], *rest])
     modes = basis.modes.take(order)
-    _, R = tall_qr(basis.triangle[:, order])
+    Q, R = tall_qr(basis.triangle[:, order])
     turned = Basis(
         modes,
         np.ascontiguousarray(basis.shapes[:, order]),
-        np.ascontiguousarray(basis.projector[order]),
         R,
+        product(np.ascontiguousarray(Q.T), basis.analysis),
         basis.condition,
     )
     counts = np.cumsum([len(groups[0]), *map(len, rest)])

@@ -69,18 +69,14 @@ def select_model(fitter: Fitter, cache: TemplateCache) -> Model:
         model = static_model(fitter, smallest, scene.static)
         return _noted(model, choice, sequence)
     model = smallest_within(fitter, limit)
-    if _may_flatten(parameters) and simplest_is_planar(scene, limit, parameters.tolerance_of):
+    off_plane = error_of(scene.planar.error, parameters.tolerance_of)
+    if _may_flatten(parameters) and off_plane <= limit:
         normal = scene.planar.normal
         flat = fit_model(fitter, model.basis, normal=normal)
         if flat.error(parameters.tolerance_of) <= limit:
             model = replace(flat, notes=model.notes)
             choice = replace(choice, normal=normal)
     return _noted(model, choice, sequence)
-
-
-def simplest_is_planar(scene: Scene, limit: float, kind: ErrorKind) -> bool:
-    """Whether leaving out the motion off the plane holds a limit by itself."""
-    return error_of(scene.planar.error, kind) <= limit
 
 
 def _with_count(fitter: Fitter, cache: TemplateCache) -> Model:
@@ -108,7 +104,7 @@ def _with_count(fitter: Fitter, cache: TemplateCache) -> Model:
 
 def _until_noise(fitter: Fitter, smallest: Basis, scene: Scene) -> Model:
     sequence, parameters = fitter.sequence, fitter.parameters
-    noise, first_ladder, its_fit = with_ladder(fitter)
+    noise, found = with_ladder(fitter)
     kind = simplest_with_noise(scene, noise, fitter)
     limit = noise.displacement_rms(sequence.n_frames, parameters.reference)
     choice = ModelChoice("auto", limit, ErrorKind.WEIGHTED_RMS, noise, kind, scene.errors, None)
@@ -118,7 +114,7 @@ def _until_noise(fitter: Fitter, smallest: Basis, scene: Scene) -> Model:
     is_simple = kind == SceneKind.RIGID and parameters.remove_rotation
     if is_simple and parameters.components == Components.CARTESIAN:
         return _noted(fit_model(fitter, smallest), choice, sequence)
-    ladder, count = modes_until_noise(fitter, noise, first_ladder, its_fit)
+    ladder, count = modes_until_noise(fitter, noise, found)
     normal = None
     if _may_flatten(parameters) and holds_noise(scene.planar.error.weighted_rms, noise, fitter, 1):
         normal = scene.planar.normal

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from modalmotion.choice.nested_sets import Ladder
 from modalmotion.mesh.connectivity import connectivity_of
 from modalmotion.modes.topology import CLOSED
-from modalmotion.numeric.products import product
+from modalmotion.numeric.products import LARGEST_SINGLE_THREADED, product
 from modalmotion.template import Template
 
 MIXINGS: Final = (0, 1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
@@ -40,7 +40,7 @@ class SmoothNoise:
     fields: NDArray[np.float64]
 
     @staticmethod
-    def on(template: Template, mixings: tuple[int, ...] = MIXINGS) -> SmoothNoise:
+    def on(template: Template) -> SmoothNoise:
         """Draw fields on a template, the same each time."""
         edges, n = _edges_of(template), template.n_vertices
         rows = np.concatenate([edges[:, 0], edges[:, 1], np.arange(n)])
@@ -49,12 +49,14 @@ class SmoothNoise:
         once = scipy.sparse.csr_array((share[rows], (rows, columns)), shape=(n, n))
         n_fields = int(np.clip(_NUMBERS // n, _FEWEST, _MOST))
         field = np.random.default_rng(0).standard_normal((n, n_fields))
-        fields = []
-        for before, times in zip((0, *mixings), mixings, strict=False):
+        fields, counted = np.empty((len(MIXINGS), n, n_fields)), template.weights > 0
+        n_counted = max(int(counted.sum()), 1) * n_fields
+        for k, (before, times) in enumerate(zip((0, *MIXINGS), MIXINGS, strict=False)):
             for _ in range(times - before):
                 field = once @ field
-            fields.append(field / np.sqrt((field[template.weights > 0] ** 2).mean()))
-        return SmoothNoise(edges, np.stack(fields))
+            squares = np.einsum("vf,vf->v", field, field) @ counted
+            np.divide(field, np.sqrt(squares / n_counted), out=fields[k])
+        return SmoothNoise(edges, fields)
 
     def coefficients(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Coefficients rows @ field of shapes, (mixings, modes, fields) float64."""
@@ -69,31 +71,46 @@ class SmoothNoise:
         return float((x * y).sum() / np.sqrt((x**2).sum() * (y**2).sum()))
 
 
-def independent(fields: NDArray[np.float64], weights: NDArray[np.float64] | float = 1.0) -> float:
-    """Independent columns that average like these: tr(C)^2 / tr(C^2), C their covariance.
+def products_of(
+    fields: NDArray[np.float64], weights: NDArray[np.float64] | float = 1.0
+) -> NDArray[np.float64]:
+    """Products of fields with one another over their columns, (mixings, fields, fields) float64.
 
     Parameters
     ----------
-    fields : (columns, fields) float64
+    fields : (mixings, columns, fields) float64
         Independent draws.
     weights : (columns,) float64 or float
     """
-    weighted = np.ascontiguousarray((fields.T * weights).T)
-    products = product(np.ascontiguousarray(fields.T), weighted)
-    n, own = len(products), np.diag(products)
+    rows = np.ascontiguousarray(fields.transpose(0, 2, 1))
+    if rows[0].size * rows.shape[1] <= LARGEST_SINGLE_THREADED:
+        return rows @ (rows * weights).transpose(0, 2, 1)
+    return np.stack([product(x, np.ascontiguousarray((x * weights).T)) for x in rows])
+
+
+def independent(products: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Independent columns that average like those of fields: tr(C)^2 / tr(C^2), C their covariance.
+
+    Parameters
+    ----------
+    products : (..., fields, fields) float64
+        From `products_of`.
+    """
+    n, own = products.shape[-1], np.diagonal(products, axis1=-2, axis2=-1)
     # E (x'y)^2 = tr(C^2) for independent fields x and y.
-    squares = ((products**2).sum() - (own**2).sum()) / (n * (n - 1))
-    return float(own.mean() ** 2 / max(squares, 1e-300))
+    squares = ((products**2).sum(axis=(-2, -1)) - (own**2).sum(axis=-1)) / (n * (n - 1))
+    found: NDArray[np.float64] = own.mean(axis=-1) ** 2 / np.maximum(squares, 1e-300)
+    return found
 
 
-def shares_of(ladder: Ladder, template: Template, mixed: int) -> NDArray[np.float64]:
+def shares_of(ladder: Ladder, noise: SmoothNoise, mixed: int) -> NDArray[np.float64]:
     """Give the expected squared coefficient of each mode in noise of variance 1, (modes,)."""
     white = ladder.noise_shares
     if mixed == 0:
         return white
-    noise = SmoothNoise.on(template, (0, mixed)).coefficients(ladder.rows)
+    some = SmoothNoise(noise.edges, noise.fields[[0, MIXINGS.index(mixed)]])
     # Smooth fields stem from the white ones, so that chance cancels in their ratio.
-    own, smooth = (noise**2).mean(axis=2)
+    own, smooth = (some.coefficients(ladder.basis.analysis) ** 2).mean(axis=2)
     shares: NDArray[np.float64] = white * smooth / own
     return shares
 

@@ -39,10 +39,7 @@ def store() -> None:
 @_OWNER
 @json_option
 def rebuild(folder: Path, owner: str | None, as_json: bool) -> None:
-    """Build the index of each store in FOLDER anew from its files.
-
-    Files that an older version of modalmotion wrote are rewritten first.
-    """
+    """Build the index of each store in FOLDER anew from its files."""
     _tell_rebuilt({}, [], _stores_of(folder, owner), as_json=as_json)
 
 
@@ -82,11 +79,6 @@ def _rebuild(name: str, root: Path) -> tuple[list[str], dict[str, object]]:
         f"{name}{result.n_sequences} sequences, {result.n_results} results, {result.n_models} "
         "models are in the index"
     )
-    for kind, number in sorted(result.rewritten.items()):
-        what = f"{kind} file{'s' * (number > 1)}"
-        said.append(f"{name}{number} {what} of an older version rewritten")
-    for file, why in sorted(result.refused.items()):
-        said.append(f"{name}{file}: of an older version, and could not be taken: {why}")
     for what, number in (
         ("deletions finished", result.n_deletions),
         ("unfinished files removed", result.n_temporaries),

@@ -47,11 +47,10 @@ _COLUMNS: Final = (
     _Column("amplitudes", lambda s, _: s.amplitudes, "*", "frame, mode, direction"),
     _Column(
         "amplitude_deviations",
-        lambda s, _: _deviations(s),
-        "*",
-        "frame, mode, direction",
+        lambda s, _: _or_nan(s.amplitude_deviations, s.amplitudes),
+        *("*", "frame, mode, direction"),
     ),
-    _Column("times", lambda s, _: _times(s), "s", "frame"),
+    _Column("times", lambda s, _: _or_nan(s.times, s.rms_errors), "s", "frame"),
     _Column("rotations", lambda s, _: s.rotations.matrices, "1", "frame, row, column"),
     _Column("translations", lambda s, _: s.translations, "*", "frame, direction"),
     _Column("rms_errors", lambda s, _: s.rms_errors, "*", "frame"),
@@ -285,13 +284,5 @@ def _append(group: Any, signatures: list[tuple[ModalSignature, SequenceRecord]])
         dataset[start:] = rows.astype(object) if rows.dtype.kind == "U" else rows
 
 
-def _deviations(signature: ModalSignature) -> NDArray[np.float64]:
-    if signature.amplitude_deviations is None:
-        return np.full(signature.amplitudes.shape, np.nan)
-    return signature.amplitude_deviations
-
-
-def _times(signature: ModalSignature) -> NDArray[np.float64]:
-    if signature.times is None:
-        return np.full(signature.n_frames, np.nan)
-    return signature.times
+def _or_nan(values: NDArray[np.float64] | None, like: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.full(like.shape, np.nan) if values is None else values

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import ModeCountError
 from modalmotion.modes import Modes, whole_counts
 from modalmotion.numeric.products import product
-from modalmotion.numeric.qr import inverse_of_triangle, tall_qr
+from modalmotion.numeric.qr import inverse_of_triangle, orthonormal, triangle_of
 from modalmotion.template import Template
 from modalmotion.template.loose_vertices import shapes_of
 
@@ -32,19 +32,24 @@ class Basis:
     modes : Modes
     shapes : (vertices, modes) float64
         Phi.
-    projector : (modes, vertices) float64
-        amplitudes = projector @ displacements: the weighted least-squares solution.
     triangle : (modes, modes) float64
         R of the weighted shapes: |R a| is the weighted RMS of the superposed displacement.
+    analysis : (modes, vertices) float64
+        Q'W^(1/2): coefficients R a of displacements along orthonormal shapes.
     condition : float
         Of the weighted shapes, 1 for orthogonal ones.
     """
 
     modes: Modes
     shapes: NDArray[np.float64]
-    projector: NDArray[np.float64]
     triangle: NDArray[np.float64]
+    analysis: NDArray[np.float64]
     condition: float
+
+    @cached_property
+    def projector(self) -> NDArray[np.float64]:
+        """Weighted least-squares solution: amplitudes of displacements, (modes, vertices)."""
+        return product(inverse_of_triangle(self.triangle), self.analysis)
 
     @cached_property
     def rows(self) -> NDArray[np.float64]:
@@ -87,11 +92,12 @@ def factored(modes: Modes, shapes: NDArray[np.float64], weights: NDArray[np.floa
     n_weighted = int((weights > 0).sum())
     root = np.sqrt(weights)[:, None]
     if len(modes) > n_weighted:
-        _, R = tall_qr(root * shapes[:, :n_weighted])
+        R = triangle_of(root * shapes[:, :n_weighted])
         raise _too_many(
             modes, R, f"{len(modes)} modes cannot be told apart on {n_weighted} vertices."
         )
-    Q, R = tall_qr(root * shapes)
+    weighted = root * shapes
+    R = triangle_of(weighted)
     condition = float(np.linalg.cond(R))
     if not condition <= LARGEST_CONDITION:
         raise _too_many(
@@ -101,8 +107,8 @@ def factored(modes: Modes, shapes: NDArray[np.float64], weights: NDArray[np.floa
             f"{LARGEST_CONDITION:.0e}: the amplitudes would be noise.",
             condition=condition,
         )
-    projector = product(inverse_of_triangle(R), np.ascontiguousarray((root * Q).T))
-    return Basis(modes, shapes, projector, R, condition)
+    Q, R = orthonormal(weighted, R, condition)
+    return Basis(modes, shapes, R, np.ascontiguousarray((root * Q).T), condition)
 
 
 def _too_many(

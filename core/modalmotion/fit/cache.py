@@ -9,16 +9,7 @@ from threading import Lock
 from typing import Final, Generic, TypeVar
 
 from modalmotion.fit.basis import Basis, make_basis
-from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
-from modalmotion.template import (
-    GivenLandmarks,
-    ModeChoice,
-    Template,
-    Weights,
-    choose_modes,
-    make_template,
-    template_id,
-)
+from modalmotion.template import ModeChoice, Template, choose_modes
 
 _Value = TypeVar("_Value")
 
@@ -28,8 +19,6 @@ _LAYOUTS: Final = 4
 
 class TemplateCache:
     """The last templates and factored modes, for threads that share them.
-
-    Results equal new ones: the key of a template is the content that it is made from.
 
     Parameters
     ----------
@@ -61,42 +50,6 @@ class TemplateCache:
             template = load()
             self._templates.put(key, template, _size(template))
         return template
-
-    def template(
-        self,
-        sequence: MeshSequence,
-        *,
-        reference: Reference = 0,
-        weights: Weights = Weights.AREA,
-        landmarks: GivenLandmarks | None = None,
-        closed_form: bool = True,
-        merge_vertices: bool = True,
-    ) -> Template:
-        """Return the template of a sequence: see `make_template`."""
-        # A frame that does not exist has no content; making the template says so.
-        key = (
-            template_id(
-                sequence,
-                reference=reference,
-                weights=weights,
-                landmarks=landmarks,
-                closed_form=closed_form,
-                merge_vertices=merge_vertices,
-            )
-            if reference == MEAN or 0 <= reference < sequence.n_frames
-            else ""
-        )
-        return self.named(
-            key,
-            lambda: make_template(
-                sequence,
-                reference=reference,
-                weights=weights,
-                landmarks=landmarks,
-                closed_form=closed_form,
-                merge_vertices=merge_vertices,
-            ),
-        )
 
     def basis(
         self,

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from modalmotion.alignment.displacements import Displacements, PositionBlock
 from modalmotion.alignment.reference_shape import ReferenceShape
 from modalmotion.alignment.rigid import Rotations
-from modalmotion.errors import ModeCountError
-from modalmotion.fit.basis import Basis, factored
+from modalmotion.fit.basis import Basis
 from modalmotion.fit.frame_errors import FrameErrors, errors_of, rms_of
 from modalmotion.numeric.products import product, tile
 from modalmotion.numeric.scale import lengths
@@ -39,14 +38,9 @@ class Fit:
     translations : (frames, 3) float64, length unit
         Path of the weighted centroid from the reference's.
     errors : FrameErrors
-        Of the vertices that are present.
     motion_rms, weighted_motion_rms : (frames,) float64, length unit
         RMS displacement from the reference, rotation removed: the errors `rms` and
         `weighted_rms` with no modes.
-    conditions : (frames,) float64
-        Of the weighted shapes; all the same unless vertices are missing.
-    coverages : (frames,) float64
-        Share of the surface present, 1 unless vertices are missing.
     reference_amplitudes : (modes, 3) float64, length unit
         Amplitudes of the reference itself, of its positions from its centroid; zero where
         components are radial, tangential and axial.
@@ -58,8 +52,6 @@ class Fit:
     errors: FrameErrors
     motion_rms: NDArray[np.float64]
     weighted_motion_rms: NDArray[np.float64]
-    conditions: NDArray[np.float64]
-    coverages: NDArray[np.float64]
     reference_amplitudes: NDArray[np.float64]
 
 
@@ -71,7 +63,6 @@ def fit_displacements(
     Parameters
     ----------
     displacements : Displacements
-        A frame is fitted to the vertices it has.
     basis : Basis
     frames : (vertices, n, 3) float64, optional
         Local directions of the components, from `local_frames`, or the only one of an offset;
@@ -80,22 +71,9 @@ def fit_displacements(
     Returns
     -------
     Fit
-
-    Raises
-    ------
-    ParameterError
-        If a frame is empty.
-    ModeCountError
-        Naming the first frame with too few vertices to tell the modes apart.
     """
-    parts = []
-    products: _Products | None = None
-    for block in displacements.positions():
-        if products is None or products.shape is not block.shape:
-            whole = block.shape is displacements.shape
-            used = basis if whole else _factored_part(basis, block)
-            products = _Products.of(used, block.shape, frames)
-        parts.append(products.fit(block))
+    products = _Products.of(basis, displacements.shape, frames)
+    parts = [products.fit(block) for block in displacements.positions()]
     columns: dict[str, NDArray[np.float64]] = {
         column.name: np.concatenate([getattr(part, column.name) for part in parts])
         for column in fields(Fit)
@@ -227,8 +205,6 @@ class _Products:
             errors=errors,
             motion_rms=motion_rms,
             weighted_motion_rms=weighted_motion_rms,
-            conditions=np.full(f, self.basis.condition),
-            coverages=np.full(f, shape.coverage),
             reference_amplitudes=np.ascontiguousarray(self.of_rest.T) * shape.scale,
         )
 
@@ -243,19 +219,6 @@ class _Products:
             squares = np.delete(squares, self.shape.ignored, axis=1)
             weights = np.delete(weights, self.shape.ignored)
         return squares, weights, self.shape.scale
-
-
-def _factored_part(basis: Basis, block: PositionBlock) -> Basis:
-    """Factor shapes on the vertices that a block has."""
-    try:
-        return factored(basis.modes, basis.shapes, block.shape.weights)
-    except ModeCountError as error:
-        raise ModeCountError(
-            f"Frame {block.frames.start}: {error.message}",
-            remedy="Ask for fewer modes, or leave the frame out.",
-            frame=block.frames.start,
-            details=error.details,
-        ) from error
 
 
 def _squared_distances(

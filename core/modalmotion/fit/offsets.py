@@ -130,13 +130,8 @@ def offsets_of(displacements: Displacements, template: Template) -> Offsets:
     vertices += displacements.start
     # The motion has the sequence's own times and unit, and no facts that concern vertices.
     moved = replace(sequence, vertices=vertices)
-    along = replace(
-        displacements,
-        sequence=moved,
-        remove_rotation=False,
-    )
     return Offsets(
-        along,
+        replace(displacements, sequence=moved, remove_rotation=False),
         reference.normals[spread][:, None],
         rotations,
         np.concatenate([part[2] for part in parts]) * shape.scale,

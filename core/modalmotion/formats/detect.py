@@ -6,7 +6,7 @@ import re
 from enum import StrEnum
 from typing import Final
 
-from modalmotion.errors import MalformedFileError, ParameterError
+from modalmotion.errors import MalformedFileError
 from modalmotion.formats.obj import KEYWORDS
 from modalmotion.formats.stl import cut_short, is_binary_stl
 from modalmotion.hdf5.gate import SIGNATURE
@@ -26,23 +26,6 @@ class Format(StrEnum):
     OFF = "off"
     VTK = "vtk"
     VTP = "vtp"
-
-    @classmethod
-    def parse(cls, name: str) -> Format:
-        """Find a format by its name.
-
-        Raises
-        ------
-        ParameterError
-            If no format has that name.
-        """
-        try:
-            return cls(name.strip().lower())
-        except ValueError:
-            raise ParameterError(
-                f"The format {name[:40]!r} is unknown.",
-                remedy=f"Use one of {', '.join(cls)}, or leave it out.",
-            ) from None
 
 
 MESH_FORMATS: Final = frozenset(

@@ -13,8 +13,6 @@ from modalmotion.hdf5.contents import Contents, contents_in, contents_of, header
 from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, sealed_image
 from modalmotion.hdf5.sealed import digest_of, load_sealed, require_sealed
 
-REBUILD: Final = "Run `modalmotion store rebuild FOLDER` on the folder of its store"
-
 
 @dataclass(frozen=True)
 class Form:
@@ -26,7 +24,7 @@ class Form:
         "signature", "sequence", "classification", "track", "images", "model", "template" or
         "export".
     version : int
-        Raised when what is written changes; `store rebuild` then rewrites older files.
+        Raised when what is written changes.
     """
 
     kind: str
@@ -119,9 +117,7 @@ class Form:
             raise (OlderFileError if is_older else CorruptFileError)(
                 f"{contents.name} has version {form.version} of its schema; this program reads "
                 f"{self.version}.",
-                remedy=f"{REBUILD}, or make the file again."
-                if is_older
-                else "Read it with the modalmotion that wrote it, or a newer one.",
+                remedy="Read it with the modalmotion that wrote it, or make it again.",
                 details={"schema_version": form.version, "known": self.version},
             )
 

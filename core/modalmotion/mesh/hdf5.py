@@ -69,17 +69,13 @@ def sequence_from_hdf5(source: bytes | Path, form: Form = FORM) -> MeshSequence:
 def read_sequence(source: bytes | Path, form: Form = FORM) -> tuple[MeshSequence, Contents]:
     """Read a mesh sequence together with the contents of its file."""
     with form.read(source) as contents:
-        facts = facts_from_json(contents.json("facts", dict))
-        return sequence_in(contents).with_facts(facts), contents
-
-
-def sequence_in(contents: Contents) -> MeshSequence:
-    """Sequence of a file, without its facts, which files of version 1 lack."""
-    return mesh_sequence(
-        given_up(contents.array("vertices", (None, None, 3))),
-        contents.array("faces", (None, 3)),
-        grid=contents.attributes.get("grid"),
-        topology=contents.optional_text("topology"),
-        times=contents.arrays.get("times"),
-        unit=contents.unit,
-    )
+        sequence = mesh_sequence(
+            given_up(contents.array("vertices", (None, None, 3))),
+            contents.array("faces", (None, 3)),
+            grid=contents.attributes.get("grid"),
+            topology=contents.optional_text("topology"),
+            times=contents.arrays.get("times"),
+            unit=contents.unit,
+            facts=facts_from_json(contents.json("facts", dict)),
+        )
+        return sequence, contents

@@ -176,23 +176,26 @@ class ModeSet(FrozenArrays):
         #     closed:  cos or sin(2 pi p theta), of all closed axes together cos or sin(a + b)
         #     cup:     cos(r pi s) where p' is even, sin((r + 1/2) pi s) where it is odd
         #     sphere:  cos(r pi s) where p' is even, sin((r + 1) pi s) where it is odd
+        # Many modes share a factor, which is worked out once.
         shapes = np.full((len(coordinates), len(self)), scales_of(self.n_waves))
-        phase = np.zeros_like(shapes)
         for axis, ends in enumerate(self.topology.ends):
-            x = coordinates[:, axis, None]
-            h = self.half_periods[:, axis]
             if ends == CLOSED:
-                phase += 2 * np.pi * h * x
-            else:
-                odd = self.is_odd_at_pole[:, axis]
-                y = h * (np.pi / 2) * x
-                shapes *= np.where(odd, np.sin(y), np.cos(y))
+                continue
+            x = coordinates[:, axis, None]
+            (h, odd), own = _each_once(self.half_periods[:, axis], self.is_odd_at_pole[:, axis])
+            y = h * (np.pi / 2) * x
+            shapes *= np.where(odd, np.sin(y), np.cos(y))[:, own]
             if End.POLE in ends:
                 on_pole = x <= 0 if ends[1] != End.POLE else (x <= 0) | (x >= 1)
                 turns = self.wavenumbers[:, axis + 1] != 0
                 shapes[on_pole & turns] = 0.0
-        if self.topology.closed_axes:
-            shapes *= np.where(self.is_sine, np.sin(phase), np.cos(phase))
+        closed = list(self.topology.closed_axes)
+        if closed:
+            (*periods, is_sine), own = _each_once(*self.half_periods.T[closed], self.is_sine)
+            phase = np.zeros((len(coordinates), 1))
+            for axis, p in zip(closed, periods, strict=True):
+                phase = phase + 2 * np.pi * p * coordinates[:, axis, None]
+            shapes *= np.where(is_sine, np.sin(phase), np.cos(phase))[:, own]
         return shapes
 
     def shapes_on(self, surface: Surface) -> NDArray[np.float64]:
@@ -234,3 +237,9 @@ class ModeSet(FrozenArrays):
         if len(lengths) and min(lengths) > 0:
             return math.exp(sum(map(math.log, lengths)) / len(lengths))
         return 1.0
+
+
+def _each_once(*columns: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """Give different rows of columns once, a column each, and which of them each row is."""
+    rows, own = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
+    return rows.T, own.ravel()

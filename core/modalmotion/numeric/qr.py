@@ -16,8 +16,29 @@ _ROWS: Final = 1024
 _TRIANGLE: Final = 64
 
 
+# Condition up to which one division by R leaves columns orthogonal to 13 digits.
+_WELL: Final = 1e3
+
+
 def tall_qr(A: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """QR of a matrix with many more rows than columns, block by block.
+    """QR of a matrix of full rank with many more rows than columns.
+
+    Parameters
+    ----------
+    A : (rows, columns) float64
+
+    Returns
+    -------
+    Q : (rows, columns) float64
+    R : (columns, columns) float64
+        Its diagonal is positive.
+    """
+    R = triangle_of(A)
+    return orthonormal(A, R, float(np.linalg.cond(R)))
+
+
+def triangle_of(A: NDArray[np.float64]) -> NDArray[np.float64]:
+    """R of a matrix with many more rows than columns, block by block.
 
     Each block of rows is factored by itself, then their triangles together (Demmel, Grigori,
     Hoemmen and Langou, Communication-optimal parallel and sequential QR and LU factorizations,
@@ -30,24 +51,35 @@ def tall_qr(A: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.flo
 
     Returns
     -------
-    Q : (rows, columns) float64
-    R : (columns, columns) float64
+    (columns, columns) float64
         Its diagonal is not negative.
     """
-    n, m = A.shape
-    step = max(_ROWS, 2 * m)
-    starts = list(range(0, max(n - step, 0) + 1, step))
-    ends = [*starts[1:], n]
-    factors = [np.linalg.qr(A[i:j]) for i, j in zip(starts, ends, strict=True)]
-    Q = np.empty((n, m))
-    if len(factors) == 1:
-        Q[...], R = factors[0]
-    else:
-        joint, R = tall_qr(np.concatenate([triangle for _, triangle in factors]))
-        for k, (i, j) in enumerate(zip(starts, ends, strict=True)):
-            product(factors[k][0], joint[k * m : (k + 1) * m], out=Q[i:j])
-    sign = np.where(np.diag(R) < 0, -1.0, 1.0)
-    return Q * sign, R * sign[:, None]
+    step = max(_ROWS, 2 * A.shape[1])
+    while len(A) >= 2 * step:
+        parts = np.split(A, range(step, len(A) - step + 1, step))
+        A = np.concatenate([_r(part) for part in parts])
+    R = _r(A)
+    signed: NDArray[np.float64] = R * np.where(np.diag(R) < 0, -1.0, 1.0)[:, None]
+    return signed
+
+
+def _r(A: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(np.linalg.qr(A, mode="r"))
+
+
+def orthonormal(
+    A: NDArray[np.float64], R: NDArray[np.float64], condition: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Q and R of a matrix whose R and condition are known, twice as fast as by reflections.
+
+    Q = A R^-1 is orthogonal to the condition's share of the precision: where that is not enough Q
+    is factored once more, which makes it so to the last digits.
+    """
+    Q = product(A, inverse_of_triangle(R))
+    if condition > _WELL:
+        again = triangle_of(Q)
+        Q, R = product(Q, inverse_of_triangle(again)), product(again, R)
+    return Q, R
 
 
 def inverse_of_triangle(R: NDArray[np.float64]) -> NDArray[np.float64]:

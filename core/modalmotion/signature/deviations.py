@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from modalmotion.alignment.rigid import Rotations
 from modalmotion.choice.fitted_motion import Model
 from modalmotion.choice.fitter import Fitter
-from modalmotion.choice.noise import Noise
 from modalmotion.choice.noise_level import measure_noise
 from modalmotion.choice.parameters import SignatureKind
 from modalmotion.errors import ModeCountError
@@ -52,7 +51,12 @@ def deviations_of(
             notes = (noise.note(sequence.unit),)
         if noise is None:
             return None, ()
-        uncertainty = _of_noise(noise, sequence)
+        # Of vertices that count alike: by how much they count is in the fit.
+        n = sequence.n_vertices
+        independent = noise.independent_vertices * n * float((fitter.template.weights**2).sum())
+        uncertainty = Uncertainty.of_noise(
+            noise.sigma, sequence.n_frames, n, independent, noise.between_frames
+        )
         words = "the noise of the vertices"
     else:
         words = "the deviations of the track"
@@ -95,16 +99,6 @@ def _amplitudes(fits: list[tuple[Fitter, Basis]]) -> list[NDArray[np.float64]]:
             a = product(rows, basis.columns)[:, : len(basis.modes)] * block.shape.scale
             found.append(a.reshape(len(u), u.shape[1], -1).transpose(0, 2, 1))
     return [np.concatenate(found) for found in parts]
-
-
-def _of_noise(noise: Noise, sequence: MeshSequence) -> Uncertainty:
-    return Uncertainty.of_noise(
-        noise.sigma,
-        sequence.n_frames,
-        sequence.n_vertices,
-        noise.independent_vertices,
-        noise.between_frames,
-    )
 
 
 def _material(sequence: MeshSequence, fitter: Fitter) -> Fitter:

@@ -25,7 +25,7 @@ def signature_distance(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     Parameters
     ----------
     a, b : (frames, modes, 3) float64, the same length unit
-        In the frame of the body and at the same phases: see `in_body_frame` and
+        In the frame of the body and at the same phases: see `body_frame` and
         `resample_to_phase`. Where theta has no landmark, `theta_invariants` of them.
 
     Returns

@@ -127,11 +127,10 @@ def signature_from_hdf5(source: bytes | Path) -> ModalSignature:
 def read_signature(source: bytes | Path) -> tuple[ModalSignature, Contents]:
     """Read a signature together with the contents of its file."""
     with FORM.read(source) as contents:
-        return signature_in(contents), contents
+        return _signature(contents), contents
 
 
-def signature_in(contents: Contents) -> ModalSignature:
-    """Read the signature that the contents of a file hold."""
+def _signature(contents: Contents) -> ModalSignature:
     parameters = parameters_from_json(contents.json("parameters", dict))
     amplitudes = contents.array("amplitudes", (None, None, parameters.n_directions))
     n_frames, n_modes, _ = amplitudes.shape

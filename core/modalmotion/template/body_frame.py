@@ -44,24 +44,6 @@ def body_frame(landmarks: Landmarks) -> NDArray[np.float64]:
     return np.array([zero, across, axis])
 
 
-def in_body_frame(amplitudes: NDArray[np.float64], landmarks: Landmarks) -> NDArray[np.float64]:
-    """Cartesian amplitudes in the frame of the body.
-
-    Parameters
-    ----------
-    amplitudes : (frames, modes, 3) float64, length unit
-        Along x, y, z of the input.
-    landmarks : Landmarks
-
-    Returns
-    -------
-    (frames, modes, 3) float64, length unit
-        Along theta_zero, across it, and along the axis.
-    """
-    turned: NDArray[np.float64] = amplitudes @ body_frame(landmarks).T
-    return turned
-
-
 def local_frames(template: Template) -> NDArray[np.float64]:
     """Radial, tangential and axial direction at each vertex of the reference.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -245,30 +246,21 @@ def _recognised_in_frame_0(
 
     Limbs that swing leave a mean without them, which may be a sphere although no frame is one.
     """
-    first = make_template(
-        sequence,
-        weights=weights,
-        landmarks=landmarks,
-        merge_vertices=merge_vertices,
-        report=part_of(report, 0.0, 0.5),
-    )
+    made: dict[str, Any] = {
+        "weights": weights,
+        "landmarks": landmarks,
+        "merge_vertices": merge_vertices,
+    }
+    first = make_template(sequence, report=part_of(report, 0.0, 0.5), **made)
     is_known = first.surface is not None
     of_mean = make_template(
         sequence.with_topology(first.surface, None),
         reference=MEAN,
-        weights=weights,
-        landmarks=landmarks,
         closed_form=is_known,
-        merge_vertices=merge_vertices,
         report=part_of(report, 0.5, 1.0),
+        **made,
     )
-    id_ = template_id(
-        sequence,
-        reference=MEAN,
-        weights=weights,
-        landmarks=landmarks,
-        merge_vertices=merge_vertices,
-    )
+    id_ = template_id(sequence, reference=MEAN, **made)
     notes = tuple(dict.fromkeys((*first.notes, *of_mean.notes))) if is_known else first.notes
     return replace(of_mean, id=id_, reason=first.reason, notes=notes)
 

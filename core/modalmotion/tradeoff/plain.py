@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from modalmotion.choice.scene import NUMBERS
 from modalmotion.tradeoff.answer import Tradeoff
 from modalmotion.tradeoff.chosen import Chosen
 from modalmotion.tradeoff.front import Branch, Front
@@ -27,7 +28,7 @@ def as_plain(tradeoff: Tradeoff) -> dict[str, Any]:
         "weighted_motion_rms": front.weighted_motion_rms,
         "front": [_branch(branch, front) for branch in front.branches],
         "scene": {
-            kind.value: {**asdict(error), "numbers_per_frame": _NUMBERS.get(kind.value)}
+            kind.value: {**asdict(error), "numbers_per_frame": NUMBERS.get(kind)}
             for kind, error in tradeoff.scene.errors.items()
         },
         "limit": tradeoff.limit,
@@ -36,9 +37,6 @@ def as_plain(tradeoff: Tradeoff) -> dict[str, Any]:
         "fit_milliseconds": {str(n): ms for n, ms in tradeoff.fit_milliseconds.items()},
         "milliseconds": dict(tradeoff.milliseconds),
     }
-
-
-_NUMBERS = {"static": 0, "rigid": 6, "affine": 12}
 
 
 def _branch(branch: Branch, front: Front) -> dict[str, Any]:

@@ -222,8 +222,7 @@ def parts_of(token: str) -> tuple[str, str]:
         raise ParameterError(
             "A key is mm_, 16 hexadecimal digits, _ and 43 letters of base64url; this one has "
             f"{len(token)} letters in all.",
-            remedy='Make one with `python -c "import secrets as s; '
-            "print(f'mm_{s.token_hex(8)}_{s.token_urlsafe(32)}')\"`.",
+            remedy="Use one that `modalmotion keys create` made, in any folder.",
         )
     return parts[1], parts[2]
 

@@ -9,18 +9,15 @@ import pytest
 from foreign_motions import figures
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from template_surfaces import fit_sequence
 
 from modalmotion.alignment.mean_shape import mean_shape
 from modalmotion.errors import ParameterError
-from modalmotion.fit.basis import make_basis
-from modalmotion.fit.cache import TemplateCache
 from modalmotion.mesh import vertex_areas
 from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import Acquisition, Pose, VentricleParameters, simulate_ventricle
-from modalmotion.template import choose_modes, make_template
+from modalmotion.template import make_template
 from modalmotion.template.body_frame import Components
 
 ASKED = SignatureParameters(reference=MEAN)
@@ -155,8 +152,7 @@ def test_a_signature_from_it_reconstructs_the_sequence_with_less_error() -> None
     assert np.sqrt((apart**2).mean()) == pytest.approx(one.rms_error, rel=1e-9)
     assert one.rms_error < zero.rms_error
     assert one.template_id != zero.template_id
-    cached = TemplateCache().template(sequence, reference=MEAN)
-    assert cached.id == one.template_id
+    assert make_template(sequence, reference=MEAN).id == one.template_id
 
 
 def test_a_surface_is_what_its_first_frame_is() -> None:
@@ -164,7 +160,7 @@ def test_a_surface_is_what_its_first_frame_is() -> None:
     unstated = replace(stated, topology=None)
     one, zero = (make_template(unstated, reference=r) for r in (MEAN, 0))
     assert one.surface == zero.surface
-    assert one.id == TemplateCache().template(unstated, reference=MEAN).id != zero.id
+    assert one.id != zero.id
     assert np.allclose(one.coordinates, make_template(stated, reference=MEAN).coordinates)
 
 
@@ -173,18 +169,6 @@ def test_a_reference_that_is_none_is_refused() -> None:
     for reference in (12, -1, "median"):
         with pytest.raises(ParameterError, match="reference"):
             modal_signature(sequence, replace(ASKED, reference=reference, amplitudes=None))  # type: ignore[arg-type]
-
-
-def test_without_every_vertex_there_is_no_mean() -> None:
-    sequence = beat()
-    template = make_template(sequence, reference=MEAN)
-    basis = make_basis(template, choose_modes(template, 7).modes)
-    present = np.ones((12, sequence.n_vertices), dtype=np.bool_)
-    whole = fit_sequence(sequence, template, basis, reference=MEAN, present=present)
-    assert np.allclose(whole.amplitudes, modal_signature(sequence, ASKED).amplitudes, atol=1e-9)
-    present[3, 7] = False
-    with pytest.raises(ParameterError, match="mean shape"):
-        fit_sequence(sequence, template, basis, reference=MEAN, present=present)
 
 
 @pytest.mark.parametrize("name", ["fox", "robot"])

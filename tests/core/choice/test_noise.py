@@ -244,7 +244,8 @@ def test_bands_expect_what_noise_brings(rng: np.random.Generator) -> None:
         asked = SignatureParameters(remove_rotation=False)
         fitter = Fitter.of(start, make_template(start), asked)
         smooth = SmoothNoise.on(fitter.template)
-        bands = bands_of(fitter, *sorted_ladder(fitter, 128), smooth)
+        ladder, _ = sorted_ladder(fitter, 128)
+        bands = bands_of(fitter, ladder, fitter.coefficients(ladder.basis), smooth)
         energies = np.trace(bands.grams.sum(axis=0), axis1=1, axis2=2) * bands.scale**2 / 300.0
         assert energies == pytest.approx(0.36 * bands.expected[part], rel=0.2)
 

@@ -48,8 +48,6 @@ def test_against_the_slow_twin(
         heart[0], template, basis.shapes, remove_rotation=remove_rotation, frames=frames
     )
     assert_same(fit, slow)
-    assert (fit.coverages == 1).all()
-    assert (fit.conditions == basis.condition).all()
 
 
 @pytest.mark.parametrize("closed_form", [True, False])

@@ -191,12 +191,6 @@ def test_what_does_not_fit_the_file_is_refused(options: ReadOptions) -> None:
     assert caught.value.remedy
 
 
-def test_formats_are_found_by_name() -> None:
-    assert Format.parse(" GLB ") is Format.GLB
-    with pytest.raises(ParameterError, match="npz"):
-        Format.parse("3ds")
-
-
 @pytest.mark.parametrize(
     ("data", "words"),
     [

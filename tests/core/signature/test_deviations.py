@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,15 +13,17 @@ from template_surfaces import MAKERS
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.strain_of import strain
 from modalmotion.facts import Facts
+from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.mesh.uncertainty import Uncertainty
+from modalmotion.modes.topology import CYLINDER
 from modalmotion.signature.comparison import compare
 from modalmotion.signature.first_modes import first_modes
 from modalmotion.signature.hdf5 import signature_from_hdf5, signature_to_hdf5
 from modalmotion.signature.interpolation import at_times
 from modalmotion.signature.making import SignatureKind, SignatureParameters, modal_signature
 from modalmotion.simulate import Acquisition, simulate_ventricle
-from modalmotion.template import GivenLandmarks, make_template
+from modalmotion.template import GivenLandmarks, choose_modes, make_template
 from modalmotion.tracking import Track, track
 
 OFFSET = SignatureParameters(kind=SignatureKind.OFFSET, modes=4)
@@ -95,6 +98,17 @@ def test_auto_states_them_with_its_noise(noisy: MeshSequence) -> None:
     signature = modal_signature(noisy, SignatureParameters(auto=True))
     assert signature.amplitude_deviations is not None
     assert signature.amplitude_deviations.shape == signature.amplitudes.shape
+
+
+def test_vertices_that_count_for_less_are_as_independent_as_others(noisy: MeshSequence) -> None:
+    asked, n = SignatureParameters(modes=7), noisy.n_vertices
+    assert 1.0 / (make_template(noisy).weights ** 2).sum() < 0.85 * n
+    estimated = modal_signature(noisy, replace(asked, deviations=True)).amplitude_deviations
+    known = replace(noisy, uncertainty=Uncertainty.of_noise(0.3, noisy.n_frames, n, n))
+    stated = modal_signature(known, asked).amplitude_deviations
+    assert estimated is not None
+    assert stated is not None
+    assert np.sqrt((estimated**2).mean()) == pytest.approx(np.sqrt((stated**2).mean()), rel=0.05)
 
 
 def test_deviations_stay_with_their_amplitudes(tracked: Track) -> None:
@@ -195,3 +209,26 @@ def test_a_zero_of_theta_that_nobody_knows_widens_no_read_out() -> None:
     strains = [strain(one, beat) for one in (plain, sure)]
     assert np.array_equal(strains[0].curves, strains[1].curves)
     assert np.array_equal(strains[0].deviations, strains[1].deviations)
+
+
+@pytest.mark.parametrize("asked", [{"modes": 120}, {"auto": True}])
+def test_a_turn_about_which_vertices_cannot_tell_the_modes_apart_counts_for_nothing(
+    asked: dict[str, Any], rng: np.random.Generator
+) -> None:
+    s, turn = np.meshgrid((np.arange(12) + 0.5) / 12, np.arange(16) / 8 * np.pi, indexing="ij")
+    rest = np.stack([(10 + 3 * s) * np.cos(turn), 9 * np.sin(turn), 120 * s], axis=2).reshape(-1, 3)
+    faces = lattice_faces(CYLINDER, (12, 16))
+    template = make_template(mesh_sequence(rest[None], faces, unit="mm"))
+    shapes = choose_modes(template, 120).modes.shapes_on(template)
+    # A motion of so many modes that `auto` keeps them.
+    u = shapes @ rng.normal(0.0, 0.2, (shapes.shape[1], 3))
+    phases = 2 * np.pi * np.arange(12) / 12
+    x = rest + np.sin(phases)[:, None, None] * u + rng.normal(0.0, 1e-4, (12, *rest.shape))
+    # All vertices off together: the axis may lie across the tube, where most have one angle.
+    known = Uncertainty.of_noise(100.0, 12, len(rest), 1.0)
+    tube = replace(mesh_sequence(x, faces, unit="mm"), uncertainty=known)
+    signature = modal_signature(tube, SignatureParameters(**asked))
+    assert len(signature.modes) >= 120
+    stated = signature.amplitude_deviations
+    assert stated is not None
+    assert (stated[1:] > 0).all()

@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 from clouds import breathing_spheroid, sampled
-from sealed_files import changed
 from store_samples import sample_sequence
 
-from modalmotion.errors import CorruptFileError, LostFileError, NotFoundError, OlderFileError
+from modalmotion.errors import CorruptFileError, LostFileError, NotFoundError
 from modalmotion.facts import Facts
-from modalmotion.signature.making import modal_signature
 from modalmotion.store import (
     ResultStore,
     backup,
@@ -40,26 +37,6 @@ def tracked() -> Track:
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
     return tmp_path / "store"
-
-
-def test_a_track_of_version_1_is_rewritten_without_deviations(root: Path, tracked: Track) -> None:
-    def older(file: h5py.File) -> None:
-        file.attrs["schema_version"] = np.int64(1)
-        del file["across_covariances"]
-
-    name = tracked.sequence.id
-    with ResultStore(root) as store:
-        store.put_track(tracked)
-    path = Folder(root).result(track_name(name))
-    path.write_bytes(changed(path.read_bytes(), older))
-    with pytest.raises(OlderFileError, match="store rebuild"):
-        track_from_hdf5(path)
-    assert rebuild(root).rewritten == {"track": 1}
-    with ResultStore(root) as store:
-        again = store.track(name)
-    assert again.sequence.uncertainty is None
-    assert np.array_equal(again.covariances, tracked.covariances)
-    assert modal_signature(again.sequence).amplitude_deviations is None
 
 
 def test_a_track_and_its_sequence_are_kept_together(root: Path, tracked: Track) -> None:

@@ -8,8 +8,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.numeric.small_svd import small_svd
-
 # Starts that are tried, and how often the best is refined among as many around it.
 _N_STARTS: Final = 48
 _N_FINER: Final = 9
@@ -145,10 +143,7 @@ def _best(B: Coefficients, phases: Coefficients) -> NDArray[np.int64]:
 
 def _rotations(C: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rotations R with the largest trace of R C', (motions, 3, 3)."""
-    if len(C) == 1:
-        U, Vt = (part[None].copy() for part in small_svd(C[0])[::2])
-    else:
-        U, _, Vt = np.linalg.svd(C)
+    U, _, Vt = np.linalg.svd(C)
     R: NDArray[np.float64] = U @ Vt
     mirrors = np.linalg.det(R) < 0
     if mirrors.any():

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from modalmotion.classification.features.temporal import Turn, Turns, harmonic_rows
 from modalmotion.mesh.sequence import MM_PER_UNIT
-from modalmotion.numeric.small_svd import singular_values
 from modalmotion.signature.making import ModalSignature
 
 MEASURES: Final = ("size", "elongation", "gap", "leap", "turns")
@@ -52,7 +51,7 @@ def _elongation(reference: NDArray[np.float64]) -> float:
     """Log of the first extent of a shape over the second, however it is turned."""
     if len(reference) < _FEWEST_OF_SHAPE:
         return math.nan
-    first, second = singular_values(reference)[:2].tolist()
+    first, second = np.linalg.svd(reference, compute_uv=False)[:2].tolist()
     return math.log(first / second) if second > _FLAT * first else math.nan
 
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from modalmotion.classification.features.columns import Column
 from modalmotion.modes import Modes, wave_pairs
-from modalmotion.numeric.small_svd import singular_values
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +149,8 @@ def _spread(parts: NDArray[np.float64], waves: Waves) -> NDArray[np.float64]:
     if not _places(waves).is_whole:
         parts = parts[..., list(waves.all_modes), :]
     n_directions = parts.shape[-1]
-    spread = singular_values(parts.reshape(-1, n_directions))
+    parts = parts.reshape(-1, n_directions)
+    spread = np.asarray(np.linalg.svd(parts, compute_uv=False), dtype=np.float64)
     if len(spread) < n_directions:
         spread = np.append(spread, np.zeros(n_directions - len(spread)))
     return spread

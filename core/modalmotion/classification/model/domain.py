@@ -302,37 +302,6 @@ def _known(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return values
 
 
-def of_kind_alone(
-    reader: FeatureReader,
-    means: NDArray[np.float64],
-    whitening: NDArray[np.float64],
-    limit: float,
-    *,
-    least_motion: float,
-    least_smooth: float,
-) -> Domain:
-    """Domain that checks the kind of motion and nothing else, as 0.1.0 did."""
-    limits = np.full(len(CHECKS), np.inf)
-    limits[0] = limit
-    return Domain(
-        reader=reader,
-        means=means,
-        whitening=whitening,
-        spreads=np.ones(len(means)),
-        points=np.zeros((0, len(PLACE))),
-        scales=np.full(len(PLACE), np.inf),
-        directions=np.zeros((len(TWINS), means.shape[1])),
-        centres=np.zeros((len(means), len(TWINS))),
-        course=np.stack([np.zeros(len(COURSE)), np.full(len(COURSE), np.inf)]),
-        limits=limits,
-        least_motion=least_motion,
-        least_smooth=least_smooth,
-        has_unit=None,
-        hand_is_stated=False,
-        hand_temperature=1.0,
-    )
-
-
 def motion_limits(
     motions: NDArray[np.float64], smooth_shares: NDArray[np.float64]
 ) -> tuple[float, float]:

@@ -15,6 +15,7 @@ from modalmotion.formats.volumes.stack import (
     parsed,
     regular,
     scaled,
+    timed,
 )
 from modalmotion.limits import ReadLimits
 from modalmotion.numeric.unpacking import unpacked
@@ -95,8 +96,10 @@ def _parse(data: bytes, limits: ReadLimits) -> Parsed:
     frames = np.moveaxis(values, 3, 0) if n == 4 else values[None]
     limits.require("frames", len(frames))
     frames = scaled(frames, slope, intercept)
-    interval = spacing[3] if n == 4 else 0.0
-    return parsed(frames, affine, regular(interval, len(frames)))
+    # The format has no field for a unit of time.
+    notes: list[str] = []
+    times = timed(regular(spacing[3] if n == 4 else 0.0, len(frames)), None, "MetaImage", notes)
+    return parsed(frames, affine, times, notes)
 
 
 def _header(data: bytes) -> tuple[dict[str, str], int]:

@@ -15,13 +15,13 @@ from modalmotion.formats.volumes.stack import (
     parsed,
     regular,
     scaled,
+    timed,
     unheard,
 )
 from modalmotion.limits import ReadLimits
 from modalmotion.numeric.unpacking import unpacked, unpacked_head
 
 _MM: Final = {"mm": 1.0, "meter": 1e3, "micron": 1e-3, "unknown": 1.0}
-_SECONDS: Final = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}
 
 # The longer header, of NIfTI-2.
 _HEAD: Final = 540
@@ -79,15 +79,10 @@ def _of(header: Any, data: bytes, limits: ReadLimits, is_packed: bool) -> Parsed
     affine = RAS_TO_LPS @ (
         np.asarray(header.get_best_affine(), dtype=np.float64)[:3] * _MM.get(length, 1.0)
     )
-    notes = []
+    notes: list[str] = []
     if not int(header["sform_code"]) and not int(header["qform_code"]):
         notes.append("The NIfTI file does not say where it lies in space; its axes count as RAS.")
     zooms = header.get_zooms()
     interval = float(zooms[3]) if len(zooms) > 3 else 0.0
-    if n_frames > 1 and interval > 0 and duration not in _SECONDS:
-        notes.append(
-            f"The NIfTI file states no unit for its interval of {interval:g} between frames, which "
-            "is therefore not read: state the interval in seconds."
-        )
-    interval *= _SECONDS.get(duration, 0.0)
-    return parsed(values, affine, regular(interval, n_frames), notes)
+    times = timed(regular(interval, n_frames), duration, "NIfTI", notes)
+    return parsed(values, affine, times, notes)

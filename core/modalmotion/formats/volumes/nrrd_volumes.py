@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, MalformedFileError, needs_extra
 from modalmotion.formats.parser.answer import Parsed
-from modalmotion.formats.volumes.stack import BROKEN, declared_bytes, parsed, regular, unheard
+from modalmotion.formats.volumes.stack import (
+    BROKEN,
+    declared_bytes,
+    parsed,
+    regular,
+    timed,
+    unheard,
+)
 from modalmotion.limits import ReadLimits
 from modalmotion.numeric.unpacking import PIECE, Packing, unpacked
 
@@ -191,7 +198,7 @@ def _of(header: Any, values: NDArray[Any], limits: ReadLimits) -> Parsed:
     directions = header.get("space directions")
     spacings = np.asarray(header.get("spacings", np.full(values.ndim, np.nan)), dtype=np.float64)
     space = str(header.get("space", "")).lower()
-    interval = None
+    interval = unit = None
     if directions is not None:
         rows = np.array([_row(row) for row in directions])
         if rows.shape[1] == 4:
@@ -202,6 +209,7 @@ def _of(header: Any, values: NDArray[Any], limits: ReadLimits) -> Parsed:
         spatial = [k for k in range(values.ndim) if np.isfinite(rows[k]).all()]
         steps = rows[spatial, :3].T
         units = header.get("space units")
+        unit = units[3] if units is not None and len(units) == 4 else None
     else:
         lying = [k for k in range(values.ndim) if kinds[k] not in _TIMES]
         spatial = (lying if len(lying) == 3 else list(range(values.ndim)))[-3:]
@@ -224,9 +232,11 @@ def _of(header: Any, values: NDArray[Any], limits: ReadLimits) -> Parsed:
     affine = signs @ np.diag(_scales(units, notes)) @ np.column_stack([steps, origin])
     frames = np.moveaxis(values, other[0], 0) if other else values[None]
     limits.require("frames", len(frames))
-    if interval is not None:
-        return parsed(frames, affine, regular(interval, len(frames)), notes)
-    return parsed(frames, affine, _times(header, other, spacings, len(frames)), notes)
+    if interval is None:
+        times, unit = _times(header, other, spacings, len(frames))
+    else:
+        times = regular(interval, len(frames))
+    return parsed(frames, affine, timed(times, unit, "NRRD", notes), notes)
 
 
 def _row(direction: Any) -> list[float]:
@@ -243,14 +253,14 @@ def _scales(units: Any, notes: list[str]) -> list[float]:
     return [_MM[word] for word in words]
 
 
-def _times(header: Any, other: list[int], spacings: NDArray[np.float64], n: int) -> Any:
-    """Read times as Slicer writes them, in its unit, or by the spacing of the axis."""
-    scale = (
-        1e-3
-        if str(header.get("axis 0 index unit", header.get("axis 0 unit", "s"))) == "ms"
-        else 1.0
-    )
+def _times(
+    header: Any, other: list[int], spacings: NDArray[np.float64], n: int
+) -> tuple[list[float] | None, str | None]:
+    """Read times as Slicer lists them, or by the spacing of the axis, and their unit."""
+    unit = header.get("axis 0 index unit", header.get("axis 0 unit"))
     listed = str(header.get("axis 0 index values", "")).split()
     if len(listed) == n > 1:
-        return [scale * float(word) for word in listed]
-    return regular(float(spacings[other[0]]) if other else 0.0, n)
+        return [float(word) for word in listed], unit
+    if unit is None and other and "units" in header:
+        unit = header["units"][other[0]]
+    return regular(float(spacings[other[0]]) if other else 0.0, n), unit

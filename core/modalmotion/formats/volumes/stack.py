@@ -50,6 +50,12 @@ def unheard(*names: str) -> Iterator[None]:
             logger.disabled = was
 
 
+_SECONDS: Final = {
+    **dict.fromkeys(("s", "sec", "second", "seconds"), 1.0),
+    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "usec", "microsecond", "microseconds"), 1e-6),
+}
+
 RAS_TO_LPS: Final = np.diag([-1.0, -1.0, 1.0])
 
 
@@ -118,3 +124,16 @@ def regular(interval: float, n: int) -> list[float] | None:
     if n < 2 or not (np.isfinite(interval) and interval > 0):
         return None
     return [k * interval for k in range(n)]
+
+
+def timed(
+    times: list[float] | None, unit: str | None, form: str, notes: list[str]
+) -> list[float] | None:
+    """Turn times in a stated unit into seconds; without one they are not read, and noted."""
+    scale = _SECONDS.get(str(unit).strip().lower())
+    if times is not None and scale is None:
+        notes.append(
+            f"The {form} file states no unit for its interval of {times[1] - times[0]:g} between "
+            "frames, which is therefore not read: state the interval in seconds."
+        )
+    return None if times is None or scale is None else [scale * time for time in times]

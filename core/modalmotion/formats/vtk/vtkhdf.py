@@ -72,7 +72,7 @@ def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
     if not len(n_points) == len(cells.n_cells) == len(cells.n_corners):
         raise malformed("The VTKHDF file's lists of parts differ.")
     faces = _same_faces(cells, steps, limits)
-    vertices = _positions(root["Points"], n_points[steps.parts], steps.points, limits)
+    vertices = _positions(points_of(root), n_points[steps.parts], steps.points, limits)
     if "Strips" in root and integers_of(root["Strips"], "NumberOfCells").any():
         raise MalformedFileError(
             "The VTKHDF file holds triangle strips.",
@@ -94,6 +94,16 @@ def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
         "notes": notes,
     }
     return info, arrays
+
+
+def points_of(root: Any) -> Any:
+    """Give the dataset of points, which are numbers in threes."""
+    points = root["Points"]
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind != "f":
+        raise malformed(
+            f"The VTKHDF file's points have the shape {points.shape} of {points.dtype}."
+        )
+    return points
 
 
 def require_poly_data(root: Any) -> None:
@@ -196,10 +206,6 @@ def _same_faces(cells: _Cells, steps: Steps, limits: ReadLimits) -> Triangles:
 def _positions(
     points: Any, n_points: NDArray[np.int64], starts: NDArray[np.int64], limits: ReadLimits
 ) -> NDArray[Any]:
-    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind != "f":
-        raise malformed(
-            f"The VTKHDF file's points have the shape {points.shape} of {points.dtype}."
-        )
     different = np.flatnonzero(n_points != n_points[0])
     if different.size:
         frame = int(different[0])

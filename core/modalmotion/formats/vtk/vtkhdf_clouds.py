@@ -12,6 +12,7 @@ from modalmotion.formats.vtk.vtkhdf import (
     OURS,
     integers_of,
     malformed,
+    points_of,
     require_poly_data,
     steps_of,
     text_of,
@@ -47,12 +48,7 @@ def parse_vtkhdf_clouds(file: Any, limits: ReadLimits) -> Parsed:
     limits.require("frames", len(steps.parts))
     sizes = n_points[steps.parts]
     limits.require("vertices", int(sizes.max(initial=0)))
-    points = root["Points"]
-    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind != "f":
-        raise malformed(
-            f"The VTKHDF file's points have the shape {points.shape} of {points.dtype}."
-        )
-    starts = steps.points
+    points, starts = points_of(root), steps.points
     if sizes.min() < 0 or starts.min() < 0 or int((starts + sizes).max()) > len(points):
         raise malformed(f"The VTKHDF file holds {len(points)} points, fewer than its steps name.")
     # Steps may all name the same points.

@@ -6,14 +6,13 @@ import contextlib
 from dataclasses import replace
 from pathlib import Path
 
-from modalmotion.errors import CorruptFileError, NotFoundError, OlderFileError, StoreError
+from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
 from modalmotion.progress import Progress
-from modalmotion.store.care.older_forms import rewrite_older
 from modalmotion.store.care.recovery import Reconciliation, reconcile
 from modalmotion.store.disk.atomic import remove_durably
 from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.folder import Folder
-from modalmotion.store.index.database import Database, GuestTable, renew
+from modalmotion.store.index.database import Database, GuestTable
 from modalmotion.store.index.index import Index
 
 
@@ -22,7 +21,6 @@ def rebuild(root: Path, *, progress: Progress | None = None) -> Reconciliation:
 
     Sequences with subject, label and time, and all results, come from the files. Tables of
     others, such as a service's jobs, are in the index alone: they are kept if it can be read.
-    Files that an older version wrote are rewritten first.
 
     Parameters
     ----------
@@ -38,8 +36,6 @@ def rebuild(root: Path, *, progress: Progress | None = None) -> Reconciliation:
     """
     folder = existing_store(root)
     with folder_lock(folder.lock):
-        # Before the index, which says by its version whether the files are today's.
-        older = rewrite_older(folder)
         database, guests_lost = _usable(folder)
         try:
             index = Index(database)
@@ -49,13 +45,7 @@ def rebuild(root: Path, *, progress: Progress | None = None) -> Reconciliation:
             database.close()
         # From here on it is a store, if it was a backup.
         remove_durably(root / "backup.json")
-    return replace(
-        reconciliation,
-        guests_lost=guests_lost,
-        rewritten=older.rewritten,
-        refused=older.refused,
-        damaged=tuple(file for file in reconciliation.damaged if file not in older.refused),
-    )
+    return replace(reconciliation, guests_lost=guests_lost)
 
 
 def existing_store(root: Path) -> Folder:
@@ -79,11 +69,7 @@ def _usable(folder: Folder) -> tuple[Database, bool]:
     """Index to write to, and whether tables of others were lost with a damaged one."""
     guests: list[GuestTable] | None = None
     with contextlib.suppress(CorruptFileError):
-        try:
-            database = Database(folder.index)
-        except OlderFileError:
-            renew(folder.index)
-            database = Database(folder.index)
+        database = Database(folder.index)
         if not database.faults():
             return database, False
         with contextlib.suppress(StoreError):

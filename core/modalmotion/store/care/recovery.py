@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -63,10 +63,6 @@ class Reconciliation:
         idempotency keys, are lost.
     n_models : int
         Versions of models in the index now, without deleted ones.
-    rewritten : dict of str to int
-        Files of older versions that hold today's schema now, by kind; `rebuild` alone does it.
-    refused : dict of str to str
-        Files of older versions that could not be taken, left where they are, and why.
     """
 
     n_sequences: int
@@ -78,8 +74,6 @@ class Reconciliation:
     orphans: tuple[str, ...]
     guests_lost: bool = False
     n_models: int = 0
-    rewritten: dict[str, int] = field(default_factory=dict)
-    refused: dict[str, str] = field(default_factory=dict)
 
 
 def reconcile(
@@ -253,7 +247,7 @@ def _record_from_upload(path: Path, sequence_id: str) -> SequenceRecord:
 
 
 def _pass_over(error: StoreError, *, thorough: bool) -> None:
-    """Go on after a file that does not read, unless `rebuild` would take it and is not run."""
+    """Go on after a file that does not read, unless another version reads it and may yet come."""
     if isinstance(error, OlderFileError) and not thorough:
         raise error
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from modalmotion.errors import CorruptFileError, OlderFileError, StoreError
-from modalmotion.hdf5.form import REBUILD
 from modalmotion.hdf5.sealed import read_file
 
 
@@ -70,9 +69,7 @@ class JsonForm:
             raise (OlderFileError if is_older else StoreError)(
                 f"'{path.name}' has the schema {str(schema)[:40]!r}, version {str(version)[:10]}, "
                 f"not {self.schema!r}, version {self.version}.",
-                remedy=f"{REBUILD}."
-                if is_older
-                else "Read it with the modalmotion that wrote it, or a newer one.",
+                remedy="Read it with the modalmotion that wrote it.",
             )
         return record
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from modalmotion.errors import CorruptFileError, OlderFileError, StoreError
-from modalmotion.store.index.schema import OWN_TABLES, TABLES, VERSION, upgrade
+from modalmotion.errors import CorruptFileError, StoreError
+from modalmotion.store.index.schema import OWN_TABLES, TABLES, VERSION
 
 # For the upper pages of every tree among a million sequences, so that a look-up reads only its last
 # ones from the file. SQLite's own 2 MB are those of ten thousand.
@@ -185,16 +185,10 @@ class Database:
         if version == VERSION:
             return
         (n_tables,) = self._writer.execute("SELECT count(*) FROM sqlite_master").fetchone()
-        if 0 < version < VERSION:
-            raise OlderFileError(
-                f"The index has version {version} of its schema; this program knows {VERSION}.",
-                remedy=f"{_REBUILD[:-1]}, which keeps all that is in it.",
-                details={"schema_version": version, "known": VERSION},
-            )
         if version != 0 or n_tables:
             raise StoreError(
                 f"The index has version {version} of its schema; this program knows {VERSION}.",
-                remedy="Use the modalmotion that wrote it, or a newer one. Without one: "
+                remedy="Use the modalmotion that wrote it. Without it: "
                 "remove index.sqlite, which loses jobs only, and open the store.",
                 details={"schema_version": version, "known": VERSION},
             )
@@ -203,24 +197,6 @@ class Database:
             self._writer.execute(statement)
         self._writer.execute(f"PRAGMA user_version = {VERSION}")
         self._writer.execute("COMMIT")
-
-
-def renew(path: Path) -> None:
-    """Bring an index that an older version wrote up to today's schema.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is damaged.
-    StoreError
-        If it cannot be written; it is as it was.
-    """
-    with _explained(), contextlib.closing(_connect(path)) as connection:
-        (version,) = connection.execute("PRAGMA user_version").fetchone()
-        connection.execute("BEGIN IMMEDIATE")
-        upgrade(connection, version)
-        connection.execute(f"PRAGMA user_version = {VERSION}")
-        connection.execute("COMMIT")
 
 
 def _connect(path: Path) -> sqlite3.Connection:

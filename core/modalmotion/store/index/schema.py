@@ -1,4 +1,4 @@
-"""The tables of the index, and how an older index gets them.
+"""The tables of the index.
 
 What is listed or counted is found through an index of its own, in as many steps among a million
 rows as among a few. Rows of `sequences` lie in the order in which they came, so that those of a
@@ -80,48 +80,11 @@ TABLES: Final = (
 )
 """What makes an empty index."""
 
-# What an index of version 1 lacks; its rows stay.
-_SINCE_1: Final = (
-    "ALTER TABLE sequences ADD COLUMN facts TEXT NOT NULL DEFAULT '{}'",
-    "ALTER TABLE sequences ADD COLUMN span REAL",
-)
-
 SEQUENCE_COLUMNS: Final = (
     "id, n_frames, n_vertices, n_faces, topology, grid, unit, has_times, subject, label, created, "
     "has_upload, facts, span"
 )
 """Of a record, in its order."""
-
-# Version 2 kept no numbers, and sequences in the order of their ids.
-_SINCE_2: Final = (
-    *(f"DROP INDEX sequences_by_{name}" for name in ("time", "subject", "label", "both")),
-    "ALTER TABLE sequences RENAME TO older_sequences",
-    "ALTER TABLE results RENAME TO older_results",
-    *_SEQUENCES,
-    (
-        f"INSERT INTO sequences ({SEQUENCE_COLUMNS}) "  # noqa: S608 (constants)
-        f"SELECT {SEQUENCE_COLUMNS} FROM older_sequences ORDER BY created, id"
-    ),
-    (
-        "INSERT INTO results (kind, sequence_id, model_id, key, sha256) "
-        "SELECT kind, sequence_id, model_id, key, sha256 FROM older_results"
-    ),
-    "DROP TABLE older_results",
-    "DROP TABLE older_sequences",
-)
-
-
-def upgrade(connection: sqlite3.Connection, version: int) -> None:
-    """Bring the tables of an older version up to today's, inside a transaction.
-
-    Parameters
-    ----------
-    connection : sqlite3.Connection
-    version : int
-        1 or 2.
-    """
-    for statement in (*(_SINCE_1 if version == 1 else ()), *_SINCE_2):
-        connection.execute(statement)
 
 
 def recount(connection: sqlite3.Connection) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from dicom_samples import slice_file, study_instance
+from image_files import metaimage as beat_metaimage
 
 from modalmotion.errors import LimitError, MalformedFileError
 from modalmotion.formats import ParserHere
@@ -106,21 +107,38 @@ def test_places_in_nrrd_are_in_mm(lines: tuple[str, ...]) -> None:
     [
         (
             "space: right-anterior-superior-time",
-            "space directions: (-1,0,0,0) (0,-2,0,0) (0,0,3,0) (0,0,0,0.1)",
+            "space directions: (-1,0,0,0) (0,-2,0,0) (0,0,3,0) (0,0,0,100)",
             "space origin: (0,0,0,0)",
+            'space units: "mm" "mm" "mm" "ms"',
         ),
-        ("spacings: 1 2 3 0.1", "kinds: domain domain domain time"),
-        (SPACE, f"{DIRECTIONS} none", "spacings: nan nan nan 0.1"),
+        (
+            "spacings: 1 2 3 100",
+            "kinds: domain domain domain time",
+            'units: "mm" "mm" "mm" "ms"',
+        ),
+        (SPACE, f"{DIRECTIONS} none", "spacings: nan nan nan 100", 'units: "" "" "" "ms"'),
     ],
     ids=["as a direction", "as a kind", "without direction"],
 )
 def test_time_is_found_wherever_nrrd_states_it(lines: tuple[str, ...]) -> None:
     images = read(nrrd(TWICE, *lines))
     assert images.times == pytest.approx([0.0, 0.1])
+    # 100 of something: seconds would make rates a thousandth of what they are.
+    unsaid = [line.replace('"ms"', '""') for line in lines]
+    images = read(nrrd(TWICE, *unsaid))
+    assert images.times is None
+    assert any("no unit for its interval of 100 between" in note for note in images.notes)
     for k, frame in enumerate(images.frames):
         assert isinstance(frame, Volume)
         assert (frame.values == TWICE[..., k]).all()
         assert frame.affine == pytest.approx(DIAGONAL)
+
+
+def test_metaimage_states_no_unit_of_time() -> None:
+    images = read(beat_metaimage())
+    assert images.n_frames == 2
+    assert images.times is None
+    assert any("no unit for its interval of 0.1 between" in note for note in images.notes)
 
 
 def test_an_unknown_unit_of_nrrd_is_noted() -> None:

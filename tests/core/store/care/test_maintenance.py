@@ -8,15 +8,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from damaged_stores import N, damage, flip_signature, flip_upload, four_kept
 from guest_table import STATEMENT
 from project import ROOT
+from sealed_files import changed
 from store_samples import KEY, assert_same, sample_sequence, sample_signature, tree
 
 from modalmotion.cli.store_commands import store as commands
-from modalmotion.errors import CorruptFileError
+from modalmotion.errors import CorruptFileError, OlderFileError
 from modalmotion.exports.signature_pack import export
 from modalmotion.store import ResultStore, rebuild, template_to_hdf5, verify
 from modalmotion.store.folder import Folder, ResultName
@@ -51,6 +53,22 @@ def test_a_rebuilt_index_is_the_old_one(root: Path) -> None:
     assert index_of(root) == before
     assert tree(root) == files
     assert seen == [(i + 1, 4 * N) for i in range(4 * N)]
+
+
+def test_files_of_an_older_version_are_refused_and_left_alone(root: Path) -> None:
+    path = Folder(root).result(ResultName("signature", sample_sequence(1).id, "", KEY))
+
+    def older(file: h5py.File) -> None:
+        file.attrs["schema_version"] = np.int64(1)
+
+    path.write_bytes(changed(path.read_bytes(), older))
+    (root / "index.sqlite").unlink()
+    before = tree(root)
+    with pytest.raises(OlderFileError, match="version 1"):
+        ResultStore(root).open()
+    assert tree(root)[str(path.relative_to(root))] == before[str(path.relative_to(root))]
+    assert rebuild(root).damaged == (Folder(root).short(path),)
+    assert path.read_bytes() == before[str(path.relative_to(root))]
 
 
 def test_an_index_that_is_lost_comes_back_without_its_guests(root: Path) -> None:

@@ -9,18 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
-from guest_table import visits
-from older_stores import set_index_version
 from store_samples import (
-    all_pages,
     sample_classification,
     sample_sequence,
     sample_signature,
 )
 
-from modalmotion.cli.store_commands import store as commands
-from modalmotion.errors import OlderFileError
+from modalmotion.errors import StoreError
 from modalmotion.store import ResultStore, rebuild, verify
 from modalmotion.store.folder import ResultName, track_name
 from modalmotion.store.index.database import Database
@@ -160,34 +155,10 @@ def test_numbers_that_are_wrong_are_found_and_counted_anew(root: Path) -> None:
         assert store.count() == {"sequence": N, "signature": N}
 
 
-@pytest.mark.parametrize("version", [1, 2])
-def test_an_older_index_is_refused_and_taken_by_rebuild(root: Path, version: int) -> None:
-    with ResultStore(root) as store:
-        visits(store)
-        listed = all_pages(store, 2)
-        records = [store.sequence_record(name) for name in listed]
-        with store.database.write() as connection:
-            # They have no files here, so that no rebuilding would find them.
-            connection.execute("DELETE FROM results WHERE kind = 'track'")
-    set_index_version(root, version)
-    with pytest.raises(OlderFileError, match=f"version {version}.*knows {VERSION}"):
-        ResultStore(root).open()
-    assert CliRunner().invoke(commands, ["rebuild", str(root)]).exit_code == 0
-    assert verify(root).is_sound
-    with ResultStore(root) as store:
-        assert all_pages(store, 2) == listed
-        assert [store.sequence_record(name) for name in listed] == records
-        assert store.count() == {"sequence": N, "signature": N}
-        assert store.list_sequences(subject="P 1").records == tuple(
-            record for record in records if record.subject == "P 1"
-        )
-
-
-def test_an_older_index_keeps_what_the_files_do_not_know(root: Path) -> None:
-    name = sample_sequence(2).id
-    set_index_version(root, 2)
-    (root / "sequences" / name[:2] / f"{name}.json").unlink()
-    rebuild(root)
-    with ResultStore(root) as store:
-        assert store.sequence_record(name).subject == "P 0"
-        assert store.signatures(name) != ()
+@pytest.mark.parametrize("version", [1, VERSION + 1])
+def test_an_index_of_another_version_is_refused(root: Path, version: int) -> None:
+    with contextlib.closing(sqlite3.connect(root / "index.sqlite")) as connection:
+        connection.execute(f"PRAGMA user_version = {version}")
+    for use in (rebuild, lambda at: ResultStore(at).open()):
+        with pytest.raises(StoreError, match=f"version {version}.*knows {VERSION}"):
+            use(root)
