@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from drawn_labels import CAVITY, Drawn
+from drawn_labels import Drawn
 from judged_tracks import Judged
 from seen_surfaces import Truth
 
@@ -41,13 +41,13 @@ def valve_figures(phantoms: Iterable[Phantom], *, at_systole: bool) -> tuple[flo
     return float(np.median(ratios)), float(np.mean(inside))
 
 
-def drawn_figures(cases: Iterable[Drawn], wall: tuple[int, ...]) -> tuple[float, ...]:
-    """Median and largest error of EF, share inside, share swapped or refused."""
+def drawn_figures(cases: Iterable[Drawn], labels: tuple[int, ...]) -> tuple[float, ...]:
+    """Median and largest error of EF, share inside, share swapped or refused; labels as named."""
     off, inside, swapped = [], [], []
     for case in cases:
         apex, base = (case.truth.vertices[0][list(end)].mean(axis=0) for end in case.truth.ends)
         try:
-            made = from_labels(case.images, (CAVITY,), wall)
+            made = from_labels(case.images, labels)
             found = Judged.of(track(made.images, landmarks=made.landmarks), case.truth)
         except InputError:
             inside.append(False)

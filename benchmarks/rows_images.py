@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from drawn_labels import WALL, drawn_maps
+from drawn_labels import CAVITY, drawn_maps
 from experiments import Row, experiment
 from judged_images import drawn_figures, tracked, valve_figures
 from judged_tracks import (
@@ -69,7 +69,7 @@ def _drawn_rows(name: str, what: str) -> tuple[Row, ...]:
 )
 def drawn(seed: int) -> tuple[float, ...]:
     cases = list(drawn_maps(seed, 12))
-    return (*drawn_figures(cases, (WALL,)), *drawn_figures(cases, ()))
+    return (*drawn_figures(cases, ()), *drawn_figures(cases, (CAVITY,)))
 
 
 @experiment(

@@ -13,10 +13,13 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from ellipsoid_images import labels
 from project import ROOT
 from running import RunningService
 
 from modalmotion.cli import main
+from modalmotion.formats.volumes.writing import write_nifti
+from modalmotion.images import ImageSequence
 
 
 def blocks(document: str, language: str) -> list[str]:
@@ -133,6 +136,7 @@ def run_command(command: str, is_first: bool) -> str:
 
 def test_the_readmes_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    Path("map.nii.gz").write_bytes(write_nifti(ImageSequence((labels(), labels(18.0)))))
     service = RunningService(tmp_path / "served")
     n_run = 0
     try:

@@ -86,3 +86,60 @@ def study_instance(**changes: str | None) -> bytes:
                 setattr(own, name, value)
         own.save_as(out, enforce_file_format=True)
     return out.getvalue()
+
+
+def compressed(data: bytes, syntax: str) -> bytes:
+    """Compress the pixels of a file: RLE by pydicom, JPEG 2000 by Pillow."""
+    import pydicom
+    from PIL import Image
+
+    own = pydicom.dcmread(io.BytesIO(data))
+    if syntax == pydicom.uid.RLELossless:
+        own.compress(syntax)
+    else:
+        out = io.BytesIO()
+        Image.fromarray(own.pixel_array).save(out, "JPEG2000", irreversible=False, no_jp2=True)
+        own.PixelData = pydicom.encaps.encapsulate([out.getvalue()])
+        own["PixelData"].VR = "OB"
+        own["PixelData"].is_undefined_length = True
+        own.file_meta.TransferSyntaxUID = syntax
+    file = io.BytesIO()
+    own.save_as(file, enforce_file_format=True)
+    return file.getvalue()
+
+
+def enhanced_file(pixels: np.ndarray, heights: np.ndarray, triggers: np.ndarray) -> bytes:
+    """Make an enhanced object of slices (n, i, j) at heights and triggers, as `slice_file` does."""
+    import pydicom
+    from pydicom.dataset import Dataset
+
+    own = pydicom.dcmread(io.BytesIO(slice_file(pixels[0], z=0.0, trigger=None)))
+    for name in (
+        *("ImageOrientationPatient", "ImagePositionPatient", "PixelSpacing", "SliceThickness"),
+        "InstanceNumber",
+    ):
+        delattr(own, name)
+    own.file_meta.MediaStorageSOPClassUID = pydicom.uid.EnhancedMRImageStorage
+
+    def item(**elements: object) -> pydicom.Sequence:
+        one = Dataset()
+        for name, value in elements.items():
+            setattr(one, name, value)
+        return pydicom.Sequence([one])
+
+    shared = Dataset()
+    shared.PlaneOrientationSequence = item(ImageOrientationPatient=[1, 0, 0, 0, 1, 0])
+    shared.PixelMeasuresSequence = item(PixelSpacing=[2.0, 3.0], SliceThickness=6.0)
+    own.SharedFunctionalGroupsSequence = pydicom.Sequence([shared])
+    frames = []
+    for z, trigger in zip(heights, triggers, strict=True):
+        one = Dataset()
+        one.PlanePositionSequence = item(ImagePositionPatient=[10.0, 20.0, float(z)])
+        one.CardiacSynchronizationSequence = item(NominalCardiacTriggerDelayTime=float(trigger))
+        frames.append(one)
+    own.PerFrameFunctionalGroupsSequence = pydicom.Sequence(frames)
+    own.NumberOfFrames = len(pixels)
+    own.PixelData = pixels.astype("<u2").tobytes()
+    file = io.BytesIO()
+    own.save_as(file, enforce_file_format=True)
+    return file.getvalue()

@@ -98,18 +98,6 @@ def several(*options: Decorator) -> Decorator:
     return decorate
 
 
-label_options = several(
-    click.option(
-        "--label",
-        "labels",
-        type=int,
-        multiple=True,
-        help="Of a label map: value of the cavity; apex and base are then proposed.",
-    ),
-    click.option("--wall", type=int, multiple=True, help="Of a label map: value of the wall."),
-)
-
-
 def output_option(text: str, *suffixes: str, **settings: Any) -> Decorator:
     """Make the option -o, --output for a file to write, with one of these suffixes if any."""
     kind = OutputFile(*suffixes)

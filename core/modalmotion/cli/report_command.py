@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,12 +14,13 @@ from modalmotion.cli.outputs import OutputFolder
 from modalmotion.cli.reported import Wanted, report_options
 from modalmotion.cli.waiting import Waiting
 
+if TYPE_CHECKING:
+    from modalmotion.report.quantities import Quantity
+
 
 @click.command(
     cls=Command,
-    epilog=example(
-        "report study/ --landmarks heart.mrk.json --model ventricle-simulated -o folder"
-    ),
+    epilog=example("report map.nii.gz -o folder"),
 )
 @report_options
 @click.option(
@@ -32,12 +34,15 @@ from modalmotion.cli.waiting import Waiting
 def report(source: Path, out: Path, as_json: bool, **options: Any) -> None:
     """Report on the sequence in FILE: PDF for people, FHIR for systems, CSV, a page to look at.
 
-    FILE may be images, points or contours too, which are tracked first: with --landmarks.
+    FILE may be a label map of any segmenter too, which is tracked first; or images, points or
+    contours, with --landmarks.
     A folder gets report.pdf, report.fhir.json, frames.csv and view.html. A person has the last
     word: all is marked as preliminary.
     """
     from modalmotion.exports.table import frame_table
     from modalmotion.report import fhir_json, report_pdf
+    from modalmotion.report.codes import OWN
+    from modalmotion.report.quantities import quantities_of
     from modalmotion.store import write_atomic
     from modalmotion.viewer.page import View, view_page
 
@@ -62,5 +67,12 @@ def report(source: Path, out: Path, as_json: bool, **options: Any) -> None:
                 paths = {name: out / name for name in pieces}
             for name, path in paths.items():
                 write_atomic(path, pieces[name]())
-    said = [f"note: {note}" for note in found.caveats]
-    tell({"notes": found.caveats}, said, *paths.values(), as_json=as_json)
+    quantities = quantities_of(found)
+    said = [f"{OWN[q.name]:<32}{_interval(q)}" for q in quantities]
+    said += [f"note: {note}" for note in found.caveats]
+    answer = {"quantities": [asdict(q) for q in quantities], "notes": found.caveats}
+    tell(answer, said, *paths.values(), as_json=as_json)
+
+
+def _interval(q: Quantity) -> str:
+    return f"{q.value:8.1f} {q.unit} ({q.low:.1f} to {q.high:.1f})"

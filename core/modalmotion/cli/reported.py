@@ -20,6 +20,7 @@ from modalmotion.cli.options import (
     surface_options,
 )
 from modalmotion.cli.stated_facts import stated_facts
+from modalmotion.cli.tracking_options import TRACKING_OPTIONS, tracking_options
 from modalmotion.cli.waiting import Waiting
 from modalmotion.signature.making import modal_signature
 
@@ -47,20 +48,7 @@ _OPTIONS: Final = (
     merge_option,
     reference_option,
     components_option,
-    click.option(
-        "--landmarks",
-        multiple=True,
-        metavar="NAME=X,Y,Z|FILE",
-        help="Of images, points or contours, which are tracked first: places of apex and base in "
-        "the first frame, or a file of landmarks; once for each.",
-    ),
-    click.option(
-        "--label",
-        "labels",
-        type=int,
-        multiple=True,
-        help="Of a label map, which is tracked first: value of the cavity.",
-    ),
+    tracking_options,
 )
 
 
@@ -79,9 +67,8 @@ class Wanted:
     issued : datetime
     model : str or None
     norm : Norm or None
-    landmarks : tuple of str
-        Of what is tracked first.
-    labels : tuple of int
+    tracking : dict
+        Landmarks, labels, wall, contours and papillary convention of what is tracked first.
     options : dict
         Of reading and of the signature.
     """
@@ -90,8 +77,7 @@ class Wanted:
     issued: datetime
     model: str | None
     norm: Norm | None
-    landmarks: tuple[str, ...]
-    labels: tuple[int, ...]
+    tracking: dict[str, Any]
     options: dict[str, Any]
 
     @staticmethod
@@ -100,8 +86,6 @@ class Wanted:
         model: str | None,
         norm_file: Path | None,
         issued: str | None,
-        landmarks: tuple[str, ...],
-        labels: tuple[int, ...],
         **options: Any,
     ) -> Wanted:
         """Read the options; what is named wrongly is told at once."""
@@ -111,7 +95,8 @@ class Wanted:
         if model is not None:
             model_named(model)
         norm = None if norm_file is None else norm_from_hdf5(norm_file)
-        return Wanted(source, _time(issued), model, norm, landmarks, labels, options)
+        tracking = {name: options.pop(name) for name in TRACKING_OPTIONS}
+        return Wanted(source, _time(issued), model, norm, tracking, options)
 
     def report(self, waiting: Waiting) -> Report:
         """Make the report."""
@@ -139,25 +124,25 @@ class Wanted:
         from modalmotion.formats.volumes.reading import holds_images
 
         with waiting.watch.stage("read"):
-            is_tracked = bool(self.landmarks or self.labels) or holds_images(self.source)
+            named = dict(self.tracking)
+            landmarks, contours = named.pop("landmarks"), named["contours"]
+            is_tracked = bool(landmarks or named["labels"]) or holds_images(self.source)
             if not is_tracked:
                 return read(self.source, **self.options)
-            from modalmotion.cli.track_command import landmarks_in
+            from modalmotion.cli.track_command import stated_landmarks
             from modalmotion.tracking.parameters import TrackParameters
             from modalmotion.tracking.reading import read_observed
 
-            recorded = read_observed(self.source)
+            recorded = read_observed(self.source, contours=contours)
             unit = self.options["unit"]
-            marks: dict[str, Any] = {}
-            for text in self.landmarks:
-                marks |= landmarks_in(text, recorded, unit)
+            marks = stated_landmarks(landmarks, recorded, unit)
         with waiting.watch.stage("track"):
             parameters = TrackParameters(
                 landmarks=marks,
-                labels=self.labels,
                 unit=unit,
                 frame_interval=self.options["frame_interval"],
                 facts=stated_facts(dict(self.options)),
+                **named,
             )
             return parameters.follow(recorded).sequence
 

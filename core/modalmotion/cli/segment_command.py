@@ -11,13 +11,13 @@ import click
 from modalmotion.cli.options import (
     example,
     json_option,
-    label_options,
     list_written,
     output_option,
     plot_option,
 )
 from modalmotion.cli.outputs import write_picture
-from modalmotion.cli.track_command import landmarks_in
+from modalmotion.cli.track_command import stated_landmarks
+from modalmotion.cli.tracking_options import label_options
 from modalmotion.formats import read_sequence, write_npz
 from modalmotion.formats.ply.ply import write_ply
 from modalmotion.formats.volumes import read_images
@@ -26,7 +26,6 @@ from modalmotion.pictures.image_overlay import overlay_figure
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
-from modalmotion.tracking.papillary import CONVENTIONS
 from modalmotion.tracking.parameters import USUAL_MODES
 from modalmotion.tracking.reading import recorded_images
 from modalmotion.tracking.segmentation import segment as segment_image
@@ -35,7 +34,7 @@ from modalmotion.tracking.segmentation import segment as segment_image
 _MM3_PER_ML = 1000.0
 
 
-@click.command(epilog=example("segment labels.nii.gz -o lv.ply --label 3 --wall 2"))
+@click.command(epilog=example("segment labels.nii.gz -o lv.ply"))
 @click.argument("source", metavar="IN", type=click.Path(exists=True, path_type=Path))
 @output_option(
     "File to write: the surface with its deviations (.ply), the surface (.npz), or all (.h5).",
@@ -56,13 +55,6 @@ _MM3_PER_ML = 1000.0
     "--start", type=click.Path(exists=True, path_type=Path), help="A surface to start from."
 )
 @click.option("--modes", default=USUAL_MODES, show_default=True, help="Three amplitudes each.")
-@click.option(
-    "--papillary",
-    type=click.Choice(CONVENTIONS),
-    default="pool",
-    show_default=True,
-    help="Whether papillary muscles count as cavity.",
-)
 @plot_option
 @json_option
 def segment(
@@ -80,9 +72,7 @@ def segment(
     around the axis from apex to base; --plot shows it over slices.
     """
     images = read_images(source)
-    marks: dict[str, Any] = {}
-    for text in landmarks:
-        marks |= landmarks_in(text, recorded_images(images), None)
+    marks = stated_landmarks(landmarks, recorded_images(images), None, options["frame"])
     surface = None if start is None else read_sequence(start).sequence
     result = segment_image(images, landmarks=marks, start=surface, **options)
     write_atomic(output, _written(result, output.suffix.lower()))

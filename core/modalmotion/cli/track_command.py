@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 import numpy as np
 
-from modalmotion.cli.options import example, json_option, label_options, list_written, output_option
+from modalmotion.cli.options import (
+    example,
+    json_option,
+    list_written,
+    output_option,
+)
 from modalmotion.cli.outputs import MOVING, PICTURES, OutputFile, write_picture
+from modalmotion.cli.tracking_options import tracking_options
 from modalmotion.errors import ParameterError
 from modalmotion.formats import read_sequence, write_npz
 from modalmotion.numerals import numeral
@@ -26,9 +33,8 @@ from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
 from modalmotion.tracking.landmark_file import read_landmark_file
-from modalmotion.tracking.papillary import CONVENTIONS
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
-from modalmotion.tracking.reading import USUAL_CONTOURS, Recorded, read_observed
+from modalmotion.tracking.reading import Recorded, read_observed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,13 +47,7 @@ _PICTURES: Final = ("data", "deviations", "determined")
 @output_option(
     "File to write: the sequence (.npz), or the whole track (.h5).", ".npz", ".h5", ".hdf5"
 )
-@click.option(
-    "--landmarks",
-    multiple=True,
-    metavar="NAME=X,Y,Z|FILE",
-    help="Place of the apex or the base in the reference frame, or a file of landmarks (ours, or "
-    "Slicer's .mrk.json); once for each.",
-)
+@tracking_options
 @click.option(
     "--start", type=click.Path(exists=True, path_type=Path), help="A surface to start from."
 )
@@ -71,21 +71,6 @@ _PICTURES: Final = ("data", "deviations", "determined")
     help="Go to the estimate by oscillators that the data drive; .h5 then holds the way.",
 )
 @click.option("--unit", help="Length unit: m, cm, mm, um or nm.")
-@click.option(
-    "--contours",
-    multiple=True,
-    default=USUAL_CONTOURS,
-    show_default=True,
-    help="Of typed contours: parts of the names to read.",
-)
-@label_options
-@click.option(
-    "--papillary",
-    type=click.Choice(CONVENTIONS),
-    default="pool",
-    show_default=True,
-    help="Of images: whether papillary muscles count as cavity.",
-)
 @click.option(
     "--plot",
     type=OutputFile(*PICTURES, MOVING),
@@ -126,9 +111,7 @@ def track(
         recorded = read_observed(source, contours=contours)
         if plot is not None and plot.suffix.lower() == MOVING:
             _require_images(recorded, picture)
-        marks: dict[str, Any] = {}
-        for text in landmarks:
-            marks |= landmarks_in(text, recorded, options["unit"])
+        marks = stated_landmarks(landmarks, recorded, options["unit"], options["reference"])
         parameters = TrackParameters(contours=contours, landmarks=marks, **options)
         surface = None if start is None else read_sequence(start).sequence
         result = parameters.follow(recorded, start=surface, progress=shown)
@@ -166,21 +149,46 @@ def _figure(result: Track, recorded: Recorded, picture: str) -> Figure:
     return data_figure(result)
 
 
-def landmarks_in(text: str, recorded: Recorded, unit: str | None) -> dict[str, Any]:
-    """Read a landmark (NAME=X,Y,Z), or a file of some."""
-    path = Path(text)
-    if path.is_file():
-        file = read_landmark_file(path.read_bytes())
-        return dict(file.for_points(recorded.coordinates, unit or recorded.unit))
-    name, _, place = text.partition("=")
-    try:
-        x, y, z = (float(part) for part in place.split(","))
-    except ValueError:
-        raise ParameterError(
-            f"The landmark {text[:60]!r} is neither NAME=X,Y,Z nor a file.",
-            remedy="Write --landmarks apex=1,2,3, or --landmarks FILE.mrk.json.",
-        ) from None
-    return {name: (x, y, z)}
+def stated_landmarks(
+    texts: Sequence[str], recorded: Recorded, unit: str | None, reference: int = 0
+) -> dict[str, Any]:
+    """Read landmarks: NAME=X,Y,Z, NAME@FRAME=X,Y,Z, or a file of some.
+
+    Raises
+    ------
+    ParameterError
+        If one is none of these, or its frame is not there.
+    """
+    marks: dict[str, Any] = {}
+    for text in texts:
+        path = Path(text)
+        if path.is_file():
+            file = read_landmark_file(path.read_bytes())
+            marks |= file.for_points(recorded.coordinates, unit or recorded.unit)
+            continue
+        name, _, place = text.partition("=")
+        name, _, frame = name.partition("@")
+        try:
+            x, y, z = (float(part) for part in place.split(","))
+            k = int(frame or reference)
+        except ValueError:
+            raise ParameterError(
+                f"The landmark {text[:60]!r} is neither NAME=X,Y,Z nor a file.",
+                remedy="Write --landmarks apex=1,2,3, or base@8=1,2,3 for frame 8, or "
+                "--landmarks FILE.mrk.json.",
+            ) from None
+        if not 0 <= k < recorded.n_frames:
+            raise ParameterError(
+                f"The landmark {text[:60]!r} is of frame {k}; there are {recorded.n_frames}.",
+                remedy="Name a frame, counted from 0.",
+                frame=k,
+            )
+        known = np.asarray(marks.get(name, np.nan))
+        rows = np.full((recorded.n_frames, 3), np.nan)
+        rows[:] = known if known.ndim == 2 else np.nan
+        rows[k] = x, y, z
+        marks[name] = rows
+    return marks
 
 
 def _lines(result: Track) -> list[str]:

@@ -206,18 +206,21 @@ def clinical_readouts(
     known = sequence.uncertainty
     muscle = 0.0 if known is None else known.papillary_volume
     deviations = volume_deviations(sequence, used, cavity)
+    correlation = 0.0 if known is None else known.volume_correlation
     return ClinicalReadouts(
         curve=VolumeCurve(
             sign * volumes * cube - muscle,
             bounds * cube,
             name if moves and is_positive and is_own_positive else None,
             deviations,
+            correlation,
         ),
         mesh_curve=VolumeCurve(
             sign * own * cube - muscle,
             own_bounds * cube,
             name if moves and is_own_positive else None,
             deviations,
+            correlation,
         ),
         times=signature.times,
         unit=signature.unit,

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.mesh.uncertainty import difference_deviation
 from modalmotion.representation import shown
 
 TWO_DEVIATIONS: Final = 2.0
@@ -44,12 +45,15 @@ class VolumeCurve:
         volume change. None where there is none: of one frame, or where a volume is not positive.
     deviations : (frames,) float64, length unit cubed, optional
         Standard deviation of each volume by errors of the positions, where these are known.
+    correlation : float
+        Of these errors at end diastole and at end systole.
     """
 
     volumes: NDArray[np.float64]
     bounds: NDArray[np.float64]
     fraction: Fraction | None = None
     deviations: NDArray[np.float64] | None = None
+    correlation: float = 0.0
 
     @property
     def reach(self) -> NDArray[np.float64]:
@@ -114,10 +118,10 @@ class VolumeCurve:
     def stroke_range(self) -> tuple[float, float]:
         """Interval of the true stroke volume, length unit cubed.
 
-        Bounds add up; deviations of two frames do so as squares.
+        Bounds add up; deviations of two frames do so as squares, less what they have in common.
         """
         (low, high), (least, most) = self._within_bounds
-        extra = TWO_DEVIATIONS * float(np.hypot(*self._deviations_at_ends))
+        extra = TWO_DEVIATIONS * self._deviation_of_difference(1.0)
         return max(0.0, low - most - extra), high - least + extra
 
     @property
@@ -125,15 +129,14 @@ class VolumeCurve:
         """Interval of the true share, percent; from 0 to 100, as true volumes are positive.
 
         By bounds it falls with min V and rises with max V; each lies in its interval, wherever in
-        time. By deviations dF = (dV_ES - (1 - F) dV_ED) / V_ED, both as if independent.
+        time. By deviations dF = (dV_ES - (1 - F) dV_ED) / V_ED.
         """
         share = self.share
         if share is None:
             return None
         (low, high), (least, most) = self._within_bounds
-        at_start, at_end = self._deviations_at_ends
-        off = np.hypot(at_end, (1.0 - share / 100.0) * at_start) / self.end_diastolic_volume
-        extra = 100.0 * TWO_DEVIATIONS * float(off)
+        off = self._deviation_of_difference(1.0 - share / 100.0) / self.end_diastolic_volume
+        extra = 100.0 * TWO_DEVIATIONS * off
         return (
             max(0.0, _lost(low, most) - extra) if low > 0 else 0.0,
             min(100.0, _lost(high, least) + extra) if least > 0 else 100.0,
@@ -144,11 +147,13 @@ class VolumeCurve:
         largest, smallest = (_range(self.volumes, self.bounds, end) for end in (np.max, np.min))
         return largest, smallest
 
-    @property
-    def _deviations_at_ends(self) -> tuple[float, float]:
+    def _deviation_of_difference(self, factor: float) -> float:
+        """Deviation of V_ES less `factor` V_ED."""
         if self.deviations is None:
-            return 0.0, 0.0
-        return float(self.deviations[self.end_diastole]), float(self.deviations[self.end_systole])
+            return 0.0
+        at_end = float(self.deviations[self.end_systole])
+        at_start = factor * float(self.deviations[self.end_diastole])
+        return difference_deviation(at_end, at_start, self.correlation)
 
     @property
     def share_bound(self) -> float | None:

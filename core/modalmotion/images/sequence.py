@@ -94,7 +94,7 @@ class ImageSequence(FrozenArrays):
     def sliced(self) -> ImageSequence:
         """Take volumes of thick slices apart into planes."""
         frames = tuple(
-            slices_of(frame) if isinstance(frame, Volume) and _is_sliced(frame) else frame
+            slices_of(frame) if isinstance(frame, Volume) and is_sliced(frame) else frame
             for frame in self.frames
         )
         return ImageSequence(frames, self.times, self.period, self.notes)
@@ -128,7 +128,8 @@ def _add(digest: hashlib._Hash, array: NDArray[Any] | None) -> None:
     digest.update(np.ascontiguousarray(array, dtype=kind).data)
 
 
-def _is_sliced(volume: Volume) -> bool:
+def is_sliced(volume: Volume) -> bool:
+    """Whether a volume is a stack of thick slices."""
     return max(volume.spacing) > _SLICED * min(volume.spacing) or min(volume.shape) < _FEWEST
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,8 @@ class Uncertainty(FrozenArrays):
         Correlation of the error in one frame with that in the next.
     volumes : (frames,) float64, length unit cubed, optional
         Standard deviation of the volume in each frame.
+    volume_correlation : float
+        Of the errors of the largest and of the smallest volume.
     papillary_volume : float, length unit cubed
         Muscle within the surface that does not count as cavity.
     notes : tuple of str
@@ -47,6 +50,7 @@ class Uncertainty(FrozenArrays):
     alike: NDArray[np.float64]
     between_frames: float = 0.0
     volumes: NDArray[np.float64] | None = None
+    volume_correlation: float = 0.0
     papillary_volume: float = 0.0
     notes: tuple[str, ...] = ()
 
@@ -83,3 +87,8 @@ class Uncertainty(FrozenArrays):
             alike=np.full(n_vertices, n_vertices / max(independent, 1.0)),
             between_frames=between_frames,
         )
+
+
+def difference_deviation(one: float, other: float, correlation: float) -> float:
+    """Deviation of the difference of two numbers with these deviations and this correlation."""
+    return math.sqrt(max(one**2 + other**2 - 2.0 * correlation * one * other, 0.0))

@@ -29,6 +29,7 @@ OWN: Final = {
     "gls": "Global longitudinal strain",
     "gcs": "Global circumferential strain",
     "gas": "Global area strain",
+    "sdi": "Systolic dyssynchrony index",
     "low": "Lower end of the interval",
     "high": "Upper end of the interval",
     "amplitudes": "Modal amplitudes over time",
@@ -46,7 +47,7 @@ OWN: Final = {
 
 WITH_ENDS: Final = (
     *("ejection_fraction", "volume_change", "end_diastolic_volume", "end_systolic_volume"),
-    *("stroke_volume", "gls", "gcs", "gas"),
+    *("stroke_volume", "gls", "gcs", "gas", "sdi"),
 )
 """Codes whose numbers have an interval: each end of it has a code too."""
 

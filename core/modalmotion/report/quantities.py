@@ -36,7 +36,7 @@ class Quantity:
 
 
 def quantities_of(report: Report) -> tuple[Quantity, ...]:
-    """Give the volumes of a report, the share that is lost and strain, as far as they are there."""
+    """Give volumes, the share that is lost, strain and dyssynchrony, as far as there are any."""
     readouts = report.readouts
     if readouts is None:
         return ()
@@ -57,6 +57,8 @@ def quantities_of(report: Report) -> tuple[Quantity, ...]:
             Quantity(f"{name.lower()}", *strain.end_systolic[name], "%", "%")
             for name in DEFINITIONS
         ]
+        if (index := strain.dyssynchrony) is not None:
+            found.append(Quantity("sdi", *index, "% of the cycle", "%"))
     return tuple(found)
 
 

@@ -150,7 +150,13 @@ def _is_swapped(frame: Frame, ends: Mapping[str, NDArray[np.float64]]) -> bool:
         return False
     cloud = np.concatenate(points)
     apex, base = (np.linalg.norm(cloud - ends[name], axis=1).min() for name in ("apex", "base"))
-    return bool(base < apex)
+    axis = ends["base"] - ends["apex"]
+    height = (cloud - ends["apex"]) @ axis / (axis @ axis)
+    radius = np.linalg.norm(cloud - ends["apex"] - np.outer(height, axis), axis=1)
+    low, high = radius[height < 1.0 / 3.0], radius[height > 2.0 / 3.0]
+    # Contours may end far from the apex; they narrow towards it all the same.
+    narrows = bool(len(low) and len(high) and np.median(low) < np.median(high))
+    return bool(base < apex) and not narrows
 
 
 def _of_points(result: Track) -> list[str]:

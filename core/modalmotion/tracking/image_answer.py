@@ -33,6 +33,9 @@ class ImageAnswer:
         Deviation that all edges have in common, in volumes too.
     bent : float, mm
         Deviation that shifts of slices leave, RMS over the surface.
+    volume_correlation : float
+        Of the errors of the largest and the smallest volume: that of a proposed base is alike in
+        both.
     """
 
     papillary: Papillary
@@ -46,6 +49,7 @@ class ImageAnswer:
     found: tuple[float, ...]
     localisation: float
     bent: float
+    volume_correlation: float = 0.0
 
     def __post_init__(self) -> None:
         # JSON knows lists only.

@@ -22,6 +22,8 @@ from modalmotion.tracking.image_levels import as_bright, first_sight
 from modalmotion.tracking.image_search import search
 from modalmotion.tracking.image_view import Facets, Sight, View, view_of
 from modalmotion.tracking.landmark_path import path_between
+from modalmotion.tracking.landmarks import Proposed
+from modalmotion.tracking.moving_base import below_base, with_base
 from modalmotion.tracking.observation import Frame
 from modalmotion.tracking.papillary import CONVENTIONS, Papillary
 from modalmotion.tracking.passes import first_guess
@@ -63,6 +65,9 @@ class ImageFrames:
         Mean muscle of trabeculae that look like the wall, beyond the edges that are seen.
     bent : (vertices,) float64, mm
         Deviation across the surface that shifts of slices leave; zero where there are none.
+    levels : mapping of str to (frames, frames) float64, mm^2
+        Of proposed apex and base, and of a base that few frames state: covariance of errors along
+        the axis.
     """
 
     frames: tuple[Frame, ...]
@@ -75,6 +80,7 @@ class ImageFrames:
     stated_sd: float
     closed: Floats
     bent: Floats
+    levels: Mapping[str, Floats]
 
 
 def frames_of_images(
@@ -155,14 +161,15 @@ def frames_of_images(
     # Whoever states where the apex goes knows better.
     is_still = sum("apex" in _places(frame) for frame in stated) < 2
     still = replace(sight, tip=tip_of(template) if is_still else None)
-    marks = held(marks, template, reference)
+    marks, variances = with_base(held(marks, template, reference), stated, template, reference)
     walked = _walk(surface, facets, images, marks, still, reference, is_closed, done)
     shapes = np.stack([surface.positions(a) for a in walked])
     near = _NEXT[-1][1]
     views: list[View | None] = []
     looks: list[Sight] = []
     for k, (own, x) in enumerate(zip(images.frames, shapes, strict=True)):
-        look = (sight if k == reference else still).within(near)
+        look = sight if k == reference else below_base(still, marks[k], template)
+        look = look.within(near)
         view = None if own is None else view_of(own, facets, x, look, near)
         if own is not None and view is not None and k != reference:
             look = as_bright(look, view)
@@ -175,9 +182,9 @@ def frames_of_images(
     if sight.has_layers:
         views, closed = with_trabeculae(views, looks, surface, shapes, reference)
     frames: list[Frame] = []
-    soft = held(soft, template, reference, stated)
-    for view, share, between in zip(views, shares, soft, strict=True):
+    for view, share, own_marks, known in zip(views, shares, marks, stated, strict=True):
         is_seen = view is not None and share >= LEAST_FOUND
+        between = own_marks[len(known) :]
         frames.append((view.observation(), *between) if view is not None and is_seen else ())
     doubts = doubts_of(image, facets, template.vertices, sight, places["apex"], places["base"])
     notes = (*_notes(shares, images, begin.found), *doubts)
@@ -192,7 +199,18 @@ def frames_of_images(
         stated_sd,
         closed,
         begin.bent,
+        _levels(landmarks or {}, variances),
     )
+
+
+def _levels(landmarks: Mapping[str, Any], variances: Floats) -> dict[str, Floats]:
+    """Covariances of the levels of ends that nobody states exactly."""
+    levels = {
+        name: own.covariance
+        for name, own in landmarks.items()
+        if isinstance(own, Proposed) and own.covariance is not None
+    }
+    return levels if not variances.any() else {"base": np.diag(variances), **levels}
 
 
 def _walk(
@@ -221,7 +239,8 @@ def _walk(
         for k in path:
             image = images.frames[k]
             if image is not None:
-                a = _next(surface, facets, image, marks[k], a, sight)
+                look = below_base(sight, marks[k], surface.template)
+                a = _next(surface, facets, image, marks[k], a, look)
             amplitudes[k] = a
             done()
     return amplitudes

@@ -97,6 +97,26 @@ class Tip:
 
 
 @dataclass(frozen=True, eq=False)
+class Valve:
+    """Where a cup ends: the wall of an atrium goes on beyond its base, and is none of its edges.
+
+    Parameters
+    ----------
+    axis : (3,) float64
+        From apex to base.
+    highest : float, mm
+        Along the axis.
+    """
+
+    axis: Floats
+    highest: float
+
+    def are_below(self, places: Floats) -> Any:
+        """Whether edges at these places may be those of the surface, (n,) bool."""
+        return places @ self.axis <= self.highest
+
+
+@dataclass(frozen=True, eq=False)
 class Sight:
     """How images are read, anchored at the reference.
 
@@ -114,6 +134,7 @@ class Sight:
         See `find_edges`.
     tip : Tip, optional
         Of frames other than the reference.
+    valve : Valve, optional
     has_layers : bool
         Whether layers of trabeculae lie next to the edges: see `Levels.faint_layer`.
     """
@@ -125,6 +146,7 @@ class Sight:
     shift_sd: float = 2.0
     crossing: float = FAR_CROSSING
     tip: Tip | None = None
+    valve: Valve | None = None
     has_layers: bool = False
 
     def within(self, reach: float) -> Sight:
@@ -233,9 +255,11 @@ def view_of(
     # Most of what an edge is judged by must be in the field of view.
     near = np.abs(view.offsets[None] - edges.offsets[:, None]) < 3.0
     seen = (np.isfinite(view.profiles) | ~near).all(axis=1)
+    places = view.starts + edges.offsets[:, None] * view.directions
     if sight.tip is not None:
-        places = view.starts + edges.offsets[:, None] * view.directions
         seen &= sight.tip.are_below(places, view.feet, view.shares)
+    if sight.valve is not None:
+        seen &= sight.valve.are_below(places)
     return replace(view, edges=edges._replace(is_found=edges.is_found & seen))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -10,12 +11,14 @@ from numpy.typing import NDArray
 
 from modalmotion.images import ImageSequence, PlaneSet
 from modalmotion.images.sequence import is_of_labels
-from modalmotion.mesh import face_areas, face_normals
+from modalmotion.mesh import face_areas
+from modalmotion.mesh.cavity_gradient import volume_gradient
 from modalmotion.tracking.image_answer import ImageAnswer
 from modalmotion.tracking.image_frames import ImageFrames
-from modalmotion.tracking.label_maps import CUT_HEIGHT
 from modalmotion.tracking.papillary import papillary_volume
-from modalmotion.tracking.result import Track
+from modalmotion.tracking.result import Track, cavity_in, normals_of
+
+Floats = NDArray[np.float64]
 
 # Of a voxel, and of the noise of one edge (speckle is alike at neighbours): how far all edges may
 # be off alike, which no residual shows.
@@ -29,6 +32,10 @@ _STAIRCASE: Final = 0.25
 # of it is not known.
 _OF_CLOSED: Final = 0.5
 _OF_ALL_CLOSED: Final = 0.3
+
+# Power of the share of the way along the axis by which a surface goes with its end.
+_NEXT_TO_END: Final = 4
+_AT_END: Final = 0.9
 
 
 def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Track:
@@ -59,12 +66,8 @@ def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Trac
     if is_of_labels(first):
         patch = float(np.sqrt(areas.mean() / len(track.modes)))
         localisation = staircase(voxel, patch)
-        # The opening ends where voxels do.
-        lids = np.array([_opening(x, track.template.faces) for x in shapes])
-        of_volumes = np.hypot(localisation * areas, CUT_HEIGHT * voxel * lids)
     else:
         localisation = float(np.hypot(_OF_VOXEL * voxel, _OF_NOISE * track.noise.sd))
-        of_volumes = localisation * areas
     volumes = np.zeros(len(shapes)) if track.volumes is None else track.volumes
     answer = ImageAnswer(
         found.papillary,
@@ -79,22 +82,71 @@ def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Trac
         localisation,
         float(np.sqrt(np.average(found.bent**2, weights=track.template.weights))),
     )
-    closed = _OF_CLOSED * found.closed
+    at_places = _OF_CLOSED * found.closed[:, None]
     deviations = np.array(track.deviations)
     deviations[..., 0] = np.sqrt(
-        deviations[..., 0] ** 2 + answer.localisation**2 + found.bent**2 + closed[:, None] ** 2
+        deviations[..., 0] ** 2 + answer.localisation**2 + found.bent**2 + at_places**2
     )
     volume_deviations = track.volume_deviations
     if volume_deviations is not None:
-        volume_deviations = np.hypot(
-            volume_deviations, np.hypot(of_volumes, _OF_ALL_CLOSED * found.closed * areas)
-        )
-    return replace(track, deviations=deviations, volume_deviations=volume_deviations, images=answer)
+        closed = _OF_ALL_CLOSED * found.closed
+        volume_deviations = np.hypot(volume_deviations, np.hypot(localisation, closed) * areas)
+    track = replace(
+        track, deviations=deviations, volume_deviations=volume_deviations, images=answer
+    )
+    return _with_levels(track, found.levels) if found.levels else track
 
 
-def _opening(x: NDArray[np.float64], faces: NDArray[np.int64]) -> float:
-    """Area of a surface's opening, for the vector areas of a closed one add up to nothing."""
-    return float(np.linalg.norm(face_normals(x, faces).sum(axis=0))) / 2.0
+def _with_levels(track: Track, levels: Mapping[str, Floats]) -> Track:
+    """Add to what is stated the errors of both ends' levels, covariances (frames, frames) mm^2.
+
+    An end moves along the axis, and the surface next to it goes with it. Strain is between frames:
+    of positions only what an end's errors in one frame do not share with the others is added.
+    """
+    template, known = track.template, track.sequence.uncertainty
+    cavity, images = cavity_in(template), track.images
+    stated = track.volume_deviations
+    if known is None or cavity is None or images is None or stated is None:
+        return track
+    s = template.coordinates[:, 0]
+    along, across = np.array(known.along), np.array(known.across)
+    deviations, volumes = np.array(track.deviations), np.diag(stated**2)
+    for name, covariance in levels.items():
+        share = (s if name == "base" else 1.0 - s) ** _NEXT_TO_END
+        # Frames that are missing have none.
+        own, by_volume = np.nan_to_num(covariance), np.zeros(len(stated))
+        apart = np.diag(own) - _mean_of_others(own)
+        for k, x in enumerate(track.sequence.vertices.astype(np.float64)):
+            axis = x[share > _AT_END].mean(axis=0) - x[share < 1.0 - _AT_END].mean(axis=0)
+            moved = share[:, None] * (axis / np.linalg.norm(axis))
+            a = np.linalg.lstsq(known.shapes, moved, rcond=None)[0].ravel()
+            along[k] += apart[k] * np.outer(a, a)
+            across[k] += apart[k] * np.outer(a, a)
+            square = (moved * normals_of(template, x)).sum(axis=1) ** 2
+            rest = ((moved**2).sum(axis=1) - square) / 2.0
+            deviations[k] = np.sqrt(deviations[k] ** 2 + own[k, k] * np.stack([square, rest], 1))
+            by_volume[k] = (volume_gradient(cavity, x) * moved).sum()
+        volumes += own * np.outer(by_volume, by_volume)
+    sd = np.sqrt(np.diag(volumes))
+    enclosed = np.abs(cavity.volume(track.sequence.vertices.astype(np.float64)))
+    ed, es = int(enclosed.argmax()), int(enclosed.argmin())
+    correlation = float(volumes[ed, es] / (sd[ed] * sd[es])) if ed != es else 0.0
+    return replace(
+        track,
+        sequence=replace(track.sequence, uncertainty=replace(known, along=along, across=across)),
+        covariances=along,
+        deviations=deviations,
+        volume_deviations=sd,
+        images=replace(images, volume_correlation=correlation),
+    )
+
+
+def _mean_of_others(covariance: Floats) -> Floats:
+    """Mean covariance of each frame with the others, none below zero, (frames,)."""
+    n = len(covariance)
+    sums = covariance.sum(axis=1) - np.diag(covariance)
+    mean: Floats = np.clip(sums / max(n - 1, 1), 0.0, np.diag(covariance))
+    return mean
 
 
 def staircase(voxel: float, patch: float) -> float:

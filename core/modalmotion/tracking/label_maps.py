@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.images import ImageSequence, PlaneSet, Volume
+from modalmotion.images.sequence import is_sliced
+from modalmotion.tracking.label_slices import ends_in_slices
+from modalmotion.tracking.label_values import cavity_and_wall, values_in
 from modalmotion.tracking.landmarks import Proposed
 
 Floats = NDArray[np.float64]
@@ -22,8 +25,12 @@ _INSIDE: Final = 100.0
 # (across, and along the cut's normal, as on simulated ventricles), and of an end.
 _OPENING: Final = 1.0
 _CUT_OFF: Final = 0.7
-CUT_HEIGHT: Final = 0.2
+_CUT_HEIGHT: Final = 0.2
 _END: Final = 2.0
+
+# mm: of a level that all frames have said together, how far each may leave it. Softer ones are
+# drawn to the shape of the reference, which has another length.
+_LEVEL: Final = 0.5
 
 # Of half a voxel: what lies so near to the plane of a cut is its border. Tangent of the most that a
 # cut is aslant to the axis; places on the border that are looked at.
@@ -33,6 +40,9 @@ _MOST_BORDER: Final = 6000
 
 # Voxels below the highest one: a section there is whole.
 _SECTION: Final = (6.0, 3.0)
+
+# Of a face of an opening, cosine to the long axis.
+_LOOKS_OUT: Final = 0.5
 
 # Fewer voxels have no axis.
 _FEWEST: Final = 30
@@ -51,7 +61,9 @@ class Labelled(NamedTuple):
     landmarks: dict[str, Proposed]
 
 
-def from_labels(images: ImageSequence, labels: Sequence[int], wall: Sequence[int] = ()) -> Labelled:
+def from_labels(
+    images: ImageSequence, labels: Sequence[int] = (), wall: Sequence[int] = ()
+) -> Labelled:
     """Make a label map ready for `track`: cavity bright, wall dark, ends proposed.
 
     Parameters
@@ -59,55 +71,96 @@ def from_labels(images: ImageSequence, labels: Sequence[int], wall: Sequence[int
     images : ImageSequence
         Volumes of whole numbers.
     labels : sequence of int
-        Of the cavity.
+        Of the cavity; without one cavity and wall are those of `cavity_and_wall`.
     wall : sequence of int
-        Of the wall around it. With it the opening is where the cavity borders on neither, and
-        nothing is looked for there; without it the wider end of the cavity is its base.
+        Of the wall around it. With it nothing is looked for where the cavity borders on neither.
 
     Raises
     ------
     ParameterError
-        If a label is nowhere in a frame; it names those that are.
+        If a label is nowhere in a frame, or geometry does not tell which is the cavity; it names
+        those that are there, and their volumes.
     ShapeError
         If a frame is no volume.
+
+    Notes
+    -----
+    In thick slices the ends are those of `ends_in_slices`. In other volumes the base is the largest
+    patch in which the cavity borders on neither itself nor the wall, the border of the image among
+    it; without a wall it is the plane that the wider end is cut by.
     """
+    decided: tuple[str, ...] = ()
+    if not labels:
+        labels, wall, note = cavity_and_wall(images)
+        decided = (note,)
     frames: list[Volume | None] = []
-    n = images.n_frames
-    apices, bases, cuts = (np.full((n, 3), np.nan) for _ in range(3))
-    spacing = 0.0
-    axis = None
+    cavities: list[NDArray[np.bool_] | None] = []
+    walls: list[NDArray[np.bool_] | None] = []
     for k, frame in enumerate(images.frames):
-        if frame is None:
-            frames.append(None)
-            continue
         if isinstance(frame, PlaneSet):
             raise ShapeError(
                 f"Frame {k} is a set of planes; the ends of a cavity are seen in volumes.",
                 remedy="State apex and base, and track the planes as images.",
                 frame=k,
             )
-        cavity = np.isin(frame.values, list(labels))
-        if cavity.sum() < _FEWEST:
-            there = ", ".join(str(v) for v in np.unique(frame.values)[:12])
+        cavity = None if frame is None else np.isin(frame.values, list(labels))
+        if frame is not None and cavity is not None and cavity.sum() < _FEWEST:
             raise ParameterError(
                 f"Label {', '.join(map(str, labels))} has {int(cavity.sum())} voxels in frame {k}.",
-                remedy=f"Name one of these: {there}.",
+                remedy=f"Name one of these by --label: {values_in(frame)}.",
                 frame=k,
             )
-        around = np.isin(frame.values, list(wall))
-        apices[k], bases[k], axis, cuts[k] = _ends(frame, cavity, around if wall else None, axis)
-        spacing = max(spacing, float(max(frame.spacing)))
-        values = np.where(cavity, np.float32(_INSIDE), np.float32(0.0))
-        if wall:
-            values[~cavity & ~around] = np.nan
-        frames.append(Volume(values, frame.affine))
-    base = Proposed(bases, _OPENING * spacing)
-    if not wall:
-        base = Proposed(bases, _CUT_OFF * spacing, cuts, CUT_HEIGHT * spacing)
-    marks = {"apex": Proposed(apices, _END * spacing), "base": base}
+        has_wall = frame is not None and wall and not is_sliced(frame)
+        around = np.isin(frame.values, list(wall)) if frame is not None and has_wall else None
+        cavities.append(cavity)
+        walls.append(around)
+        frames.append(None if frame is None or cavity is None else _shown(frame, cavity, around))
+    there = [frame for frame in frames if frame is not None]
+    if any(map(is_sliced, there)):
+        marks, notes = _of_slices(frames, cavities)
+    else:
+        marks, notes = _of_volumes(frames, cavities, walls), ()
     note = "Apex and base were proposed from the labels."
-    made = ImageSequence(tuple(frames), images.times, images.period, (*images.notes, note))
-    return Labelled(made, marks)
+    own = (*images.notes, *decided, note, *notes)
+    return Labelled(ImageSequence(tuple(frames), images.times, images.period, own), marks)
+
+
+def _shown(frame: Volume, cavity: NDArray[np.bool_], wall: NDArray[np.bool_] | None) -> Volume:
+    """Cavity bright, wall dark, nothing known of the rest; all the rest dark without a wall."""
+    values = np.where(cavity, np.float32(_INSIDE), np.float32(0.0))
+    if wall is not None:
+        values[~cavity & ~wall] = np.nan
+    return Volume(values, frame.affine)
+
+
+def _of_slices(
+    frames: Sequence[Volume | None], cavities: Sequence[NDArray[np.bool_] | None]
+) -> tuple[dict[str, Proposed], tuple[str, ...]]:
+    ends = ends_in_slices(frames, cavities)
+    sd = max(float(max(frame.spacing)) for frame in frames if frame is not None)
+    apex = Proposed(ends.apices, sd, ends.axes, _LEVEL, ends.apex_covariance)
+    base = Proposed(ends.bases, sd, ends.axes, _LEVEL, ends.base_covariance)
+    return {"apex": apex, "base": base}, ends.notes
+
+
+def _of_volumes(
+    frames: Sequence[Volume | None],
+    cavities: Sequence[NDArray[np.bool_] | None],
+    walls: Sequence[NDArray[np.bool_] | None],
+) -> dict[str, Proposed]:
+    n = len(frames)
+    apices, bases, cuts = (np.full((n, 3), np.nan) for _ in range(3))
+    spacing, axis, has_wall = 0.0, None, False
+    for k, (frame, cavity, wall) in enumerate(zip(frames, cavities, walls, strict=True)):
+        if frame is None or cavity is None:
+            continue
+        apices[k], bases[k], axis, cuts[k] = _ends(frame, cavity, wall, axis)
+        spacing = max(spacing, float(max(frame.spacing)))
+        has_wall = wall is not None
+    base = Proposed(bases, _OPENING * spacing)
+    if not has_wall:
+        base = Proposed(bases, _CUT_OFF * spacing, cuts, _CUT_HEIGHT * spacing)
+    return {"apex": Proposed(apices, _END * spacing), "base": base}
 
 
 def _ends(
@@ -118,13 +171,14 @@ def _ends(
     points = np.argwhere(cavity) @ A[:, :3].T + A[:, 3]
     middle = points.mean(axis=0)
     half = float(np.linalg.norm(A[:, :3], axis=0).mean()) / 2.0
-    faces = np.zeros((0, 3)) if wall is None else _open_faces(cavity, wall) @ A[:, :3].T + A[:, 3]
-    if len(faces):
-        base: Floats = faces.mean(axis=0)
-        axis = (base - middle) / np.linalg.norm(base - middle)
-        height = float(((points - base) @ axis).min()) - half
-        return _near_axis(points, base, axis, height, half), base, axis, axis
     _, vectors = np.linalg.eigh(np.cov((points - middle).T))
+    if wall is not None:
+        faces = _open_faces(cavity, wall, A, vectors[:, -1])
+        if len(faces):
+            base: Floats = faces.mean(axis=0)
+            axis = (base - middle) / np.linalg.norm(base - middle)
+            height = float(((points - base) @ axis).min()) - half
+            return _near_axis(points, base, axis, height, half), base, axis, axis
     axis = vectors[:, -1]
     z = (points - middle) @ axis
     if before is None:
@@ -188,16 +242,42 @@ def _near_axis(points: Floats, base: Floats, axis: Floats, height: float, half: 
     return place
 
 
-def _open_faces(cavity: NDArray[np.bool_], wall: NDArray[np.bool_]) -> Floats:
-    """Middles, as indices, of voxels' faces between the cavity and what is neither it nor wall."""
-    other = ~cavity & ~wall
-    found: list[Any] = []
-    for axis in range(3):
-        a, b = [slice(None)] * 3, [slice(None)] * 3
-        a[axis], b[axis] = slice(None, -1), slice(1, None)
-        lower, upper = tuple(a), tuple(b)
-        is_open = (cavity[lower] & other[upper]) | (other[lower] & cavity[upper])
-        places = np.argwhere(is_open).astype(np.float64)
-        places[:, axis] += 0.5
-        found.append(places)
-    return np.concatenate(found)
+def _open_faces(
+    cavity: NDArray[np.bool_], wall: NDArray[np.bool_], A: Floats, axis: Floats
+) -> Floats:
+    """Middles, mm, of the faces in the largest patch of the cavity's border that is open.
+
+    The border of the image is open. A patch is one of voxels that touch, and gaps in a wall are
+    others; of a gap that reaches the opening the faces look sideways, and do not count.
+    """
+    own, other = np.pad(cavity, 1), ~np.pad(cavity | wall, 1)
+    # The padding is no cavity, so that nothing comes round.
+    ways = [(i, way) for i in range(3) for way in (-1, 1)]
+    voxels = [np.argwhere(own & np.roll(other, -way, i)) for i, way in ways]
+    steps = np.concatenate(
+        [
+            np.tile(way * np.eye(3)[i], (len(there), 1))
+            for (i, way), there in zip(ways, voxels, strict=True)
+        ]
+    )
+    places = np.concatenate(voxels)
+    if not len(places):
+        return np.zeros((0, 3))
+    # Of the larger patch the way out is known; what looks there is the opening.
+    largest = _largest_patch(places, own.shape)
+    ahead = steps @ A[:, :3].T @ axis / np.linalg.norm(steps @ A[:, :3].T, axis=1)
+    ahead *= np.sign(ahead[largest].sum())
+    kept = largest & (ahead > _LOOKS_OUT)
+    places, steps = (places[kept], steps[kept]) if kept.any() else (places, steps)
+    kept = _largest_patch(places, own.shape)
+    faces: Floats = (places - 1.0 + steps / 2.0)[kept] @ A[:, :3].T + A[:, 3]
+    return faces
+
+
+def _largest_patch(places: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Whether each of some voxels, (n, 3), is in the largest patch of voxels that touch."""
+    there = np.zeros(shape, dtype=np.bool_)
+    there[tuple(places.T)] = True
+    patches = scipy.ndimage.label(there, np.ones((3, 3, 3)))[0][tuple(places.T)]
+    largest: NDArray[np.bool_] = patches == np.bincount(patches).argmax()
+    return largest

@@ -30,13 +30,16 @@ class Proposed:
     normals : (frames, 3) float64, optional
         Directions along which it is known better.
     normal_sd : float, length unit
-        Deviation along them.
+        Deviation along them, apart in each frame.
+    covariance : (frames, frames) float64, length unit squared, optional
+        Of errors along them that frames have in common, so that nothing averages them.
     """
 
     places: NDArray[np.float64]
     sd: float
     normals: NDArray[np.float64] | None = None
     normal_sd: float = 0.0
+    covariance: NDArray[np.float64] | None = None
 
 
 _REMEDY: Final = (

@@ -13,6 +13,7 @@ from modalmotion.facts import NO_FACTS, UNKNOWN, Facts, facts_patched
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.tracking.label_maps import from_labels
+from modalmotion.tracking.label_values import is_label_map
 from modalmotion.tracking.landmarks import Proposed
 from modalmotion.tracking.making import Start, Time, track
 from modalmotion.tracking.papillary import Papillary
@@ -38,8 +39,9 @@ class TrackParameters:
     papillary : {"pool", "wall"}
         Of images, as for `track`.
     labels, wall : tuple of int
-        Of label maps: values of the cavity, and of the wall around it; apex and base are proposed
-        from them where nobody states them. See `label_maps.from_labels`.
+        Of label maps: values of the cavity, and of the wall around it, which are found by geometry
+        where no label is named; apex and base are proposed from them where nobody states them. See
+        `label_maps.from_labels`.
     unit : str, optional
     times : tuple of float, s, optional
     frame_interval : float, s, optional
@@ -145,12 +147,13 @@ class TrackParameters:
 
     def _labelled(self, recorded: Recorded) -> tuple[Recorded, Mapping[str, Proposed]]:
         """Turn label maps to images, with the landmarks that they propose."""
-        if not self.labels:
+        images = recorded.images
+        if not self.labels and (images is None or not is_label_map(images)):
             return recorded, {}
-        if recorded.images is None:
+        if images is None:
             raise ParameterError(
                 "A label is named, but there are no images.",
                 remedy="Leave the label out, or give a label map as NIfTI, NRRD or MetaImage.",
             )
-        made = from_labels(recorded.images, self.labels, self.wall)
+        made = from_labels(images, self.labels, self.wall)
         return replace(recorded, images=made.images, notes=made.images.notes), made.landmarks

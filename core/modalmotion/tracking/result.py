@@ -14,6 +14,7 @@ from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.cavity import Cavity, cavity_of
 from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.mesh.uncertainty import difference_deviation
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import PLANE
 from modalmotion.numeric.frozen_arrays import FrozenArrays
@@ -131,6 +132,7 @@ class Track(FrozenArrays):
             source="points" if images is None else "images",
             volumes=self.volume_deviations,
             papillary_volume=images.papillary_volume if images and is_wall else 0.0,
+            volume_correlation=images.volume_correlation if images else 0.0,
             notes=self.notes,
         )
         return replace(self, sequence=replace(self.sequence, uncertainty=known))
@@ -253,14 +255,15 @@ class Track(FrozenArrays):
     def ejection_fraction_bound(self) -> float | None:
         """Two standard deviations of it, percentage points; None without volumes.
 
-        dEF = (dV_ES - (1 - EF) dV_ED) / V_ED, the errors of both frames as if independent.
+        dEF = (dV_ES - (1 - EF) dV_ED) / V_ED.
         """
         v, sd, fraction = self.volumes, self.volume_deviations, self.ejection_fraction
         if v is None or sd is None or fraction is None:
             return None
         ed, es = int(v.argmax()), int(v.argmin())
-        left = 1.0 - fraction / 100.0
-        return float(200.0 * np.hypot(sd[es], left * sd[ed]) / v[ed])
+        correlation = 0.0 if self.images is None else self.images.volume_correlation
+        start = (1.0 - fraction / 100.0) * float(sd[ed])
+        return 200.0 * difference_deviation(float(sd[es]), start, correlation) / float(v[ed])
 
 
 def normals_of(template: Template, x: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ from modalmotion.images import ImageSequence
 from modalmotion.images.sequence import Images, images_in
 from modalmotion.progress import Progress
 from modalmotion.tracking.label_maps import from_labels
+from modalmotion.tracking.label_values import is_label_map
 from modalmotion.tracking.making import Start, track
 from modalmotion.tracking.papillary import Papillary
 from modalmotion.tracking.result import Track
@@ -36,9 +37,10 @@ def segment(
     images : Volume, PlaneSet or ImageSequence
         In LPS mm; of a sequence one frame is read.
     landmarks : mapping of "apex" and "base" to (3,) or (frames, 3) array_like, mm, optional
-        Needed where no label is named.
+        Needed of images that are no label map.
     labels, wall : sequence of int
-        Of a label map: values of the cavity, and of the wall around it.
+        Of a label map: values of the cavity, and of the wall around it; by geometry where no label
+        is named.
     frame : int
     start, modes, papillary, progress : optional
         As for `track`.
@@ -67,7 +69,7 @@ def segment(
         )
     one = ImageSequence((sequence.frames[frame],), notes=sequence.notes)
     marks: dict[str, Any] = {}
-    if labels:
+    if labels or is_label_map(one):
         one, proposed = from_labels(one, labels, wall)
         marks |= proposed
     for name, value in (landmarks or {}).items():

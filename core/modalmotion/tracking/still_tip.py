@@ -38,9 +38,7 @@ def tip_of(template: Template) -> Tip | None:
     return Tip(axis, x @ axis + _RISE + _MORE * s)
 
 
-def held(
-    marks: Sequence[Frame], template: Template, reference: int, stated: Sequence[Frame] = ()
-) -> tuple[Frame, ...]:
+def held(marks: Sequence[Frame], template: Template, reference: int) -> tuple[Frame, ...]:
     """Hold the tip softly in frames that state no apex.
 
     Parameters
@@ -50,8 +48,6 @@ def held(
     template : Template
         Of the reference frame's shape.
     reference : int
-    stated : sequence of Frame, optional
-        More landmarks, which are not returned.
     """
     if template.surface != CUP:
         return tuple(marks)
@@ -60,7 +56,6 @@ def held(
     own = Observation(tip[None], sd=_DEVIATION, places=("apex",))
     full = []
     for k, frame in enumerate(marks):
-        known = (*frame, *(stated[k] if stated else ()))
-        has = any("apex" in (part.places or ()) for part in known)
+        has = any("apex" in (part.places or ()) for part in frame)
         full.append(frame if has or k == reference else (*frame, own))
     return tuple(full)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import jsonschema
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
-from ellipsoid_images import LANDMARKS, planes
+from ellipsoid_images import LANDMARKS, enclosed, labels, planes
 from fhir_profile import PROFILE
 from norm_controls import beat
 
@@ -58,6 +59,24 @@ def test_from_images_to_the_folder_with_no_other_option(tmp_path: Path) -> None:
     assert without.exit_code == 1
     assert "apex" in without.output
     assert not (tmp_path / "none").exists()
+
+
+def test_a_label_map_needs_no_option(tmp_path: Path) -> None:
+    pytest.importorskip("nibabel")
+    source = tmp_path / "map.zip"
+    frames = ImageSequence((labels(), labels(18.0)))
+    source.write_bytes(write_nifti_zip(frames))
+    result = run(source, "-o", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "Label 3 was taken as the cavity" in result.output
+    line = re.search(r"Ejection fraction .*\(([\d.]+) to ([\d.]+)\)", result.output)
+    assert line is not None
+    low, high = line.groups()
+    assert float(low) < 100 * (1 - enclosed(18.0) / enclosed()) < float(high)
+    assert (tmp_path / "out" / "report.pdf").exists()
+    refused = run(source, "--label", 7, "-o", tmp_path / "none")
+    assert refused.exit_code == 1
+    assert re.search(r"--label: 2: [\d.]+ ml, 3: [\d.]+ ml", refused.output)
 
 
 @pytest.mark.parametrize(

@@ -13,12 +13,15 @@ from ellipsoid_images import LANDMARKS, labels, planes
 from PIL import Image
 
 from modalmotion.cli import main
+from modalmotion.cli.track_command import stated_landmarks
+from modalmotion.errors import ParameterError
 from modalmotion.formats import DEFAULT_LIMITS, ParserHere, read_npz
 from modalmotion.formats.volumes import read_images, write_nifti_zip
 from modalmotion.formats.volumes.writing import write_nifti
 from modalmotion.images import ImageSequence
 from modalmotion.tracking.hdf5 import track_from_hdf5
 from modalmotion.tracking.landmark_file import read_landmark_file
+from modalmotion.tracking.reading import Recorded
 
 BALL = breathing_spheroid(3)
 
@@ -87,6 +90,19 @@ def test_a_landmark_that_is_none_is_refused(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, ["track", *words, "--landmarks", "apex=1,2"])
     assert result.exit_code != 0
     assert "apex=1,2,3" in result.output
+
+
+def test_landmarks_are_of_any_frame() -> None:
+    recorded = Recorded(((), (), ()), {})
+    texts = ("apex=1,2,3", "base@0=4,5,6", "base@2=7,8,9")
+    marks = stated_landmarks(texts, recorded, "mm", reference=1)
+    assert np.isnan(marks["apex"]).all(axis=1).tolist() == [True, False, True]
+    assert marks["apex"][1].tolist() == [1, 2, 3]
+    assert np.isnan(marks["base"]).all(axis=1).tolist() == [False, True, False]
+    assert marks["base"][[0, 2]].tolist() == [[4, 5, 6], [7, 8, 9]]
+    for wrong in ("base@3=1,2,3", "base@x=1,2,3", "base@0=1,2"):
+        with pytest.raises(ParameterError):
+            stated_landmarks((wrong,), recorded, "mm")
 
 
 def test_landmarks_come_from_a_file_too(tmp_path: Path) -> None:

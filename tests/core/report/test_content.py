@@ -39,6 +39,7 @@ def test_quantities_lie_in_their_intervals() -> None:
         "gls",
         "gcs",
         "gas",
+        "sdi",
     ]
     assert all(one.low <= one.value <= one.high for one in found)
     assert {one.ucum for one in found} == {"%", "mL"}

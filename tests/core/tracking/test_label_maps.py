@@ -94,10 +94,43 @@ def test_the_middle_of_a_cut_aslant_is_found(slope: float) -> None:
     assert abs((base.places[0] - place) @ base.normals[0]) < 2.0 * base.normal_sd < base.sd
 
 
+def gaps(values: np.ndarray) -> None:
+    """Take out the wall of one side in a band below the opening, smaller than that."""
+    n = values.shape[1] // 2
+    beside = values[:n, n - 4 : n + 4, 20:36]
+    beside[beside == 2] = 0
+
+
+def cropped(image: Volume) -> Volume:
+    """Cut to the labels: nothing lies beyond the opening."""
+    there = np.argwhere(image.values)
+    low, high = there.min(axis=0), there.max(axis=0) + 1
+    box = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
+    return Volume(
+        image.values[box], np.column_stack([image.affine[:, :3], image.affine @ [*low, 1.0]])
+    )
+
+
+@pytest.mark.parametrize("kind", ["gaps", "cropped"])
+def test_gaps_of_the_wall_and_the_border_of_the_image_leave_the_base(kind: str) -> None:
+    whole = labels()
+    if kind == "gaps":
+        values = np.array(whole.values)
+        gaps(values)
+        image = Volume(values, whole.affine)
+    else:
+        image = cropped(whole)
+    made = from_labels(ImageSequence((image,)))
+    base = made.landmarks["base"]
+    assert np.linalg.norm(base.places[0] - BASE) < 2.0 * base.sd
+    assert any("Label 3 was taken as the cavity and 2" in note for note in made.images.notes)
+
+
 def test_labels_that_are_nowhere_are_named() -> None:
     images = ImageSequence((labels(),))
     with pytest.raises(ParameterError, match="Label 7") as error:
         from_labels(images, (7,))
-    assert "0, 2, 3" in error.value.remedy
+    assert "--label: 2: " in error.value.remedy
+    assert "ml" in error.value.remedy
     with pytest.raises(ShapeError, match="planes"):
         from_labels(ImageSequence((planes(),)), (3,))

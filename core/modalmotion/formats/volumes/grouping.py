@@ -26,7 +26,7 @@ _REGULAR: Final = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Slice:
-    """One file: samples (i, j), affine (3, 4) and what was said of it."""
+    """One slice: samples (i, j), affine (3, 4) and what was said of it."""
 
     values: NDArray[Any]
     affine: NDArray[np.float64]

@@ -148,7 +148,7 @@ def _read(source: bytes | Path, parser: Parser, progress: Progress | None) -> Im
     if kind is None:
         raise MalformedFileError("The file holds no images that are known.", remedy=_REMEDY)
     answer = _parsed(kind, data, parser)
-    return grouped([_slice(answer)]) if kind == "dicom" else _sequence(answer)
+    return grouped(_slices(answer)) if kind == "dicom" else _sequence(answer)
 
 
 def _of_files(
@@ -171,15 +171,15 @@ def _of_files(
             damaged += 1
             if kind == "dicom" and damaged <= _MOST_DAMAGED * len(names):
                 continue
-            error.message = f"File {k} of {len(names)}: {error.message}"
+            error.message = f"{_named(name)}: {error.message}"
             raise
         except InputError as error:
-            error.message = f"File {k} of {len(names)}: {error.message}"
+            error.message = f"{_named(name)}: {error.message}"
             raise
         total += sum(array.nbytes for array in answer.arrays.values())
         parser.limits.require("decompressed_bytes", total)
         if kind == "dicom":
-            slices.append(_slice(answer))
+            slices += _slices(answer)
         else:
             parts.append(_sequence(answer))
         if progress is not None:
@@ -199,6 +199,10 @@ def _of_files(
     return replace(found, notes=tuple(notes))
 
 
+def _named(name: str) -> str:
+    return repr(Path(name).name[-60:])
+
+
 def _parsed(kind: str, data: bytes, parser: Parser) -> Answer:
     with needs_extra("images"):
         if kind in _PACKAGES and find_spec(_PACKAGES[kind]) is None:
@@ -214,8 +218,11 @@ def _sequence(answer: Answer) -> ImageSequence:
     return ImageSequence(frames, at, notes=tuple(answer.info["notes"]))
 
 
-def _slice(answer: Answer) -> Slice:
-    return Slice(answer.arrays["values"][0, :, :, 0], answer.arrays["affine"], answer.info)
+def _slices(answer: Answer) -> list[Slice]:
+    values, affines = answer.arrays["values"], answer.arrays["affine"]
+    shared = {name: answer.info[name] for name in ("series", "patient", "space")}
+    rows = zip(values, affines, answer.info["slices"], strict=True)
+    return [Slice(own, affine, {**shared, **info}) for own, affine, info in rows]
 
 
 def _joined(parts: list[ImageSequence]) -> ImageSequence:

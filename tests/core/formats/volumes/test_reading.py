@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from dicom_samples import slice_file
+from dicom_samples import compressed, enhanced_file, slice_file
 from image_files import metaimage
 
 from modalmotion.errors import LimitError, MalformedFileError, ShapeError
@@ -213,10 +213,60 @@ def test_dicom_of_two_patients_is_refused_and_names_are_not_told() -> None:
     assert "ann" not in str(error.value)
 
 
+_JPEG_2000 = "1.2.840.10008.1.2.4.90"
+
+
+@pytest.mark.parametrize("syntax", ["1.2.840.10008.1.2.5", _JPEG_2000], ids=["RLE", "JPEG 2000"])
+def test_compressed_pixels_are_those_that_were_packed(syntax: str) -> None:
+    pixels = np.random.default_rng(0).integers(0, 900, (40, 51))
+    pixels[:20] = 7
+    plain = slice_file(pixels, z=0.0, trigger=0.0)
+    packed = compressed(plain, syntax)
+    (own,) = read(packed).frames
+    (other,) = read(plain).frames
+    assert isinstance(own, PlaneSet)
+    assert isinstance(other, PlaneSet)
+    assert (own.planes[0].values == other.planes[0].values).all()
+    # 40 rows, as a word behind the head of the element.
+    fewer = packed.replace(
+        b"\x28\x00\x10\x00US\x02\x00\x28\x00", b"\x28\x00\x10\x00US\x02\x00\x14\x00"
+    )
+    assert fewer != packed
+    with pytest.raises(MalformedFileError, match="20 x 51"):
+        read(fewer)
+
+
+def test_another_compression_is_refused_by_name() -> None:
+    packed = compressed(slice_file(np.ones((8, 9), int), z=0.0, trigger=0.0), _JPEG_2000)
+    other = packed.replace(_JPEG_2000.encode(), b"1.2.840.10008.1.2.4.80")
+    with pytest.raises(MalformedFileError, match="JPEG-LS"):
+        read(other)
+
+
+def test_an_enhanced_object_is_its_slices() -> None:
+    rng = np.random.default_rng(1)
+    pixels = rng.integers(0, 99, (6, 4, 5))
+    heights, triggers = np.repeat([0.0, 9.0, 18.0], 2), np.tile([0.0, 40.0], 3)
+    order = rng.permutation(6)
+    images = read(enhanced_file(pixels[order], heights[order], triggers[order]))
+    files = {
+        f"s{k}": slice_file(pixels[k], z=heights[k], trigger=triggers[k], number=k)
+        for k in range(6)
+    }
+    assert images.id == read(zipped(**files)).id
+    assert images.times == pytest.approx([0.0, 0.04])
+
+
+def test_what_is_wrong_names_the_file() -> None:
+    good = nifti()
+    with pytest.raises(MalformedFileError, match=r"'second\.nii\.gz': "):
+        read(zipped(**{"first.nii.gz": good, "second.nii.gz": good[:360]}))
+
+
 @pytest.mark.parametrize(
     "change",
     [{"compressed": True}, {"frames": 3}, {"orientation": False}, {"cut": 10}],
-    ids=["compressed", "multi-frame", "secondary capture", "cut"],
+    ids=["runs that are none", "multi-frame", "secondary capture", "cut"],
 )
 def test_dicom_that_is_no_slice_is_refused(change: dict[str, Any]) -> None:
     with pytest.raises(MalformedFileError) as error:

@@ -1,0 +1,258 @@
+"""Apex and base of a cavity that slices show: the levels of its ends, by all frames together.
+
+The base lies above the highest slice that a reader drew, by less than one slice, unless one was
+left out. What moves it from frame to frame is known roughly from how much the sections shrink. So
+frames vote: a frame that lacks a slice, or has one too many, is outvoted, and the deviation of the
+level is that of all paths that go with the slices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ShapeError
+from modalmotion.images import Volume
+
+Floats = NDArray[np.float64]
+
+# Fewer slices have no axis and no taper.
+_FEWEST: Final = 3
+
+# Share of a cavity's height, about the middle, at which sections of frames are compared.
+_MIDDLE: Final = (0.35, 0.65)
+
+# Of longitudinal over circumferential shortening of the inner surface (-17 over -30 % in healthy
+# hearts, Lang et al. 2015 and Pedrizzetti et al. 2014), and its deviation; mm by which a frame's
+# base leaves the path of all.
+_SHORTENING: Final = (0.5, 0.2)
+_OFF_PATH: Final = 1.5
+
+# Likelihood that the base is 0 to 1 slices above the highest one drawn, 1 to 2, 2 to 3, and that
+# it is up to half of one below.
+_ABOVE: Final = ((-0.5, 0.1), (0.0, 1.0), (1.0, 0.3), (2.0, 0.03), (3.0, 0.0))
+
+# Steps of the grid of levels, mm.
+_GRID: Final = 0.5
+
+# Slices from the lowest on that are extrapolated to the tip.
+_OF_TIP: Final = 5
+
+# Of a slice: least and most that the tip lies below the lowest one drawn, and its deviation, with
+# the share of that way. mm that the tip moves in a beat.
+_BELOW: Final = (0.3, 2.5)
+_TIP: Final = (0.25, 0.3)
+_TIP_MOVES: Final = 6.0
+
+# Of the widest section: an end this wide is open.
+_OPEN: Final = 0.5
+
+
+class SliceEnds(NamedTuple):
+    """Ends of a cavity in each frame.
+
+    Parameters
+    ----------
+    apices, bases : (frames, 3) float64, mm
+        NaN in frames that are missing.
+    axes : (frames, 3) float64
+        Unit vectors from apex to base.
+    apex_covariance, base_covariance : (frames, frames) float64, mm^2
+        Of errors along the axis.
+    notes : tuple of str
+    """
+
+    apices: Floats
+    bases: Floats
+    axes: Floats
+    apex_covariance: Floats
+    base_covariance: Floats
+    notes: tuple[str, ...]
+
+
+class _Stack(NamedTuple):
+    """Sections of one frame from apex to base: heights, areas and the line of their middles."""
+
+    heights: Floats
+    areas: Floats
+    line: Floats
+
+    def place(self, height: float) -> Floats:
+        """Point of the line through the middles, (3,), mm."""
+        place: Floats = self.line[0] + height * self.line[1]
+        return place
+
+
+def ends_in_slices(
+    frames: Sequence[Volume | None], cavities: Sequence[NDArray[np.bool_] | None]
+) -> SliceEnds:
+    """Find apex and base of a cavity in volumes of thick slices.
+
+    Parameters
+    ----------
+    frames : sequence of Volume or None
+    cavities : sequence of (i, j, k) bool or None
+        Voxels of the cavity in each.
+
+    Raises
+    ------
+    ShapeError
+        If the cavity is in fewer than three slices of a frame.
+    """
+    pairs = enumerate(zip(frames, cavities, strict=True))
+    there = {k: (frame, own) for k, (frame, own) in pairs if frame is not None and own is not None}
+    first = next(frame for frame, _ in there.values())
+    across = int(np.argmax(first.spacing))
+    i, j = (axis for axis in range(3) if axis != across)
+    normal = np.cross(first.affine[:, i], first.affine[:, j]).astype(np.float64)
+    normal /= np.linalg.norm(normal)
+    step = abs(float(first.affine[:, across] @ normal))
+    stacks = {k: _stack(frame, own, normal, k) for k, (frame, own) in there.items()}
+    # A base is cut where the cavity is still wide: the wider end of all frames together.
+    taper = sum(np.log(s.areas[-2:].mean() / s.areas[:2].mean()) for s in stacks.values())
+    if taper < 0:
+        stacks = {
+            k: _Stack(-s.heights[::-1], s.areas[::-1], s.line * [[1.0], [-1.0]])
+            for k, s in stacks.items()
+        }
+    own = list(stacks.values())
+    volumes = np.array([s.areas.sum() for s in own])
+    full = int(volumes.argmax())
+    tips, of_tips = _tips(own, step)
+    radii = np.array([_middle_radius(s) for s in own])
+    tops = np.array([s.heights[-1] for s in own])
+    length = float(tops[full] + step / 2.0 - tips[full])
+    levels, of_levels = _levels(tops, step, length * (1.0 - radii / radii[full]))
+    n = len(frames)
+    apices, bases, axes = (np.full((n, 3), np.nan) for _ in range(3))
+    at = np.ix_(list(there), list(there))
+    covariances = np.full((2, n, n), np.nan)
+    covariances[0][at], covariances[1][at] = of_tips, of_levels
+    for i, k in enumerate(there):
+        s = own[i]
+        apices[k], bases[k] = s.place(tips[i]), s.place(levels[i])
+        axes[k] = s.line[1] / np.linalg.norm(s.line[1])
+    notes = []
+    if own[full].areas[0] > _OPEN * own[full].areas.max():
+        notes.append(
+            "Both ends of the labelled cavity are open: its lowest slice is "
+            f"{own[full].areas[0] / own[full].areas.max():.0%} as large as its largest, so the "
+            "apex was extrapolated; volumes depend on it."
+        )
+    return SliceEnds(apices, bases, axes, covariances[0], covariances[1], tuple(notes))
+
+
+def _stack(frame: Volume, cavity: NDArray[np.bool_], normal: Floats, number: int) -> _Stack:
+    across = int(np.argmax(frame.spacing))
+    others = [i for i in range(3) if i != across]
+    A = frame.affine
+    pixel = float(np.linalg.norm(np.cross(A[:, others[0]], A[:, others[1]])))
+    counts = cavity.sum(axis=tuple(others))
+    kept = np.flatnonzero(counts)
+    # What lies apart from the others by more than a slice that is missing is something else.
+    runs = np.split(kept, np.flatnonzero(np.diff(kept) > 2) + 1)
+    kept = max(runs, key=lambda run: int(counts[run].sum()))
+    if len(kept) < _FEWEST:
+        raise ShapeError(
+            f"The cavity is labelled in {len(kept)} slices of frame {number}; its ends are seen "
+            f"in {_FEWEST} and more.",
+            remedy="Label more slices, or state apex and base by --landmarks.",
+            frame=number,
+        )
+    middles = np.array(
+        [A[:, :3] @ np.insert(_middle(cavity.take(k, across)), across, k) + A[:, 3] for k in kept]
+    )
+    heights, areas = middles @ normal, counts[kept] * pixel
+    if heights[0] > heights[-1]:
+        heights, areas, middles = heights[::-1], areas[::-1], middles[::-1]
+    columns = np.column_stack([np.ones(len(heights)), heights])
+    w = np.sqrt(areas)[:, None]
+    line = np.linalg.lstsq(w * columns, w * middles, rcond=None)[0]
+    return _Stack(heights, areas, line)
+
+
+def _middle(section: NDArray[np.bool_]) -> Floats:
+    middle: Floats = np.argwhere(section).mean(axis=0)
+    return middle
+
+
+def _middle_radius(s: _Stack) -> float:
+    share = (s.heights - s.heights[0]) / (s.heights[-1] - s.heights[0])
+    at = np.linspace(*_MIDDLE, 7)
+    return float(np.interp(at, share, np.sqrt(s.areas)).mean())
+
+
+def _way_to_tip(s: _Stack, step: float) -> float:
+    """How far the tip lies below the lowest slice, mm.
+
+    Sections of an ellipsoid are a quadratic function of height, and zero at its tip.
+    """
+    n = min(len(s.heights), _OF_TIP)
+    z = s.heights[:n] - s.heights[0]
+    c, b, a = np.polyfit(z, s.areas[:n], 2) if n > 2 else np.zeros(3)
+    if c >= 0.0 or b <= 0.0:
+        b, a = np.polyfit(z[:2], s.areas[:2], 1)
+        way = a / b if b > 0 else np.inf
+    else:
+        way = (b - np.sqrt(b**2 - 4.0 * a * c)) / (2.0 * c)
+    return float(np.clip(way, _BELOW[0] * step, _BELOW[1] * step))
+
+
+def _tips(stacks: Sequence[_Stack], step: float) -> tuple[Floats, Floats]:
+    """Height of the tip in each frame, mm, and the covariance, mm^2.
+
+    Near a tip sections grow evenly, as those of a paraboloid: it lies where their line is zero.
+    """
+    ways = np.array([_way_to_tip(s, step) for s in stacks])
+    tips = np.array([s.heights[0] for s in stacks]) - ways
+    variances = (_TIP[0] * step) ** 2 + (_TIP[1] * ways) ** 2
+    common = np.average(tips, weights=1.0 / variances)
+    share = _TIP_MOVES**2 / (_TIP_MOVES**2 + variances)
+    return tips + (1.0 - share) * (common - tips), np.diag(share * variances)
+
+
+def _levels(tops: Floats, step: float, shrunk: Floats) -> tuple[Floats, Floats]:
+    """Height of the base in each frame, mm, and the covariance, mm^2.
+
+    Parameters
+    ----------
+    tops : (frames,) float64, mm
+        Heights of the highest slices.
+    step : float, mm
+        From slice to slice.
+    shrunk : (frames,) float64, mm
+        Length of the cavity times the share that sections lack of their radius.
+
+    Notes
+    -----
+    The path is H - c shrunk, H anywhere and c about 0.55; a frame's base is off it by e, normal.
+    All on a grid: the weight of (H, c) is the product over frames of the sum over e of how likely
+    the frame's highest slice is below such a base.
+    """
+    mean, sd = _SHORTENING
+    c = mean + sd * np.linspace(-2.5, 2.5, 21)
+    H = np.arange(tops.min() - step, tops.max() + mean * shrunk.max() + 4.0 * step, _GRID)
+    h = np.arange(-0.5, 3.0, _GRID / step) * step
+    edges, weights = np.array(_ABOVE).T
+    of_slice = weights[np.searchsorted(edges, h / step + 1e-9, side="right") - 1]
+    log_weight = np.broadcast_to(-((c - mean) ** 2) / (2.0 * sd**2), (len(H), len(c))).copy()
+    first, second = [], []
+    for top, own in zip(tops, shrunk, strict=True):
+        path = H[:, None] - c * own
+        likely = of_slice * np.exp(-(((top + h) - path[..., None]) ** 2) / (2.0 * _OFF_PATH**2))
+        total = np.maximum(likely.sum(axis=2), 1e-300)
+        log_weight += np.log(total)
+        first.append((likely @ h) / total)
+        second.append((likely @ h**2) / total)
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    heights, spread = np.stack(first), np.stack(second) - np.stack(first) ** 2
+    means = (weight * heights).sum(axis=(1, 2))
+    # Frames are apart, given a path: of that they have the errors in common.
+    away = (heights - means[:, None, None]).reshape(len(tops), -1)
+    covariance = (weight.ravel() * away) @ away.T
+    covariance += np.diag((weight * np.maximum(spread, _GRID**2)).sum(axis=(1, 2)))
+    return tops + means, covariance

@@ -1,0 +1,176 @@
+"""Which values of a label map are the cavity and its wall, where nobody says: by geometry.
+
+A wall encloses its cavity: the left ventricle borders on its muscle nearly all round, the right one
+along the septum alone. So maps are read alike whether the cavity is 3 (ACDC, TotalSegmentator's
+chambers), 1 (M&Ms) or something else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final, NamedTuple
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError
+from modalmotion.images import ImageSequence, Volume
+from modalmotion.images.sequence import is_sliced
+
+Floats = NDArray[np.float64]
+
+# Of a map of labels: most values, range of these, and least share of neighbours that are alike.
+_MOST_VALUES: Final = 150
+_WIDEST: Final = 1000
+_ALIKE: Final = 0.9
+
+# More labels than chambers and vessels of a heart are those of a body, which has other walls.
+_MOST_OF_HEART: Final = 12
+
+# Of the border of a cavity, that is at its wall; and of the largest that is enclosed so, the volume
+# of the next: papillary muscles, or scars.
+_ENCLOSED: Final = 0.6
+_NEXT: Final = 0.5
+
+# Of a section within its outline: a wall has so much of a hole.
+_HOLE: Final = 0.1
+
+# Frames that are looked at, at most.
+_FRAMES: Final = 4
+
+_MM3_PER_ML: Final = 1000.0
+
+
+class LabelValues(NamedTuple):
+    """Values of a cavity and of its wall.
+
+    Parameters
+    ----------
+    cavity, wall : tuple of int
+    note : str
+        What was decided, and from what.
+    """
+
+    cavity: tuple[int, ...]
+    wall: tuple[int, ...]
+    note: str
+
+
+def is_label_map(images: ImageSequence) -> bool:
+    """Whether images hold labels: few whole numbers, most of them beside their like."""
+    volumes = _volumes(images)
+    if not volumes:
+        return False
+    values = volumes[0].values
+    if values.dtype.kind not in "biuf" or not np.isfinite(values).all():
+        return False
+    low, high = float(values.min()), float(values.max())
+    if low < 0 or high - low > _WIDEST or high == low or (values != np.rint(values)).any():
+        return False
+    if np.count_nonzero(np.bincount(values.ravel().astype(np.int64))) > _MOST_VALUES:
+        return False
+    along = int(np.argmin(volumes[0].spacing))
+    pairs = np.diff(values.astype(np.int64), axis=along)
+    return bool((pairs == 0).mean() >= _ALIKE)
+
+
+def cavity_and_wall(images: ImageSequence) -> LabelValues:
+    """Decide which values are the cavity and the wall around it.
+
+    Raises
+    ------
+    ParameterError
+        Where geometry does not tell; it names the values and their volumes.
+    """
+    volumes = _volumes(images)
+    values = np.unique(np.concatenate([np.unique(v.values) for v in volumes])).astype(np.int64)
+    values = values[values != 0]
+    ml = _ml(volumes[0], values)
+    named = listed(values, ml)
+    if len(values) > _MOST_OF_HEART:
+        raise _undecided(f"there are {len(values)}, more than a heart has", named)
+    if len(values) == 1:
+        return _of_one(volumes[0], int(values[0]), named)
+    borders = np.sum([_borders(v, values) for v in volumes], axis=0)
+    shares = borders[:, 1:] / np.maximum(borders.sum(axis=1, keepdims=True), 1)
+    walls = shares.argmax(axis=1)
+    is_enclosed = shares.max(axis=1) >= _ENCLOSED
+    order = np.argsort(np.where(is_enclosed, ml, -1.0))[::-1]
+    first, second = order[:2]
+    if not is_enclosed[first]:
+        raise _undecided("none is enclosed by another as a cavity is by its wall", named)
+    if is_enclosed[second] and ml[second] > _NEXT * ml[first] and walls[first] != second:
+        raise _undecided(f"{values[first]} and {values[second]} are both enclosed by others", named)
+    wall = values[walls[first]]
+    note = (
+        f"Label {values[first]} was taken as the cavity and {wall} as its wall, which is "
+        f"{shares[first].max():.0%} of its border ({named}); state others by --label and --wall."
+    )
+    return LabelValues((int(values[first]),), (int(wall),), note)
+
+
+def listed(values: Iterable[int], ml: Iterable[float]) -> str:
+    """Write values with their volumes."""
+    return ", ".join(f"{value}: {volume:.3g} ml" for value, volume in zip(values, ml, strict=True))
+
+
+def values_in(volume: Volume) -> str:
+    """Write the values of a volume other than 0, the most frequent first, with their volumes."""
+    values = np.unique(volume.values)
+    values = values[values != 0]
+    ml = _ml(volume, values)
+    order = np.argsort(-ml, kind="stable")[:_MOST_OF_HEART]
+    return listed(values[order], ml[order])
+
+
+def _volumes(images: ImageSequence) -> list[Volume]:
+    there = [frame for frame in images.frames if isinstance(frame, Volume)]
+    return there[:: max(1, len(there) // _FRAMES)]
+
+
+def _ml(volume: Volume, values: NDArray[np.int64]) -> Floats:
+    voxel = abs(float(np.linalg.det(volume.affine[:, :3]))) / _MM3_PER_ML
+    return np.array([voxel * np.count_nonzero(volume.values == value) for value in values])
+
+
+def _borders(volume: Volume, values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Faces of voxels between each value and each other, (values, 1 + values); the first is 0.
+
+    Between thick slices there are none: what lies above a slice is another part of the heart.
+    """
+    kinds = np.pad(np.searchsorted(values, volume.values) + 1, 1)
+    kinds[np.pad(volume.values, 1) == 0] = 0
+    n = len(values) + 1
+    counts = np.zeros((n, n), dtype=np.int64)
+    across = int(np.argmax(volume.spacing)) if is_sliced(volume) else None
+    for axis in range(3):
+        if axis == across:
+            continue
+        own = np.moveaxis(kinds, axis, 0)
+        differs = own[:-1] != own[1:]
+        pairs = own[:-1][differs] * n + own[1:][differs]
+        counts += np.bincount(pairs, minlength=n * n).reshape(n, n)
+    both: NDArray[np.int64] = (counts + counts.T)[1:]
+    return both
+
+
+def _of_one(volume: Volume, value: int, named: str) -> LabelValues:
+    """Take a map of one label as that of a cavity, unless it is a ring."""
+    own = np.moveaxis(volume.values == value, int(np.argmax(volume.spacing)), 0)
+    filled = sum(int(scipy.ndimage.binary_fill_holes(section).sum()) for section in own)
+    if filled - own.sum() > _HOLE * filled:
+        raise ParameterError(
+            f"The map has one label ({named}), which is a ring: a wall, whose cavity has none.",
+            remedy="Give the cavity a label of its own.",
+            details={"labels": [value]},
+        )
+    note = f"The map has one label ({named}), which was taken as the cavity; it shows no wall."
+    return LabelValues((value,), (), note)
+
+
+def _undecided(reason: str, named: str) -> ParameterError:
+    return ParameterError(
+        f"Which label is the cavity? Of the labels in the map ({named}) {reason}.",
+        remedy="Name the cavity by --label VALUE, and the wall around it by --wall VALUE.",
+    )

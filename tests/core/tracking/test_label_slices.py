@@ -1,0 +1,99 @@
+"""Ends of a cavity in slices: levels between slices, frames that outvote one another."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from modalmotion.errors import ShapeError
+from modalmotion.images import Volume
+from modalmotion.tracking.label_slices import SliceEnds, ends_in_slices
+
+STEP, PIXEL = 8.0, 1.5
+LENGTH, CUT = 50.0, 25.0
+
+
+def stack(
+    radius: float = 25.0,
+    base: float = CUT,
+    *,
+    first: float = -52.0,
+    drop: int = 0,
+    turned: bool = False,
+) -> Volume:
+    """Slices of a spheroid cut at `base`, the last `drop` of them not drawn."""
+    n = 64
+    affine = np.diag([PIXEL, PIXEL, STEP, 1.0])[:3]
+    affine[:, 3] = [-PIXEL * (n - 1) / 2, -PIXEL * (n - 1) / 2, first]
+    index = np.moveaxis(np.indices((n, n, 14)), 0, -1)
+    x, y, z = np.moveaxis(index @ affine[:, :3].T + affine[:, 3], -1, 0)
+    inside = (x**2 + y**2) / radius**2 + z**2 / LENGTH**2 < 1.0
+    inside &= z < base - drop * STEP
+    values = np.where(inside, 3, 0).astype(np.uint8)
+    if turned:
+        affine[:, 3] += affine[:, 2] * (values.shape[2] - 1)
+        affine[:, 2] *= -1.0
+        values = values[:, :, ::-1]
+    return Volume(values, affine)
+
+
+def found(*volumes: Volume | None) -> SliceEnds:
+    return ends_in_slices(volumes, [None if v is None else v.values == 3 for v in volumes])
+
+
+def test_levels_lie_within_their_deviations_wherever_slices_begin() -> None:
+    firsts = -52.0 - STEP * np.linspace(0.0, 1.0, 8, endpoint=False)
+    off = np.array(
+        [
+            [ends.apices[0, 2] + LENGTH, ends.bases[0, 2] - CUT]
+            for ends in (found(stack(first=first)) for first in firsts)
+        ]
+    )
+    one = found(stack())
+    sd = np.sqrt([one.apex_covariance[0, 0], one.base_covariance[0, 0]])
+    assert (np.sqrt((off**2).mean(axis=0)) < 1.2 * sd).all()
+    # The tip is extrapolated to less than half of a slice; the base is half of one off at most.
+    assert (np.abs(off).max(axis=0) < [0.4 * STEP, 0.75 * STEP]).all()
+    assert one.axes[0] == pytest.approx([0.0, 0.0, 1.0], abs=0.01)
+
+
+def test_the_order_of_slices_says_nothing() -> None:
+    one, other = found(stack()), found(stack(turned=True))
+    for a, b in pairwise([one, other]):
+        assert a.apices == pytest.approx(b.apices, abs=1e-9)
+        assert a.bases == pytest.approx(b.bases, abs=1e-9)
+
+
+def test_a_frame_that_lacks_a_slice_is_outvoted() -> None:
+    others = [stack(first=-52.0 - shift) for shift in (0.0, 1.0, 2.0)]
+    alone = found(stack(drop=1)).bases[0, 2]
+    ends = found(*others, stack(drop=1))
+    assert abs(ends.bases[3, 2] - CUT) < 0.6 * abs(alone - CUT)
+    assert ends.bases[:3, 2] == pytest.approx(CUT, abs=0.4 * STEP)
+
+
+def test_errors_of_levels_are_shared_and_less_so_where_frames_differ() -> None:
+    def correlation(ends: SliceEnds) -> float:
+        own = ends.base_covariance
+        return float(own[0, 1] / np.sqrt(own[0, 0] * own[1, 1]))
+
+    alike, unlike = found(stack(), stack()), found(stack(), stack(16.0, 14.0))
+    assert 0.2 < correlation(unlike) < correlation(alike) < 1.0
+    assert np.linalg.eigvalsh(unlike.base_covariance).min() > 0
+
+
+def test_a_cavity_open_at_both_ends_is_noted() -> None:
+    tube = stack(first=-20.0)
+    assert any("Both ends" in note for note in found(tube).notes)
+    assert found(stack()).notes == ()
+
+
+def test_missing_frames_have_no_ends_and_few_slices_are_refused() -> None:
+    ends = found(stack(), None)
+    assert np.isnan(ends.bases[1]).all()
+    assert np.isnan(ends.base_covariance[1]).all()
+    flat = stack()
+    with pytest.raises(ShapeError, match="in 2 slices of frame 0"):
+        found(Volume(flat.values[:, :, :2] | flat.values[:, :, 5:7], flat.affine))
