@@ -65,7 +65,7 @@ class Judged:
 
 def _judged_strain(result: Track, truth: Truth) -> Iterator[tuple[float, bool]]:
     still = mm.mesh_sequence(truth.vertices, truth.faces, grid=truth.grid, unit="mm")
-    true, found = true_strain(still, by_length=True), mm.strain(result).end_systolic
+    true, found = true_strain(still), mm.strain(result).end_systolic
     for name in GOALS:
         (own, low, high), value = found[name], true[name.lower()]
         yield own - value, low <= value <= high <= low + WIDEST

@@ -48,23 +48,19 @@ def hearts(
             {
                 "ef": ef,
                 "edv": float(volumes.max()),
-                **true_strain(twin, by_length=clean.grid is None),
+                **true_strain(twin),
             },
             rng,
         )
 
 
-def true_strain(clean: mm.MeshSequence, *, by_length: bool = False) -> dict[str, float]:
+def true_strain(clean: mm.MeshSequence) -> dict[str, float]:
     """Strain from end diastole to end systole, percent, of a cup lattice that follows the tissue.
 
     Written from the definitions of Voigt et al., Eur Heart J Cardiovasc Imaging, 2015, and of
     nothing else, so that the product's own strain is judged by it. "gls" is of lines from base to
     base through the apex, next to row 0, the mean of their lengths; "gcs" of the circumferences in
-    the middles of three thirds of the wall, their mean; "gas" of the area.
-
-    A level is a lattice's row or, by length, at one share of each line's length at end diastole,
-    about which rows wander by 1 to 2 %: on a surface without rows those of the tissue cannot be
-    seen, and their strain is another by 0.6 points (RMS).
+    the middles of three thirds of the lattice's rows, their mean; "gas" of the area.
     """
     assert clean.grid is not None
     rows, columns = clean.grid
@@ -74,30 +70,18 @@ def true_strain(clean: mm.MeshSequence, *, by_length: bool = False) -> dict[str,
     down = np.linalg.norm(np.diff(x, axis=1), axis=3).sum(axis=1)
     through = np.linalg.norm(x[:, 0, :half] - x[:, 0, half:], axis=2)
     lines = (down[:, :half] + down[:, half:] + through).mean(axis=1)
-    heights = np.tile((np.arange(rows) + 0.5) / rows, (columns, 1))
-    if by_length:
-        reach = np.linalg.norm(x[0, 0] - x[0, 0].mean(axis=0), axis=1)
-        steps = np.linalg.norm(np.diff(x[0], axis=0), axis=2)
-        lengths = np.cumsum(np.vstack([reach, steps]), axis=0)
-        heights = (lengths / lengths[-1]).T
-    rings = [_around(x, heights, level) for level in (1 / 6, 1 / 2, 5 / 6)]
+    rings = [_around(x, level * rows - 0.5) for level in (1 / 6, 1 / 2, 5 / 6)]
     a, b, c = (vertices[:, clean.faces[:, k]] for k in range(3))
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=2).sum(axis=1) / 2.0
     gls, *levels, gas = (100.0 * (end / start - 1.0) for start, end in (lines, *rings, areas))
     return {"gls": float(gls), "gcs": float(np.mean(levels)), "gas": float(gas)}
 
 
-def _around(
-    x: NDArray[np.float64], heights: NDArray[np.float64], level: float
-) -> NDArray[np.float64]:
-    """Length of the line around that crosses each column at a height, (frames,)."""
-    columns = np.arange(x.shape[2])
-    rows = np.array([np.interp(level, own, np.arange(x.shape[1])) for own in heights])
-    below, share = np.floor(rows).astype(int), (rows % 1.0)[:, None]
-    line = (1 - share) * x[:, below, columns] + share * x[:, below + 1, columns]
-    lengths: NDArray[np.float64] = np.linalg.norm(line - np.roll(line, 1, axis=1), axis=2).sum(
-        axis=1
-    )
+def _around(x: NDArray[np.float64], row: float) -> NDArray[np.float64]:
+    """Length of the line around at a row, or between two, (frames,)."""
+    below, share = int(row), row % 1.0
+    line = (1 - share) * x[:, below] + share * x[:, below + 1]
+    lengths: NDArray[np.float64] = np.linalg.norm(line - np.roll(line, 1, axis=1), axis=2).sum(1)
     return lengths
 
 
