@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from experiments import Row
 from numpy.typing import NDArray
+from read_hearts import true_strain
 from seen_surfaces import Seen, Truth, sampled
 
 import modalmotion as mm
@@ -21,6 +22,11 @@ Floats = NDArray[np.float64]
 
 _INNER = 0.97  # height beyond which landmarks place an open surface, and not what is seen
 
+# The best published variability of GLS, and half the best error of GCS, percentage points.
+GOALS = {"GLS": 1.4, "GCS": 1.5}
+# Intervals of strain that are wider, points, count as a miss.
+WIDEST = 6.0
+
 
 @dataclass(frozen=True)
 class Judged:
@@ -31,6 +37,7 @@ class Judged:
     bound: float  # half the width of its stated interval
     ratios: Floats  # (n,), distances of vertices from the true surface over stated deviations
     told: float  # interval that the track's read-outs state over that of the track, at most 1
+    strain: tuple[tuple[float, bool], ...]  # error of GLS and GCS, and whether it is inside
 
     @staticmethod
     def of(result: Track, truth: Truth) -> Judged:
@@ -47,12 +54,21 @@ class Judged:
         bound = result.ejection_fraction_bound or 0.0
         curve = mm.clinical_readouts(modal_signature(result.sequence), result.sequence).curve
         told = min(1.0, (curve.share_bound or 0.0) / max(bound, 1e-9))
-        return Judged(float(np.mean(distances)), off, bound, np.concatenate(ratios), told)
+        strain = tuple(_judged_strain(result, truth)) if truth.grid else ()
+        return Judged(float(np.mean(distances)), off, bound, np.concatenate(ratios), told, strain)
 
     @property
     def is_inside(self) -> bool:
         """Whether the true ejection fraction is within the interval."""
         return abs(self.off) <= self.bound
+
+
+def _judged_strain(result: Track, truth: Truth) -> Iterator[tuple[float, bool]]:
+    still = mm.mesh_sequence(truth.vertices, truth.faces, grid=truth.grid, unit="mm")
+    true, found = true_strain(still), mm.strain(result).end_systolic
+    for name in GOALS:
+        (own, low, high), value = found[name], true[name.lower()]
+        yield own - value, low <= value <= high <= low + WIDEST
 
 
 def judged(cases: Iterable[Seen], *, has_start: bool = True, **options: Any) -> list[Judged]:
@@ -93,6 +109,25 @@ def standard_figures(results: Sequence[Judged], *, cover: bool = True) -> tuple[
         *(float((np.concatenate(ratios) < limit).mean()) for limit in (1.0, 1.96)),
     )
     return figures if cover else figures[:4]
+
+
+def strain_rows(name: str, what: str) -> tuple[Row, ...]:
+    """Rows of strain from one kind of data."""
+    return tuple(
+        row
+        for kind in GOALS
+        for row in (
+            Row(f"{name}.{kind.lower()}", f"{kind} off by, {what}", "points", goal=GOALS[kind]),
+            Row(f"{name}.{kind.lower()}_inside", f"true {kind} inside, {what}", goal=(0.92, 0.98)),
+        )
+    )
+
+
+def strain_figures(results: Sequence[Judged]) -> tuple[float, ...]:
+    """Values of the rows of strain."""
+    off, inside = np.moveaxis(np.array([one.strain for one in results], dtype=np.float64), 2, 0)
+    means = np.abs(off).mean(axis=0), inside.mean(axis=0)
+    return tuple(float(value) for pair in zip(*means, strict=True) for value in pair)
 
 
 def surface_distance(

@@ -43,7 +43,15 @@ def hearts(
             twin = simulate_ventricle(parameters, grid=(96, 192), acquisition=frames, rng=again)
         volumes = volumes_of(clean)
         ef = 100 * (1 - volumes.min() / volumes.max())
-        yield clean, {"ef": ef, "edv": float(volumes.max()), **true_strain(twin)}, rng
+        yield (
+            clean,
+            {
+                "ef": ef,
+                "edv": float(volumes.max()),
+                **true_strain(twin),
+            },
+            rng,
+        )
 
 
 def true_strain(clean: mm.MeshSequence) -> dict[str, float]:
@@ -52,7 +60,7 @@ def true_strain(clean: mm.MeshSequence) -> dict[str, float]:
     Written from the definitions of Voigt et al., Eur Heart J Cardiovasc Imaging, 2015, and of
     nothing else, so that the product's own strain is judged by it. "gls" is of lines from base to
     base through the apex, next to row 0, the mean of their lengths; "gcs" of the circumferences in
-    the middles of three thirds of the wall, their mean; "gas" of the area.
+    the middles of three thirds of the lattice's rows, their mean; "gas" of the area.
     """
     assert clean.grid is not None
     rows, columns = clean.grid
@@ -62,13 +70,46 @@ def true_strain(clean: mm.MeshSequence) -> dict[str, float]:
     down = np.linalg.norm(np.diff(x, axis=1), axis=3).sum(axis=1)
     through = np.linalg.norm(x[:, 0, :half] - x[:, 0, half:], axis=2)
     lines = (down[:, :half] + down[:, half:] + through).mean(axis=1)
-    around = np.linalg.norm(x - np.roll(x, 1, axis=2), axis=3).sum(axis=2)
-    heights = (np.arange(rows) + 0.5) / rows
-    rings = [[np.interp(h, heights, ring) for ring in around] for h in (1 / 6, 1 / 2, 5 / 6)]
+    rings = [_around(x, level * rows - 0.5) for level in (1 / 6, 1 / 2, 5 / 6)]
     a, b, c = (vertices[:, clean.faces[:, k]] for k in range(3))
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=2).sum(axis=1) / 2.0
     gls, *levels, gas = (100.0 * (end / start - 1.0) for start, end in (lines, *rings, areas))
     return {"gls": float(gls), "gcs": float(np.mean(levels)), "gas": float(gas)}
+
+
+def _around(x: NDArray[np.float64], row: float) -> NDArray[np.float64]:
+    """Length of the line around at a row, or between two, (frames,)."""
+    below, share = int(row), row % 1.0
+    line = (1 - share) * x[:, below] + share * x[:, below + 1]
+    lengths: NDArray[np.float64] = np.linalg.norm(line - np.roll(line, 1, axis=1), axis=2).sum(1)
+    return lengths
+
+
+def true_dyssynchrony(clean: mm.MeshSequence) -> float:
+    """Deviation of the times of least volume of 16 segments, % of the cycle (Kapetanakis 2005).
+
+    Parameters
+    ----------
+    clean : mm.MeshSequence
+        A cup lattice of one cycle, in so many frames that they do not matter.
+    """
+    assert clean.grid is not None
+    cap = 1 / 8  # of the wall, which the 17th segment has
+    rows, columns = clean.grid
+    x = clean.vertices.astype(np.float64).reshape(clean.n_frames, rows, columns, 3)
+    middles = x.mean(axis=2, keepdims=True)
+    sectors = np.cross(x - middles, np.roll(x, -1, axis=2) - middles) / 2.0
+    pieces = (sectors * np.gradient(middles, axis=1)).sum(axis=3)
+    heights = (np.arange(rows) + 0.5) / rows
+    turn = (np.arange(columns) + 0.5) / columns
+    times = []
+    for ring, parts in enumerate((4, 6, 6)):
+        low, high = cap + (1 - cap) * np.array([ring, ring + 1]) / 3
+        within = (heights >= low) & (heights < high)
+        for part in range(parts):
+            own = pieces[:, within][:, :, np.floor(parts * turn) == part].sum(axis=(1, 2))
+            times.append(float(np.abs(own).argmin()) / clean.n_frames)
+    return float(100.0 * np.std(times, ddof=1))
 
 
 def noisy(clean: mm.MeshSequence, noise: float, rng: np.random.Generator) -> mm.MeshSequence:

@@ -7,7 +7,14 @@ from functools import partial
 from drawn_labels import CAVITY, drawn_maps
 from experiments import Row, experiment
 from judged_images import drawn_figures, tracked, valve_figures
-from judged_tracks import Judged, beside_contours, standard_figures, standard_rows
+from judged_tracks import (
+    Judged,
+    beside_contours,
+    standard_figures,
+    standard_rows,
+    strain_figures,
+    strain_rows,
+)
 from phantoms import labelled, phantoms
 from real_data import DATA, recording
 from seen_surfaces import Truth
@@ -29,11 +36,14 @@ _KINDS = (
 def _track(kind: str, n: int, seed: int, cover: bool = True, **set_to: float) -> tuple[float, ...]:
     cases = phantoms(kind, seed, n, 3, **set_to)
     results = [Judged.of(tracked(one), Truth.of(one.truth)) for one in cases]
-    return standard_figures(results, cover=cover)
+    return (*standard_figures(results, cover=cover), *(strain_figures(results) if cover else ()))
 
 
 for _kind, _what, _distance, _spread, _n, _coarse in _KINDS:
-    _rows = standard_rows(f"images.{_kind}", _what, _distance, _spread)
+    _rows = (
+        *standard_rows(f"images.{_kind}", _what, _distance, _spread),
+        *strain_rows(f"images.{_kind}", _what),
+    )
     experiment(*_rows, quick=_kind == "mri")(partial(_track, _kind, _n, coarseness=_coarse))
 
 

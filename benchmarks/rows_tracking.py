@@ -8,7 +8,14 @@ from itertools import chain
 import numpy as np
 from drawn_contours import contoured
 from experiments import Row, experiment, quick, timed
-from judged_tracks import beside_contours, judged, standard_figures, standard_rows
+from judged_tracks import (
+    beside_contours,
+    judged,
+    standard_figures,
+    standard_rows,
+    strain_figures,
+    strain_rows,
+)
 from measure import medians
 from real_data import DATA, recording
 from seen_surfaces import Truth, dented, quartered, seen_clouds, ventricles
@@ -23,10 +30,12 @@ HEART, FILES = "heart/lv_endocardium", DATA / "cine" / "contours"
 @quick(
     *standard_rows("tracking.clouds", "clouds, 1 mm of noise, first surface known", 0.15, 0.3),
     Row("tracking.clouds.told", "their read-outs' interval of EF over theirs", goal=(1, 1)),
+    *strain_rows("tracking.clouds", "clouds"),
 )
 def clouds(seed: int) -> tuple[float, ...]:
     results = judged(seen_clouds(ventricles(seed, 10), 1.0))
-    return (*standard_figures(results), float(np.mean([one.told for one in results])))
+    told = float(np.mean([one.told for one in results]))
+    return (*standard_figures(results), told, *strain_figures(results))
 
 
 @experiment(*standard_rows("tracking.strays", "clouds with 30 % strays", 0.17, 0.4, cover=False))
@@ -83,7 +92,8 @@ def _contours(vanish: bool, seed: int) -> tuple[float, ...]:
     figures: list[float] = []
     for n_known in (6, 1):
         cases = contoured(seed, 8, n_known, vanish=vanish)
-        figures += standard_figures(judged(cases, has_start=False, topology="cup"), cover=False)
+        results = judged(cases, has_start=False, topology="cup")
+        figures += (*standard_figures(results, cover=False), *strain_figures(results))
     return tuple(figures)
 
 
@@ -93,7 +103,9 @@ for _vanish, _name, _what in (
 ):
     experiment(
         *standard_rows(_name, f"{_what} in all frames", 0.5, 2, cover=False),
+        *strain_rows(_name, f"{_what} in all frames"),
         *standard_rows(f"{_name}_once", f"{_what} in one frame", 0.5, 2, cover=False),
+        *strain_rows(f"{_name}_once", f"{_what} in one frame"),
     )(partial(_contours, _vanish))
 
 

@@ -7,7 +7,7 @@ import sys
 
 from real_data import told
 
-MODULES = ("tradeoff", "codec", "tracking_peers", "image_peers", "classification")
+MODULES = ("tradeoff", "codec", "tracking_peers", "classification")
 """Modules of this folder, each with `run() -> tables`."""
 
 

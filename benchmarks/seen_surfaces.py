@@ -32,6 +32,7 @@ class Truth:
     vertices: Floats
     faces: Ints
     ends: tuple[tuple[int, ...], ...] = ()
+    grid: tuple[int, ...] | None = None  # of a ventricle's lattice, whose rows follow the tissue
 
     @staticmethod
     def of(sequence: mm.MeshSequence, every: int = 1) -> Truth:
@@ -45,7 +46,7 @@ class Truth:
             ends = [tuple(np.flatnonzero(s <= s.min() + 1e-9).tolist())]
             ends += [tuple(rim.tolist()) for rim in rims if s[rim].mean() > 0.5]
         x = sequence.vertices[::every].astype(np.float64)
-        return Truth(x, template.faces, tuple(ends))
+        return Truth(x, template.faces, tuple(ends), sequence.grid)
 
     @property
     def volumes(self) -> Floats:
@@ -59,7 +60,8 @@ class Truth:
 
     def start(self) -> mm.MeshSequence:
         """Return the surface of frame 0."""
-        return mm.mesh_sequence(self.vertices[:1], self.faces, unit="mm")
+        topology = "cup" if len(self.ends) == 2 else None
+        return mm.mesh_sequence(self.vertices[:1], self.faces, topology=topology, unit="mm")
 
     def seen(
         self,

@@ -160,7 +160,8 @@ class SignatureCalls(Calls):
         ----------
         sequence_id : str
         **options
-            Of the signature; and times, in s: those of the frames by default.
+            Of the signature; and times, in s, phases, shares of the cycle, or frames, so many in
+            even steps: those of the recording by default.
         """
         return sequence_of(self._get(sequence_path(sequence_id, "reconstruction"), options, NPZ))
 

@@ -11,11 +11,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.clinical.volume_curve import TWO_DEVIATIONS
 from modalmotion.clinical.wall_motion import WallMotion
 
-# Frames beyond the numbers of a curve, from which noise is estimated; and least harmonics.
+# Frames beyond the numbers of a curve; least and most harmonics.
 _FREE: Final = 2
 _LEAST: Final = 3
+_MOST: Final = 12
 
 # Uneven instants tell harmonics apart up to this condition.
 _CONDITION: Final = 1e3
@@ -73,7 +75,7 @@ def dyssynchrony(
     volumes: NDArray[np.float64],
     phases: NDArray[np.float64],
     variances: NDArray[np.float64],
-) -> tuple[float, float] | None:
+) -> tuple[float, float, float] | None:
     """Measure how far apart the times of least volume are.
 
     Parameters
@@ -82,19 +84,19 @@ def dyssynchrony(
     phases : (frames,) float64
         Of one cycle, 0 to 1.
     variances : (segments,) float64
-        Of the volumes, as far as they are known.
+        Of the noise of the volumes.
 
     Returns
     -------
-    (float, float) or None
-        Standard deviation of the times, and that of this number, percent of the cycle. None of too
+    (float, float, float) or None
+        Standard deviation of the times, and its 95 % interval, percent of the cycle. None of too
         few frames.
 
     Notes
     -----
-    Volumes are continuous curves of as many harmonics as their noise allows, by C_p (Mallows,
-    1973). Draws of that noise move the times further apart: by as much as their square grows, the
-    stated one is less.
+    Volumes are continuous curves of as many harmonics as frames tell, up to a dozen: fewer are too
+    round for the ends of phases without flow. Noise moves times apart, most where curves are flat:
+    what it makes of segments that all follow the whole volume is taken off the square.
     """
     n_frames = len(volumes)
     most = (n_frames - 1 - _FREE) // 2
@@ -102,41 +104,28 @@ def dyssynchrony(
         return None
     if np.linalg.cond(_series(phases, most, 0)) > _CONDITION:
         return None
-    fits = {}
-    for harmonics in range(_LEAST, most + 1):
-        T = _series(phases, harmonics, 0)
-        coefficients, *_ = np.linalg.lstsq(T, volumes, rcond=None)
-        fits[harmonics] = T, coefficients, ((volumes - T @ coefficients) ** 2).sum(axis=0)
-    free = n_frames - 2 * most - 1
-    noise = np.maximum(fits[most][2].mean() / free, variances)
-    harmonics = min(
-        fits,
-        key=lambda h: (
-            float((fits[h][2] / np.maximum(noise, 1e-300)).sum())
-            + 2 * (2 * h + 1) * volumes.shape[1]
-        ),
-    )
-    T, coefficients, _ = fits[harmonics]
+    harmonics = min(most, _MOST)
+    series = {h: _series(phases, h, 0) for h in (harmonics - 1, harmonics)}
+    fewer, coefficients = (np.linalg.lstsq(T, volumes, rcond=None)[0] for T in series.values())
+    # As all would be if each followed the whole volume.
+    whole = coefficients[1:].sum(axis=1)
+    alike = coefficients.copy()
+    alike[1:] = np.outer(whole, whole @ coefficients[1:] / (whole @ whole))
     # Columns of L have the covariance of the coefficients for noise of variance 1.
-    L = np.linalg.inv(np.linalg.qr(T, mode="r"))
-    curves = _series(np.arange(_INSTANTS) / _INSTANTS, harmonics, 0)
-    rng = np.random.default_rng(_SEED)
-    draws = [
-        _apart(curves @ (coefficients + L @ rng.normal(size=coefficients.shape) * np.sqrt(noise)))
-        for _ in range(_DRAWS)
-    ]
-    own = _apart(curves @ coefficients)
-    index = np.sqrt(max(2.0 * own**2 - float(np.mean(np.square(draws))), 0.0))
-    # And by what a harmonic more or less changes.
+    L = np.linalg.inv(np.linalg.qr(series[harmonics], mode="r"))
     instants = np.arange(_INSTANTS) / _INSTANTS
-    others = [
-        _apart(_series(instants, h, 0) @ fits[h][1])
-        for h in (harmonics - 1, harmonics + 1)
-        if h in fits
-    ]
-    changes = np.array(draws) - own, np.array(others) - own
-    deviation = np.sqrt(sum(float(np.mean(change**2)) for change in changes if len(change)))
-    return 100.0 * float(index), 100.0 * float(deviation)
+    curves = _series(instants, harmonics, 0)
+    rng = np.random.default_rng(_SEED)
+    moves = L @ rng.normal(size=(_DRAWS, *coefficients.shape)) * np.sqrt(variances)
+    by_noise = np.mean([_apart(curves @ (alike + move)) ** 2 for move in moves])
+    own = _apart(curves @ coefficients)
+    by_errors = np.std([_apart(curves @ (coefficients + move)) for move in moves])
+    # And by what a harmonic less changes.
+    by_fewer = _apart(_series(instants, harmonics - 1, 0) @ fewer) - own
+    reach = TWO_DEVIATIONS * np.hypot(by_errors, by_fewer)
+    ends = np.maximum([own, own - reach, own + reach], 0.0)
+    value, low, high = 100.0 * np.sqrt(np.maximum(ends**2 - by_noise, 0.0))
+    return float(value), float(low), float(max(high, 100.0 * reach))
 
 
 def _apart(curves: NDArray[np.float64]) -> float:

@@ -121,7 +121,7 @@ def _of_strain(
 ) -> list[tuple[str, NDArray[np.float64]]]:
     """Gradients of global strains at the second surface by its vertices."""
     try:
-        wall, _ = smooth_walls(template, surfaces, is_lattice=is_lattice, is_noisy=False)
+        wall, _ = smooth_walls(template, is_lattice=is_lattice)
     except InputError:
         return []
     motion = WallMotion.of(surfaces, None, wall, 0)

@@ -20,20 +20,23 @@ from modalmotion.numeric.qr import inverse_of_triangle, tall_qr
 from modalmotion.template import Template
 
 # Functions along s and highest wave around, from fine to coarse: the finest of which the mesh
-# shows each by four vertices.
-_SIZES: Final = ((8, 6), (7, 5), (6, 4), (5, 3), (4, 2), (3, 1))
+# shows each by four vertices, and tells apart: where vertices leave a gap, as about a small hole,
+# fine ones take any value in it.
+_SIZES: Final = ((10, 8), (8, 6), (6, 4), (5, 3), (4, 2), (3, 1))
 _VERTICES_EACH: Final = 4
+_CONDITION: Final = 2e3
 
 # Natural coordinates of a mesh rise with the 5/4th power of the way from the pole: with this power
 # of them positions are smooth there. Those of a lattice count its rows, and are smooth as they are.
 _POWER: Final = 0.8
 
+# Highest power of the way from a pole that waves around it start with.
+_MOST_LEVEL: Final = 3
+
 # Of the grid: Gauss nodes along the wall, equal steps around; and of the sums of lengths.
 _ROWS: Final = 24
 _COLUMNS: Final = 36
 _STEPS: Final = 96
-# Highest wave around of how far along the wall a row runs: finer ones are noise.
-_WAVES: Final = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +102,8 @@ class SmoothWall:
     shapes : (vertices, functions) float64
     projector : (functions, vertices) float64
         coefficients = projector @ positions.
+    condition : float
+        Of the least squares.
     ends : (float, float)
         Of s, as far as there are vertices.
     """
@@ -108,6 +113,7 @@ class SmoothWall:
     n_waves: int
     shapes: NDArray[np.float64]
     projector: NDArray[np.float64]
+    condition: float
     ends: tuple[float, float]
 
     @cached_property
@@ -152,23 +158,20 @@ class SmoothWall:
         own, rates = np.empty((2, _ROWS, _COLUMNS))
         for column, length in enumerate(lengths.T):
             own[:, column] = np.interp(ways, length / length[-1], s)
-            speed = np.interp(own[:, column], s, speeds[:, column])
-            rates[:, column] = length[-1] / speed
-        spectrum = np.fft.rfft(own, axis=1)
-        spectrum[:, _WAVES + 1 :] = 0.0
-        own = np.fft.irfft(spectrum, n=_COLUMNS, axis=1)
-        waves = 2j * np.pi * np.arange(_COLUMNS // 2 + 1)
-        turns = np.fft.irfft(waves * spectrum, n=_COLUMNS, axis=1)
-        s, theta = own.ravel(), np.tile(theta, _ROWS)
-        by_s = self._functions(s, theta, by="s")
+            rates[:, column] = length[-1] / np.interp(own[:, column], s, speeds[:, column])
+        # One s for each row, the mean of the lines: what differs between them is the noise of one
+        # frame. Rates are the derivatives of s by the way, so theirs is the mean too.
+        s = own.mean(axis=1).repeat(_COLUMNS)
+        rate = rates.mean(axis=1).repeat(_COLUMNS)
+        theta = np.tile(theta, _ROWS)
         return Places(
             ways=ways,
             weights=widths / 2,
             s=s,
             theta=theta,
             values=self._functions(s, theta),
-            along=rates.reshape(-1, 1) * by_s,
-            around=self._functions(s, theta, by="theta") + turns.reshape(-1, 1) * by_s,
+            along=rate[:, None] * self._functions(s, theta, by="s"),
+            around=self._functions(s, theta, by="theta"),
         )
 
     def slopes(
@@ -196,20 +199,17 @@ class SmoothWall:
         return _functions(self.surface, self.n_along, self.n_waves, s, theta, by)
 
 
-def smooth_walls(
-    template: Template, positions: NDArray[np.float64], *, is_lattice: bool, is_noisy: bool
-) -> tuple[SmoothWall, SmoothWall]:
-    """Prepare smooth surfaces of a wall: as fine as its noise allows, and a step coarser.
+def smooth_walls(template: Template, *, is_lattice: bool) -> tuple[SmoothWall, SmoothWall]:
+    """Prepare smooth surfaces of a wall: as fine as its mesh shows, and a step coarser.
+
+    Fewer functions than that shorten strain more than noise moves it, whatever the noise: lengths
+    are of slopes, which lose more than positions, and all in one sense.
 
     Parameters
     ----------
     template : Template
-    positions : (frames, vertices, 3) float64, length unit
     is_lattice : bool
         Whether the template's coordinates count rows.
-    is_noisy : bool
-        Whether vertices have noise of their own. It is then weighed against what fewer functions
-        leave out, by Mallows' C_p (Technometrics, 1973).
 
     Raises
     ------
@@ -226,24 +226,21 @@ def smooth_walls(
         )
     n = int((template.weights > 0).sum())
     needed = [_VERTICES_EACH * _n_functions(*size, template.surface) for size in _SIZES]
-    walls = [
-        _fitted(template, *size, is_lattice=is_lattice)
-        for size, least in zip(_SIZES, needed, strict=True)
-        if least <= n
-    ]
-    if not walls:
+    sizes = [size for size, least in zip(_SIZES, needed, strict=True) if least <= n]
+    if not sizes:
         raise ParameterError(
             f"The wall has {n} vertices; strain needs {needed[-1]}.",
             remedy="Send a finer mesh.",
             details={"vertices": n, "least": needed[-1]},
         )
-    if not is_noisy:
-        return walls[0], walls[min(1, len(walls) - 1)]
-    left = [wall.noise(positions, wall.coefficients(positions)).mean() for wall in walls]
-    sizes = np.array([len(wall.projector) for wall in walls])
-    risks = (n - sizes) * np.array(left) + 2 * sizes * left[0]
-    best = int(risks.argmin())
-    return walls[best], walls[min(best + 1, len(walls) - 1)]
+    fitted = (_fitted(template, *size, is_lattice=is_lattice) for size in sizes)
+    fine = next((wall for wall in fitted if wall.condition <= _CONDITION), None)
+    if fine is None:
+        raise ParameterError(
+            "The vertices leave a gap in which nothing says how the wall runs.",
+            remedy="Send a more even mesh.",
+        )
+    return fine, next(fitted, fine)
 
 
 def _fitted(template: Template, n_along: int, n_waves: int, *, is_lattice: bool) -> SmoothWall:
@@ -264,6 +261,7 @@ def _fitted(template: Template, n_along: int, n_waves: int, *, is_lattice: bool)
         n_waves=n_waves,
         shapes=shapes,
         projector=projector,
+        condition=float(np.linalg.cond(R)),
         ends=(
             float(s.min()) if surface == CYLINDER else 0.0,
             1.0 if surface == SPHERE else float(s.max()),
@@ -272,7 +270,7 @@ def _fitted(template: Template, n_along: int, n_waves: int, *, is_lattice: bool)
 
 
 def _n_functions(n_along: int, n_waves: int, surface: Topology) -> int:
-    # Beside the shapes a power of s for each open end.
+    # Beside the cosines a power of s for each open end.
     n_open = {CUP: 1, CYLINDER: 2, SPHERE: 0}[surface]
     return (n_along + n_open) * (2 * n_waves + 1)
 
@@ -302,21 +300,21 @@ def _functions(
 def _along(
     surface: Topology, wave: int, n: int, s: NDArray[np.float64], *, slope: bool
 ) -> NDArray[np.float64]:
-    """Evaluate the shapes of the modes along s, and powers of s for slopes at open ends.
+    """Evaluate cosines along s, and a power of s for the slope at each open end.
 
-    Shapes of free ends are level there, a wall is not: without the powers the series converges
-    slowly.
+    A pole is one point, so a wave around it starts there as a power of the way (as r^m cos(m theta)
+    about the middle of a disc): cosines times a power of a sine that is 0 at poles. For waves 0 and
+    1 these span the shapes of the closed-form modes. Those of free ends are level there, a wall is
+    not: without the powers of s the series converges slowly.
     """
-    odd = wave % 2 == 1 and surface != CYLINDER
-    if not odd:
-        k = np.pi * np.arange(n)
-        shapes = -k * np.sin(k * s[:, None]) if slope else np.cos(k * s[:, None])
-    else:
-        k = np.pi * (np.arange(n) + (1.0 if surface == SPHERE else 0.5))
-        shapes = k * np.cos(k * s[:, None]) if slope else np.sin(k * s[:, None])
-    if surface == SPHERE:
-        return shapes
-    line = np.ones_like(s) if slope else s
-    square = 2 * s if slope else s**2
-    ends = (line, square) if surface == CYLINDER else (line,) if odd else (square,)
+    k = np.pi * np.arange(n)
+    cosines, sines = np.cos(k * s[:, None]), -k * np.sin(k * s[:, None])
+    power = 0 if surface == CYLINDER else min(wave, _MOST_LEVEL)
+    turn = np.pi if surface == SPHERE else np.pi / 2
+    rise = np.sin(turn * s)[:, None]
+    shapes = rise**power * (sines if slope else cosines)
+    if slope and power:
+        shapes += power * rise ** (power - 1) * turn * np.cos(turn * s)[:, None] * cosines
+    own = {SPHERE: (), CYLINDER: (1, 2)}.get(surface, (power or 2,))
+    ends = [q * s ** (q - 1) if slope else s**q for q in own]
     return np.column_stack([shapes, *ends])

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from modalmotion.clinical.dyssynchrony import (
@@ -49,14 +50,14 @@ _LEVEL_NAMES: Final = tuple(f"GCS {level}" for level in LEVELS)
 NAMES: Final = (*DEFINITIONS, *_LEVEL_NAMES)
 """Of the curves of a `Strain`."""
 
-# Standard deviation of what the functions leave out, in differences that a coarser set of them
-# makes beyond noise.
-_BEYOND: Final = 3.0
+# What a set of functions leaves out, in differences that the next coarser one makes: with each set
+# errors fall to a third of those before, or less.
+_LEFT: Final = 0.5
+
+# Width of a narrow band, as a share of a level.
+_BAND: Final = 0.5
 
 _N_SEGMENTS: Final = 16
-
-# Half the width of a narrow band, as a share of a level.
-_BAND: Final = 0.2
 
 _CAVITIES: Final = ("lv", "rv", "la", "ra", "other")
 
@@ -67,11 +68,6 @@ class Figure(NamedTuple):
     value: float
     low: float
     high: float
-
-
-def _figure(value: float, deviation: float, least: float = -np.inf) -> Figure:
-    reach = TWO_DEVIATIONS * deviation
-    return Figure(value, max(value - reach, least), value + reach)
 
 
 @shown("names", "end_systolic", "segments", "sequence_id")
@@ -137,7 +133,8 @@ class Strain:
     def at(self, name: str, frame: int) -> Figure:
         """Give a strain in a frame, with its interval."""
         place = self.names.index(name)
-        return _figure(float(self.curves[frame, place]), float(self.deviations[frame, place]))
+        value, reach = self.curves[frame, place], TWO_DEVIATIONS * self.deviations[frame, place]
+        return Figure(float(value), float(value - reach), float(value + reach))
 
 
 def wall_strain(
@@ -172,32 +169,27 @@ def wall_strain(
     -----
     Errors to first order: the gradient of each strain by the coefficients of the smooth surface,
     with the covariance of these. What the functions leave out counts by the difference that a
-    coarser set of them makes; how wide a level is, by that of narrower bands.
+    coarser set of them makes beyond noise, how wide a level is by that of narrower bands, and which
+    frames are end diastole and end systole by the chance that noise chose them.
     """
     positions = sequence.vertices.astype(np.float64)
     # About a place of its own: what is far from zero has fewer digits.
     positions -= positions[0].mean(axis=0)
     known = sequence.uncertainty
-    walls = smooth_walls(
-        template, positions, is_lattice=sequence.grid is not None, is_noisy=known is None
-    )
+    walls = smooth_walls(template, is_lattice=sequence.grid is not None)
     fine, coarse = (WallMotion.of(positions, known, wall, end_diastole) for wall in walls)
-    curves, rough = (
-        np.stack([motion.strain(one, end_diastole) for one in measures_of(motion)], axis=1)
-        for motion in (fine, coarse)
-    )
-    deviations = np.array(
-        [
-            [fine.deviation(one, frame, end_diastole) for one in measures_of(fine)]
-            for frame in range(fine.n_frames)
-        ]
-    )
-    beyond = _BEYOND * np.sqrt(np.maximum((curves - rough) ** 2 - deviations**2, 0.0))
-    deviations = np.hypot(deviations, beyond)
+    curves, deviations = _measured(fine, measures_of(fine), end_diastole)
+    beyond = _beyond((curves, deviations), _measured(coarse, measures_of(coarse), end_diastole))
     levels = slice(len(DEFINITIONS), None)
-    meant = _of_levels(fine, end_diastole) - curves[:, levels]
+    narrow = _measured(fine, _levels(fine, _BAND), end_diastole)
+    meant = _beyond((curves[:, levels], deviations[:, levels]), narrow)
+    deviations = np.hypot(deviations, _LEFT * beyond)
     deviations[:, levels] = np.hypot(deviations[:, levels], meant)
     deviations[:, 1] = np.hypot(deviations[:, 1], meant.mean(axis=1))
+    at_start, at_end = _choice(fine, curves, end_diastole, end_systole)
+    deviations = np.hypot(deviations, at_start)
+    deviations[end_diastole] = 0.0
+    deviations[end_systole] = np.hypot(deviations[end_systole], at_end)
     names, segment, reason = _segments(template, sequence.facts, fine)
     by_segment, segment_deviations = _by_segment(fine, segment, names, end_diastole, end_systole)
     return Strain(
@@ -226,22 +218,71 @@ def measures_of(motion: WallMotion) -> list[Measure]:
     if motion.wall.surface == CUP:
         # From base to base through the apex.
         lines = lines[: columns // 2] + lines[columns // 2 :]
-    third = np.minimum((3 * motion.places.ways).astype(int), 2)
-    around = [np.where(third[:, None] == k, motion.weights, 0.0).reshape(1, -1) for k in range(3)]
+    around = _levels(motion)
     return [
         Measure(LONGITUDINAL, lines.reshape(len(lines), -1)),
-        Measure(CIRCUMFERENTIAL, np.concatenate(around)),
+        Measure(CIRCUMFERENTIAL, np.concatenate([level.lines for level in around])),
         Measure(AREA, motion.weights.reshape(1, -1)),
-        *(Measure(CIRCUMFERENTIAL, own) for own in around),
+        *around,
     ]
 
 
-def _of_levels(motion: WallMotion, start: int) -> NDArray[np.float64]:
-    """Strain of the levels as narrower bands about their middles, (frames, levels), percent."""
-    ways = 3 * motion.places.ways[:, None]
-    bands = (np.abs(ways - k - 0.5) < _BAND for k in range(len(LEVELS)))
-    narrow = (np.where(band, motion.weights, 0.0).reshape(1, -1) for band in bands)
-    return np.stack([motion.strain(Measure(CIRCUMFERENTIAL, own), start) for own in narrow], axis=1)
+def _levels(motion: WallMotion, width: float = 1.0) -> list[Measure]:
+    """Circumference of each third, or of a narrower band in it: less weight off its middle."""
+    off = (3 * motion.places.ways - np.arange(len(LEVELS))[:, None] - 0.5) / width
+    shares = np.maximum(1.0 - 4.0 * off**2, 0.0)
+    return [
+        Measure(CIRCUMFERENTIAL, (share[:, None] * motion.weights).reshape(1, -1))
+        for share in shares
+    ]
+
+
+def _measured(
+    motion: WallMotion, measures: list[Measure], start: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Strain of each measure in each frame, and its standard deviation, (frames, measures)."""
+    curves = [motion.strain(measure, start) for measure in measures]
+    deviations = [
+        [motion.deviation(measure, frame, start) for measure in measures]
+        for frame in range(motion.n_frames)
+    ]
+    return np.stack(curves, axis=1), np.array(deviations)
+
+
+def _beyond(
+    one: tuple[NDArray[np.float64], NDArray[np.float64]],
+    other: tuple[NDArray[np.float64], NDArray[np.float64]],
+) -> NDArray[np.float64]:
+    """Tell how far two measurements of the same data are apart beyond noise, (frames, measures).
+
+    With the sign of the difference. The less precise of both holds the noise of the other and
+    more, so variances differ by that of the difference.
+    """
+    (a, by_a), (b, by_b) = one, other
+    squares = np.maximum((a - b) ** 2 - np.abs(by_a**2 - by_b**2), 0.0)
+    return np.asarray(np.copysign(np.sqrt(squares), a - b))
+
+
+def _choice(
+    motion: WallMotion, curves: NDArray[np.float64], start: int, end: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Give the deviation of strain, (measures,), that the choice of each of two frames makes.
+
+    Each other frame counts by the chance that its volume, and not the chosen one's, is the largest
+    or the smallest.
+    """
+    everywhere = np.zeros(len(motion.places.s), dtype=np.int64)
+    volumes = segment_volumes(motion, everywhere, 1)[:, 0]
+    variances = np.array(
+        [volume_variances(motion, everywhere, 1, frame)[0] for frame in range(motion.n_frames)]
+    )
+    found = []
+    for chosen, sign in ((start, 1.0), (end, -1.0)):
+        apart = np.sqrt(np.maximum(variances + variances[chosen], np.finfo(np.float64).tiny))
+        chances = scipy.special.ndtr(sign * (volumes - volumes[chosen]) / apart)
+        squares = (curves - curves[chosen]) ** 2
+        found.append(np.sqrt(chances @ squares / chances.sum()))
+    return found[0], found[1]
 
 
 def _by_segment(
@@ -275,11 +316,9 @@ def _dyssynchrony(motion: WallMotion, sequence: MeshSequence, end: int) -> Figur
     found = dyssynchrony(
         segment_volumes(motion, segment, _N_SEGMENTS),
         _phases(sequence),
-        np.zeros(_N_SEGMENTS)
-        if motion.uncertainty is None
-        else volume_variances(motion, segment, _N_SEGMENTS, end),
+        volume_variances(motion, segment, _N_SEGMENTS, end),
     )
-    return None if found is None else _figure(*found, least=0.0)
+    return None if found is None else Figure(*found)
 
 
 def _phases(sequence: MeshSequence) -> NDArray[np.float64]:
@@ -287,7 +326,8 @@ def _phases(sequence: MeshSequence) -> NDArray[np.float64]:
     n = sequence.n_frames
     times = np.arange(n, dtype=np.float64) if sequence.times is None else sequence.times
     times = times - times[0]
-    period = sequence.facts.period or times[-1] * n / max(n - 1, 1) or 1.0
+    stated = None if sequence.times is None else sequence.facts.period
+    period = stated or times[-1] * n / max(n - 1, 1) or 1.0
     return np.asarray(times / period, dtype=np.float64)
 
 

@@ -82,9 +82,7 @@ def torsion(
     positions = sequence.vertices.astype(np.float64)
     positions -= positions[0].mean(axis=0)
     known = sequence.uncertainty
-    wall, _ = smooth_walls(
-        template, positions, is_lattice=sequence.grid is not None, is_noisy=known is None
-    )
+    wall, _ = smooth_walls(template, is_lattice=sequence.grid is not None)
     motion = WallMotion.of(positions, known, wall, end_diastole)
     twists = _twists(motion, template.landmarks.axis, end_diastole)
     shears = _shears(motion, end_diastole)

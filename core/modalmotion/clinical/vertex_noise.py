@@ -41,7 +41,7 @@ def volume_deviations(
     positions /= unit
     try:
         is_lattice = sequence.grid is not None
-        wall, _ = smooth_walls(template, positions, is_lattice=is_lattice, is_noisy=False)
+        wall, _ = smooth_walls(template, is_lattice=is_lattice)
     except InputError:
         return None
     # Roughness that stays is shape, and no noise.

@@ -104,18 +104,18 @@ class WallMotion:
         """Lengths of the slopes and the area between them, without the mean of their noise.
 
         To second order |d + e| is |d| and half the variance of e across d over |d|; across are two
-        components. Each is (places, frames), length unit or its square.
+        components. Of an area |a x b| one component counts, along the normal: it tilts a or b.
+        Each is (places, frames), length unit or its square.
         """
         along, around = self.slopes.along, self.slopes.around
-        raw, own = [], {}
-        for place, (name, slope) in enumerate(((LONGITUDINAL, along), (CIRCUMFERENTIAL, around))):
-            length = np.linalg.norm(slope, axis=2)
-            variance = self.slopes.noise[:, place]
-            own[name] = length - _over(variance, np.maximum(length, 2.0 * np.sqrt(variance)), 0.0)
-            raw.append(length)
-        kept = _over(own[LONGITUDINAL] * own[CIRCUMFERENTIAL], raw[0] * raw[1], 1.0)
-        own[AREA] = kept * np.linalg.norm(np.cross(along, around), axis=2)
-        return own
+        a, b = (np.linalg.norm(slope, axis=2) for slope in (along, around))
+        by_a, by_b = self.slopes.noise[:, 0], self.slopes.noise[:, 1]
+        area = np.linalg.norm(np.cross(along, around), axis=2)
+        return {
+            LONGITUDINAL: _without(a, 2.0 * by_a),
+            CIRCUMFERENTIAL: _without(b, 2.0 * by_b),
+            AREA: _without(area, by_a * b**2 + by_b * a**2),
+        }
 
     def strain(self, measure: Measure, start: int) -> NDArray[np.float64]:
         """Relative change of a measure since a frame, (frames,), percent."""
@@ -187,6 +187,12 @@ class WallMotion:
 
 def _unit(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return _over(x, np.linalg.norm(x, axis=-1, keepdims=True), 0.0)
+
+
+def _without(size: NDArray[np.float64], variance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Take off what noise across adds to a size, as far as it is small beside it."""
+    least = np.sqrt(2.0 * variance)
+    return size - _over(variance, 2.0 * np.maximum(size, least), 0.0)
 
 
 def _over(a: NDArray[np.float64], b: NDArray[np.float64], otherwise: float) -> NDArray[np.float64]:

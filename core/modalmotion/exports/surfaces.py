@@ -9,6 +9,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.errors import ParameterError
 from modalmotion.exports.modal_animation import modal_animation
 from modalmotion.formats import write_glb, write_npz, write_ply_zip, write_vtkhdf
 from modalmotion.mesh.sequence import MeshSequence
@@ -16,6 +17,7 @@ from modalmotion.numeric.scale import lengths
 from modalmotion.signature.interpolation import at_times
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import reconstruct
+from modalmotion.signature.resampling import resample
 from modalmotion.template import Template
 
 
@@ -44,6 +46,7 @@ def write_superposed(
     *,
     template: Template | None = None,
     times: NDArray[np.float64] | None = None,
+    phases: list[float] | int | None = None,
     max_targets: int | None = None,
 ) -> bytes:
     """Superpose a signature's modes on its reference, and write the surfaces.
@@ -54,12 +57,14 @@ def write_superposed(
     sequence : MeshSequence
         The one it was made from.
     surface_format : SurfaceFormat
-        npz, VTKHDF (with the error at each vertex as a field), GLB (modes as morph targets,
-        amplitudes as their weights), or a zip of PLY files.
+        npz, VTKHDF (with the error at each vertex as a field; of phases the deviation), GLB (modes
+        as morph targets, amplitudes as their weights), or a zip of PLY files.
     template : Template, optional
         The one that the signature's parameters name, if they name one.
     times : (n,) float64, s, optional
         Those of the frames by default.
+    phases : list of float or int, optional
+        In place of times: shares of the cycle, or how many in even steps; see `resample`.
     max_targets : int, optional
         Of a GLB: keep no more targets than these, those that carry most motion.
 
@@ -70,15 +75,24 @@ def write_superposed(
     Raises
     ------
     ParameterError
-        If a time lies outside the recording, or the sequence is another.
+        If a time lies outside the recording, the sequence is another, or both times and phases
+        are chosen, or phases of a GLB.
     """
+    if phases is not None and (times is not None or surface_format == SurfaceFormat.GLB):
+        raise ParameterError(
+            "Phases came with times, or for a GLB, which has all frames.",
+            remedy="Give one of times and phases, and another format for phases.",
+        )
     moved = signature if times is None else at_times(signature, times)
     if surface_format == SurfaceFormat.GLB:
         return write_glb(modal_animation(moved, sequence, max_targets, template=template))
     positions = reconstruct(moved, sequence, template=template)
     surfaces = replace(sequence, vertices=positions, times=moved.times, uncertainty=None)
     fields = None
-    if times is None:
+    if phases is not None:
+        resampled = resample(surfaces, phases)
+        surfaces, fields = resampled.sequence, {"deviation": resampled.deviations}
+    elif times is None:
         fields = {"error": lengths(positions - sequence.vertices)}
     attributes: dict[str, str | int | float] = {
         "sequence_id": signature.sequence_id,

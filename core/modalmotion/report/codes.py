@@ -56,6 +56,12 @@ _LOINC: Final = {
     ("ejection_fraction", "lv"): ("10230-1", "Left ventricular Ejection fraction"),
 }
 
+DICOM: Final = {
+    "gls": ("130670", "Longitudinal Lagrangian Strain"),
+    "gcs": ("130677", "Circumferential Lagrangian Strain"),
+}
+"""Terms of DICOM (PS3.16, Annex D), without word of cavity or modality; of area there is none."""
+
 
 def own_coding(code: str) -> dict[str, str]:
     """Give the Coding of one of our own codes."""

@@ -96,7 +96,8 @@ def resample(
     at = _phases(phases)
     times = np.arange(n_frames, dtype=np.float64) if sequence.times is None else sequence.times
     span = float(times[-1] - times[0])
-    period = sequence.facts.period or span * n_frames / (n_frames - 1)
+    stated = None if sequence.times is None else sequence.facts.period
+    period = stated or span * n_frames / (n_frames - 1)
     own = (times - times[0]) / period
     # A last frame that repeats the first is the first.
     kept = own < 1.0 - 0.5 / n_frames

@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import Header, Query, Request, Response
 from starlette.responses import FileResponse
 
-from modalmotion.errors import LimitError
+from modalmotion.errors import LimitError, ParameterError
 from modalmotion.facts import facts_as_json
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_ids
@@ -107,11 +107,16 @@ async def reconstruction(
     preference: PreferenceDependency,
     accept: Annotated[str, Header(description=", ".join(SURFACES))] = NPZ,
 ) -> Response:
-    """Give the surfaces that a signature describes, at any of its times."""
+    """Give the surfaces that a signature describes, at any times or phases of the cycle."""
     media_type = best_type(accept, tuple(SURFACES))
     state.store.sequence_record(sequence_id)
-    if query.times is not None:
-        parse_times(query.times)
+    chosen = [one for one in (query.times, query.phases) if one is not None]
+    for text in chosen:
+        parse_times(text)
+    if len(chosen) + (query.frames is not None) > 1:
+        raise ParameterError(
+            "Several of times, phases and frames came.", remedy="Give one of them."
+        )
     body = {"sequence_id": sequence_id, "query": query, "media_type": media_type}
     return await reply_or_job(state, preference, "reconstruction", body)
 

@@ -72,6 +72,16 @@ class ReconstructionQuery(SignatureQuery):
         description="Times in s (frame numbers where there are none), such as 0,0.1,0.25; "
         "those of the frames by default.",
     )
+    phases: str | None = Field(
+        None,
+        max_length=20_000,
+        pattern=r"^[0-9eE.+-]+(,[0-9eE.+-]+)*$",
+        description="In place of times: rising shares of the cycle, such as 0,0.37. A VTKHDF has "
+        "the standard deviation of each vertex's coordinates between frames.",
+    )
+    frames: int | None = Field(
+        None, ge=2, le=1000, description="In place of phases: so many in even steps."
+    )
     max_targets: int | None = Field(
         None, ge=0, le=10_000, description="Of a GLB: most morph targets, by energy."
     )

@@ -42,6 +42,7 @@ class Analysis(UploadWork, TemplateWork, SignatureWork):
         parameters: SignatureParameters,
         surface_format: SurfaceFormat,
         times: list[float] | None,
+        phases: list[float] | int | None,
         max_targets: int | None,
     ) -> Path:
         """Superpose a signature's surfaces into a file, which the caller removes."""
@@ -54,6 +55,7 @@ class Analysis(UploadWork, TemplateWork, SignatureWork):
                 self.template_path(parameters),
                 surface_format,
                 times,
+                phases,
                 max_targets,
                 output,
             )

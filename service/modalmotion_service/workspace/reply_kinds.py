@@ -212,6 +212,7 @@ def make_replies(
             query.parameters(),
             surface_format,
             None if query.times is None else parse_times(query.times),
+            query.frames if query.phases is None else parse_times(query.phases),
             query.max_targets,
         )
         name = f"{request['sequence_id'][:12]}-reconstruction{suffix}"

@@ -77,6 +77,19 @@ def test_a_file_its_bytes_and_the_sequence_are_the_same_upload(
         assert (info.n_frames, info.n_vertices, info.unit) == (*sequence.vertices.shape[:2], "mm")
 
 
+def test_strain_is_that_of_the_library(remote: Client, sequence: mm.MeshSequence) -> None:
+    found = remote.readouts(remote.upload(sequence).id)
+    own = mm.strain(mm.modal_signature(sequence), sequence)
+    assert list(found.strain) == list(own.names)
+    for k, name in enumerate(own.names):
+        one = found.strain[name]
+        assert one.end_systolic == pytest.approx(own.end_systolic[name])
+        assert one.peak == pytest.approx(own.peak[name])
+        assert one.curve == pytest.approx(own.curves[:, k])
+        assert one.deviations == pytest.approx(own.deviations[:, k])
+    assert (found.dyssynchrony is None) == (own.dyssynchrony is None)
+
+
 def test_answers_are_one_line(remote: Client, sequence: mm.MeshSequence) -> None:
     sent = remote.upload(sequence)
     job = remote.start_signature(sent.id, modes=7)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipe, ellipeinc
 
+import modalmotion as mm
 from modalmotion.clinical.segments import RINGS, SEGMENTS
 from modalmotion.clinical.strain import Strain, wall_strain
 from modalmotion.errors import ParameterError, TopologyError
@@ -121,6 +122,26 @@ def test_intervals_hold_what_is_found_without_noise() -> None:
         # An interval is four standard deviations wide.
         stated = np.array([(one[name].high - one[name].low) / 4.0 for one in found])
         assert 0.2 < np.sqrt(np.mean((errors / stated) ** 2)) < 1.6
+
+
+def test_noise_is_taken_off_lengths_and_areas_by_what_it_adds() -> None:
+    clean = simulate_ventricle(grid=(16, 32), acquisition=Acquisition(n_frames=12))
+    end = strain_of(clean, 5).curves[5, :3]
+    found = np.array([strain_of(noisy(clean, 1.0, k), 5).curves[5, :3] for k in range(30)])
+    error = found.std(axis=0, ddof=1) / np.sqrt(len(found))
+    assert (np.abs(found.mean(axis=0) - end) < 3.0 * error).all()
+
+
+def test_another_frame_that_noise_may_have_made_end_systole_is_within_the_interval() -> None:
+    # Two of the same volume: noise makes either the smaller, most often by little.
+    shapes = stretched((0.8, 0.8, 1.0), (0.85, 0.85, 0.64 / 0.85**2))
+    exact = strain_of(shapes)
+    held = 0
+    for seed in range(12):
+        hazy = mm.strain(noisy(shapes, 0.005, seed))
+        _, low, high = hazy.end_systolic["GLS"]
+        held += low < exact.curves[3 - hazy.end_systole, 0] < high
+    assert held >= 5
 
 
 def test_known_errors_of_positions_count_and_their_notes_are_passed_on() -> None:

@@ -36,6 +36,13 @@ def test_frames_are_what_they_were_and_cost_nothing() -> None:
     assert found.sequence.times == pytest.approx(sequence.times)
 
 
+def test_without_times_frames_are_even_steps_whatever_period_is_stated() -> None:
+    sequence = beat(20)
+    assert sequence.facts.period is not None
+    bare = resample(replace(sequence, times=None), [0.37]).sequence.vertices
+    assert bare == pytest.approx(resample(sequence, [0.37]).sequence.vertices, abs=1e-6)
+
+
 def test_a_smooth_beat_is_foreseen_far_better_than_along_straight_lines() -> None:
     known, between = halves(beat(40))
     found = resample(known, (np.arange(20) + 0.5) / 20)

@@ -14,6 +14,7 @@ from modalmotion.errors import LimitError
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
+from modalmotion.signature.resampling import resample
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template import make_template
 from modalmotion.template.vibration_modes import surface_modes
@@ -180,6 +181,23 @@ def test_a_reconstruction_at_any_time(client: TestClient, mesh: bytes) -> None:
     assert 0 < middle < 0.3 * np.abs(own[3] - own[2]).max()
     late = client.get(f"{here}/reconstruction?times=1e9")
     assert (late.status_code, late.json()["code"]) == (422, "bad_parameter")
+
+
+def test_a_reconstruction_at_any_phase(client: TestClient, mesh: bytes) -> None:
+    here = client.post("/v1/sequences", content=mesh).headers["location"]
+    sequence = read_npz(mesh).sequence
+    own = replace(sequence, vertices=reconstruct(modal_signature(sequence), sequence))
+    there = f"{here}/reconstruction"
+    for query, phases in (({"phases": "0,0.37"}, [0.0, 0.37]), ({"frames": "60"}, 60)):
+        found = read_npz(client.get(there, params=query).content).sequence
+        expected = resample(own, phases).sequence
+        assert found.vertices == pytest.approx(expected.vertices, abs=1e-9)
+        assert found.times == pytest.approx(expected.times)
+    for query in ({"phases": "0.5,0.2"}, {"phases": "0.1", "frames": "3"}, {"phases": "1.5"}):
+        answer = client.get(there, params=query)
+        assert (answer.status_code, answer.json()["code"]) == (422, "bad_parameter")
+    glb = client.get(there, params={"frames": 3}, headers={"Accept": "model/gltf-binary"})
+    assert glb.status_code == 422
 
 
 def test_a_surface_without_natural_coordinates_gets_the_modes_of_its_mesh(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import uuid
 from typing import TYPE_CHECKING, Any, Final
 
-from modalmotion.report.codes import LOINC, OWN, SYSTEM, concept
+from modalmotion.report.codes import DICOM, LOINC, OWN, SYSTEM, concept
 from modalmotion.report.content import Report
 
 if TYPE_CHECKING:
@@ -38,9 +38,11 @@ def own_code(code: str, meaning: str | None = None) -> Any:
 
 
 def code_of(code: str, facts: Facts) -> Any:
-    """Give the code of a quantity: LOINC's where the FHIR bundle has that, else our own."""
+    """Give the code of a quantity: DICOM's, LOINC's where the FHIR bundle has that, or our own."""
     from highdicom.sr import CodedConcept
 
+    if code in DICOM:
+        return CodedConcept(DICOM[code][0], "DCM", DICOM[code][1])
     first = concept(code, facts)["coding"][0]
     if first["system"] == LOINC:
         return CodedConcept(first["code"], "LN", first["display"])

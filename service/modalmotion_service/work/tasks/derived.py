@@ -89,6 +89,7 @@ def superpose(
     template: Path | None,
     surface_format: SurfaceFormat,
     times: list[float] | None,
+    phases: list[float] | int | None,
     max_targets: int | None,
     output: Path,
 ) -> None:
@@ -101,6 +102,7 @@ def superpose(
             surface_format,
             template=None if template is None else template_from_hdf5(template),
             times=None if times is None else np.array(times),
+            phases=phases,
             max_targets=max_targets,
         ),
     )

@@ -31,6 +31,7 @@ from modalmotion.report.moments import moments_of
 from modalmotion.simulate import MotionClass
 
 pydicom = pytest.importorskip("pydicom")
+codes = pytest.importorskip("pydicom.sr.codedict").codes
 highdicom = pytest.importorskip("highdicom")
 
 ISSUED = datetime(2026, 1, 31, 12, tzinfo=UTC)
@@ -111,6 +112,11 @@ def test_numbers_are_those_of_the_library(whole: Report, files: dict[str, bytes]
     found = numbers(opened(files["report.dcm"]))
     # The term of LOINC that the FHIR bundle has, too.
     found["ejection-fraction"] = found.pop("10230-1")
+    for name, keyword in (
+        ("gls", "LongitudinalLagrangianStrain"),
+        ("gcs", "CircumferentialLagrangianStrain"),
+    ):
+        found[name] = found.pop(getattr(codes.DCM, keyword).value)
     for one in quantities_of(whole):
         code = one.name.replace("_", "-")
         assert found[code] == one.value
