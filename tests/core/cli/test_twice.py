@@ -46,6 +46,7 @@ CHEAP = {
     "resample": "{beat} --phase 0.37 -o {out}.npz",
     "report": "{beat} -o {out}",
     "signature": "{beat} -o {out}.h5",
+    "settings": "",
     "show": "{beat}",
     "simulate": "-o {out}.npz",
     "simulate-cohort": "-o {out} --per-class 1 --seed 1",
