@@ -366,7 +366,9 @@ def _guide_points(data: bytes, contours: Sequence[str]) -> _FrameFile:
                 remedy="Send the guide point files as biv-me writes them.",
             )
         name = words[3].decode(errors="replace")
-        if times.setdefault(name, words[6].strip()) != words[6].strip():
+        time = words[6].strip()
+        # Of some slices recorders write the weight there, 1.0, which is no number of a frame.
+        if time.isdigit() and times.setdefault(name, time) != time:
             raise MalformedFileError(
                 f"Line {number}: {name[:40]} has points of two time frames in one file.",
                 remedy="Write one file for each time frame.",

@@ -130,7 +130,11 @@ def test_guide_points_are_contours_with_landmarks(tmp_path: Path) -> None:
 
 def test_two_time_frames_in_one_file_are_refused_by_name(tmp_path: Path) -> None:
     rows = [HEADING, *(f"1\t{k}\t0\tSAX_LV_ENDOCARDIAL\t2\t1.0\t{k}" for k in range(2))]
-    (tmp_path / "GPFile_000.txt").write_text("\n".join(rows))
+    file = tmp_path / "GPFile_000.txt"
+    # A slice whose weight stands in place of its frame is of no other one.
+    file.write_text("\n".join([*rows[:-1], rows[-1].removesuffix("1") + "1.0"]))
+    assert len(read_observed(tmp_path).frames) == 1
+    file.write_text("\n".join(rows))
     with pytest.raises(MalformedFileError, match=r"GPFile_000.*Line 3.*two time frames"):
         read_observed(tmp_path)
 
