@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import io
-import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
@@ -86,20 +85,9 @@ def peers_of(sequence: MeshSequence) -> dict[str, Peer]:
         "SZ3, interpolated": ("pysz", _by_volumes(grid, *_sz3("INTERP_LORENZO"))),
         "SZ3, predicted": ("pysz", _by_volumes(grid, *_sz3("LORENZO_REG"))),
         "SZ3 in HDF5": ("hdf5plugin", _by_volumes(grid, _to_hdf5, _from_hdf5)),
-        "zfp": ("zfpy", _by_volumes(grid, _to_zfp, _from_zfp)),
-        "PCA, basis counted": ("numpy", Peer(partial(_pca, _principal(sequence)))),
         "Draco, each frame": ("DracoPy", Peer(partial(_draco, sequence.faces))),
     }
-    return {name: peer for name, (module, peer) in peers.items() if is_installed(module)}
-
-
-@cache
-def is_installed(module: str) -> bool:
-    """Tell whether a peer is there, and say once if it is not."""
-    there = find_spec(module) is not None
-    if not there:
-        print(f"{module} is not installed (extra bench): its rows are left out")
-    return there
+    return {name: peer for name, (module, peer) in peers.items() if find_spec(module)}
 
 
 def _by_volumes(
@@ -154,48 +142,8 @@ def _from_hdf5(file: io.BytesIO) -> Any:
         return h5["x"][:]
 
 
-def _to_zfp(volume: Volume, tolerance: float) -> tuple[int, bytes]:
-    data = import_module("zfpy").compress_numpy(volume, tolerance=tolerance)
-    return len(data), data
-
-
-def _from_zfp(data: bytes) -> Any:
-    return import_module("zfpy").decompress_numpy(data)
-
-
-def _principal(sequence: MeshSequence) -> tuple[NDArray[np.float64], ...]:
-    """Mean, trajectories, strengths and coefficients of the principal components."""
-    exact = sequence.vertices.astype(np.float64)
-    flat = exact.transpose(0, 2, 1).reshape(3 * len(exact), -1)
-    mean = flat.mean(axis=1, keepdims=True)
-    return (mean, *np.linalg.svd(flat - mean, full_matrices=False))
-
-
-def _pca(
-    principal: tuple[NDArray[np.float64], ...], exact: Positions, setting: float
-) -> tuple[int, Positions]:
-    """Principal components of the trajectories; basis and coefficients in one step, deflated."""
-    mean, U, s, Vt = principal
-    left = np.sqrt(np.maximum((s**2).sum() - np.cumsum(s**2), 0.0) / exact[..., 0].size)
-    k = int(np.searchsorted(-left, -setting)) + 1
-    total, parts = 4 * len(mean), []
-    # One step for strength x trajectory and for what the coefficients add at that strength.
-    for factor, steps in ((U[:, :k] * s[:k], np.ones(k)), (Vt[:k].T, 1.0 / s[:k])):
-        numbers = np.rint(factor / (setting * steps)).astype("<i4")
-        planes = np.frombuffer(numbers.tobytes(), np.uint8).reshape(-1, 4).T
-        total += len(zlib.compress(planes.tobytes(), 9))
-        parts.append(numbers * (setting * steps))
-    found = mean + (parts[0] / s[:k]) @ (parts[1] * s[:k]).T
-    decoded = found.reshape(len(exact), 3, -1).transpose(0, 2, 1)
-    return total, np.ascontiguousarray(decoded, dtype=np.float32)
-
-
 def _draco(faces: NDArray[np.int64], exact: Positions, setting: float) -> tuple[int, Positions]:
-    """Draco, frame by frame.
-
-    Its bytes are those of the layout it compresses best, in which it is free to reorder the
-    vertices; its error is measured in the layout that keeps their order, at the same bits.
-    """
+    """Draco, frame by frame: bytes with vertices reordered, errors with their order kept."""
     draco = import_module("DracoPy")
     bits = np.clip(np.ceil(np.log2(float(np.ptp(exact, axis=1).max()) / setting)), 1, 24)
     known = {"faces": faces.astype(np.uint32) if len(faces) else None, "compression_level": 10}

@@ -24,8 +24,7 @@ _INNER = 0.97  # height beyond which landmarks place an open surface, and not wh
 
 # The best published variability of GLS, and half the best error of GCS, percentage points.
 GOALS = {"GLS": 1.4, "GCS": 1.5}
-# Intervals of strain that are wider, points, count as a miss.
-WIDEST = 6.0
+WIDEST = 6.0  # points; wider intervals of strain count as a miss
 
 
 @dataclass(frozen=True)

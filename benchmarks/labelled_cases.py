@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from labelled_cohorts import COHORTS, recordings
 from numpy.typing import NDArray
-from real_data import files_of
+from real_data import DATA
 from third_generator import hearts
 
 from modalmotion.classification import TrainingCase, TrainingOptions
@@ -38,19 +38,18 @@ def small(name: str, labels: Sequence[str], n: int, seed: Sequence[int]) -> list
 
 def tongue() -> list[TrainingCase]:
     """Read the words of the tongue."""
-    paths = files_of("tongue")
+    paths = sorted((DATA / "tongue").glob("*.npz"))
     return [TrainingCase(read_sequence(path).sequence, path.stem.split("_")[1]) for path in paths]
 
 
 def windows(name: str, start: int = 0) -> list[TrainingCase]:
-    """Overlapping windows of both halves of each named motion, none across the middle.
+    """Overlapping windows of both halves of each motion, but for those that several motions share.
 
-    The half stands for the subject. A figure at rest is at rest in several motions; such windows
-    are left out.
+    The half stands for the subject.
     """
     cases: list[tuple[str, TrainingCase]] = []
     names: dict[str, set[str]] = {}
-    for path in files_of(name):
+    for path in sorted((DATA / name).glob("*.npz")):
         sequence = read_sequence(path).sequence
         half = sequence.n_frames // 2
         for k, (first, last) in enumerate(((0, half), (half, sequence.n_frames))):

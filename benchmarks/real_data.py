@@ -39,11 +39,6 @@ def recording(name: str) -> MeshSequence:
     return read_npz((DATA / f"{name}.npz").read_bytes()).sequence
 
 
-def files_of(folder: str) -> list[Path]:
-    """List the recordings of a folder by name."""
-    return sorted((DATA / folder).glob("*.npz"))
-
-
 def told() -> str:
     """Say what was skipped; empty where nothing was."""
     head = f"skipped, for its data are not in {DATA} (MODALMOTION_DATA names another folder):"

@@ -17,7 +17,6 @@ import modalmotion as mm
 from modalmotion.choice.fitter import Fitter
 from modalmotion.fit.basis import make_basis
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.pictures.readouts import volume_figure
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import signature_to_hdf5
 from modalmotion.template import choose_modes, make_template
@@ -30,11 +29,7 @@ KINDS = {CLOSED: "#1f5fa8", SPRINGS: "#d95f02", BELTRAMI: "#1b9e77"}
 def run() -> list[str]:
     """Measure, and draw the pictures of the page."""
     by_surface = {name: fronts(sequence) for name, sequence in surfaces().items()}
-    figures = ROOT / "docs" / "figures"
-    draw_surfaces(by_surface, figures / "tradeoff-surfaces.png")
-    beat = individual(np.random.default_rng(3), n_vertices=1200)
-    readouts = mm.clinical_readouts(modal_signature(beat), beat)
-    volume_figure(readouts).savefig(figures / "volume.png", dpi=100)
+    draw_surfaces(by_surface, ROOT / "docs" / "figures" / "tradeoff-surfaces.png")
     return [ventricles(), stages(), bases(by_surface), principal(by_surface)]
 
 
