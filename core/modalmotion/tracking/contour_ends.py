@@ -22,9 +22,11 @@ from modalmotion.tracking.observation import Frame, Observation
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# Points of a contour at least, and triples of points that a plane is looked for by.
+# Points of a contour at least; triples of points that a plane is looked for by, and points that are
+# counted for each.
 _FEWEST: Final = 6
 _TRIPLES: Final = 300
+_MOST_COUNTED: Final = 10_000
 
 # Of the distance between neighbours: points of a plane lie within it.
 _THICKNESS: Final = 0.05
@@ -140,15 +142,18 @@ def _planes_of(points: Floats, axis: Floats, thickness: float) -> _Planes:
     rng = np.random.default_rng(0)
     while len(left) >= _FEWEST:
         # Near each other, so that most triples are of one contour.
-        k = min(len(left), max(2 * _FEWEST, len(left) // 8))
-        near = scipy.spatial.cKDTree(left).query(left, k=k)[1]
+        k = min(len(left), max(2 * _FEWEST, min(len(left), _MOST_COUNTED) // 8))
         first = rng.integers(len(left), size=_TRIPLES)
-        second, third = (near[first, rng.integers(1, k, _TRIPLES)] for _ in range(2))
+        near = scipy.spatial.cKDTree(left).query(left[first], k=k)[1]
+        second, third = (near[np.arange(_TRIPLES), rng.integers(1, k, _TRIPLES)] for _ in range(2))
         n = np.cross(left[second] - left[first], left[third] - left[first])
         n /= np.maximum(np.linalg.norm(n, axis=1), 1e-300)[:, None]
-        inside = np.abs(left @ n.T - (left[first] * n).sum(axis=1)) < thickness
-        inside[:, ~n.any(axis=1)] = False
-        own = left[inside[:, int(inside.sum(axis=0).argmax())]]
+        offset = (left[first] * n).sum(axis=1)
+        # Of many points some say which plane holds most of them.
+        some = left[:: -(-len(left) // _MOST_COUNTED)]
+        counts = (np.abs(some @ n.T - offset) < thickness).sum(axis=0)
+        best = int(np.where(n.any(axis=1), counts, -1).argmax())
+        own = left[np.abs(left @ n[best] - offset[best]) < thickness]
         if len(own) < _FEWEST:
             break
         normal = np.linalg.svd(own - own.mean(axis=0), full_matrices=False)[2][-1]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from clouds import Floats
 
 from modalmotion.tracking import Observation, track
-from modalmotion.tracking.contour_ends import with_contour_ends
+from modalmotion.tracking.contour_ends import _planes_of, with_contour_ends
 from modalmotion.tracking.observation import Frame
 
 APEX, RADIUS, SPACING = np.array([0.0, 0.0, -60.0]), 25.0, 10.0
@@ -108,3 +110,17 @@ def test_a_base_that_is_stated_once_descends_with_its_contours() -> None:
     found = result.sequence.vertices[:, rim, 2].mean(axis=1)
     assert found == pytest.approx(np.array(levels), abs=2.5)
     assert any("taken to be where the data end" in note for note in result.notes)
+
+
+def test_planes_are_looked_for_in_many_points_without_much_memory() -> None:
+    # Each point beside an eighth of all others would take 2 GB.
+    points = np.random.default_rng(0).normal(size=(30_000, 3))
+    points *= 30.0 / np.linalg.norm(points, axis=1)[:, None]
+    tracemalloc.start()
+    try:
+        planes = _planes_of(points, np.array([0.0, 0.0, 1.0]), 0.01)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert not len(planes.offsets)
+    assert peak < 100e6
