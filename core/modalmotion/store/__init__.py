@@ -34,7 +34,6 @@ from modalmotion.store.index.index import SequencePage
 from modalmotion.store.record import UNSET, SequenceRecord, Unset, record_of, record_to_json
 from modalmotion.store.results import ResultStore, signature_image
 from modalmotion.store.sequences import upload_image
-from modalmotion.store.staging import StagedSignature
 from modalmotion.store.tracks import track_image
 from modalmotion.template.hdf5 import template_from_hdf5, template_to_hdf5
 from modalmotion.tracking.hdf5 import track_from_hdf5, track_to_hdf5
@@ -55,7 +54,6 @@ __all__ = [
     "ResultStore",
     "SequencePage",
     "SequenceRecord",
-    "StagedSignature",
     "Unset",
     "VerifyReport",
     "backup",
