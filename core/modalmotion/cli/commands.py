@@ -35,6 +35,7 @@ COMMANDS: Final = {
     "reconstruct": ("analysis_commands", "Write the surfaces that a few modes stand for."),
     "report": ("report_command", "Report on the sequence in FILE, for people and systems."),
     "resample": ("resample_command", "Write the surface in FILE at any phase of its cycle."),
+    "score": ("score_command", "Compare the motion in ANSWER with the true one in TRUTH."),
     "segment": ("segment_command", "Find a surface in one image of IN, with its stated error."),
     "show": ("show_command", "Say what FILE holds."),
     "signature": ("analysis_commands", "Fit the modal signature of the sequence in FILE."),
