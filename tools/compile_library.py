@@ -64,11 +64,10 @@ class Target(NamedTuple):
 # Nothing in a library without libc tells glibc from musl.
 _LINUX: Final = "manylinux_2_17_{0}.manylinux2014_{0}.musllinux_1_1_{0}"
 _MACOS: Final = (*SHARED, "-Wl,-install_name,@rpath/modalmotion.dylib")
-# Exports are what is visible, and where the memory begins that a page may use.
+# Beside what the sources export: where the memory begins that a page may use.
 _WASM: Final = (
     "-mbulk-memory",
     "-Wl,--no-entry",
-    "-Wl,--export-dynamic",
     "-Wl,--export=__heap_base",
     "-Wl,-z,stack-size=65536",
 )

@@ -85,7 +85,7 @@ def check_library(wheel: Path) -> int:
 def declared() -> set[str]:
     """Names that the sources export."""
     found = (
-        re.findall(r"^MM_EXPORT [\w *]*?(\w+)\(", source.read_text(), re.MULTILINE)
+        re.findall(r"^MM_EXPORT\((\w+)\)", source.read_text(), re.MULTILINE)
         for source in library.sources()
     )
     return {name for names in found for name in names}

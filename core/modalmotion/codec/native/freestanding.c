@@ -10,7 +10,7 @@
 #ifndef MM_SOURCES
 #define MM_SOURCES ""
 #endif
-MM_EXPORT const char *mm_sources(void) { return MM_SOURCES; }
+MM_EXPORT(mm_sources) const char *mm_sources(void) { return MM_SOURCES; }
 
 void *memcpy(void *restrict to, const void *restrict from, size_t n) {
     unsigned char *t = to;
