@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from modalmotion.report.content import Report
+from modalmotion.reports.content import Report
 
 
 def moments_of(report: Report) -> list[tuple[int, str]]:

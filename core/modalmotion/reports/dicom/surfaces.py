@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any, Final
 
 from modalmotion.formats.stl import write_stl
-from modalmotion.report.content import Report
-from modalmotion.report.dicom.identity import stamp, ucum, uid_of
-from modalmotion.report.dicom.measurements import SERIES_NUMBER
-from modalmotion.report.dicom.source import Study
+from modalmotion.reports.content import Report
+from modalmotion.reports.dicom.identity import stamp, ucum, uid_of
+from modalmotion.reports.dicom.measurements import SERIES_NUMBER
+from modalmotion.reports.dicom.source import Study
 
 _STL_STORAGE: Final = "1.2.840.10008.5.1.4.1.1.104.3"
 

@@ -19,7 +19,7 @@ import modalmotion as mm
 from modalmotion.classification import classify
 from modalmotion.facts import facts_from_texts
 from modalmotion.norm import train_norm
-from modalmotion.report import fhir_bundle, report_of
+from modalmotion.reports import fhir_bundle, report_of
 from modalmotion.simulate import MotionClass
 from modalmotion.tracking import track
 

@@ -1,10 +1,10 @@
 """A report of one recording: for systems, for tables and for people."""
 
 from modalmotion.arguments.checking import check_arguments
-from modalmotion.report.content import Report, report_of
-from modalmotion.report.fhir import fhir_bundle, fhir_json
-from modalmotion.report.page import report_figure, report_pdf
-from modalmotion.report.quantities import Quantity, quantities_of
+from modalmotion.reports.content import Report, report_of
+from modalmotion.reports.fhir import fhir_bundle, fhir_json
+from modalmotion.reports.page import report_figure, report_pdf
+from modalmotion.reports.quantities import Quantity, quantities_of
 
 __all__ = [
     "Quantity",

@@ -18,8 +18,8 @@ from project import ROOT
 import modalmotion as mm
 from modalmotion.formats.parser.registry import ParserHere
 from modalmotion.limits import DEFAULT_LIMITS
-from modalmotion.report import report_of
-from modalmotion.report.dicom import dicom_instances, read_study
+from modalmotion.reports import report_of
+from modalmotion.reports.dicom import dicom_instances, read_study
 
 pytest.importorskip("highdicom")
 

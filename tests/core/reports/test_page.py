@@ -11,7 +11,7 @@ from norm_controls import beat
 
 import modalmotion as mm
 from modalmotion.classification import classify
-from modalmotion.report import quantities_of, report_figure, report_of, report_pdf
+from modalmotion.reports import quantities_of, report_figure, report_of, report_pdf
 
 pytest.importorskip("matplotlib")
 

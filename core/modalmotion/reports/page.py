@@ -14,10 +14,10 @@ from modalmotion.clinical.segments import RegionalMotion
 from modalmotion.clinical.strain import DEFINITIONS, Strain
 from modalmotion.errors import needs_extra
 from modalmotion.mesh import face_normals, oriented_faces
-from modalmotion.report.codes import OWN
-from modalmotion.report.content import Report
-from modalmotion.report.moments import moments_of
-from modalmotion.report.quantities import quantities_of
+from modalmotion.reports.codes import OWN
+from modalmotion.reports.content import Report
+from modalmotion.reports.moments import moments_of
+from modalmotion.reports.quantities import quantities_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,9 +10,9 @@ from typing import Final
 from modalmotion.errors import ParameterError, needs_extra
 from modalmotion.facts import Facts
 from modalmotion.formats.volumes.stack import unheard
-from modalmotion.report.content import Report
-from modalmotion.report.dicom.source import Study
-from modalmotion.report.moments import moments_of
+from modalmotion.reports.content import Report
+from modalmotion.reports.dicom.source import Study
+from modalmotion.reports.moments import moments_of
 
 # A zip knows no time before.
 _NO_DATE: Final = (1980, 1, 1, 0, 0, 0)
@@ -44,8 +44,8 @@ def dicom_instances(report: Report, study: Study) -> dict[str, bytes]:
     with needs_extra("dicom"):
         import highdicom  # noqa: F401 (its modules log from here on)
         import pydicom  # noqa: F401
-    from modalmotion.report.dicom.measurements import structured_report
-    from modalmotion.report.dicom.surfaces import surface_instance
+    from modalmotion.reports.dicom.measurements import structured_report
+    from modalmotion.reports.dicom.surfaces import surface_instance
 
     loggers = [name for name in logging.root.manager.loggerDict if name.startswith(_LIBRARIES)]
     # They log ids, and warn with the values of headers.

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from modalmotion.clinical import ClinicalReadouts
 from modalmotion.exports.table import direction_names
 from modalmotion.norm import Deviation
-from modalmotion.report.codes import CATEGORY, OWN, SYSTEM, concept, end_coding
-from modalmotion.report.content import Report
-from modalmotion.report.fhir_elements import (
+from modalmotion.reports.codes import CATEGORY, OWN, SYSTEM, concept, end_coding
+from modalmotion.reports.content import Report
+from modalmotion.reports.fhir_elements import (
     Resource,
     absent,
     narrative,
@@ -25,7 +25,7 @@ from modalmotion.report.fhir_elements import (
     sampled,
     unstated,
 )
-from modalmotion.report.quantities import Quantity, errors_of, quantities_of
+from modalmotion.reports.quantities import Quantity, errors_of, quantities_of
 
 MEDIA_TYPE: Final = "application/fhir+json; fhirVersion=4.0"
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.report.codes import ABSENT, UCUM
+from modalmotion.reports.codes import ABSENT, UCUM
 
 _DECIMALS: Final = 17
 

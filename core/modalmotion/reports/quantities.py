@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from modalmotion.clinical.strain import DEFINITIONS
-from modalmotion.report.content import Report
+from modalmotion.reports.content import Report
 from modalmotion.representation import shown
 
 

@@ -10,7 +10,7 @@ from norm_controls import beat
 import modalmotion as mm
 from modalmotion.errors import ParameterError
 from modalmotion.norm import train_norm
-from modalmotion.report import quantities_of, report_of
+from modalmotion.reports import quantities_of, report_of
 
 BEAT = beat(1)
 SIGNATURE = mm.modal_signature(BEAT, mm.SignatureParameters(modes=7))

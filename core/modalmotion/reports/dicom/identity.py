@@ -5,12 +5,12 @@ from __future__ import annotations
 import uuid
 from typing import TYPE_CHECKING, Any, Final
 
-from modalmotion.report.codes import DICOM, LOINC, OWN, SYSTEM, concept
-from modalmotion.report.content import Report
+from modalmotion.reports.codes import DICOM, LOINC, OWN, SYSTEM, concept
+from modalmotion.reports.content import Report
 
 if TYPE_CHECKING:
     from modalmotion.facts import Facts
-    from modalmotion.report.dicom.source import Study
+    from modalmotion.reports.dicom.source import Study
 
 SCHEME: Final = "99MODALMOTION"
 """Of our own codes; DICOM wants 99 before those that are not registered."""

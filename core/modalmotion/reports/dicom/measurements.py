@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from modalmotion.errors import ParameterError
-from modalmotion.report.codes import OWN
-from modalmotion.report.content import Report
-from modalmotion.report.dicom.identity import (
+from modalmotion.reports.codes import OWN
+from modalmotion.reports.content import Report
+from modalmotion.reports.dicom.identity import (
     SCHEME,
     code_of,
     own_code,
@@ -17,8 +17,8 @@ from modalmotion.report.dicom.identity import (
     uid_of,
     version_of,
 )
-from modalmotion.report.dicom.source import Study
-from modalmotion.report.quantities import errors_of, quantities_of
+from modalmotion.reports.dicom.source import Study
+from modalmotion.reports.quantities import errors_of, quantities_of
 
 SERIES_NUMBER: Final = 9101
 """Of the structured report; surfaces have the next one."""
