@@ -8,7 +8,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
-_NAMED: Final = re.compile(r"^    from (modalmotion\.[\w.]+) import (\w+) as \2$", re.MULTILINE)
+_NAMED: Final = re.compile(
+    r"^    from (modalmotion\.[\w.]+) import (?:\(\s+)?(\w+) as \2\b", re.MULTILINE
+)
 
 
 def public_list(
