@@ -105,7 +105,7 @@ class Database:
                     self._roll_back()
                 raise
             if erases:
-                # Done or not, what was committed is committed. Nobody waits for a backup that reads.
+                # Done or not, it is committed. Nobody waits for a backup that reads.
                 with self._read_lock, contextlib.suppress(sqlite3.OperationalError):
                     self._writer.execute("PRAGMA busy_timeout = 100")
                     self._writer.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
