@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import subprocess
 import sys
 from functools import cache
 from pathlib import Path
@@ -11,17 +12,30 @@ from typing import Any, Final
 import numpy as np
 
 _ENDINGS: Final = {"win32": "dll", "darwin": "dylib"}
-PATH: Final = Path(__file__).parent / "_native" / f"codec.{_ENDINGS.get(sys.platform, 'so')}"
+_PACKAGE: Final = Path(__file__).parent
+PATH: Final = _PACKAGE / "_native" / f"codec.{_ENDINGS.get(sys.platform, 'so')}"
 """Where the build puts the library."""
 
-SOURCES: Final = Path(__file__).parent / "codec" / "native"
+SOURCES: Final = _PACKAGE / "codec" / "native"
 """C sources; each `.c` file is compiled."""
+
+_BUILDER: Final = _PACKAGE.parents[1] / "tools" / "build_native.py"
 
 
 @cache
-def library() -> ctypes.CDLL | None:
-    """Load the library; None where it was not built."""
-    return ctypes.CDLL(str(PATH)) if PATH.is_file() else None
+def library() -> ctypes.CDLL:
+    """Load the library; in a checkout it is compiled first if a source is newer.
+
+    Raises
+    ------
+    FileNotFoundError
+        If it was not built.
+    """
+    if _BUILDER.is_file():
+        built = PATH.stat().st_mtime if PATH.is_file() else 0.0
+        if max(source.stat().st_mtime for source in SOURCES.iterdir()) > built:
+            subprocess.run([sys.executable, str(_BUILDER)], check=True, capture_output=True)  # noqa: S603
+    return ctypes.CDLL(str(PATH))
 
 
 def run(name: str, *given: np.ndarray[Any, Any] | int) -> int:
@@ -38,10 +52,8 @@ def run(name: str, *given: np.ndarray[Any, Any] | int) -> int:
     int
         What the function returns; nothing that counts from one that returns nothing.
     """
-    loaded = library()
-    assert loaded is not None  # noqa: S101 - who calls has looked
     return int(
-        loaded[name](
+        library()[name](
             *(
                 ctypes.c_void_p(x.ctypes.data) if isinstance(x, np.ndarray) else ctypes.c_int64(x)
                 for x in given
