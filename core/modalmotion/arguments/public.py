@@ -8,7 +8,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
-_NAMED: Final = re.compile(r"^    from (modalmotion\.[\w.]+) import (\w+) as \2$", re.MULTILINE)
+# A formatter puts long names in parentheses, and one home's names may follow one another there.
+_FROM: Final = re.compile(r"^    from (modalmotion\.[\w.]+) import (\([^)]*\)|.*)$", re.MULTILINE)
+_NAMED: Final = re.compile(r"\b(\w+) as \1\b")
 
 
 def public_list(
@@ -42,4 +44,5 @@ def public_list(
 
 def homes_in(path: Path) -> dict[str, str]:
     """Give the home of each public name that the `__init__.py` of a package lists."""
-    return {name: home for home, name in _NAMED.findall(path.read_text())}
+    lists = _FROM.findall(path.read_text())
+    return {name: home for home, names in lists for name in _NAMED.findall(names)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -17,7 +18,7 @@ def test_names_are_those_that_type_checkers_read(tmp_path: Path) -> None:
     path.write_text(
         "if TYPE_CHECKING:\n"
         "    from modalmotion.numerals import numeral as numeral\n"
-        "    from modalmotion.numerals import counted as counted\n"
+        "    from modalmotion.numerals import (\n        counted as counted,\n    )\n"
         "    from elsewhere import other as other\n"
     )
     package = {"__file__": str(path), "__name__": "made_up"}
@@ -26,6 +27,19 @@ def test_names_are_those_that_type_checkers_read(tmp_path: Path) -> None:
     assert get("numeral") is package["numeral"]
     with pytest.raises(AttributeError, match="'made_up' has no attribute 'other'"):
         get("other")
+
+
+def test_the_store_hands_out_all_that_it_names() -> None:
+    path = Path(store.__file__)
+    aliases = [
+        alias.name
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if alias.asname
+    ]
+    assert sorted(aliases) == store.__all__
+    assert all(getattr(store, name) is not None for name in aliases)
 
 
 def test_a_package_imports_what_is_used_of_it_and_no_more() -> None:
