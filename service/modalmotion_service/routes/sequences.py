@@ -25,8 +25,8 @@ from modalmotion_service.routes.parts.dependencies import (
 from modalmotion_service.routes.parts.idempotency import IdempotencyKey, idempotent_answer
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, NAMED_UPLOAD_BODY, PROBLEMS
 from modalmotion_service.schemas import (
-    SequenceChange,
     SequenceId,
+    SequenceNames,
     SequencePageAnswer,
     SequenceSummary,
     UploadQuery,
@@ -146,7 +146,7 @@ def summary(sequence_id: SequenceId, store: StoreDependency, request: Request) -
 
 @router.patch("/{sequence_id}", response_model=SequenceSummary)
 async def change(
-    sequence_id: SequenceId, body: SequenceChange, state: StateDependency, request: Request
+    sequence_id: SequenceId, body: SequenceNames, state: StateDependency, request: Request
 ) -> Response:
     """Change name, subject, label, facts, unit and times: what is left out stays, null removes it.
 

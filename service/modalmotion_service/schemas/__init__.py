@@ -36,7 +36,7 @@ from modalmotion_service.schemas.results import (
 from modalmotion_service.schemas.sequences import (
     ReadingAnswer,
     ReadingQuery,
-    SequenceChange,
+    SequenceNames,
     SequencePageAnswer,
     SequenceSummary,
     UploadQuery,
@@ -88,8 +88,8 @@ __all__ = [
     "ReadingAnswer",
     "ReadingQuery",
     "ReadoutsAnswer",
-    "SequenceChange",
     "SequenceId",
+    "SequenceNames",
     "SequencePageAnswer",
     "SequenceSummary",
     "SignatureAnswer",

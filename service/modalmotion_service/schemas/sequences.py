@@ -148,7 +148,7 @@ class SequencePageAnswer(BaseModel):
     cursor: str | None = Field(description="For the next page; null on the last.")
 
 
-class SequenceChange(JsonBody):
+class SequenceNames(JsonBody):
     """What is stated of a sequence: a missing field stays, null removes it."""
 
     name: str | None = Field(
