@@ -11,11 +11,8 @@ from typing import Any, Final
 import numpy as np
 
 _ENDINGS: Final = {"win32": "dll", "darwin": "dylib"}
-PATH: Final = Path(__file__).parent / "_native" / f"codec.{_ENDINGS.get(sys.platform, 'so')}"
+PATH: Final = Path(__file__).parent / "_native" / f"modalmotion.{_ENDINGS.get(sys.platform, 'so')}"
 """Where the build puts the library."""
-
-SOURCES: Final = Path(__file__).parent / "codec" / "native"
-"""C sources; each `.c` file is compiled."""
 
 
 @cache

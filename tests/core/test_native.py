@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import ctypes
-import shutil
 
 import numpy as np
 import pytest
-from build_native import build
+from compile_library import compile_library, system_compiler
 from pure_codec import pure
 
 from modalmotion.codec.bits.entropy import Writer, code_numbers
 from modalmotion.codec.bits.matrix import code_matrix
 
-pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+pytestmark = pytest.mark.skipif(system_compiler() is None, reason="there is no C compiler")
 
 
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
-    return ctypes.CDLL(str(build(tmp_path_factory.mktemp("native") / "codec.so", "cc")))
+    path = tmp_path_factory.mktemp("native") / "library"
+    compile_library(path)
+    return ctypes.CDLL(str(path))
 
 
 def pointer(array: np.ndarray) -> ctypes.c_void_p:

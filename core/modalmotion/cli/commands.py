@@ -17,6 +17,10 @@ COMMANDS: Final = {
     "animate": ("modes_commands", "Add modes over the surface in FILE and let them swing."),
     "card": ("model_commands", "Say what MODEL was made of, and how well it does."),
     "classify": ("model_commands", "Name the motion class of the sequence in FILE."),
+    "cohort": (
+        "cohort_command",
+        "Fit a signature to every recording that FILE names, and keep them in a store.",
+    ),
     "compare-models": ("model_commands", "Compare two models, on the same labelled sequences."),
     "compile-codec": (
         "codec_commands",

@@ -169,6 +169,17 @@ class MeshSequence(FrozenArrays, Recorded):
         _require_unit(unit)
         return replace(self, unit=unit)
 
+    def with_times(self, times: Any) -> MeshSequence:
+        """Return the same frames at other times, in s, or at unknown ones (None).
+
+        Raises
+        ------
+        InputError
+            If there is not one for each frame, or they do not rise.
+        """
+        times = None if times is None else require_times(times, self.n_frames)
+        return replace(self, times=times)
+
     def with_facts(self, facts: Facts) -> MeshSequence:
         """Return the same sequence, and the same id, with these facts.
 

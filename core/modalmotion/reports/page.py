@@ -15,6 +15,7 @@ from modalmotion.clinical.strain import DEFINITIONS
 from modalmotion.errors import needs_extra
 from modalmotion.mesh import face_normals, oriented_faces
 from modalmotion.pictures.strain import draw_strain
+from modalmotion.numerals import with_interval
 from modalmotion.reports.codes import OWN
 from modalmotion.reports.content import Report
 from modalmotion.reports.moments import moments_of
@@ -224,15 +225,9 @@ def _write_quantities(figure: Figure, report: Report) -> None:
     y = 0.642
     for one in quantities_of(report):
         figure.text(0.66, y, OWN[one.name], fontsize=8.5, color=_SOFT)
-        figure.text(0.66, y - 0.0145, f"{one.value:.1f} {one.unit}", fontsize=11, color=_INK)
-        figure.text(
-            0.94,
-            y - 0.0145,
-            f"{one.low:.1f} to {one.high:.1f}",
-            fontsize=9,
-            color=_SOFT,
-            ha="right",
-        )
+        value, ends = with_interval(one.value, one.low, one.high)
+        figure.text(0.66, y - 0.0145, f"{value} {one.unit}", fontsize=11, color=_INK)
+        figure.text(0.94, y - 0.0145, ends, fontsize=9, color=_SOFT, ha="right")
         y -= 0.0295
 
 

@@ -11,6 +11,7 @@ from norm_controls import beat
 
 import modalmotion as mm
 from modalmotion.classification import classify
+from modalmotion.numerals import with_interval
 from modalmotion.reports import quantities_of, report_figure, report_of, report_pdf
 
 pytest.importorskip("matplotlib")
@@ -29,7 +30,9 @@ def test_the_page_says_what_the_report_says_and_stays_on_the_page() -> None:
     said = [text for text in figure.texts if text.get_text()]
     texts = "\n".join(text.get_text() for text in said)
     for one in quantities_of(report):
-        assert f"{one.value:.1f} {one.unit}" in texts
+        value, ends = with_interval(one.value, one.low, one.high)
+        assert f"{value} {one.unit}" in texts
+        assert ends in texts
     assert report.digest in texts
     assert "Not a medical device" in texts
     assert "preliminary" in texts
