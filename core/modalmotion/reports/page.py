@@ -14,8 +14,8 @@ from modalmotion.clinical.segments import RegionalMotion
 from modalmotion.clinical.strain import DEFINITIONS
 from modalmotion.errors import needs_extra
 from modalmotion.mesh import face_normals, oriented_faces
-from modalmotion.pictures.strain import draw_strain
 from modalmotion.numerals import with_interval
+from modalmotion.pictures.strain import draw_strain
 from modalmotion.reports.codes import OWN
 from modalmotion.reports.content import Report
 from modalmotion.reports.moments import moments_of
