@@ -13,13 +13,10 @@ import numpy as np
 
 _ENDINGS: Final = {"win32": "dll", "darwin": "dylib"}
 _PACKAGE: Final = Path(__file__).parent
-PATH: Final = _PACKAGE / "_native" / f"codec.{_ENDINGS.get(sys.platform, 'so')}"
+PATH: Final = _PACKAGE / "_native" / f"modalmotion.{_ENDINGS.get(sys.platform, 'so')}"
 """Where the build puts the library."""
 
-SOURCES: Final = _PACKAGE / "codec" / "native"
-"""C sources; each `.c` file is compiled."""
-
-_BUILDER: Final = _PACKAGE.parents[1] / "tools" / "build_native.py"
+_COMPILER: Final = _PACKAGE.parents[1] / "tools" / "compile_library.py"
 
 
 @cache
@@ -28,13 +25,13 @@ def library() -> ctypes.CDLL:
 
     Raises
     ------
-    FileNotFoundError
+    OSError
         If it was not built.
     """
-    if _BUILDER.is_file():
+    if _COMPILER.is_file():
         built = PATH.stat().st_mtime if PATH.is_file() else 0.0
-        if max(source.stat().st_mtime for source in SOURCES.iterdir()) > built:
-            subprocess.run([sys.executable, str(_BUILDER)], check=True, capture_output=True)  # noqa: S603
+        if any(source.stat().st_mtime > built for source in _PACKAGE.glob("*/native/*.[ch]")):
+            subprocess.run([sys.executable, str(_COMPILER)], check=True)  # noqa: S603
     return ctypes.CDLL(str(PATH))
 
 

@@ -8,18 +8,6 @@
 #include "mixed.h"
 #include "surface.h"
 
-/* Compilers call these by themselves; there is no library that has them. */
-__attribute__((visibility("hidden"))) void *memset(void *to, int value, __SIZE_TYPE__ n) {
-    for (__SIZE_TYPE__ i = 0; i < n; i++) ((volatile unsigned char *)to)[i] = (unsigned char)value;
-    return to;
-}
-
-__attribute__((visibility("hidden"))) void *memcpy(void *to, const void *from, __SIZE_TYPE__ n) {
-    for (__SIZE_TYPE__ i = 0; i < n; i++)
-        ((volatile unsigned char *)to)[i] = ((const unsigned char *)from)[i];
-    return to;
-}
-
 /* Hand back a coder; a failed call leaves the state, but for what it says. */
 static int done(State *state, const Coder *c) {
     const int status = (int)c->at.status;

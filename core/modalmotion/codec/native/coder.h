@@ -6,15 +6,7 @@
 #ifndef MM_CODER_H
 #define MM_CODER_H
 
-#include <stdint.h>
-
-#if defined(__wasm__)
-#define MM_EXPORT(name) __attribute__((export_name(#name), visibility("default")))
-#elif defined(_WIN32)
-#define MM_EXPORT(name) __declspec(dllexport)
-#else
-#define MM_EXPORT(name) __attribute__((visibility("default")))
-#endif
+#include "export.h"
 
 enum {
     FINE,
