@@ -1,13 +1,9 @@
 """Modal signatures and classes of nonrigid motion, from closed-form lattice modes."""
 
-import re
-from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-# The public list: each name once, with its home. Type checkers read it as it stands, `_HOMES`
-# is made from its text. A name is imported when it is first used: all at once take most of a
-# second, and much of what needs this package (a client, the help of a command) needs few.
+from modalmotion.arguments.public import public_list
+
 if TYPE_CHECKING:
     from modalmotion.classification import classify as classify
     from modalmotion.classification import load_model as load_model
@@ -69,27 +65,4 @@ if TYPE_CHECKING:
     from modalmotion.template import make_template as make_template
     from modalmotion.viewer.widget import view as view
 
-_HOMES = {
-    name: home
-    for home, name in re.findall(
-        r"^    from (modalmotion\.[\w.]+) import (\w+) as \2$",
-        Path(__file__).read_text(),
-        re.MULTILINE,
-    )
-}
-__all__ = sorted(_HOMES)
-
-
-def __getattr__(name: str) -> object:
-    """Import a public name (PEP 562)."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from modalmotion.arguments.checking import checked
-
-    value: object = checked(getattr(import_module(_HOMES[name]), name), __name__)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return __all__
+__all__, __getattr__, __dir__ = public_list(globals())

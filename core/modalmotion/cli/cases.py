@@ -67,12 +67,15 @@ class LabelledFile:
     subject : str or None
     facts : Facts
         Override those that the file states.
+    url : str or None
+        Of one that lies elsewhere; the path is its name then.
     """
 
     path: Path
     label: str
     subject: str | None
     facts: Facts = NO_FACTS
+    url: str | None = None
 
 
 def labelled_files(
@@ -231,7 +234,8 @@ def _row(
                 remedy=f"Fill it in, or leave the line out. {_HOW}",
                 details={"line": line},
             )
-    path = manifest.parent / values["path"]
+    url = values["path"] if "://" in values["path"] else None
+    path = Path(values["path"].partition("?")[0]) if url else manifest.parent / values["path"]
     if not (path.exists() or skip_unreadable):
         raise MalformedFileError(
             f"Line {line} of '{manifest.name}' names '{values['path']}', and there is no such "
@@ -248,4 +252,4 @@ def _row(
             remedy=error.remedy,
             details={**error.details, "line": line},
         ) from error
-    return LabelledFile(path, values["label"], values["subject"] or None, facts)
+    return LabelledFile(path, values["label"], values["subject"] or None, facts, url)

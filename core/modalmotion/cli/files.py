@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,6 +16,9 @@ from modalmotion.formats import Format, ReadOptions, read_sequence
 from modalmotion.formats.raw import RAW_TYPES
 from modalmotion.formats.result import Reading
 from modalmotion.mesh.sequence import MeshSequence
+
+if TYPE_CHECKING:
+    from modalmotion.tracking import Track
 
 
 def _one_path(_: click.Context, parameter: click.Parameter, paths: tuple[Path, ...]) -> Path:
@@ -82,9 +85,7 @@ def read(
         from modalmotion.tracking.recording import sequence_of
 
         return sequence_of(source, options)
-    from modalmotion.tracking.hdf5 import kept_track
-
-    kept = kept_track(source)
+    kept = _kept_track(source)
     if kept is not None:
         result = options.apply(Reading(kept.sequence, format="hdf5"))
     else:
@@ -95,6 +96,15 @@ def read(
     for note in result.notes:
         click.echo(f"note: {note}", err=True)
     return result.sequence
+
+
+def _kept_track(source: Path) -> Track | None:
+    """Read the track that a file holds; tracking is imported for HDF5 alone."""
+    if source.suffix.lower() not in (".h5", ".hdf5"):
+        return None
+    from modalmotion.tracking.hdf5 import kept_track
+
+    return kept_track(source)
 
 
 class _FrameBar:

@@ -15,7 +15,7 @@ from modalmotion.cli.reported import Wanted, report_options
 from modalmotion.cli.waiting import Waiting
 
 if TYPE_CHECKING:
-    from modalmotion.report.quantities import Quantity
+    from modalmotion.reports.quantities import Quantity
 
 
 @click.command(
@@ -40,9 +40,9 @@ def report(source: Path, out: Path, as_json: bool, **options: Any) -> None:
     word: all is marked as preliminary.
     """
     from modalmotion.exports.table import frame_table
-    from modalmotion.report import fhir_json, report_pdf
-    from modalmotion.report.codes import OWN
-    from modalmotion.report.quantities import quantities_of
+    from modalmotion.reports import fhir_json, report_pdf
+    from modalmotion.reports.codes import OWN
+    from modalmotion.reports.quantities import quantities_of
     from modalmotion.store import write_atomic
     from modalmotion.viewer.page import View, view_page
 

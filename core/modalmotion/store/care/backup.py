@@ -21,8 +21,7 @@ from modalmotion.store.care.copying import (
 )
 from modalmotion.store.care.losses import Source
 from modalmotion.store.care.maintenance import existing_store
-from modalmotion.store.disk.atomic import cannot_write, is_temporary, write_atomic
-from modalmotion.store.disk.group_commit import sync_paths
+from modalmotion.store.disk.atomic import cannot_write, is_temporary, sync_paths, write_atomic
 from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.disk.sealed_json import JsonForm
 from modalmotion.store.index.cursor import now

@@ -8,8 +8,7 @@ import shutil
 import sqlite3
 from pathlib import Path
 
-from modalmotion.store.disk.atomic import temporary_beside
-from modalmotion.store.disk.group_commit import sync_paths
+from modalmotion.store.disk.atomic import sync_paths, temporary_beside
 
 
 def copy_file(source: Path, copy: Path) -> None:

@@ -11,8 +11,7 @@ from modalmotion.representation import shown
 from modalmotion.store.care.backup import backup_time, files_of_copy
 from modalmotion.store.care.copying import copy_file
 from modalmotion.store.care.maintenance import existing_store
-from modalmotion.store.disk.atomic import cannot_write
-from modalmotion.store.disk.group_commit import sync_paths
+from modalmotion.store.disk.atomic import cannot_write, sync_paths
 from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.folder import Folder
 from modalmotion.store.tombstones import TOMBSTONES, Deletions

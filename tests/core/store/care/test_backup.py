@@ -26,7 +26,7 @@ from modalmotion.signature.making import modal_signature
 from modalmotion.store import ResultStore, backup, rebuild, template_to_hdf5, verify
 from modalmotion.store.care import backup as backup_module
 from modalmotion.store.care import copying
-from modalmotion.store.disk.group_commit import sync_paths
+from modalmotion.store.disk.atomic import sync_paths
 from modalmotion.store.tombstones import TOMBSTONE_DAYS, Deletions, buried
 from modalmotion.template import make_template
 
