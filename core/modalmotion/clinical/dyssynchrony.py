@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, interp1d
 
 from modalmotion.clinical.volume_curve import TWO_DEVIATIONS
 from modalmotion.clinical.wall_motion import WallMotion
@@ -120,7 +120,7 @@ def dyssynchrony(
     instants = np.arange(_INSTANTS) / _INSTANTS
     closed = np.append(phases, 1.0)
     by_frame = np.eye(len(phases))[np.arange(len(closed)) % len(phases)]
-    curves = CubicSpline(closed, by_frame, bc_type="periodic")(instants)
+    curves = scipy.interpolate.CubicSpline(closed, by_frame, bc_type="periodic")(instants)
     # As all would be if each followed the whole volume.
     moving = volumes - volumes.mean(axis=0)
     whole = moving.sum(axis=1)
@@ -130,7 +130,9 @@ def dyssynchrony(
     by_noise = np.mean([_apart(curves @ (alike + noise)) ** 2 for noise in noises])
     own = _apart(curves @ volumes)
     by_errors = np.std([_apart(curves @ (volumes + noise)) for noise in noises])
-    by_lines = _apart(interp1d(closed, by_frame, axis=0)(instants) @ volumes) - own
+    by_lines = (
+        _apart(scipy.interpolate.interp1d(closed, by_frame, axis=0)(instants) @ volumes) - own
+    )
     # Of the deviation of n times that are each uniform between two frames.
     by_frames = gaps.mean() / np.sqrt(12.0 * 2.0 * (volumes.shape[1] - 1))
     reach = TWO_DEVIATIONS * np.sqrt(by_errors**2 + by_lines**2 + by_frames**2)
