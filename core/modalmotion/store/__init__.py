@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from modalmotion.signature.hdf5 import signature_from_hdf5 as signature_from_hdf5
     from modalmotion.signature.hdf5 import signature_to_hdf5 as signature_to_hdf5
     from modalmotion.store.care.backup import BackupReport as BackupReport
+    from modalmotion.store.care.backup import RestoreReport as RestoreReport
     from modalmotion.store.care.backup import backup as backup
     from modalmotion.store.care.backup import backup_time as backup_time
-    from modalmotion.store.care.maintenance import rebuild as rebuild
+    from modalmotion.store.care.backup import restore as restore
     from modalmotion.store.care.recovery import Reconciliation as Reconciliation
-    from modalmotion.store.care.restoration import RestoreReport as RestoreReport
-    from modalmotion.store.care.restoration import restore as restore
+    from modalmotion.store.care.recovery import rebuild as rebuild
     from modalmotion.store.care.verification import Fault as Fault
     from modalmotion.store.care.verification import VerifyReport as VerifyReport
     from modalmotion.store.care.verification import verify as verify

@@ -1,4 +1,4 @@
-"""Labelled files named on the command line: a manifest, or files in folders named by class."""
+"""Labelled files: the rows of a table, or files in folders named by class."""
 
 from __future__ import annotations
 
@@ -7,17 +7,13 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-import click
-
-from modalmotion.cli.options import several
-from modalmotion.cli.outputs import OutputFile
+from modalmotion.classification.training.cases import TrainingCase, named
 from modalmotion.errors import MalformedFileError, ModalMotionError, ParameterError
 from modalmotion.facts import NO_FACTS, Facts, column_of, facts_in, states_fact
-
-if TYPE_CHECKING:
-    from modalmotion.classification import TrainingCase
+from modalmotion.formats import ReadOptions
+from modalmotion.tracking.recording import sequence_of
 
 _COLUMNS: Final = ("path", "label", "subject")
 
@@ -25,35 +21,6 @@ _HOW: Final = (
     "Give a table with the columns path, label and, where they are known, subject and facts; or "
     "files that lie in folders named by their class."
 )
-
-
-labelled_sources = several(
-    click.argument(
-        "sources",
-        metavar="MANIFEST|FILES...",
-        nargs=-1,
-        required=True,
-        type=click.Path(path_type=Path),
-    ),
-    click.option(
-        "--skip-unreadable",
-        is_flag=True,
-        help="Go on without files that are missing, cannot be read or do not fit the others; the "
-        "summary names them.",
-    ),
-)
-"""MANIFEST or FILES, as `sources`, and the options of all of them."""
-
-unit_option = click.option("--unit", help="Length unit of all files; overrides their own.")
-"""Where the answer depends on the unit: features do not."""
-
-cases_option = click.option(
-    "--cases",
-    "cases_file",
-    type=OutputFile(".csv"),
-    help="Table to write: probabilities of each case, held out (.csv).",
-)
-"""The table of held-out cases, as `cases_file`."""
 
 
 @dataclass(frozen=True)
@@ -180,7 +147,7 @@ class LabelledSequence:
     ----------
     file : LabelledFile
     stated : mapping
-        Options of all files, which override their own statements; see `files.read`.
+        Fields of `ReadOptions` for all files, which override their own statements.
     """
 
     file: LabelledFile
@@ -199,16 +166,35 @@ class LabelledSequence:
         ModalMotionError
             If the file cannot be used; it names the file.
         """
-        from modalmotion.classification import TrainingCase
-        from modalmotion.classification.training.cases import named
-        from modalmotion.cli.files import read
-
         file = self.file
         try:
-            sequence = read(file.path, is_one_of_many=True, facts=file.facts, **self.stated)
+            sequence = sequence_of(file.path, ReadOptions(facts=file.facts, **self.stated))
         except ModalMotionError as error:
             raise named(error, str(file.path)) from error
         return TrainingCase(sequence, file.label, file.subject, name=str(file.path))
+
+
+def read_cases(path: Path, *, unit: str | None = None) -> list[LabelledSequence]:
+    """List the cases of a table (.csv) with the columns path, label and subject.
+
+    Parameters
+    ----------
+    path : str or Path
+        Paths in the table are relative to its folder; further columns are facts and covariates.
+    unit : str, optional
+        Length unit of all files, over their own.
+
+    Returns
+    -------
+    list of LabelledSequence
+        For `train` and `evaluate`; each file is read when it is needed.
+
+    Raises
+    ------
+    MalformedFileError
+        If it is not such a table, or a row lacks something; it names the line.
+    """
+    return [LabelledSequence(file, {"unit": unit}) for file in labelled_files([path])]
 
 
 def _by_folder(path: Path, skip_unreadable: bool) -> LabelledFile:
