@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.bits.damage import damaged
-from modalmotion.codec.bits.entropy import Coder, code_count
+from modalmotion.codec.coder import Coder, damaged
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -84,10 +83,43 @@ def code_guards(coder: Coder, n_values: int, guards: Guards | None) -> Guards:
     MalformedFileError
         If it names values that do not exist.
     """
-    n = code_count(coder, None if guards is None else len(guards.places), n_values)
+    n = coder.count(None if guards is None else len(guards.places), n_values)
     width = max(1, n_values.bit_length())
-    places = coder.bits(np.full(n, width), None if guards is None else guards.places)
-    up = coder.bits(np.ones(n, dtype=np.int64), None if guards is None else guards.up)
+    places = coder.bits(n, width, None if guards is None else guards.places)
+    up = coder.bits(n, 1, None if guards is None else guards.up)
     if len(places) and (places.max() >= n_values or (np.diff(places) <= 0).any()):
         raise damaged(f"The stream lists a value outside of {n_values}, or out of order.")
     return Guards(places, up)
+
+
+def code_corrections(coder: Coder, shape: tuple[int, ...], corrections: Ints | None) -> Ints:
+    """Code whole steps that bring single coordinates back within the guaranteed error.
+
+    How many there are, the gaps between them, their sizes and signs.
+
+    Parameters
+    ----------
+    coder : Coder
+    shape : (frames, 3, vertices)
+    corrections : (frames, 3, vertices) int64, optional
+        For a writer.
+
+    Raises
+    ------
+    MalformedFileError
+        If values are corrected that do not exist.
+    """
+    n_values = int(np.prod(shape))
+    flat = None if corrections is None else corrections.ravel()
+    places = None if flat is None else np.flatnonzero(flat)
+    values = None if flat is None or places is None else flat[places]
+    n = coder.count(None if places is None else len(places), n_values)
+    gaps = None if places is None else np.diff(places, prepend=-1) - 1
+    places = np.cumsum(coder.numbers(n, gaps) + 1) - 1
+    more = coder.numbers(n, None if values is None else np.abs(values) - 1)
+    signs = coder.signs(n, values)
+    if n and not 0 <= int(places.min()) <= int(places.max()) < n_values:
+        raise damaged(f"The stream corrects a value outside of {n_values}.")
+    steps = np.zeros(n_values, dtype=np.int64)
+    steps[places] = signs * (more + 1)
+    return steps.reshape(shape)

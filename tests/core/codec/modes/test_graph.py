@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy
-from pure_codec import pure
+from text_of_modes import patches_of as in_words
 
-from modalmotion.codec.modes.halving import patches_of
-from modalmotion.codec.modes.springs import edges_of
+from modalmotion.codec.modes.graph import edges_of, patches_of
 
 
 @pytest.mark.parametrize("largest", [1, 2, 7, 60, 1000])
@@ -16,9 +15,8 @@ def test_patches_are_connected_and_small_enough(largest: int, rng: np.random.Gen
     faces = rng.integers(0, 190, size=(170, 3))
     edges, n = edges_of(faces), 193
     patches = patches_of(edges, n, largest)
-    with pure():
-        slowly = patches_of(edges, n, largest)
-    assert [p.tolist() for p in patches] == [p.tolist() for p in slowly]
+    sides = {(a, b) for a, b in edges.tolist()}
+    assert [p.tolist() for p in patches] == in_words(set(range(n)), sides, largest)
     assert np.array_equal(np.sort(np.concatenate(patches)), np.arange(n))
     assert [int(p[0]) for p in patches] == sorted(int(p.min()) for p in patches)
     graph = scipy.sparse.coo_array((np.ones(len(edges)), edges.T), shape=(n, n)).tocsr()
