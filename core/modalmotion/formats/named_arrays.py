@@ -27,8 +27,8 @@ _BYTES: Final = 8
 
 _malformed: Final = partial(
     MalformedFileError,
-    remedy="Save vertices (n, 3, frames) and faces (m, 3) under these names: "
-    "save('beat.mat', 'vertices', 'faces').",
+    remedy="Save vertices (n, 3, frames) and faces (m, 3) under these names, from MATLAB by "
+    "save('beat.mat', 'vertices', 'faces'); or send VTKHDF or npz.",
 )
 
 
@@ -81,7 +81,7 @@ def parse_matlab(data: bytes, limits: ReadLimits) -> Parsed:
 def parse_datasets(file: Any, limits: ReadLimits) -> Parsed:
     """Read the datasets of an open HDF5 file, or MATLAB's of version 7.3, that passed the gate."""
     names = [name for name in file if hasattr(file[name], "shape")]
-    aliases = _required(names, "HDF5 file")
+    aliases = _required(names, "HDF5 file", [*file])
     is_matlab = "MATLAB_class" in file[aliases["vertices"]].attrs
     # MATLAB's axes run the other way.
     own = {
@@ -91,11 +91,11 @@ def parse_datasets(file: Any, limits: ReadLimits) -> Parsed:
     return _parsed(own, aliases, names, "mat" if is_matlab else "hdf5", limits, is_matlab=is_matlab)
 
 
-def _required(names: Iterable[str], what: str) -> dict[str, str]:
-    listed = [*names]
-    aliases = aliases_in(listed)
+def _required(names: Iterable[str], what: str, listed: list[str] | None = None) -> dict[str, str]:
+    aliases = aliases_in(names)
     if aliases is None:
-        shown = ", ".join(repr(name[:40]) for name in listed[:8]) or "nothing"
+        inside = [*names] if listed is None else listed
+        shown = ", ".join(repr(name[:40]) for name in inside[:8]) or "nothing"
         raise _malformed(f"The {what} holds {shown}: no vertices with faces.")
     return aliases
 

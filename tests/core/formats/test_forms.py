@@ -89,7 +89,7 @@ def by_vtk(kind: str) -> Callable[[int, Path], None]:
 
     def write(k: int, path: Path) -> None:
         vtk = pytest.importorskip("vtkmodules.all")
-        
+
         support: Any = import_module("vtkmodules.util.numpy_support")
 
         points, cells = vtk.vtkPoints(), vtk.vtkCellArray()
@@ -272,9 +272,7 @@ def test_a_form_is_refused_with_the_command_that_converts_it(form: str, tmp_path
     make, remedy = REFUSED[form]
     source = make(tmp_path)
     for path in (
-        [source]
-        if source.is_file()
-        else [source, source / min(p.name for p in source.iterdir())]
+        [source] if source.is_file() else [source, source / min(p.name for p in source.iterdir())]
     ):
         with pytest.raises(mm.MalformedFileError) as caught:
             mm.read_sequence(path)
@@ -314,6 +312,12 @@ def test_displacements_of_xdmf_are_added(tmp_path: Path) -> None:
     assert "displacement" in " ".join(reading.notes)
 
 
+OUTSIDE: Final = (
+    '<Xdmf><Grid><Topology TopologyType="Triangle"/><Geometry>'
+    '<DataItem Format="HDF">../b.h5:/x</DataItem></Geometry></Grid></Xdmf>'
+)
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -322,8 +326,7 @@ def test_displacements_of_xdmf_are_added(tmp_path: Path) -> None:
         '<!DOCTYPE Xdmf [<!ENTITY a "b">]><Xdmf/>',
         "<Xdmf>" * 30,
         '<Xdmf><Grid><Topology TopologyType="Hexahedron"/><Geometry/></Grid></Xdmf>',
-        '<Xdmf><Grid><Topology TopologyType="Triangle"/><Geometry>'
-        + '<DataItem Format="HDF">../b.h5:/x</DataItem></Geometry></Grid></Xdmf>',
+        OUTSIDE,
     ],
 )
 def test_xdmf_that_is_none_is_refused(text: str, tmp_path: Path) -> None:
