@@ -22,6 +22,7 @@ COMMANDS: Final = {
         "Fit a signature to every recording that FILE names, and keep them in a store.",
     ),
     "compare-models": ("model_commands", "Compare two models, on the same labelled sequences."),
+    "convert": ("convert_command", "Write the sequence in FILE in another format."),
     "decide": (
         "model_commands",
         "Write MODEL with a rule by which its probabilities become a label.",
