@@ -47,7 +47,7 @@ export class Service {
   }
 
   // XMLHttpRequest, for only it tells how much has been sent.
-  upload(file, onProgress, path = "/v1/sequences") {
+  upload(file, onProgress, path) {
     return new Promise((resolve, reject) => {
       const send = () => {
         const request = new XMLHttpRequest();
