@@ -5,20 +5,16 @@ from __future__ import annotations
 import contextlib
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from modalmotion.cli.options import Member, reading_option, several
 from modalmotion.cli.stated_facts import fact_options, stated_facts
-from modalmotion.facts import NO_FACTS, Facts
-from modalmotion.formats import Format, ReadOptions, read_sequence
+from modalmotion.exports.reading import read_recording
+from modalmotion.formats import Format, ReadOptions
 from modalmotion.formats.raw import RAW_TYPES
-from modalmotion.formats.result import Reading
 from modalmotion.mesh.sequence import MeshSequence
-
-if TYPE_CHECKING:
-    from modalmotion.tracking import Track
 
 
 def _one_path(_: click.Context, parameter: click.Parameter, paths: tuple[Path, ...]) -> Path:
@@ -62,49 +58,26 @@ sequence_argument = several(
 """FILE, as `source`, and the options that describe it, named as in `ReadOptions`."""
 
 
-def read(
-    source: Path, *, is_one_of_many: bool = False, facts: Facts = NO_FACTS, **stated: Any
-) -> MeshSequence:
+def read(source: Path, **stated: Any) -> MeshSequence:
     """Read a sequence: a file, a folder of frames, or a pattern of their names.
 
     Of a track's own file its sequence is read, with what the track says of its errors. Frames that
-    are files of their own show a progress bar; unused content and assumptions are
-    printed. One file of many is quiet, and tracked first where it holds no one mesh.
+    are files of their own show a progress bar; unused content and assumptions are printed.
 
     Parameters
     ----------
     source : Path
-    is_one_of_many : bool
-    facts : Facts
-        Override the file's own; options that state facts override these.
     **stated
-        Other fields of `ReadOptions`, and options that state facts.
+        Fields of `ReadOptions`, and options that state facts.
     """
-    options = ReadOptions(facts=stated_facts(stated).over(facts), **stated)
-    if is_one_of_many:
-        from modalmotion.tracking.recording import sequence_of
-
-        return sequence_of(source, options)
-    kept = _kept_track(source)
-    if kept is not None:
-        result = options.apply(Reading(kept.sequence, format="hdf5"))
-    else:
-        with _FrameBar() as bar:
-            result = read_sequence(source, options, progress=bar)
+    options = ReadOptions(facts=stated_facts(stated), **stated)
+    with _FrameBar() as bar:
+        result = read_recording(source, options, progress=bar)
     if result.ignored:
         click.echo(f"not used: {', '.join(result.ignored)}", err=True)
     for note in result.notes:
         click.echo(f"note: {note}", err=True)
     return result.sequence
-
-
-def _kept_track(source: Path) -> Track | None:
-    """Read the track that a file holds; tracking is imported for HDF5 alone."""
-    if source.suffix.lower() not in (".h5", ".hdf5"):
-        return None
-    from modalmotion.tracking.hdf5 import kept_track
-
-    return kept_track(source)
 
 
 class _FrameBar:

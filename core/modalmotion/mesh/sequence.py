@@ -11,6 +11,7 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arguments.tasks import Recorded
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.mesh.checks import FloatArray, require_faces, require_times, require_vertices
@@ -39,7 +40,7 @@ Reference: TypeAlias = int | Literal["mean"]
 
 @shown("n_frames", "n_vertices", "faces", "topology", "unit")
 @dataclass(frozen=True, eq=False)
-class MeshSequence(FrozenArrays):
+class MeshSequence(FrozenArrays, Recorded):
     """A surface that moves: the same vertices and faces in every frame.
 
     Make one with `mesh_sequence`, which checks everything.

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from modalmotion.clinical import ClinicalReadouts, Fraction
 from modalmotion.clinical.segments import RegionalMotion
-from modalmotion.clinical.strain import DEFINITIONS, Strain
+from modalmotion.clinical.strain import DEFINITIONS
 from modalmotion.errors import needs_extra
 from modalmotion.mesh import face_normals, oriented_faces
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numerals import counted, with_interval
+from modalmotion.pictures.strain import draw_strain, mark_moments
 from modalmotion.reports.codes import OWN
 from modalmotion.reports.content import Report
 from modalmotion.reports.moments import moments_of
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
 _INK: Final = "#22262c"
 _SOFT: Final = "#7a828c"
 _BLUE: Final = "#1f5fa8"
-# Of GLS, GCS and GAS; told apart without colour too.
-_CURVES: Final = ((_BLUE, "-"), ("#b5533c", "--"), ("#3c7a4e", ":"))
 _A4: Final = (8.27, 11.69)
 
 # Letters of a name in the title.
@@ -111,7 +110,7 @@ def report_figure(report: Report) -> Figure:
         wide = 0.50 if strain is None else 0.22
         _draw_volume(figure.add_axes((0.10, 0.475, wide, 0.17)), report.readouts)
         if strain is not None:
-            _draw_strain(figure.add_axes((0.39, 0.475, 0.22, 0.17)), strain, report.readouts.times)
+            draw_strain(figure.add_axes((0.39, 0.475, 0.22, 0.17)), strain, report.readouts.times)
     _write_quantities(figure, report)
     _write_words(figure, report)
     return figure
@@ -231,38 +230,13 @@ def _draw_volume(axes: Axes, readouts: ClinicalReadouts) -> None:
     axes.fill_between(at, v - b, v + b, color=_BLUE, alpha=0.22, lw=0)
     axes.plot(at, v, "o-", ms=2.5, lw=1.2, color=_BLUE)
     if readouts.stated.fraction == Fraction.EJECTION_FRACTION:
-        _mark_moments(axes, at, readouts.stated.end_diastole, readouts.stated.end_systole)
+        mark_moments(axes, at, readouts.stated.end_diastole, readouts.stated.end_systole)
     axes.set_xlabel("frame" if times is None else "time (s)", fontsize=8)
     axes.set_ylabel(f"volume ({readouts.volume_unit})", fontsize=8)
     axes.tick_params(labelsize=7.5)
     axes.grid(alpha=0.25)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-
-
-def _draw_strain(axes: Axes, strain: Strain, times: Array | None) -> None:
-    at = np.arange(len(strain.curves)) if times is None else times
-    for name, (colour, style) in zip(DEFINITIONS, _CURVES, strict=True):
-        place = strain.names.index(name)
-        curve, reach = strain.curves[:, place], 2.0 * strain.deviations[:, place]
-        axes.fill_between(at, curve - reach, curve + reach, color=colour, alpha=0.22, lw=0)
-        axes.plot(at, curve, lw=1.2, ls=style, color=colour)
-        axes.annotate(
-            name, (at[-1], curve[strain.end_systole]), fontsize=7, color=colour, ha="right"
-        )
-    _mark_moments(axes, at, strain.end_diastole, strain.end_systole)
-    axes.set_xlabel("frame" if times is None else "time (s)", fontsize=8)
-    axes.set_ylabel("strain (%)", fontsize=8)
-    axes.tick_params(labelsize=7.5)
-    axes.grid(alpha=0.25)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-
-
-def _mark_moments(axes: Axes, at: Array, start: int, end: int) -> None:
-    for frame, name in ((start, "ED"), (end, "ES")):
-        axes.axvline(at[frame], color=_SOFT, lw=0.6, ls=":")
-        axes.annotate(name, (at[frame], 1.0), xycoords=("data", "axes fraction"), fontsize=6.5)
 
 
 def _write_quantities(figure: Figure, report: Report) -> None:
