@@ -1,4 +1,4 @@
-"""Keys: created, shown once, stored as a hash, revoked; in a file that several processes have open."""
+"""Keys: created, shown once, stored as a hash, revoked; in a file of several processes."""
 
 from __future__ import annotations
 
