@@ -100,7 +100,7 @@ def _lines(readouts: ClinicalReadouts) -> list[str]:
     lines = [
         (
             f"{readouts.n_amplitudes} amplitudes a frame; {counted(readouts.n_openings, 'opening')}"
-            f"{', closed by fans' if readouts.n_openings else ''}"
+            f"{', capped' if readouts.n_openings else ''}"
         ),
         f"{'':>24}{names[0]:>12}{'low':>10}{'high':>10}{names[1]:>10}",
     ]
