@@ -24,4 +24,4 @@ print("without noise:", beat.strain())
 
 # %%
 # Curves over the beat, with end diastole and end systole marked.
-mm.plot(strain)
+figure = mm.plot(strain)

@@ -20,4 +20,4 @@ print(f"one number for {signature.compression:.0f} coordinates")
 print(beat.signature(tolerance=0.3))
 
 # %%
-mm.plot(signature)
+figure = mm.plot(signature)

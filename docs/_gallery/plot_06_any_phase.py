@@ -21,4 +21,4 @@ print(f"RMS error {error:.3f} mm, stated {np.sqrt((found.deviations ** 2).mean()
 
 # %%
 # Sixty frames for a smooth film.
-mm.plot(mm.resample(beat, list(np.arange(60) / 60)).sequence)
+figure = mm.plot(mm.resample(beat, list(np.arange(60) / 60)).sequence)

@@ -16,4 +16,4 @@ print(f"{page.stat().st_size / 1e3:.0f} kB")
 
 # %%
 # Its modes can be pushed, and its motion coloured. The same at one moment:
-mm.plot(beat)
+figure = mm.plot(beat)

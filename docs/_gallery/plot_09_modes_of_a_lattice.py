@@ -19,7 +19,7 @@ print(np.round(lattice.angular_frequencies(modes), 4))
 
 # %%
 shapes = lattice.shapes(modes).reshape(40, 100, -1)
-figure, axes = plt.subplots(1, 6, figsize=(12, 2.4))
+_, axes = plt.subplots(1, 6, figsize=(12, 2.4))
 for k, axis in enumerate(axes, start=1):
     axis.imshow(shapes[:, :, k], cmap="RdBu", aspect="auto")
     axis.set(title=str(modes.labels[k]), xticks=[], yticks=[])

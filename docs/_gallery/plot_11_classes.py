@@ -16,4 +16,4 @@ print(answer)
 
 # %%
 # The shipped model knows simulated ventricles only. Train your own on labelled recordings: see the guide on classes.
-mm.plot(answer)
+figure = mm.plot(answer)

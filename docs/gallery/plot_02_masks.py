@@ -14,9 +14,11 @@ import numpy as np
 import modalmotion as mm
 
 # %%
-# A short-axis stack of 12 phases with the usual labels: 3 the cavity, 2 its wall. Here two ellipsoids that are cut at the base stand for
+# A short-axis stack of 12 phases with the usual labels: 3 the cavity, 2 its wall.
+# Here two ellipsoids that are cut at the base stand for
 # the output of a segmenter.
-x, y, z = np.meshgrid(*(np.arange(n) * s for n, s in ((72, 1.5), (72, 1.5), (14, 8.0))), indexing="ij")
+axes = [1.5 * np.arange(72), 1.5 * np.arange(72), 8.0 * np.arange(14)]  # mm
+x, y, z = np.meshgrid(*axes, indexing="ij")
 phases = np.arange(12) / 12
 maps = np.zeros((*x.shape, len(phases)), dtype=np.uint8)
 for frame, phase in enumerate(phases):
@@ -37,12 +39,14 @@ image.header["pixdim"][4] = 0.08
 image.to_filename(folder / "map.nii.gz")
 
 # %%
-# On the command line this is ``modalmotion report map.nii.gz -o out/``, which writes a PDF too.
+# On the command line this is ``modalmotion report map.nii.gz -o out/``, which writes
+# a PDF too.
 track = mm.track(folder / "map.nii.gz")
 print(track)
-print(f"ejection fraction {track.ejection_fraction:.1f} +- {track.ejection_fraction_bound:.1f} %")
+fraction, bound = track.ejection_fraction, track.ejection_fraction_bound
+print(f"ejection fraction {fraction:.1f} +- {bound:.1f} %")
 print(track.strain())
 
 # %%
 # The surface over the labels: look before you believe.
-mm.plot(track)
+figure = mm.plot(track)

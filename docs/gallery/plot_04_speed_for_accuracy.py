@@ -14,4 +14,4 @@ trade = mm.measure_tradeoff(beat)
 print(trade)
 
 # %%
-mm.plot(trade)
+figure = mm.plot(trade)

@@ -25,6 +25,7 @@ track = mm.track(clouds, start=start, unit="mm")
 print(track)
 
 # %%
-# Each vertex has a stated deviation, and so has every figure that is read from the surface.
+# Each vertex has a stated deviation, and so has every figure that is read from the
+# surface.
 print(f"ejection fraction {track.ejection_fraction:.1f} +- {track.ejection_fraction_bound:.1f} %")
-mm.plot(track)
+figure = mm.plot(track)

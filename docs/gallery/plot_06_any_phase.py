@@ -17,8 +17,8 @@ every_second = mm.mesh_sequence(beat.vertices[::2], beat.faces, topology="cup", 
 between = (np.arange(15) + 0.5) / 15
 found = mm.resample(every_second, list(between))
 error = np.sqrt(((found.sequence.vertices - beat.vertices[1::2]) ** 2).mean())
-print(f"RMS error {error:.3f} mm, stated {np.sqrt((found.deviations ** 2).mean()):.3f} mm")
+print(f"RMS error {error:.3f} mm, stated {np.sqrt((found.deviations**2).mean()):.3f} mm")
 
 # %%
 # Sixty frames for a smooth film.
-mm.plot(mm.resample(beat, list(np.arange(60) / 60)).sequence)
+figure = mm.plot(mm.resample(beat, list(np.arange(60) / 60)).sequence)

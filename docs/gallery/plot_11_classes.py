@@ -2,7 +2,8 @@
 Which kind of motion is this?
 =============================
 
-A class with its probability, the set that holds the true class in 90 % of cases, or no class and why.
+A class with its probability and the set that holds the true class in 90 % of cases; or no class,
+and why.
 """
 
 import numpy as np
@@ -15,5 +16,6 @@ answer = beat.classify()
 print(answer)
 
 # %%
-# The shipped model knows simulated ventricles only. Train your own on labelled recordings: see the guide on classes.
-mm.plot(answer)
+# The shipped model knows simulated ventricles only. Train your own on labelled
+# recordings: see the guide on classes.
+figure = mm.plot(answer)

@@ -17,7 +17,8 @@ truth = mm.simulate_ventricle(acquisition=mm.Acquisition(n_frames=8))
 x = truth.vertices.astype(float)
 
 # %%
-# Two estimates: one that sees nine tenths of the motion, one with an error of 1 mm at each vertex.
+# Two estimates: one that sees nine tenths of the motion, one with an error of 1 mm at
+# each vertex.
 noise = np.random.default_rng(0).normal(size=x.shape)
 estimates = {
     "a tenth missing": replace(truth, vertices=x[:1] + 0.9 * (x - x[:1])),
