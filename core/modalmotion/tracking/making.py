@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final, Literal, TypeAlias, cast
@@ -13,16 +12,14 @@ from modalmotion.errors import (
     ModeCountError,
     ParameterError,
     ShapeError,
-    ToleranceError,
     TopologyError,
 )
 from modalmotion.facts import Facts
 from modalmotion.images.sequence import Images, images_in
 from modalmotion.mesh.checks import require_times
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes import whole_count
 from modalmotion.modes.topology import Topology
-from modalmotion.numeric.kinds import truth, whole
+from modalmotion.numeric.kinds import whole
 from modalmotion.progress import Progress
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.contour_ends import with_contour_ends
@@ -33,27 +30,22 @@ from modalmotion.tracking.first_shape import shape_in
 from modalmotion.tracking.folding import require_unfolded, require_volume
 from modalmotion.tracking.image_frames import frames_of_images
 from modalmotion.tracking.imaged import with_images
-from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.notes import notes_on
-from modalmotion.tracking.observation import Frame, observed_frames, of_surface
+from modalmotion.tracking.observation import observed_frames, of_surface
 from modalmotion.tracking.papillary import Papillary
 from modalmotion.tracking.passes import (
-    Pass,
     again,
     both_ways,
-    energy,
     evidence,
     first_guess,
     noises_of,
     steady,
 )
 from modalmotion.tracking.posterior import uncertainty_of
-from modalmotion.tracking.prior import Prior
 from modalmotion.tracking.quality import quality_of
-from modalmotion.tracking.request import in_mm, in_unit, phases_of, with_landmarks
+from modalmotion.tracking.request import in_mm, phases_of, with_landmarks
 from modalmotion.tracking.result import Track, cavity_in
 from modalmotion.tracking.sampled_data import sample_of
-from modalmotion.tracking.shapes import EXACT_FOR_AFFINE, SHAPES
 from modalmotion.tracking.stated_deviations import across_of, stated_deviations
 from modalmotion.tracking.together import chain_of, together
 
@@ -61,9 +53,7 @@ Time: TypeAlias = Literal["cycle", "open"]
 Start: TypeAlias = MeshSequence | Template
 
 MOST_MODES: Final = 400
-"""That a tolerance may lead to, and that a service takes."""
-
-_MOST_TRIES: Final = 6
+"""That a service takes."""
 
 
 def track(
@@ -73,13 +63,11 @@ def track(
     topology: Topology | str | None = None,
     landmarks: Mapping[str, Any] | None = None,
     modes: int = 37,
-    tolerance: float | None = None,
     time: Time = "cycle",
     times: Any = None,
     period: float | None = None,
     unit: str | None = None,
     reference: int | None = 0,
-    dynamics: bool = False,
     papillary: Papillary = "pool",
     progress: Progress | None = None,
 ) -> Track:
@@ -103,8 +91,6 @@ def track(
         many frames as can be.
     modes : int
         At least 2; rounded up so that no pair is split.
-    tolerance : float, mm, optional
-        RMS, along the normal, of what the modes may leave: as many modes are taken as needed.
     time : {"cycle", "open"}
         Whether the frames are one period, or part of a motion.
     times : (frames,) array_like, s, optional
@@ -117,10 +103,6 @@ def track(
         Frame whose surface the start is, exactly; None where it is the surface of none. Without
         a start it is the frame that the shape is taken from. Of images it is also the frame whose
         brightness counts, and a start is only where the search begins.
-    dynamics : bool
-        Go to the last estimate by oscillators that the data drive, equation (3), in steps that are
-        proved stable: `tracking.driven_frames`. It ends at the same amplitudes, to a millionth,
-        and the track has the way there as `driven`.
     papillary : {"pool", "wall"}
         Of images: whether papillary muscles count as cavity in volumes.
     progress : callable, optional
@@ -164,7 +146,6 @@ def track(
     seen, notes = observed_frames(cast("Sequence[Any]", observed))
     n_frames = len(seen)
     modes = whole("modes", modes)
-    limit = None if tolerance is None else in_unit(tolerance, unit)
     at = None if times is None else require_times(times, n_frames)
     phases = phases_of(at, n_frames, period, is_closed=is_closed)
     first = _require_reference(reference, n_frames)
@@ -203,25 +184,8 @@ def track(
     prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
     noises = noises_of(surface, here, prior, noise)
     frames = with_doubts(surface, frames, here.amplitudes(len(surface)), noises, pinned)
-    for attempt in range(_MOST_TRIES):
-        here = again(
-            surface,
-            frames,
-            here.amplitudes(len(surface)),
-            prior,
-            steady(noises_of(surface, here, prior, noise) if attempt else noises, noise),
-            done,
-        )
-        prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
-        left = _left(surface, here, prior, noise, pinned)
-        if limit is None or left <= limit:
-            break
-        n_modes = _modes_needed(surface, left, prior, limit, seen, attempt)
-        surface = Deformable.of(template, n_modes).exact_for_affine()
-        # What the modes leave now, until the data say so themselves.
-        beyond, n_values = prior.beyond(surface.wavenumbers, template.topology.n_axes)
-        truncation = min(noise.truncation, limit, beyond**0.5)
-        noise = replace(noise, truncation=truncation, n_values=n_values)
+    here = again(surface, frames, here.amplitudes(len(surface)), prior, steady(noises, noise), done)
+    prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
     noises = noises_of(surface, here, prior, noise)
     Q, h0, prior = chain_of(
         surface, here, prior, phases, first, is_closed=is_closed, is_exact=is_exact
@@ -235,7 +199,6 @@ def track(
         Q,
         pinned,
         done,
-        dynamics=truth("dynamics", dynamics),
     )
     vertices = np.stack([surface.positions(a) for a in found.amplitudes])
     require_unfolded(surface, vertices)
@@ -278,17 +241,14 @@ def track(
         unseen=unseen,
         gap=gap,
         reference=pinned,
-        driven=found.driven,
         data=sample_of(stated, found.information),
         notes=notes,
         provenance={
             "modes": len(surface),
             "requested_modes": modes,
-            "tolerance_mm": tolerance,
             "time": time,
             "reference": None if reference is None else int(reference),
             "template_id": template.id,
-            SHAPES: EXACT_FOR_AFFINE,
         },
     )
     if shown is not None and images is not None:
@@ -354,41 +314,3 @@ def _require_size(surface: Deformable) -> None:
             "The start has no extent along one of its axes, so no modes can be told apart on it.",
             remedy="Give a surface as start that is spread out, or other landmarks.",
         )
-
-
-def _left(surface: Deformable, here: Pass, prior: Prior, noise: Noise, pinned: int | None) -> float:
-    """RMS over the frames of what the modes leave, a frame that is known left out."""
-    amplitudes = here.amplitudes(len(surface))
-    frames = [k for k in range(len(amplitudes)) if k != pinned]
-    own = [noise.of_frame(energy(surface, amplitudes[k], prior)).truncation for k in frames]
-    return float(np.sqrt(np.mean(np.square(own)))) if own else 0.0
-
-
-def _modes_needed(
-    surface: Deformable,
-    left: float,
-    prior: Prior,
-    limit: float,
-    frames: Sequence[Frame],
-    attempt: int,
-) -> int:
-    """Modes after which the energy that the law leaves beyond them is within the limit."""
-    axes = surface.template.topology.n_axes
-    q = 2.0 * prior.power / axes
-    m = len(surface)
-    points = int(np.median([sum(map(len, frame)) for frame in frames if frame] or [0]))
-    most = min(MOST_MODES, points // 3, surface.template.n_vertices // 3)
-    if m >= most or attempt == _MOST_TRIES - 1:
-        raise ToleranceError(
-            f"{m} modes leave {left:.3g} of the length unit, more than the tolerance "
-            f"of {limit:.3g}; {points} points a frame cannot show more modes.",
-            remedy="Ask for a larger tolerance, or send more points and a finer start.",
-            details={"modes": m, "most": most, "reached": left},
-        )
-    # sum_{j > m} v_j falls as m^(1 - q). Logs, for a tolerance may be next to nothing.
-    growth = math.log(1.1) + (math.log(left) - math.log(limit)) * 2.0 / (q - 1.0)
-    growth = min(max(math.log(1.2), growth), math.log(most / m))
-    needed = min(math.ceil(m * math.exp(growth)), most)
-    while whole_count(surface.template.topology, needed) > most and needed > m + 1:
-        needed -= 1
-    return needed

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import ParameterError, TopologyError
+from modalmotion.errors import TopologyError
 from modalmotion.mesh.cavity import Cavity, cavity_of
 from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.sequence import MeshSequence
@@ -18,15 +18,14 @@ from modalmotion.mesh.uncertainty import difference_deviation
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import PLANE
 from modalmotion.numeric.frozen_arrays import FrozenArrays
-from modalmotion.numeric.products import product
 from modalmotion.representation import shown
+from modalmotion.template.affine_motions import affine_shapes
+from modalmotion.template.loose_vertices import shapes_of
 from modalmotion.template.template import Template
-from modalmotion.tracking.driven_frames import DrivenFrames
 from modalmotion.tracking.image_answer import ImageAnswer
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.prior import Prior
 from modalmotion.tracking.sampled_data import SampledData
-from modalmotion.tracking.shapes import track_shapes
 
 
 @shown("sequence", "modes", "noise", "prior", "gap", "unseen")
@@ -69,8 +68,6 @@ class Track(FrozenArrays):
         were estimated together; None where time is open.
     reference : int or None
         Frame whose surface the start is, exactly; None where it is none's.
-    driven : DrivenFrames or None
-        The way to the last estimate, where oscillators went it (`dynamics`).
     notes : tuple of str
     provenance : mapping
         Parameters and versions, for files.
@@ -97,7 +94,6 @@ class Track(FrozenArrays):
     unseen: tuple[int, ...]
     gap: float | None
     reference: int | None
-    driven: DrivenFrames | None
     notes: tuple[str, ...]
     provenance: Mapping[str, Any]
     images: ImageAnswer | None = None
@@ -147,33 +143,7 @@ class Track(FrozenArrays):
     @cached_property
     def shapes(self) -> NDArray[np.float64]:
         """What a unit of each amplitude moves the vertices by, (vertices, modes) float64."""
-        return track_shapes(self.modes, self.template, self.provenance)
-
-    def driven_vertices(self, snapshot: int) -> NDArray[np.float64]:
-        """Positions on the way to the last estimate.
-
-        Parameters
-        ----------
-        snapshot : int
-            Of `driven.steps`: 0 is the start's shape in every frame, -1 where all are at rest.
-
-        Returns
-        -------
-        (frames, vertices, 3) float64, length unit
-
-        Raises
-        ------
-        ParameterError
-            If the track was not made with `dynamics`, or has no such snapshot.
-        """
-        n = 0 if self.driven is None else len(self.driven.steps)
-        if self.driven is None or not -n <= snapshot < n:
-            raise ParameterError(
-                f"Snapshot {snapshot} was requested, and the track has {n}.",
-                remedy="Track with dynamics=True, and name a snapshot from 0 on.",
-            )
-        a = self.driven.path[snapshot].reshape(self.n_frames, -1, 3)
-        return np.stack([self.template.vertices + product(self.shapes, one) for one in a])
+        return affine_shapes(shapes_of(self.modes, self.template), self.template)
 
     @cached_property
     def mode_deviations(self) -> NDArray[np.float64]:

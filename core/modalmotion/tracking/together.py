@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from modalmotion.numeric.cholesky import gram, inverse_of_cholesky
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.driven_frames import DrivenFrames, drive_frames
 from modalmotion.tracking.information import Information, information
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.observation import Frame
@@ -74,7 +73,6 @@ class Together(NamedTuple):
     seen: NDArray[np.float64]
     information: list[Information]
     lasting: NDArray[np.float64]
-    driven: DrivenFrames | None
 
 
 def together(
@@ -86,18 +84,12 @@ def together(
     Q: NDArray[np.float64],
     pinned: int | None,
     done: Callable[[], None],
-    *,
-    dynamics: bool = False,
 ) -> Together:
-    """Estimate all frames at once, twice, the second time about the first result.
-
-    With `dynamics` oscillators go to the second result, from the start's shape.
-    """
+    """Estimate all frames at once, twice, the second time about the first result."""
     n_frames, m = len(frames), len(surface)
     stiffness = np.repeat(1.0 / prior.variances(surface.wavenumbers), 3)
     a = here.amplitudes(m)
     seen, last = np.empty(0), list[Information]()
-    driven: DrivenFrames | None = None
     for _ in range(2):
         last = []
         for k, frame in enumerate(frames):
@@ -106,9 +98,6 @@ def together(
         matrices, vectors = _stacked(last, stiffness, pinned)
         flat, seen = joined(matrices, vectors, stiffness, Q)
         a = flat.reshape(n_frames, m, 3)
-    if dynamics:
-        driven = drive_frames(matrices, vectors, stiffness, Q, np.zeros_like(vectors), pinned)
-        a = driven.path[-1].reshape(n_frames, m, 3)
     # What the modes leave lasts: frames nearer than the chain is long see the same of it, and do
     # not count as often as there are frames. What looks like sliding is what lies next beyond the
     # modes, where the most of it is.
@@ -125,7 +114,7 @@ def together(
     ]
     matrices, vectors = _stacked(slow, stiffness, pinned)
     _, covariances = joined(matrices, vectors, stiffness, Q)
-    return Together(a, seen, last, covariances, driven)
+    return Together(a, seen, last, covariances)
 
 
 def _stacked(
