@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, MalformedFileError, needs_extra
 from modalmotion.formats.parser.answer import Parsed
-from modalmotion.formats.volumes.dicom_compressed import require_decodable
-from modalmotion.formats.volumes.dicom_stream import read_dicom
+from modalmotion.formats.volumes.dicom_compressed import read_dicom, require_decodable
 from modalmotion.formats.volumes.stack import BROKEN, declared_bytes, scaled, unheard
 from modalmotion.limits import ReadLimits
 
@@ -42,7 +41,7 @@ def parse_dicom(data: bytes, limits: ReadLimits) -> Parsed:
         import pydicom
     try:
         with unheard("pydicom"):
-            return _of(read_dicom(data, _TAGS, limits), limits)
+            return _of(read_dicom(data, _TAGS), limits)
     except InputError:
         raise
     except (*BROKEN, pydicom.errors.InvalidDicomError, pydicom.errors.BytesLengthException):

@@ -1,8 +1,10 @@
-"""Compressed pixels of DICOM: which are decoded, and that they unfold to what is declared."""
+"""DICOM data sets from bytes: which compressed ones are decoded, and that they unfold alike."""
 
 from __future__ import annotations
 
+import io
 import struct
+from collections.abc import Sequence
 from typing import Any, Final
 
 from modalmotion.errors import MalformedFileError
@@ -19,6 +21,32 @@ _SIZES: Final = (8, 12, 16, 20)
 # Bytes of the table of segments in front of RLE's own (DICOM PS3.5, G.5).
 _TABLE: Final = 64
 _NO_RUN: Final = 128
+
+
+class _Stream(io.BytesIO):
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Read so many bytes; all of the rest is what deflated data sets are inflated from."""
+        if size is None or size < 0:
+            raise MalformedFileError(
+                "The DICOM file is deflated, which would unfold to any size.", remedy=_REMEDY
+            )
+        return super().read(size)
+
+
+def read_dicom(data: bytes, tags: Sequence[str], *, has_pixels: bool = True) -> Any:
+    """Read elements of a file, its pixels too if it `has_pixels` to be read.
+
+    Raises
+    ------
+    MalformedFileError
+        If it is deflated as a whole.
+    pydicom.errors.InvalidDicomError, OSError, ValueError, ...
+        What pydicom raises on other files.
+    """
+    import pydicom
+
+    stream = _Stream(data)
+    return pydicom.dcmread(stream, stop_before_pixels=not has_pixels, specific_tags=list(tags))
 
 
 def require_decodable(dataset: Any, n: int, rows: int, columns: int) -> None:
