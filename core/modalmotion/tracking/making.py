@@ -25,7 +25,7 @@ from modalmotion.template import Template, make_template
 from modalmotion.tracking.contour_ends import with_contour_ends
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.doubts import doubts_of_ends, has_landmarks
-from modalmotion.tracking.ends_of_data import with_doubts, with_endings
+from modalmotion.tracking.ends_of_data import with_endings
 from modalmotion.tracking.first_shape import shape_in
 from modalmotion.tracking.folding import require_unfolded, require_volume
 from modalmotion.tracking.image_frames import frames_of_images
@@ -178,12 +178,13 @@ def track(
     surface = surface.exact_for_affine()
     is_exact = pinned is not None
     prior, noise = first_guess(surface)
-    frames = with_endings(surface, ended, noise, pinned, first)
+    # A start that is no frame's surface says nothing of where their data end.
+    known = first if start is None else pinned
+    frames = with_endings(surface, ended, noise, known)
     here = both_ways(surface, frames, first, prior, noise, is_closed=is_closed, done=done)
     gap = here.gap
     prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
     noises = noises_of(surface, here, prior, noise)
-    frames = with_doubts(surface, frames, here.amplitudes(len(surface)), noises, pinned)
     here = again(surface, frames, here.amplitudes(len(surface)), prior, steady(noises, noise), done)
     prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
     noises = noises_of(surface, here, prior, noise)

@@ -17,7 +17,7 @@ from modalmotion.template import make_template
 from modalmotion.tracking import Observation, Track, of_surface, track
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.ending import Ending
-from modalmotion.tracking.ends_of_data import with_doubts, with_endings
+from modalmotion.tracking.ends_of_data import with_endings
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.observation import Frame, observed_frames
 from modalmotion.tracking.rim import rim_at
@@ -47,7 +47,6 @@ def tilting() -> Floats:
 
 TRUE = tilting()
 NOISE = Noise(0.5, 0.2, 40.0)
-STILL = np.zeros((len(TRUE), len(SURFACE), 3))
 
 
 def clouds(seed: int = 0, noise: float = 0.5, n: int = N) -> list[Floats]:
@@ -68,7 +67,6 @@ def endings(observed: Sequence[Any], pinned: int | None = 0) -> list[list[Ending
     """What is made of frames that do not move."""
     frames, _ = observed_frames(observed)
     given = with_endings(SURFACE, frames, NOISE, pinned)
-    given = with_doubts(SURFACE, given, STILL[: len(frames)], [NOISE] * len(frames), pinned)
     return [[part for part in frame if isinstance(part, Ending)] for frame in given]
 
 
@@ -228,36 +226,16 @@ def test_the_gate_is_shut(frames: Callable[[], list[Any]]) -> None:
 
 
 @pytest.mark.parametrize("step", [6.0, 9.0, 12.0, 15.0])
-def test_points_along_contours_are_told_from_a_cloud_without_anything_known(step: float) -> None:
+def test_points_along_contours_are_told_from_a_cloud(step: float) -> None:
     for points, is_used in ((contour(SHAPE, step), False), (still(1)[0], True)):
         frames, _ = observed_frames([points])
-        (given,) = with_endings(SURFACE, frames, NOISE, None)
+        (given,) = with_endings(SURFACE, frames, NOISE, 0)
         assert any(isinstance(part, Ending) for part in given) == is_used
 
 
 def test_without_anything_known_of_a_rim_the_gate_is_shut() -> None:
     assert all(endings(still(), pinned=0))
     assert not any(endings(still(), pinned=None))
-
-
-def test_landmarks_that_disagree_make_it_doubtful() -> None:
-    rng = np.random.default_rng(6)
-    base = SHAPE[RIM].mean(axis=0)
-    up = base - SHAPE[S.argmin()]
-    up /= np.linalg.norm(up)
-    agree, apart = [], []
-    for k, points in enumerate(still(6)):
-        mark = Observation(base[None], sd=0.2, places=("base",))
-        off = rng.normal(0.0, 2.0) if k else 0.0
-        other = Observation((base + off * up)[None], sd=0.2, places=("base",))
-        agree.append((Observation(points), mark))
-        apart.append((Observation(points), other))
-    frames = {}
-    for name, observed in (("agree", agree), ("apart", apart)):
-        given = with_endings(SURFACE, observed, NOISE, 0)
-        given = with_doubts(SURFACE, given, np.zeros((6, 18, 3)), [NOISE] * 6, 0)
-        frames[name] = next(part.doubt for part in given[1] if isinstance(part, Ending))
-    assert frames["apart"] > frames["agree"] + 1.0
 
 
 def test_closed_surfaces_and_sheets_have_no_such_end() -> None:

@@ -129,7 +129,7 @@ def _samples(header: Any, data: bytes, start: int, limits: ReadLimits) -> NDArra
         raise MalformedFileError("The NRRD file has other 'sizes' than axes.", remedy=_REMEDY)
     n_bytes = declared_bytes(sizes, kind.itemsize, limits)
     if encoding in _GZIP:
-        data, start = unpacked(data, "gzip", n_bytes, start), 0
+        data, start = unpacked(data, "gzip", n_bytes, start).tobytes(), 0
     if len(data) - start < n_bytes:
         raise MalformedFileError("The NRRD file ends before its samples do.", remedy=_REMEDY)
     values = np.frombuffer(data, kind, n_bytes // kind.itemsize, start)
