@@ -18,7 +18,7 @@ from sparse_lattices import largest_residual
 import modalmotion as mm
 from modalmotion.dynamics import State, driven_states, exact_step, mode_oscillators
 from modalmotion.tracking import together, track
-from modalmotion.tracking.time_chain import joined
+from modalmotion.tracking.map_frames import joined
 
 COUNTS, OF_VERTICES = (3, 7, 21, 54), "of 4,000 vertices by"
 

@@ -79,7 +79,7 @@ def read(
     """
     options = ReadOptions(facts=stated_facts(stated).over(facts), **stated)
     if is_one_of_many:
-        from modalmotion.tracking.recording import sequence_of
+        from modalmotion.tracking.parameters import sequence_of
 
         return sequence_of(source, options)
     from modalmotion.tracking.hdf5 import kept_track

@@ -32,7 +32,7 @@ from modalmotion.pictures.track import (
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
-from modalmotion.tracking.landmark_file import read_landmark_file
+from modalmotion.tracking.landmarks import read_landmark_file
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
 from modalmotion.tracking.reading import Recorded, read_observed
 

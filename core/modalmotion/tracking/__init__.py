@@ -1,10 +1,9 @@
 """Tracking of surfaces through observations without correspondence."""
 
 from modalmotion.arguments.checking import check_arguments
-from modalmotion.tracking.making import track
+from modalmotion.tracking.making import segment, track
 from modalmotion.tracking.observation import Observation, of_surface
 from modalmotion.tracking.result import Track
-from modalmotion.tracking.segmentation import segment
 
 __all__ = ["Observation", "Track", "of_surface", "segment", "track"]
 

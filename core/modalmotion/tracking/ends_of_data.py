@@ -1,10 +1,10 @@
-"""Whether the data of frames end where the surface does, and so say where its rim is."""
+"""Where the data of frames end, and whether the surface ends there."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Final
+from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -12,12 +12,91 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh import face_areas
 from modalmotion.mesh.connectivity import grouped_edges
-from modalmotion.tracking.closest import closest_points
+from modalmotion.tracking.closest import Matches, closest_points
+from modalmotion.tracking.cloud_end import DataEnd, end_of_cloud
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.ending import Ending, Lying, lies_evenly
-from modalmotion.tracking.noise import Noise
-from modalmotion.tracking.observation import NAMED_PLACES, Frame
-from modalmotion.tracking.rim import Rim, rim_at, rim_of
+from modalmotion.tracking.noise import Noise, robust_weights
+from modalmotion.tracking.observation import NAMED_PLACES, Frame, Observation
+from modalmotion.tracking.rim import NEAR_END, Rim, rim_at, rim_of
+
+# Of a sector: the border of a mesh lies along more than that of it, or does not show it.
+_LEAST: Final = 0.5
+
+
+class Lying(NamedTuple):
+    """Points that lie evenly on a surface, and their feet on it."""
+
+    part: Observation
+    found: Matches
+
+
+def lies_evenly(part: Observation) -> bool:
+    """Tell whether nothing is said of points but that they are on the surface."""
+    said = (part.weights, part.normals, part.places, part.feet, part.end)
+    return len(part) > 0 and all(value is None for value in said)
+
+
+@dataclass(frozen=True, eq=False)
+class Ending(Observation):
+    """The data of a frame end at a rim.
+
+    Parameters
+    ----------
+    points : (n, 3) float64, length unit
+        Middles of the sides of a mesh's border, their lengths as `weights`; none of a cloud, whose
+        end is found anew wherever the surface is.
+    rim : Rim
+    """
+
+    rim: Rim | None = None
+
+    def found(
+        self,
+        surface: Deformable,
+        x: NDArray[np.float64],
+        even: Sequence[Lying],
+        noise: Noise,
+    ) -> DataEnd | None:
+        """How far the data end beyond the rim of a surface with the vertices x, (vertices, 3)."""
+        if self.rim is None:
+            return None
+        if len(self):
+            return self._of_border(surface, self.rim, x, noise)
+        if not even:
+            return None
+        own = np.concatenate([np.broadcast_to(noise.own(part.sd), len(part)) for part, _ in even])
+        blur = float(np.sqrt(own.mean()))
+        points = [(part.points, found) for part, found in even]
+        beside = float(np.hypot(blur, noise.truncation))
+        return end_of_cloud(surface, self.rim, x, points, beside, blur)
+
+    def _of_border(
+        self, surface: Deformable, rim: Rim, x: NDArray[np.float64], noise: Noise
+    ) -> DataEnd | None:
+        # Holes have borders, too, and other ends.
+        feet = closest_points(self.points, x, surface.cells)
+        s = (feet.shares * surface.template.coordinates[feet.corners, 0]).sum(axis=1)
+        is_near = np.abs(s - (0.0 if rim.end == "apex" else 1.0)) < NEAR_END
+        if not is_near.any():
+            return None
+        found = closest_points(self.points, x, rim.sides)
+        there = rim.at(x)
+        place = np.searchsorted(there.vertices, found.corners)
+        outward = (found.shares[:, :, None] * there.directions[place]).sum(axis=1)
+        gap = ((self.points - found.feet) * outward).sum(axis=1)
+        weights = np.zeros(len(self))
+        weights[is_near] = robust_weights(found.distances[is_near], noise.total)
+        weights = weights * (1.0 if self.weights is None else self.weights)
+        nearest = found.corners[np.arange(len(self)), found.shares.argmax(axis=1)]
+        n, sector = rim.n_sectors, rim.sectors[nearest]
+        total = np.bincount(sector, weights, minlength=n)
+        kept = np.where(total > 0, total, 1.0)
+        beyond = np.bincount(sector, weights * gap, minlength=n) / kept
+        own = np.broadcast_to(noise.own(self.sd), len(self))
+        variances = np.bincount(sector, weights**2 * own, minlength=n) / kept**2
+        shown = np.clip(2.0 * total / there.totals - _LEAST, 0.0, 1.0)
+        return DataEnd(beyond, variances, shown, np.inf) if shown.any() else None
+
 
 # Points in a square as wide as a sector: enough to tell a hole from chance.
 _OF_SECTOR: Final = 16.0
@@ -71,10 +150,9 @@ def with_endings(
             n = float(np.median([sum(map(len, frames[k])) for k in own]))
             width = max(width, (_OF_SECTOR * surface.area / n) ** 0.5)
         rim = rim_of(surface, end, float(width)) if own else None
-        doubt = None if rim is None else _doubt(surface, rim, frames[known], noise)
-        if rim is not None and doubt is not None:
+        if rim is not None and _end_there(surface, rim, frames[known], noise):
             for k in own:
-                full[k] = (*full[k], replace(_ending(rim, frames[k]), doubt=doubt))
+                full[k] = (*full[k], _ending(rim, frames[k]))
     return tuple(full)
 
 
@@ -135,12 +213,8 @@ def _ending(rim: Rim, frame: Frame) -> Ending:
     return Ending(sides.mean(axis=1), weights=lengths, end=rim.end, rim=rim)
 
 
-def _doubt(surface: Deformable, rim: Rim, frame: Frame, noise: Noise) -> float | None:
-    """Variance of a sector's end, by how far data end from a rim that is known; None if too far.
-
-    The mean square by which they do, less what chance makes, is taken for all frames; that of the
-    whole rim is common to its sectors.
-    """
+def _end_there(surface: Deformable, rim: Rim, frame: Frame, noise: Noise) -> bool:
+    """Tell whether the data of a frame whose rim is known end there, as far as it can be seen."""
     x = surface.template.vertices
     ending = _ending(rim, frame)
     even = [
@@ -150,11 +224,8 @@ def _doubt(surface: Deformable, rim: Rim, frame: Frame, noise: Noise) -> float |
     ]
     found = ending.found(surface, x, even, noise)
     if found is None or found.shown.mean() < _MOST_OF_RIM:
-        return None
+        return False
     kept = found.shown > 0.0
-    e, chance = found.beyond[kept], float(found.variances[kept].mean())
-    mean = float(e.mean())
-    if abs(mean) > _FAR * found.most + 2.0 * (chance / len(e)) ** 0.5:
-        return None
-    of_sectors = max(float((e**2).mean()) - chance, 0.0)
-    return of_sectors + rim.n_sectors * max(mean**2 - chance / len(e), 0.0)
+    chance = float(found.variances[kept].mean()) / kept.sum()
+    off = abs(float(found.beyond[kept].mean()))
+    return bool(off <= _FAR * found.most + 2.0 * chance**0.5)

@@ -21,12 +21,10 @@ from modalmotion.template.affine_motions import affine_shapes
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 from modalmotion.template.loose_vertices import shapes_of
 from modalmotion.template.template import Template
-from modalmotion.tracking.image_answer import ImageAnswer
+from modalmotion.tracking.deviations import uncertainty_of
 from modalmotion.tracking.noise import Noise
-from modalmotion.tracking.posterior import uncertainty_of
 from modalmotion.tracking.prior import Prior
-from modalmotion.tracking.result import Track
-from modalmotion.tracking.sampled_data import SampledData
+from modalmotion.tracking.result import ImageAnswer, SampledData, Track
 
 FORM: Final = TRACK
 

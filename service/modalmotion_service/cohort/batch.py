@@ -23,7 +23,7 @@ from modalmotion.store import (
     upload_image,
 )
 from modalmotion.store.disk.group_commit import GroupCommit
-from modalmotion.tracking.recording import sequence_of
+from modalmotion.tracking.parameters import sequence_of
 from modalmotion_service.cohort.remote import Source
 from modalmotion_service.cohort.transfer import fetched
 from modalmotion_service.work.parsing import parser_for

@@ -16,9 +16,9 @@ from modalmotion.store import SequenceRecord
 from modalmotion.tracking import Track
 from modalmotion.tracking.landmarks import landmarks_from_json, landmarks_of
 from modalmotion.tracking.making import MOST_MODES
-from modalmotion.tracking.papillary import Papillary
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
 from modalmotion.tracking.reading import USUAL_CONTOURS
+from modalmotion.tracking.result import Papillary
 from modalmotion_service.schemas.facts import FactsQuery
 from modalmotion_service.schemas.fields import POINT, SequenceId, parse_times
 from modalmotion_service.schemas.sequences import SequenceSummary

@@ -17,10 +17,10 @@ from modalmotion.cli.track_command import stated_landmarks
 from modalmotion.errors import ParameterError
 from modalmotion.formats import DEFAULT_LIMITS, ParserHere, read_npz
 from modalmotion.formats.volumes import read_images, write_nifti_zip
-from modalmotion.formats.volumes.writing import write_nifti
+from modalmotion.formats.volumes.nifti import write_nifti
 from modalmotion.images import ImageSequence
 from modalmotion.tracking.hdf5 import track_from_hdf5
-from modalmotion.tracking.landmark_file import read_landmark_file
+from modalmotion.tracking.landmarks import read_landmark_file
 from modalmotion.tracking.reading import Recorded
 
 BALL = breathing_spheroid(3)

@@ -9,7 +9,7 @@ from clouds import Floats
 from driven_frames import drive_frames
 
 from modalmotion.errors import ToleranceError
-from modalmotion.tracking.time_chain import chain_precision, joined
+from modalmotion.tracking.map_frames import chain_precision, joined
 
 N_FRAMES, N = 4, 9
 

@@ -22,8 +22,7 @@ from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation, Track, of_surface, track
-from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.folding import require_unfolded
+from modalmotion.tracking.deformable import Deformable, require_unfolded
 
 BEAT = simulate_ventricle(
     VentricleParameters(shape_variation=1.0, motion_variation=0.5),

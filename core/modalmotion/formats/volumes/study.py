@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from modalmotion.errors import InputError, MalformedFileError, needs_extra
 from modalmotion.formats.parser.answer import Parsed
-from modalmotion.formats.volumes.dicom_compressed import read_dicom
+from modalmotion.formats.volumes.dicom import read_dicom
 from modalmotion.formats.volumes.stack import BROKEN, unheard
 from modalmotion.limits import ReadLimits
 

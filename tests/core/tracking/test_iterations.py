@@ -17,10 +17,10 @@ from modalmotion.template import make_template
 from modalmotion.tracking import Observation
 from modalmotion.tracking.closest import closest_points
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.information import bulge, information
+from modalmotion.tracking.iterations import map_frame
 from modalmotion.tracking.noise import Noise
+from modalmotion.tracking.normal_equations import bulge, normal_equations
 from modalmotion.tracking.prior import Prior
-from modalmotion.tracking.settling import settle
 
 BEAT = simulate_ventricle(grid=(16, 24), acquisition=Acquisition(n_frames=6))
 TEMPLATE = make_template(BEAT)
@@ -42,7 +42,7 @@ def test_force_is_the_slope_of_the_cost(rng: np.random.Generator) -> None:
     a, step = 0.5 * rng.normal(size=(7, 3)), 1e-5 * rng.normal(size=(7, 3))
     # Noise of its own lifts points off a round surface, which is taken off.
     noise = replace(NOISE, sd=1e-3)
-    found = information(surface, a, (cloud,), noise)
+    found = normal_equations(surface, a, (cloud,), noise)
     force = found.vector - found.matrix @ a.ravel()
     variance = float(noise.variances(None, float(found.weights.sum())))
     # Weights held: half the squared distances, before and after.
@@ -76,7 +76,7 @@ def test_noise_lifts_points_off_what_is_round_and_not_off_what_is_flat(
 def test_the_equilibrium_balances_data_and_prior(rng: np.random.Generator) -> None:
     surface = Deformable.of(CLOSED_TEMPLATE, 18)
     variances = Prior.broad(surface.size).variances(surface.wavenumbers)
-    own = settle(surface, frame_at(2, 400, rng), np.zeros((len(surface), 3)), variances, NOISE)
+    own = map_frame(surface, frame_at(2, 400, rng), np.zeros((len(surface), 3)), variances, NOISE)
     K = np.repeat(1.0 / variances, 3)
     H = own.information.matrix + np.diag(K)
     assert own.covariance @ H == pytest.approx(np.eye(len(K)), abs=1e-6)
@@ -90,7 +90,7 @@ def test_a_point_beyond_the_rim_does_not_pull_along_it(rng: np.random.Generator)
     x = TEMPLATE.vertices
     s = TEMPLATE.coordinates[:, 0]
     beyond = x[RIM] + 4.0 * (x[RIM].mean(axis=0) - x[s.argmin()]) / 80.0
-    found = information(surface, np.zeros((7, 3)), (Observation(beyond),), NOISE)
+    found = normal_equations(surface, np.zeros((7, 3)), (Observation(beyond),), NOISE)
     assert (found.weights == 0).mean() > 0.9
 
 
@@ -107,7 +107,7 @@ def test_of_two_triangles_as_near_as_each_other_either_says_the_same(
     out = vertex_normals(x, surface.cells)
     points = np.concatenate([(x + d * out)[between].mean(axis=1) for d in (-3.0, 3.0)])
     one, other = (
-        information(surface, a, (Observation(points + noise),), NOISE)
+        normal_equations(surface, a, (Observation(points + noise),), NOISE)
         for noise in 1e-11 * rng.normal(size=(2, *points.shape))
     )
     # Rounding decides which triangle it is.
