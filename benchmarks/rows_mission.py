@@ -17,7 +17,7 @@ from sparse_lattices import largest_residual
 
 import modalmotion as mm
 from modalmotion.dynamics import State, driven_states, exact_step, mode_oscillators
-from modalmotion.tracking import together, track
+from modalmotion.tracking import track
 from modalmotion.tracking.map_frames import joined
 
 COUNTS, OF_VERTICES = (3, 7, 21, 54), "of 4,000 vertices by"
@@ -48,7 +48,7 @@ def rest_point(seed: int) -> float:
     rng = np.random.default_rng([seed, 1])
     beat = with_noise(individual(rng, grid=(12, 24), n_frames=6), 0.5, rng)
     start = mm.mesh_sequence(beat.vertices[:1], beat.faces, topology="cup", unit="mm")
-    with patch.object(together, "joined", wraps=joined) as solved:
+    with patch("modalmotion.tracking.map_frames.joined", wraps=joined) as solved:
         result = track(list(beat.vertices), start=start, modes=7, unit="mm")
     # Its last equations, (Q (x) K + A) a = b, driven from the start's shape; frame 0 is known.
     matrices, vectors, stiffness, Q = solved.call_args_list[1].args

@@ -10,6 +10,7 @@ from typing import Any, Final, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arguments.tasks import Recorded
 from modalmotion.errors import TopologyError
 from modalmotion.mesh.cavity import Cavity, cavity_of
 from modalmotion.mesh.normal_lines import vertex_normals
@@ -165,7 +166,7 @@ class ImageAnswer:
 
 @shown("sequence", "modes", "noise", "prior", "gap", "unseen")
 @dataclass(frozen=True, eq=False)
-class Track(FrozenArrays):
+class Track(FrozenArrays, Recorded):
     """Motion of a surface found from observations, with its uncertainty.
 
     Parameters
