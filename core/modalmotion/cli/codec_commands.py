@@ -10,7 +10,6 @@ import click
 
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import Command, example, json_option, output_option, tell
-from modalmotion.cli.outputs import OutputFolder
 from modalmotion.formats import write_npz, write_raw, write_vtkhdf
 from modalmotion.store import write_atomic
 
@@ -123,20 +122,3 @@ def _span(first: int | None, stop: int | None, n: int) -> range | None:
     if first is None and stop is None:
         return None
     return range(first or 0, n if stop is None else stop)
-
-
-@click.command(epilog=example("compile-codec"))
-@click.option(
-    "--folder",
-    type=OutputFolder(),
-    help="Where to keep it  [default: with the installed packages, or in the user's cache].",
-)
-@json_option
-def compile_codec(folder: Path | None, as_json: bool) -> None:
-    """Compile the codec and kernels of large meshes, once for this machine.
-
-    Takes a minute and needs numba (extra `codec`), which what is compiled does not.
-    """
-    from modalmotion.mesh.machine import compile_kernels
-
-    tell({}, [], compile_kernels(folder), as_json=as_json)

@@ -24,7 +24,6 @@ LONG = {
     "features",
     "track",
     "segment",
-    "compile-codec",
 }
 CHEAP = {
     "audit": "verify --data-dir {store}",
