@@ -98,14 +98,6 @@ def test_the_rim_is_off_by_what_is_stated() -> None:
     assert np.sqrt(np.mean(np.square(z))) < 1.6
 
 
-def test_a_patch_missing_at_the_rim_does_not_draw_it() -> None:
-    whole, full = clouds(), clouds()
-    full[2] = full[2][np.linalg.norm(full[2] - TRUE[2][RIM[0]], axis=1) > 12.0]
-    assert len(full[2]) < N - 40
-    usual, found = (follow(marked(own)) for own in (whole, full))
-    assert far_from_rim(found) < far_from_rim(usual) + 0.4
-
-
 def test_strays_do_not_draw_it() -> None:
     rng = np.random.default_rng(3)
     more = [
