@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from clouds import Floats
 
-from modalmotion.tracking.time_chain import chain_precision, joined, most_likely_h0
+from modalmotion.tracking.map_frames import chain_precision, joined, most_likely_h0
 
 
 def inverse(matrix: Floats) -> Floats:

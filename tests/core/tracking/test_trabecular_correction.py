@@ -28,15 +28,15 @@ from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.tracking import image_frames, track
-from modalmotion.tracking.closing import (
+from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.image_view import Facets, Sight, View, view_of
+from modalmotion.tracking.trabecular_correction import (
     has_trabeculae,
     muscle_within,
     opened,
     spread_over,
     with_trabeculae,
 )
-from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.image_view import Facets, Sight, View, view_of
 
 SHAPE = (40, 40, 52)
 # Height over the middle at which trabeculae end, mm.

@@ -1,4 +1,4 @@
-"""What to doubt in the reference frame of images: landmarks, and neighbours that look alike."""
+"""What to check in the reference frame of images: landmarks, and neighbours that look alike."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _ALIKE: Final = 0.4
 _SHARE: Final = 0.03
 
 
-def doubts_of(
+def image_notes(
     image: Image, facets: Facets, x: Floats, sight: Sight, apex: Floats, base: Floats
 ) -> tuple[str, ...]:
     """Say what speaks against the landmarks, and whether others look like the object.

@@ -1,4 +1,9 @@
-"""Passes over the frames, each at rest by itself, and what they say of prior and noise."""
+"""Iterations: each frame at rest by itself, and what the frames say of prior and noise.
+
+a = argmin sum w (n . (y - x(a)))^2 / s^2 + a' K a: the place where the oscillators of (3), driven
+by the force that the data exert, come to rest. Gauss-Newton goes there in a few steps, each of
+which matches points and surface anew.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +14,73 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.numeric.cholesky import gram, inverse_of_cholesky
+from modalmotion.numeric.products import product
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.noise import Noise, Residuals, noise_of
+from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
 from modalmotion.tracking.observation import Frame
 from modalmotion.tracking.prior import Prior, most_likely_prior
-from modalmotion.tracking.settling import Settled, settle
+
+_MOST_STEPS: Final = 12
+
+# A step of a tenth of the standard deviation in each amplitude, squared.
+_SMALL: Final = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class FrameEstimate:
+    """A frame at rest.
+
+    Parameters
+    ----------
+    amplitudes : (modes, 3) float64, length unit
+    information : NormalEquations
+        About the shape before the last step.
+    covariance : (3 modes, 3 modes) float64, length unit squared
+        (A + K)^-1.
+    """
+
+    amplitudes: NDArray[np.float64]
+    information: NormalEquations
+    covariance: NDArray[np.float64]
+
+
+def map_frame(
+    surface: Deformable,
+    frame: Frame,
+    start: NDArray[np.float64],
+    variances: NDArray[np.float64],
+    noise: Noise,
+    most_steps: int = _MOST_STEPS,
+) -> FrameEstimate:
+    """Find the equilibrium of one frame by Gauss-Newton.
+
+    Parameters
+    ----------
+    surface : Deformable
+    frame : Frame
+    start : (modes, 3) float64, length unit
+    variances : (modes,) float64, length unit squared
+        K^-1.
+    noise : Noise
+    most_steps : int
+    """
+    stiffness = np.repeat(1.0 / variances, 3)
+    a = start
+    for _ in range(most_steps):
+        found = normal_equations(surface, a, frame, noise)
+        H = found.matrix + np.diag(stiffness)
+        inverse = inverse_of_cholesky(H)
+        new = product(
+            np.ascontiguousarray(inverse.T), product(inverse, found.vector[:, None])
+        ).reshape(-1, 3)
+        change = (new - a).ravel()
+        a = new
+        if float(change @ product(H, change[:, None])[:, 0]) <= _SMALL * len(change):
+            break
+    return FrameEstimate(a, found, gram(inverse))
+
 
 # Of the size: no prior is narrower. No noise is either: one point that fits exactly would weigh as
 # many digits more than the prior as there are.
@@ -25,18 +92,18 @@ _FIRST_NOISE: Final = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Pass:
+class Iteration:
     """All frames at rest, each by itself.
 
     Parameters
     ----------
-    frames : list of Settled or None
+    frames : list of FrameEstimate or None
         None where nothing was observed.
     gap : float or None, length unit
         RMS distance between the two shapes of the frame at which both ways round meet.
     """
 
-    frames: list[Settled | None]
+    frames: list[FrameEstimate | None]
     gap: float | None
 
     def amplitudes(self, n_modes: int) -> NDArray[np.float64]:
@@ -59,7 +126,7 @@ def both_ways(
     *,
     is_closed: bool,
     done: Callable[[], None],
-) -> Pass:
+) -> Iteration:
     """Settle frame after frame from the reference on, round a cycle in both ways until they meet.
 
     Parameters
@@ -75,12 +142,12 @@ def both_ways(
     """
     n = len(frames)
     variances = prior.variances(surface.wavenumbers)
-    settled: list[Settled | None] = [None] * n
+    settled: list[FrameEstimate | None] = [None] * n
 
     def walk(path: Sequence[int], a: NDArray[np.float64]) -> NDArray[np.float64]:
         for k in path:
             if any(len(part) for part in frames[k]):
-                settled[k] = own = settle(surface, frames[k], a, variances, noise)
+                settled[k] = own = map_frame(surface, frames[k], a, variances, noise)
                 a = own.amplitudes
             done()
         return a
@@ -89,17 +156,17 @@ def both_ways(
     if not is_closed:
         walk(range(reference + 1, n), first)
         walk(range(reference - 1, -1, -1), first)
-        return Pass(settled, None)
+        return Iteration(settled, None)
     half = n // 2
     there = walk([(reference + i) % n for i in range(1, half + 1)], first)
     back = walk([(reference - i) % n for i in range(1, n - half)], first)
     meeting = frames[(reference + half) % n]
     gap = None
     if n > 2 and any(len(part) for part in meeting):
-        other = settle(surface, meeting, back, variances, noise).amplitudes
+        other = map_frame(surface, meeting, back, variances, noise).amplitudes
         # The shapes have mean square 1.
         gap = float(np.linalg.norm(other - there))
-    return Pass(settled, gap)
+    return Iteration(settled, gap)
 
 
 def again(
@@ -109,20 +176,20 @@ def again(
     prior: Prior,
     noise: Noise,
     done: Callable[[], None],
-) -> Pass:
+) -> Iteration:
     """Settle all frames from where they are, amplitudes (frames, modes, 3)."""
     variances = prior.variances(surface.wavenumbers)
-    settled: list[Settled | None] = []
+    settled: list[FrameEstimate | None] = []
     for frame, a in zip(frames, before, strict=True):
         seen = any(len(part) for part in frame)
-        settled.append(settle(surface, frame, a, variances, noise) if seen else None)
+        settled.append(map_frame(surface, frame, a, variances, noise) if seen else None)
         done()
-    return Pass(settled, None)
+    return Iteration(settled, None)
 
 
 def evidence(
     surface: Deformable,
-    settled: Sequence[Settled | None],
+    settled: Sequence[FrameEstimate | None],
     prior: Prior,
     *,
     is_exact: bool = True,
@@ -164,7 +231,7 @@ def energy(surface: Deformable, amplitudes: NDArray[np.float64], prior: Prior) -
     return float((amplitudes[moves] ** 2 / v[:, None]).mean())
 
 
-def noises_of(surface: Deformable, here: Pass, prior: Prior, noise: Noise) -> list[Noise]:
+def noises_of(surface: Deformable, here: Iteration, prior: Prior, noise: Noise) -> list[Noise]:
     """Noise of each frame, from that of all."""
     return [noise.of_frame(energy(surface, a, prior)) for a in here.amplitudes(len(surface))]
 

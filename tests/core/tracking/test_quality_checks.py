@@ -16,7 +16,7 @@ from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP
 from modalmotion.template import make_template
 from modalmotion.tracking import track
-from modalmotion.tracking.doubts import doubts_on
+from modalmotion.tracking.quality_checks import doubtful_notes
 
 BALL = breathing_spheroid(4)
 RNG = np.random.default_rng(0)
@@ -97,7 +97,7 @@ def test_what_is_doubtful_in_the_ends_of_a_surface_is_said(
 
 
 def test_an_oval_ball_that_is_well_seen_leaves_no_doubt() -> None:
-    assert doubts_on(track(CLOUDS, start=BALL, modes=7)) == []
+    assert doubtful_notes(track(CLOUDS, start=BALL, modes=7)) == []
 
 
 def test_a_turn_that_does_not_show_is_named_with_its_axis() -> None:
@@ -105,6 +105,6 @@ def test_a_turn_that_does_not_show_is_named_with_its_axis() -> None:
     round_about_x[:, :, 1] *= 22.0 / 25.0
     rng = np.random.default_rng(3)
     clouds = [sampled(x, BALL.faces, 120, rng, 0.3) for x in round_about_x]
-    (doubt,) = doubts_on(track(clouds, modes=7))
+    (doubt,) = doubtful_notes(track(clouds, modes=7))
     assert "so round about the axis (1.00, " in doubt
     assert "torsion" in doubt

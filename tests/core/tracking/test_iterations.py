@@ -1,4 +1,4 @@
-"""The equilibrium of a frame: reached by Gauss-Newton, and by oscillators that the data drive."""
+"""The equilibrium of a frame, reached by Gauss-Newton."""
 
 from __future__ import annotations
 
@@ -17,11 +17,10 @@ from modalmotion.template import make_template
 from modalmotion.tracking import Observation
 from modalmotion.tracking.closest import closest_points
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.driven import driven_path
-from modalmotion.tracking.information import bulge, information
+from modalmotion.tracking.iterations import map_frame
 from modalmotion.tracking.noise import Noise
+from modalmotion.tracking.normal_equations import bulge, normal_equations
 from modalmotion.tracking.prior import Prior
-from modalmotion.tracking.settling import settle
 
 BEAT = simulate_ventricle(grid=(16, 24), acquisition=Acquisition(n_frames=6))
 TEMPLATE = make_template(BEAT)
@@ -43,7 +42,7 @@ def test_force_is_the_slope_of_the_cost(rng: np.random.Generator) -> None:
     a, step = 0.5 * rng.normal(size=(7, 3)), 1e-5 * rng.normal(size=(7, 3))
     # Noise of its own lifts points off a round surface, which is taken off.
     noise = replace(NOISE, sd=1e-3)
-    found = information(surface, a, (cloud,), noise)
+    found = normal_equations(surface, a, (cloud,), noise)
     force = found.vector - found.matrix @ a.ravel()
     variance = float(noise.variances(None, float(found.weights.sum())))
     # Weights held: half the squared distances, before and after.
@@ -77,7 +76,7 @@ def test_noise_lifts_points_off_what_is_round_and_not_off_what_is_flat(
 def test_the_equilibrium_balances_data_and_prior(rng: np.random.Generator) -> None:
     surface = Deformable.of(CLOSED_TEMPLATE, 18)
     variances = Prior.broad(surface.size).variances(surface.wavenumbers)
-    own = settle(surface, frame_at(2, 400, rng), np.zeros((len(surface), 3)), variances, NOISE)
+    own = map_frame(surface, frame_at(2, 400, rng), np.zeros((len(surface), 3)), variances, NOISE)
     K = np.repeat(1.0 / variances, 3)
     H = own.information.matrix + np.diag(K)
     assert own.covariance @ H == pytest.approx(np.eye(len(K)), abs=1e-6)
@@ -86,65 +85,12 @@ def test_the_equilibrium_balances_data_and_prior(rng: np.random.Generator) -> No
     assert force == pytest.approx(K * a, abs=1e-6 * np.abs(own.information.vector).max())
 
 
-def test_driven_oscillators_come_to_rest_at_the_same_amplitudes(rng: np.random.Generator) -> None:
-    surface = Deformable.of(CLOSED_TEMPLATE, 7)
-    variances = Prior.broad(surface.size).variances(surface.wavenumbers)
-    frame, still = frame_at(2, 400, rng), np.zeros((7, 3))
-    # The same data term, its matches held: one equilibrium.
-    a = settle(surface, frame, still, variances, NOISE, most_steps=1).amplitudes
-    path = driven_path(surface, frame, still, variances, NOISE, n_matches=1, n_steps=8000, step=8.0)
-    assert np.abs(path[-1] - a).max() <= 1e-6 * np.abs(a).max()
-
-
-def test_driven_oscillators_follow_the_data_to_where_tracking_goes(
-    rng: np.random.Generator,
-) -> None:
-    surface = Deformable.of(CLOSED_TEMPLATE, 7)
-    variances = Prior.broad(surface.size).variances(surface.wavenumbers)
-    frame, still = frame_at(2, 300, rng), np.zeros((7, 3))
-    own = settle(surface, frame, still, variances, NOISE)
-    path = driven_path(surface, frame, still, variances, NOISE, n_matches=15, n_steps=60)
-    sd = np.sqrt(np.diag(own.covariance)).reshape(-1, 3)
-    assert np.sqrt((((path[-1] - own.amplitudes) / sd) ** 2).mean()) < 0.5
-    away = np.linalg.norm(path - own.amplitudes, axis=(1, 2))
-    assert away[-1] < 0.3 * away[0]
-
-
-@pytest.mark.parametrize("step", [0.01, 1.0, 10.0, 1e4])
-def test_no_step_is_too_long_for_driven_oscillators(step: float, rng: np.random.Generator) -> None:
-    surface = Deformable.of(CLOSED_TEMPLATE, 7)
-    variances = Prior.broad(surface.size).variances(surface.wavenumbers)
-    path = driven_path(
-        surface,
-        frame_at(2, 100, rng),
-        np.zeros((7, 3)),
-        variances,
-        NOISE,
-        n_matches=3,
-        n_steps=60,
-        step=step,
-    )
-    assert np.linalg.norm(path, axis=(1, 2)).max() < 3 * surface.size
-
-
-def test_every_step_of_the_proof_is_stable() -> None:
-    # Both roots of the step's matrix, for every eigenvalue and length.
-    x = np.geomspace(1e-4, 1e3, 200)
-    e = np.linspace(0.0, 1.0, 101)[1:, None]
-    decay = np.exp(-x)
-    S, g, B = 1.0 - (1.0 + x) * decay, x * decay, (1.0 - x) * decay
-    trace, determinant = 1.0 - e * S + B, B * (1.0 - e * S) + e * g**2
-    roots = np.sqrt((trace**2 / 4 - determinant).astype(complex))
-    largest = np.maximum(np.abs(trace / 2 + roots), np.abs(trace / 2 - roots))
-    assert largest.max() < 1.0
-
-
 def test_a_point_beyond_the_rim_does_not_pull_along_it(rng: np.random.Generator) -> None:
     surface = Deformable.of(TEMPLATE, 7)
     x = TEMPLATE.vertices
     s = TEMPLATE.coordinates[:, 0]
     beyond = x[RIM] + 4.0 * (x[RIM].mean(axis=0) - x[s.argmin()]) / 80.0
-    found = information(surface, np.zeros((7, 3)), (Observation(beyond),), NOISE)
+    found = normal_equations(surface, np.zeros((7, 3)), (Observation(beyond),), NOISE)
     assert (found.weights == 0).mean() > 0.9
 
 
@@ -161,7 +107,7 @@ def test_of_two_triangles_as_near_as_each_other_either_says_the_same(
     out = vertex_normals(x, surface.cells)
     points = np.concatenate([(x + d * out)[between].mean(axis=1) for d in (-3.0, 3.0)])
     one, other = (
-        information(surface, a, (Observation(points + noise),), NOISE)
+        normal_equations(surface, a, (Observation(points + noise),), NOISE)
         for noise in 1e-11 * rng.normal(size=(2, *points.shape))
     )
     # Rounding decides which triangle it is.

@@ -3,11 +3,25 @@
 The frames are joined by the chain of time, so that (3) reads M u'' + C u' + (Q (x) K) u = b - A u:
 its modes are the chain's own, q, times those of the surface. Masses are chosen for each mode of
 the chain, M = A_mean + q K, so that all oscillators are about as fast; they get the same frequency
-W, and critical damping, as in `tracking.driven`, whose proof holds for any W^2 that no eigenvalue
-of M^-1/2 (A + Q (x) K) M^-1/2 exceeds. Such a bound is 1 + c, c the largest eigenvalue over the
-frames of A_f against A_mean + q_min K: A_f + q K <= (c + 1) (A_mean + q K), as q_min <= q. So every
-step is stable, however long; of 4 / W a few hundred end within rounding of the equilibrium.
-(Equation numbers are those of Nastar, 1994.)
+W, and critical damping, and the force what that adds, with z = M^1/2 u and H = M^-1/2 (A + Q (x) K)
+M^-1/2:
+
+    z'' + 2 W z' + W^2 z = g + (W^2 - H) z,     at rest at H z = g as before.
+
+Along an eigenvector of H, of eigenvalue e <= W^2, a step of length h takes z and z' through a
+matrix with
+
+    determinant  D = B (1 - e S) + e G^2,     trace  T = 1 - e S + B,
+
+B, S and G the responses of the oscillator without data (`dynamics.kernel`): with x = W h,
+W^2 S = 1 - (1 + x) e^-x, B = (1 - x) e^-x and G = h e^-x. D is linear in e, (1 - x) e^-x at e = 0
+and e^-2x at e = W^2, so |D| < 1; and 1 - T + D = e (S (1 - B) + G^2) > 0,
+1 + T + D = (2 - e S)(1 + B) + e G^2 > 0. By Jury's conditions both roots lie inside the circle:
+with W^2 no less than the largest eigenvalue of H every step is stable, however long.
+
+Such a bound is 1 + c, c the largest eigenvalue over the frames of A_f against A_mean + q_min K:
+A_f + q K <= (c + 1) (A_mean + q K), as q_min <= q. So steps of 4 / W, a few hundred, end within
+rounding of the equilibrium. (Equation numbers are those of Nastar, 1994.)
 """
 
 from __future__ import annotations
@@ -129,7 +143,7 @@ def drive_frames(
             raise ToleranceError(
                 f"The frames are not at rest after {done:,} steps ({left / whole:.1e} of the force "
                 "is left).",
-                remedy="Ask for fewer modes, or leave out dynamics, which ends at the same place.",
+                remedy="Ask for fewer modes.",
                 details={"steps": done, "left": left / whole},
             )
         u = amplitudes(state.amplitudes.reshape(len(q), n))

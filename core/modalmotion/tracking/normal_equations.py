@@ -1,4 +1,4 @@
-"""What one frame's observations say of the amplitudes, linear about a shape."""
+"""The normal equations of one frame: what its data say of the amplitudes, linear about a shape."""
 
 from __future__ import annotations
 
@@ -14,12 +14,10 @@ from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.numeric.products import product
 from modalmotion.tracking.closest import Matches, closest_points
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.ending import Ending, Lying, lies_evenly
+from modalmotion.tracking.ends_of_data import Ending, Lying, lies_evenly
 from modalmotion.tracking.noise import Noise, robust_weights
 from modalmotion.tracking.observation import Frame, Observation
-from modalmotion.tracking.patches import alike_over
-from modalmotion.tracking.places import place_on
-from modalmotion.tracking.rim import rim_at
+from modalmotion.tracking.rim import alike_over, place_on, rim_at
 
 # A foot whose distance is not along the normal is on the rim, and pulls along it: such points say
 # nothing of where the rim is. Least share of the distance along the normal.
@@ -32,7 +30,7 @@ _UPPER: Final = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 @dataclass(frozen=True, eq=False)
-class Information:
+class NormalEquations:
     """Quadratic data term a'Aa / 2 - b'a of one frame, and the residuals it comes from.
 
     Parameters
@@ -61,9 +59,28 @@ class Information:
     truncated: NDArray[np.float64]
 
 
-def information(
+def across_covariance(seen: NDArray[np.float64], info: NormalEquations) -> NDArray[np.float64]:
+    """Covariance of the amplitudes as far as it shows across the surface.
+
+    Parameters
+    ----------
+    seen : (3 modes, 3 modes) float64, length unit squared
+        C, of the amplitudes, as they were estimated.
+    info : NormalEquations
+        The part (1 - q) A of what it comes from that is no noise of points.
+
+    Notes
+    -----
+    Noise, and truncation, reach the amplitudes through C A C. Along the surface nothing shows it.
+    Across, what truncation does to the amplitudes is in the residuals already, from which T is
+    taken: there only the share of the noise counts, C - (1 - q) C A C.
+    """
+    return seen - product(product(seen, info.truncated), seen)
+
+
+def normal_equations(
     surface: Deformable, amplitudes: NDArray[np.float64], frame: Frame, noise: Noise
-) -> Information:
+) -> NormalEquations:
     """Linearise the data term about amplitudes, (modes, 3) float64."""
     m = len(surface)
     A, marks, b = np.zeros((3, 3, m, m)), np.zeros((3, 3, m, m)), np.zeros((m, 3))
@@ -98,7 +115,7 @@ def information(
     # (y - x(a)) is what b came from: the target is that much beyond a.
     vector = b.ravel() + product(matrix, amplitudes.reshape(-1, 1))[:, 0]
     points = [part.points for part in frame if not part.is_landmark and len(part)]
-    return Information(
+    return NormalEquations(
         matrix,
         vector,
         np.concatenate([np.zeros((0, 3)), *points]),
@@ -265,11 +282,9 @@ def _add_ending(
     found = part.found(surface, x, even, noise)
     if found is None or part.rim is None:
         return
-    variances = found.variances + part.doubt
     there = part.rim.at(x)
-    variances += noise.truncation**2 * there.alike(surface, noise.n_values)
-    weights = found.shown * there.robust(found.beyond, variances)
-    rows, strength = there.rows(surface), weights / variances
+    variances = found.variances + noise.truncation**2 * there.alike(surface, noise.n_values)
+    rows, strength = there.rows(surface), found.shown / variances
     for i in range(3):
         left = np.ascontiguousarray(rows[:, :, i].T)
         b[:, i] += product(left, (strength * found.beyond)[:, None])[:, 0]

@@ -1,17 +1,68 @@
-"""What makes a track doubtful though it came to an end, measured on the result."""
+"""What was observed, and what speaks against a track though it came to an end."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.mesh.sequence import MM_PER_UNIT
-from modalmotion.modes.topology import CUP, SPHERE
+from modalmotion.modes.topology import CLOSED, CUP, SPHERE
+from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.normal_equations import NormalEquations
 from modalmotion.tracking.observation import Frame
 from modalmotion.tracking.result import Track, normals_of
+
+# Cells of the natural coordinates in which a point covers the surface.
+_CELLS: Final = {1: (24,), 2: (6, 12)}
+
+
+class Quality(NamedTuple):
+    """Figures of one frame.
+
+    Parameters
+    ----------
+    rms, p95 : float, length unit
+        Of the distances of the points that counted; NaN without any.
+    inliers : float
+        Share of the points that counted.
+    coverage : float
+        Share of the surface in cells that points lie at.
+    """
+
+    rms: float
+    p95: float
+    inliers: float
+    coverage: float
+
+
+def quality_of(surface: Deformable, info: NormalEquations) -> Quality:
+    """Measure the fit of one frame."""
+    counted = info.weights > 0
+    if not counted.any():
+        return Quality(np.nan, np.nan, 0.0, 0.0)
+    size = np.linalg.norm(info.residuals[counted], axis=1)
+    rms = float(np.sqrt((size**2).mean()))
+    template = surface.template
+    cells = _CELLS[template.topology.n_axes]
+    cell = np.zeros(template.n_vertices, dtype=np.int64)
+    for axis, n in enumerate(cells):
+        s = template.coordinates[:, axis]
+        s = s % 1.0 if template.topology.ends[axis] == CLOSED else s
+        place = np.clip(s * n, 0, n - 1).astype(np.int64)
+        cell = cell * n + place
+    share = np.bincount(cell, template.weights, minlength=int(np.prod(cells)))
+    touched = np.zeros(len(share), dtype=np.bool_)
+    touched[cell[info.feet[counted]].ravel()] = True
+    return Quality(
+        rms,
+        float(np.quantile(size, 0.95)),
+        float(info.weights[counted].sum() / len(info.weights)),
+        float(share[touched].sum()),
+    )
+
 
 # Of the RMS radius: points farther than that from the surface show none, or several.
 _THICK: Final = 0.1
@@ -43,7 +94,7 @@ _WIDE_BOUND: Final = 10.0
 _UNSEEN_TURN: Final = 10.0
 
 
-def doubts_on(result: Track) -> list[str]:
+def doubtful_notes(result: Track) -> list[str]:
     """Say what speaks against a track.
 
     Parameters
@@ -83,7 +134,7 @@ def doubts_on(result: Track) -> list[str]:
     return doubts + _of_turns(result, centre)
 
 
-def doubts_of_ends(
+def end_notes(
     result: Track, stated: Sequence[Frame], frames: Sequence[Frame], *, is_guessed: bool
 ) -> list[str]:
     """Say what is doubtful in where the surface ends, which points on it do not show.
@@ -260,3 +311,43 @@ def _frames(which: NDArray[np.int64]) -> str:
     if len(which) == 1:
         return f"frame {which[0]}"
     return f"{len(which)} frames, frame {which[0]} the first,"
+
+
+# Below this share of the surface under points, what is said of it is said by the prior.
+_LOW_COVERAGE: Final = 0.8
+_LOW_INLIERS: Final = 0.5
+
+_OFFSETS: Final = (
+    "The motion follows the data along the surface's normals; along the surface it is the prior's, "
+    "with the standard deviation stated: twist and sliding are not measured."
+)
+
+
+def notes_on(result: Track) -> list[str]:
+    """Say what was not seen, and what the prior said instead."""
+    notes = [_OFFSETS]
+    if result.unseen:
+        notes.append(
+            f"Nothing was observed in {len(result.unseen)} of {result.n_frames} frames (the first "
+            f"is frame {result.unseen[0]}); there the motion is interpolated."
+        )
+    low = [k for k, c in enumerate(result.coverage) if c < _LOW_COVERAGE and k not in result.unseen]
+    if low:
+        notes.append(
+            f"In {len(low)} frames points lie at less than {_LOW_COVERAGE:.0%} of the surface (at "
+            f"least {result.coverage[low].min():.0%}, frame {low[0]}); elsewhere the prior speaks."
+        )
+    strays = [k for k, c in enumerate(result.inliers) if 0 < c < _LOW_INLIERS]
+    if strays:
+        notes.append(
+            f"In {len(strays)} frames, frame {strays[0]} the first, most points lie off the "
+            "surface: they may show another object."
+        )
+    undetermined = int((result.determined[:, 1] < 0.5).sum())
+    if undetermined:
+        notes.append(
+            f"Of {len(result.modes)} modes the data leave the tangential part of {undetermined} "
+            "undetermined."
+        )
+    notes += doubtful_notes(result)
+    return notes
