@@ -9,14 +9,14 @@ from typing import Any
 import click
 
 from modalmotion.cli.files import read, sequence_argument
-from modalmotion.cli.options import Command, example, json_option, output_option, tell
+from modalmotion.cli.options import command, json_option, output_option, tell
 from modalmotion.formats import write_npz, write_raw, write_vtkhdf
 from modalmotion.store import write_atomic
 
 _WRITERS = {".npz": write_npz, ".vtkhdf": write_vtkhdf, ".raw": write_raw}
 
 
-@click.command(cls=Command, epilog=example("encode beat.npz -o beat.mms --max-error 0.1"))
+@command("encode beat.npz -o beat.mms --max-error 0.1")
 @sequence_argument
 @output_option("Stream to write.")
 @click.option("--rms", type=float, help="Largest RMS distance of the vertices, in their unit.")
@@ -72,7 +72,7 @@ def encode(
     tell(found, [said], output, as_json=as_json)
 
 
-@click.command(epilog=example("decode beat.mms -o beat.npz"))
+@command("decode beat.mms -o beat.npz")
 @click.argument("stream", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @output_option("File to write: .npz, .vtkhdf or .raw (float32).", *_WRITERS)
 @click.option("--first", type=int, help="First frame.")
