@@ -13,6 +13,8 @@ import compile_library as build
 import pytest
 from project import ROOT
 
+from modalmotion import native
+
 needs_compiler = pytest.mark.skipif(
     build.system_compiler() is None, reason="this machine has no C compiler"
 )
@@ -32,9 +34,9 @@ def sources_of(library: Path) -> str:
 
 
 def test_the_library_of_this_checkout_is_made_of_its_sources() -> None:
-    name = f"modalmotion{build.suffix(None)}"
-    library = ROOT / "core" / "modalmotion" / build.FOLDER / name
-    assert sources_of(library) == build.digest(), "run: python tools/compile_library.py"
+    native.library()
+    assert native.PATH.name == f"modalmotion{build.suffix(None)}"
+    assert sources_of(native.PATH) == build.digest()
 
 
 @needs_compiler

@@ -8,13 +8,7 @@ from typing import Any
 
 import click
 
-from modalmotion.cli.options import (
-    example,
-    json_option,
-    list_written,
-    output_option,
-    plot_option,
-)
+from modalmotion.cli.options import command, json_option, list_written, output_option, plot_option
 from modalmotion.cli.outputs import write_picture
 from modalmotion.cli.track_command import stated_landmarks
 from modalmotion.cli.tracking_options import label_options
@@ -34,7 +28,7 @@ from modalmotion.tracking.segmentation import segment as segment_image
 _MM3_PER_ML = 1000.0
 
 
-@click.command(epilog=example("segment labels.nii.gz -o lv.ply"))
+@command("segment labels.nii.gz -o lv.ply")
 @click.argument("source", metavar="IN", type=click.Path(exists=True, path_type=Path))
 @output_option(
     "File to write: the surface with its deviations (.ply), the surface (.npz), or all (.h5).",

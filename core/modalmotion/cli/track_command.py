@@ -11,12 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 import numpy as np
 
-from modalmotion.cli.options import (
-    example,
-    json_option,
-    list_written,
-    output_option,
-)
+from modalmotion.cli.options import command, json_option, list_written, output_option
 from modalmotion.cli.outputs import MOVING, PICTURES, OutputFile, write_picture
 from modalmotion.cli.tracking_options import tracking_options
 from modalmotion.errors import ParameterError
@@ -42,7 +37,7 @@ if TYPE_CHECKING:
 _PICTURES: Final = ("data", "deviations", "determined")
 
 
-@click.command(epilog=example("track frames/ -o beat.npz --landmarks apex=1,2,3 --unit mm"))
+@command("track frames/ -o beat.npz --landmarks apex=1,2,3 --unit mm")
 @click.argument("source", metavar="IN", type=click.Path(exists=True, path_type=Path))
 @output_option(
     "File to write: the sequence (.npz), or the whole track (.h5).", ".npz", ".h5", ".hdf5"
