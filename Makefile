@@ -18,7 +18,7 @@ SPREAD := -n 3 --dist loadfile --no-loadscope-reorder
 # processes, each of which would compile all modules anew where bytecode is not kept.
 LEAN := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: demo serve view viewer wasm wheels test check format truth mutants bench soak openapi clean
+.PHONY: site demo serve view viewer wasm wheels test check format truth mutants bench soak openapi clean
 .DEFAULT_GOAL := test
 
 $(BIN)/python:
@@ -95,6 +95,14 @@ wasm: $(VENV)/.wheels
 $(VENV)/.wheels: constraints.txt | $(BIN)/python
 	$(BIN)/python -m venv $(VENV)/wheels
 	$(VENV)/wheels/bin/pip install --quiet --disable-pip-version-check -c constraints.txt hatchling ziglang lief
+	@touch $@
+
+# The site in site/, as it stands in docs/; every example of the gallery runs.
+site: $(VENV)/.site
+	MPLBACKEND=Agg $(BIN)/python -m sphinx --fail-on-warning --keep-going -b html docs site
+
+$(VENV)/.site: $(SETUP) | $(VENV)/.run
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[service,plot,client,images,docs]'
 	@touch $@
 
 openapi: $(VENV)/.dev

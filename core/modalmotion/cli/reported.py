@@ -124,7 +124,7 @@ class Wanted:
             parameters = TrackParameters(
                 landmarks=marks,
                 unit=unit,
-                frame_interval=self.options["frame_interval"],
+                times=self.options["frame_interval"],
                 facts=stated_facts(dict(self.options)),
                 **named,
             )

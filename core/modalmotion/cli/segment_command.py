@@ -20,9 +20,9 @@ from modalmotion.pictures.image_overlay import overlay_figure
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
+from modalmotion.tracking.making import segment as segment_image
 from modalmotion.tracking.parameters import USUAL_MODES
 from modalmotion.tracking.reading import recorded_images
-from modalmotion.tracking.segmentation import segment as segment_image
 
 # mm^3 in one ml.
 _MM3_PER_ML = 1000.0
