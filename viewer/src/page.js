@@ -227,7 +227,7 @@ function render({ model, el }) {
     );
   };
   const rest = () => {
-    if (!viewer) return;
+    if (!viewer || !viewer.isBuilt) return;
     viewer.show();
     const picture = h("img", { src: viewer.canvas.toDataURL(), alt: "The surface, at rest while out of sight" });
     root.style.minHeight = `${root.offsetHeight}px`;

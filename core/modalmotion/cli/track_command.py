@@ -201,7 +201,7 @@ def _lines(result: Track) -> list[str]:
         )
         lines.append(f"papillary muscles counted as {result.images.papillary}: {both}")
     if result.gap is not None:
-        lines.append(f"both ways round the cycle end {result.gap:.2g} {unit} apart")
+        lines.append(f"forward and backward tracking agree to {result.gap:.2g} {unit}")
     return lines
 
 

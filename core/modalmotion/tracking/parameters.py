@@ -12,7 +12,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.facts import NO_FACTS, UNKNOWN, Facts, facts_patched
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
-from modalmotion.tracking.label_maps import from_labels
+from modalmotion.tracking.label_maps import doubts_of_places, from_labels
 from modalmotion.tracking.label_values import is_label_map
 from modalmotion.tracking.landmarks import Proposed
 from modalmotion.tracking.making import Start, Time, track
@@ -145,4 +145,7 @@ class TrackParameters:
                 remedy="Leave the label out, or give a label map as NIfTI, NRRD or MetaImage.",
             )
         made = from_labels(images, self.labels, self.wall)
-        return replace(recorded, images=made.images, notes=made.images.notes), made.landmarks
+        stated = {**recorded.landmarks, **self.landmarks}
+        doubts = doubts_of_places(images, stated, self.reference or 0)
+        notes = (*made.images.notes, *doubts)
+        return replace(recorded, images=made.images, notes=notes), made.landmarks
