@@ -18,7 +18,7 @@ SPREAD := -n 3 --dist loadfile --no-loadscope-reorder
 # processes, each of which would compile all modules anew where bytecode is not kept.
 LEAN := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: demo serve view viewer wasm wheels test check format truth mutants bench soak openapi clean
+.PHONY: site demo serve aarch64 view viewer wasm wheels test check format truth mutants bench soak openapi clean
 .DEFAULT_GOAL := test
 
 $(BIN)/python:
@@ -88,6 +88,10 @@ viewer:
 wheels: $(VENV)/.wheels
 	$(VENV)/wheels/bin/python tools/wheels.py
 
+# The wheel for aarch64 in an aarch64 Python, emulated: the same bits. Needs Debian.
+aarch64: $(VENV)/.run $(VENV)/.wheels
+	tools/aarch64.sh
+
 # The decoder that pages hold, from the library's sources.
 wasm: $(VENV)/.wheels
 	$(VENV)/wheels/bin/python tools/compile_library.py wasm32
@@ -95,6 +99,14 @@ wasm: $(VENV)/.wheels
 $(VENV)/.wheels: constraints.txt | $(BIN)/python
 	$(BIN)/python -m venv $(VENV)/wheels
 	$(VENV)/wheels/bin/pip install --quiet --disable-pip-version-check -c constraints.txt hatchling ziglang lief
+	@touch $@
+
+# The site in site/, as it stands in docs/; every example of the gallery runs.
+site: $(VENV)/.site
+	MPLBACKEND=Agg $(BIN)/python -m sphinx --fail-on-warning --keep-going -b html docs site
+
+$(VENV)/.site: $(SETUP) | $(VENV)/.run
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[service,plot,client,images,docs]'
 	@touch $@
 
 openapi: $(VENV)/.dev

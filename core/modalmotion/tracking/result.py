@@ -271,7 +271,7 @@ class Track(FrozenArrays, Recorded):
 
     @cached_property
     def wavenumbers(self) -> NDArray[np.float64]:
-        """|k| of each mode times the surface's length, (modes,) float64."""
+        """Wave number of each mode times the surface's length, (modes,) float64."""
         length = float(np.exp(np.log(np.array(self.template.lengths)).mean()))
         k: NDArray[np.float64] = self.modes.wavenumbers_on(self.template.lengths) * length
         return k
