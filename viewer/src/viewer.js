@@ -198,7 +198,7 @@ export class Viewer {
       if (!this.actions.frames) continue;
       try {
         await this.actions.frames(motion, (piece) => {
-          motion.sent.add(readContainer(piece));
+          motion.sent.add(piece instanceof ArrayBuffer ? readContainer(piece) : piece);
           this.wish();
         });
       } catch (error) {
