@@ -1,25 +1,17 @@
-"""Pages on which sequences can be looked at, and what they are sent."""
+"""Pages on which sequences can be looked at."""
 
 from __future__ import annotations
 
-from typing import Annotated, Final
+from typing import Final
 
-from fastapi import Header, Query, Request, Response
+from fastapi import Response
 from starlette.exceptions import HTTPException
 from starlette.responses import HTMLResponse
 
 from modalmotion.viewer.bundle_files import NOTHING, content_name, script, style
-from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.judged_router import JudgedRouter
-from modalmotion_service.http.negotiation import HTML, VIEW, best_type
-from modalmotion_service.routes.parts.deferral import reply_or_job
-from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
-from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
-from modalmotion_service.schemas import SequenceId, SignatureQuery
-from modalmotion_service.schemas.request_queries import ViewFramesQuery
 
 pages = JudgedRouter(include_in_schema=False)
-router = JudgedRouter(prefix="/v1/sequences", tags=["views"], responses=PROBLEMS)
 
 # The page asks this service only. It holds no data: these come with the key, which is typed in.
 _POLICY: Final = (
@@ -29,7 +21,7 @@ _FOR_EVER: Final = "public, max-age=31536000, immutable"
 
 
 @pages.get("/", response_class=HTMLResponse)
-@pages.get("/view/{sequence_id}", response_class=HTMLResponse)
+@pages.get("/view/{key}", response_class=HTMLResponse)
 @pages.get("/images/{images_id}", response_class=HTMLResponse)
 def page() -> HTMLResponse:
     """Give the page that lists sequences, and shows what its address names."""
@@ -54,55 +46,3 @@ def bundle(name: str) -> Response:
     else:
         raise HTTPException(404, "There is no such file of the viewer.")
     return Response(text, media_type=kind, headers={"Cache-Control": _FOR_EVER})
-
-
-@router.get(
-    "/{sequence_id}/view",
-    response_class=Response,
-    responses={
-        200: {"description": "What the page reads.", "content": {VIEW: BINARY, HTML: BINARY}},
-        **ACCEPTED,
-    },
-)
-async def view(
-    sequence_id: SequenceId,
-    query: Annotated[SignatureQuery, Query()],
-    state: StateDependency,
-    preference: PreferenceDependency,
-    request: Request,
-    accept: Annotated[str, Header(description=f"{VIEW}, or {HTML} for one file.")] = VIEW,
-) -> Response:
-    """Give what `/view/{sequence_id}` shows: for that page, or as a page of one file.
-
-    The file opens from disk, without a network. In the other form are the reference, its natural
-    coordinates, the amplitudes, volume and segments, but no frames as sent.
-    """
-    media_type = best_type(accept, (VIEW, HTML))
-    parameters, _facts = state.analysis.resolved(sequence_id, query.parameters())
-    record = state.store.sequence_record(sequence_id)
-    tag = tag_of(sequence_id, parameters.key, "view", media_type, repr(record.facts), script())
-    if is_known(request, tag):
-        return not_modified(tag)
-    body = {"sequence_id": sequence_id, "query": query, "media_type": media_type}
-    headers = {"ETag": tag, "Vary": "Accept"}
-    return await reply_or_job(state, preference, "view", body, headers=headers)
-
-
-@router.get(
-    "/{sequence_id}/view/frames",
-    response_class=Response,
-    responses={
-        200: {"description": "What the page reads.", "content": {VIEW: BINARY}},
-        **ACCEPTED,
-    },
-)
-async def view_frames(
-    sequence_id: SequenceId,
-    query: Annotated[ViewFramesQuery, Query()],
-    state: StateDependency,
-    preference: PreferenceDependency,
-) -> Response:
-    """Give frames as they were sent, in 65,536 steps of their box, for `/view/{sequence_id}`."""
-    state.store.sequence_record(sequence_id)
-    body = {"sequence_id": sequence_id, "query": query}
-    return await reply_or_job(state, preference, "view-frames", body)

@@ -7,7 +7,7 @@ from typing import Final
 
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import SequenceRecord, record_of, upload_image
-from modalmotion_service.schemas import ReadingAnswer
+from modalmotion_service.schemas.sequences import ReadingAnswer
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import write_whole
 from modalmotion_service.work.upload import Upload
