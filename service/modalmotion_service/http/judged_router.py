@@ -27,7 +27,7 @@ async def require_known(request: Request) -> None:
     """
     query = request.query_params
     if query:
-        of_route = vars(request.scope["route"])
+        of_route = request.scope["route"].__dict__
         if _KNOWN not in of_route:
             of_route[_KNOWN] = frozenset(_names(of_route["dependant"]))
         known = of_route[_KNOWN]
