@@ -45,8 +45,13 @@ class Settings(BaseSettings):
         le=256,
         description="Processes; one more does short work alone.",
     )
+    engine: str = Field(
+        "processes",
+        description="What does the work: processes of this machine; dask, for the workers of "
+        "`scheduler`; or another entry point modalmotion.engines.",
+    )
     scheduler: str | None = Field(
-        None, description="Dask scheduler that work is sent to, such as tcp://host:8786."
+        None, description="Dask scheduler of the engine dask, such as tcp://host:8786."
     )
     cluster_seconds: float = Field(
         30.0,

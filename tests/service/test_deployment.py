@@ -259,7 +259,7 @@ def test_units_start_commands_that_exist(name: str) -> None:
     if name == "modalmotion.service":
         # Behind the proxy everybody comes over loopback.
         assert "MODALMOTION_REQUIRE_KEYS=true" in text
-    start = re.search(r"^ExecStart=\S+/modalmotion (\S+)", text, re.MULTILINE)
+    start = re.search(r"^ExecStart=\S+/(?:modalmotion|dask) (\S+)", text, re.MULTILINE)
     assert start is not None
     found = main.get_command(click.Context(main), start[1])
     assert found is not None
@@ -365,10 +365,14 @@ def test_the_commands_of_the_compose_file_are_a_working_cluster(
         start("cluster", document["worker"]["command"])
     data_dir = re.search(r"MODALMOTION_DATA_DIR=(\S+)", dockerfile())
     assert data_dir is not None
-    (name,) = document["modalmotion"]["environment"]
+    assert [*document["modalmotion"]["environment"]] == [
+        "MODALMOTION_ENGINE",
+        "MODALMOTION_SCHEDULER",
+    ]
     folder = tmp_path / data_dir[1].lstrip("/")
     settings = {
-        name: f"tcp://{here}:{port}",
+        "MODALMOTION_ENGINE": "dask",
+        "MODALMOTION_SCHEDULER": f"tcp://{here}:{port}",
         "MODALMOTION_DATA_DIR": str(folder),
         "MODALMOTION_WAIT_SECONDS": "120",
     }

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import pytest
 
 from modalmotion.codec.machine import image as images
+from modalmotion.codec.modes import halving, pairs
 
 compiled = pytest.mark.skipif(
     images.image() is None, reason="the codec is not compiled: modalmotion compile-codec"
@@ -18,4 +19,6 @@ compiled = pytest.mark.skipif(
 def pure() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(images, "_mapped", [None])
+        for module in (halving, pairs):
+            patch.setattr(module, "library", lambda: None)
         yield

@@ -90,7 +90,7 @@ export class Landmarks {
     let wanted = this.frames.get(number);
     if (!wanted) {
       wanted = this.service
-        .call(`/v1/images/${this.id}/frames/${number}${this.madeTrack ? `?track=${this.madeTrack}` : ""}`, { accept: VIEW })
+        .call(`/v1/images/${this.id}?frame=${number}${this.madeTrack ? `&track=${this.madeTrack}` : ""}`, { accept: VIEW })
         .then(async (answer) => new Frame(await answer.arrayBuffer()));
       this.frames.set(number, wanted);
       if (this.frames.size > MOST_FRAMES) this.frames.delete(this.frames.keys().next().value);

@@ -91,22 +91,27 @@ class Pages {
     const ids = [id, ...(query.get("with") ? [query.get("with")] : [])];
     OF_PAGE.forEach((name) => query.delete(name));
     const { service } = this;
-    const asked = query.size ? `?${query}` : "";
     if (!this.root.firstChild) this.root.append(h("p", { class: "loading", role: "status" }, "Loading the surface"));
+    // With parameters in the address a signature is made by them; else a sequence has its usual one.
+    const keyOf = async (one) => {
+      if (!query.size || one.includes("-")) return one;
+      const body = JSON.stringify(Object.fromEntries(query));
+      return (await service.json(`/v1/sequences/${one}/signatures`, { method: "POST", body, type: "application/json" })).key;
+    };
+    const keys = await Promise.all(ids.map(keyOf));
     const payloads = await Promise.all(
-      ids.map(async (one) => (await service.call(`/v1/sequences/${one}/view${asked}`, { accept: VIEW })).arrayBuffer()),
+      keys.map(async (one) => (await service.call(`/v1/signatures/${one}/view`, { accept: VIEW })).arrayBuffer()),
     );
-    const here = `/v1/sequences/${id}`;
+    const here = `/v1/signatures/${keys[0]}`;
+    const keyOfMotion = (motion) => keys.find((key) => key.startsWith(motion.header.sequence_id));
     this.use(null);
     this.current = new Viewer(this.root, payloads, {
       isServed: true,
       frames: async (motion, add) => {
         const n = Math.max(1, Math.floor(PIECE_BYTES / (6 * motion.nVertices)));
         for (let first = 0; first < motion.nFrames; first += n) {
-          const part = new URLSearchParams(query);
-          part.set("first", first);
-          part.set("stop", Math.min(first + n, motion.nFrames));
-          const path = `/v1/sequences/${motion.header.sequence_id}/view/frames?${part}`;
+          const stop = Math.min(first + n, motion.nFrames);
+          const path = `/v1/signatures/${keyOfMotion(motion)}/view?first=${first}&stop=${stop}`;
           add(await (await service.call(path, { accept: VIEW })).arrayBuffer());
         }
       },
@@ -114,12 +119,11 @@ class Pages {
         if (!motion.header.is_tracked) return null;
         return (await service.call(`/v1/tracks/${motion.header.sequence_id}`, { accept: VIEW })).arrayBuffer();
       },
-      csv: async () => save(await (await service.call(`${here}/signature${asked}`, { accept: "text/csv" })).blob(), `${id.slice(0, 12)}-amplitudes.csv`),
-      page: async () => save(await (await service.call(`${here}/view${asked}`, { accept: "text/html" })).blob(), `${id.slice(0, 12)}.html`),
+      page: async () => save(await (await service.call(`${here}/view`, { accept: "text/html" })).blob(), `${id.slice(0, 12)}.html`),
       track: {
-        slices: (images) => this.open(`${images}?track=${id}`, "images").catch((error) => this.fail(error)),
-        describe: () => service.json(`/v1/tracks/${id}`),
-        picture: async (name) => (await service.call(`/v1/tracks/${id}?picture=${name}`, { accept: "image/png" })).blob(),
+        slices: (images) => this.open(`${images}?track=${id.slice(0, 64)}`, "images").catch((error) => this.fail(error)),
+        describe: () => service.json(`/v1/tracks/${id.slice(0, 64)}`),
+        picture: async (name) => (await service.call(`/v1/tracks/${id.slice(0, 64)}?picture=${name}`, { accept: "image/png" })).blob(),
       },
       classify: async () => service.json(`${here}/classifications`, { method: "POST", body: "{}", type: "application/json" }),
     });

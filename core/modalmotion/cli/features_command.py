@@ -8,7 +8,8 @@ from typing import Any, Final
 
 import click
 
-from modalmotion.cli.cases import LabelledSequence, labelled_files, labelled_sources
+from modalmotion.classification.training.manifest import LabelledSequence, labelled_files
+from modalmotion.cli.case_options import labelled_sources
 from modalmotion.cli.options import example, json_option, tell
 from modalmotion.cli.outputs import OutputFile
 

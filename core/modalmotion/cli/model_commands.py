@@ -11,13 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from modalmotion.cli.cases import (
-    LabelledSequence,
-    cases_option,
-    labelled_files,
-    labelled_sources,
-    unit_option,
-)
+from modalmotion.classification.training.manifest import LabelledSequence, labelled_files
+from modalmotion.cli.case_options import cases_option, labelled_sources, unit_option
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.model_texts import (
     answer_json,

@@ -9,7 +9,8 @@ from typing import Any
 
 import click
 
-from modalmotion.cli.cases import LabelledSequence, labelled_files, labelled_sources, unit_option
+from modalmotion.classification.training.manifest import LabelledSequence, labelled_files
+from modalmotion.cli.case_options import labelled_sources, unit_option
 from modalmotion.cli.options import example, json_option, list_written
 from modalmotion.cli.outputs import OutputFile
 

@@ -9,13 +9,8 @@ from typing import Any, Final
 
 import click
 
-from modalmotion.cli.cases import (
-    LabelledSequence,
-    cases_option,
-    labelled_files,
-    labelled_sources,
-    unit_option,
-)
+from modalmotion.classification.training.manifest import LabelledSequence, labelled_files
+from modalmotion.cli.case_options import cases_option, labelled_sources, unit_option
 from modalmotion.cli.model_texts import card_lines, model_json
 from modalmotion.cli.options import example, json_option, plot_option, tell
 from modalmotion.cli.outputs import OutputFile, write_picture

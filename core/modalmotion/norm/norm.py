@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arguments.tasks import Saved
 from modalmotion.choice.parameters import parameters_as_json
 from modalmotion.classification.answer.classifier import fitted_in
 from modalmotion.classification.features import FeatureReader, like_most
@@ -52,7 +53,7 @@ Array = NDArray[np.float64]
 
 @shown("name", "n_controls", "readable.topologies", "readable.n_modes", "id")
 @dataclass(frozen=True, eq=False)
-class Norm:
+class Norm(Saved):
     """Controls of one's own, as recordings are compared with them.
 
     Parameters

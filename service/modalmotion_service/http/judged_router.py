@@ -12,7 +12,6 @@ from pydantic import BaseModel
 
 from modalmotion_service.http.gate import require_judged
 
-
 # Names that the query of a route may have, kept with it.
 _KNOWN: Final = "known_query"
 

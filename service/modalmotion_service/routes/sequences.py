@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Annotated
 
 from fastapi import Depends, Query, Response
 
 from modalmotion.facts import NO_FACTS, Facts, facts_patched
-from modalmotion.store import UNSET
 from modalmotion_service.http.bodies import body_of
 from modalmotion_service.http.gate import note_facts
 from modalmotion_service.http.judged_router import JudgedRouter
@@ -29,6 +29,7 @@ from modalmotion_service.schemas.signatures import TradeoffAnswer
 from modalmotion_service.workspace import sequence_operations as operations
 from modalmotion_service.workspace.erasure import erase
 from modalmotion_service.workspace.operation import Request
+from modalmotion_service.workspace.restating import restate
 
 router = JudgedRouter(prefix="/v1/sequences", tags=["sequences"])
 
@@ -74,15 +75,17 @@ def describe_sequence(sequence_id: SequenceId, asked: AskedNow) -> Response:
 
 
 @router.patch("/{sequence_id}", response_model=SequenceSummary, **body(SequenceChange))
-def change_sequence(
+async def change_sequence(
     sequence_id: SequenceId,
     change: Annotated[SequenceChange, Depends(body_of(SequenceChange))],
     asked: AskedNow,
 ) -> Response:
-    """Change subject, label and facts of a sequence.
+    """Change name, subject, label, facts, unit and times of a sequence.
 
-    What is left out stays, null takes it away; facts are changed as by a JSON merge patch (RFC
-    7396). Results that depend on a changed fact are computed again on request; the others stay.
+    What is left out stays, null removes it; facts are changed as by a JSON merge patch (RFC 7396).
+    Results that depend on a changed fact are computed again on request; the others stay. Unit and
+    times are part of the id: another sequence takes the place of this one, which is deleted with
+    its results, and the answer and Content-Location name the new one. Positions stay as they are.
     """
     stated = change.model_fields_set
     changed: list[str] = []
@@ -94,14 +97,20 @@ def change_sequence(
         changed.extend(facts.changed(known))
         return facts
 
-    record = asked.store.update_sequence(
-        sequence_id,
-        subject=change.subject if "subject" in stated else UNSET,
-        label=change.label if "label" in stated else UNSET,
-        change=changed_facts,
+    names = {name: getattr(change, name) for name in ("name", "subject", "label") if name in stated}
+    current = sequence_id
+    if change.restates:
+        current = await restate(asked.state, sequence_id, change, changed_facts)
+        asked.note(current)
+    record = await asyncio.to_thread(
+        asked.store.update_sequence, current, change=changed_facts, **names
     )
+    if current != sequence_id:
+        await erase(asked.state, sequence_id)
     note_facts(asked.http, changed)
-    return _summary(asked, SequenceSummary.of(record))
+    answer = _summary(asked, SequenceSummary.of(record))
+    answer.headers["Content-Location"] = answer.headers["location"]
+    return answer
 
 
 @router.delete("/{sequence_id}", status_code=204)

@@ -11,7 +11,7 @@ from fastapi import Depends, Query, Response
 from fastapi import Request as HttpRequest
 
 from modalmotion.facts import facts_as_json
-from modalmotion.report.dicom import require_space
+from modalmotion.reports.dicom import require_space
 from modalmotion.signature.making import SignatureParameters
 from modalmotion_service.errors import BusyError
 from modalmotion_service.http.bodies import body_of

@@ -15,9 +15,9 @@ from starlette.datastructures import FormData, QueryParams, UploadFile
 from modalmotion.errors import LimitError, MalformedFileError, ParameterError
 from modalmotion.facts import NAMES, NO_FACTS, Facts, column_of, facts_from_texts, is_fact
 from modalmotion_service.access.principal import principal_of
-from modalmotion_service.cohort.manifest import entries_by_name
 from modalmotion_service.http.bodies import checked
 from modalmotion_service.http.forms import received_form
+from modalmotion_service.http.manifest import MANIFEST, entries_by_name
 from modalmotion_service.http.many_files import FILES, ManyFiles, SentPart
 from modalmotion_service.http.timing import stage
 from modalmotion_service.routes.asked import get_state
@@ -27,8 +27,6 @@ from modalmotion_service.work.part import Part
 from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.state import State
 
-MANIFEST: Final = "manifest"
-"""Name of the part that describes many files: a table, as a field or as a file."""
 PARAMETERS: Final = "parameters"
 """Name of the part that has statements as JSON."""
 
@@ -280,7 +278,7 @@ async def _file_of_many(
 
 
 def _described(parts: tuple[Part, ...], table: str) -> tuple[Part, ...]:
-    entries = entries_by_name(table, MANIFEST)
+    entries = entries_by_name(table)
     names = [part.name for part in parts]
     unknown = next((name for name in entries if name not in names), None)
     if unknown is not None:

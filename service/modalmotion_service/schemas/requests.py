@@ -74,8 +74,9 @@ FACTS_CHANGE: Final = model_of(FactsChange, **_FACT_FIELDS)
 
 
 class SequenceChange(JsonBody):
-    """Names and facts of a sequence: a missing member stays, null removes it."""
+    """What is stated of a sequence: a missing member stays, null removes it."""
 
+    name: Name | None = Field(None, description="What to call it, such as the name of a file.")
     subject: Name | None = Field(None, description="Whose surface it is.")
     label: Name | None = Field(None, description="Known motion class.")
     if TYPE_CHECKING:
@@ -84,6 +85,15 @@ class SequenceChange(JsonBody):
         facts: FACTS_CHANGE | None = Field(
             None, description="Null makes all unknown; landmarks and covariates change by name."
         )
+    unit: str | None = Field(None, max_length=20, description="m, cm, mm, um or nm.")
+    times: list[float] | None = Field(
+        None, max_length=100_000, description="Of the frames, in s, rising."
+    )
+
+    @property
+    def restates(self) -> bool:
+        """Whether it makes another sequence: unit and times are part of its id."""
+        return bool(self.model_fields_set & {"unit", "times"})
 
 
 class Reading(JsonBody):

@@ -78,6 +78,7 @@ class SequenceSummary(BaseModel):
     grid: list[int] | None = Field(description="Nodes along each axis of a lattice.")
     unit: str | None = Field(description="Length unit; null if unknown.")
     has_times: bool
+    name: str | None = Field(description="What its owner calls it, such as the name of a file.")
     subject: str | None
     label: str | None
     created: str = Field(description="When it was first received, ISO 8601 in UTC.")
@@ -100,6 +101,7 @@ class SequenceSummary(BaseModel):
             grid=None if record.grid is None else list(record.grid),
             unit=record.unit,
             has_times=record.has_times,
+            name=record.name,
             subject=record.subject,
             label=record.label,
             created=record.created,

@@ -21,6 +21,7 @@ from modalmotion.tradeoff.predicted_time import (
 )
 from modalmotion_service.http.negotiation import PNG
 from modalmotion_service.schemas.requests import EncodingTarget, ModesRequest
+from modalmotion_service.work.engine import Terms
 from modalmotion_service.work.fitted import Fitted
 from modalmotion_service.work.tasks import (
     batches,
@@ -39,7 +40,6 @@ from modalmotion_service.work.tasks import (
     views,
 )
 from modalmotion_service.work.tasks.norms import KeptRecording
-from modalmotion_service.work.terms import Terms
 from modalmotion_service.work.upload import Upload
 
 # s for a picture, of which the first imports what draws it.
@@ -216,6 +216,7 @@ def _tracking(args: Sequence[Any]) -> float:
 
 _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     sequences.ingest: _reading,
+    sequences.restated: _reading,
     signatures.sign: _signature,
     signatures.sign_upload: _signature,
     signatures.render: _reading,

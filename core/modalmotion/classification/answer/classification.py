@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arguments.tasks import Plotted, Saved
 from modalmotion.classification.answer.explanation import ModeContribution
 from modalmotion.representation import shown
 
 
 @shown("label", "probability", "class_set", "coverage", "flags", "model")
 @dataclass(frozen=True, eq=False)
-class Classification:
+class Classification(Saved, Plotted):
     """A motion class with its probability, or none where the model cannot tell.
 
     Parameters

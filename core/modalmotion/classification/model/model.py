@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arguments.tasks import Plotted, Saved
 from modalmotion.classification.estimators.pool import Pool, pool_of
 from modalmotion.classification.estimators.temperature import softmax
 from modalmotion.classification.features import (
@@ -84,7 +85,7 @@ class Readable:
 
 @shown("name", "classes", "readable.topologies", "readable.n_modes", "id")
 @dataclass(frozen=True, eq=False)
-class Model(FrozenArrays):
+class Model(FrozenArrays, Saved, Plotted):
     """A classifier of motions that is trained.
 
     Parameters

@@ -11,6 +11,7 @@ from modalmotion.codec.bits.entropy import Writer
 from modalmotion.codec.machine.image import Image, image
 from modalmotion.codec.machine.layout import PARAMETERS
 from modalmotion.codec.machine.memory import call
+from modalmotion.native import library, run
 
 Ints = NDArray[np.int64]
 
@@ -29,7 +30,11 @@ def patches_of(edges: Ints, n_vertices: int, largest: int) -> list[Ints]:
     """
     offsets, neighbours = graph_of(edges, n_vertices)
     compiled = image()
-    if compiled is None:
+    owner = np.empty(n_vertices, dtype=np.int64)
+    if library() is not None:
+        room = np.empty(5 * n_vertices + 2, dtype=np.int64)
+        run("mm_halve", n_vertices, offsets, neighbours, largest, owner, room)
+    elif compiled is None:
         owner = _halve(offsets.tolist(), neighbours.tolist(), largest)
     else:
         owner = _halve_compiled(compiled, offsets, neighbours, largest)

@@ -19,6 +19,7 @@ from modalmotion.codec.machine.layout import PARAMETERS
 from modalmotion.codec.machine.memory import call
 from modalmotion.codec.modes.halving import graph_of
 from modalmotion.codec.modes.springs import edges_of
+from modalmotion.native import library, run
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -239,6 +240,10 @@ def _edges_above(pairs: Ints, n: int) -> Ints:
 
 def _mates(offsets: Ints, neighbours: Ints, weight: Ints) -> Ints:
     """Mate of each node, itself where there is none."""
+    if library() is not None:
+        mates = np.empty_like(weight)
+        run("mm_pair", len(weight), offsets, neighbours, weight, mates)
+        return mates
     compiled = image()
     if compiled is not None:
         return _mates_compiled(compiled, offsets, neighbours, weight)
