@@ -92,9 +92,7 @@ def _demands(document: dict[str, Any]) -> Iterator[Fact]:
         yield (*call, "needs the scope", operation.get("x-scope", "none"))
 
 
-def _parameters(
-    document: dict[str, Any], operation: dict[str, Any]
-) -> Iterator[dict[str, Any]]:
+def _parameters(document: dict[str, Any], operation: dict[str, Any]) -> Iterator[dict[str, Any]]:
     for one in operation.get("parameters", ()):
         name = one.get("$ref", "").rpartition("/")[2]
         yield document["components"]["parameters"][name] if name else one

@@ -12,7 +12,6 @@ from fastapi import Request as HttpRequest
 
 from modalmotion.facts import facts_as_json
 from modalmotion.reports.dicom import require_space
-from modalmotion.signature.making import SignatureParameters
 from modalmotion_service.errors import BusyError
 from modalmotion_service.http.bodies import body_of
 from modalmotion_service.http.judged_router import JudgedRouter
@@ -52,6 +51,7 @@ from modalmotion_service.schemas.signatures import (
 )
 from modalmotion_service.work.tasks import reports
 from modalmotion_service.workspace import signature_operations as operations
+from modalmotion_service.workspace.analysis import USUAL
 from modalmotion_service.workspace.models import KeptClassification
 from modalmotion_service.workspace.operation import Operation, Request
 from modalmotion_service.workspace.signature_operations import SIGNATURE_TYPES, SURFACES
@@ -376,7 +376,9 @@ async def _shown(
     kind = media_type or asked.media_type(*what.media_types)
     sequence_id = _sequence_of(asked, key)
     own = key.partition("-")[2]
-    usual, facts = asked.state.analysis.resolved(sequence_id, SignatureParameters())
+    usual, facts = asked.state.analysis.resolved(sequence_id, USUAL)
+    if not own and usual.key in asked.store.signatures(sequence_id):
+        own = usual.key
     request = Request(media_type=kind, sequence_id=sequence_id, key=own or None, ids=ids)
     if query is not None:
         request = replace(request, query=query)

@@ -114,7 +114,12 @@ class Reading(JsonBody):
         return replace(self._options, limits=limits, facts=facts)
 
 
+_GRID: Final = (
+    tuple[Annotated[int, Field(ge=1, lt=10**9)], ...] | None,
+    Field(None, description="Nodes along each axis of a lattice."),
+)
 _READING: Final[dict[str, Any]] = {
+    "grid": _GRID,
     "limits": None,
     "facts": None,
     "dtype": (Literal["float32", "float64"], Field("float32", description="Of raw numbers.")),
@@ -155,6 +160,8 @@ class SignatureRequest(JsonBody):
 
 
 _SIGNATURE: Final[dict[str, Any]] = {
+    "grid": _GRID,
+    "modes": {"ge": 1, "le": MOST_MODES},
     "harmonics": {"le": 10_000},
     "amplitudes": (
         int | None,
@@ -174,7 +181,7 @@ class SignatureOfFile(Reading, SignatureRequest):
 
 
 SIGNATURE_OF_FILE: Final = model_of(
-    SignatureOfFile, ReadOptions, SignatureParameters, **_SIGNATURE, **_READING
+    SignatureOfFile, ReadOptions, SignatureParameters, **{**_SIGNATURE, **_READING}
 )
 
 

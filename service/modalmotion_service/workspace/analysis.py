@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 from pydantic_core import from_json
 
@@ -26,6 +27,9 @@ from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.owner_work import OwnerWork
 from modalmotion_service.workspace.shared_work import unheard
 from modalmotion_service.workspace.spool import remove_with_beside
+
+USUAL: Final = SignatureParameters()
+"""Parameters of the signature that a sequence has unasked."""
 
 
 class Analysis(OwnerWork):
@@ -71,7 +75,11 @@ class Analysis(OwnerWork):
 
     @asynccontextmanager
     async def fitted(
-        self, sequence_id: str, key: str | None, report: StageReport = unheard
+        self,
+        sequence_id: str,
+        key: str | None,
+        report: StageReport = unheard,
+        usual: SignatureParameters = USUAL,
     ) -> AsyncIterator[Fitted]:
         """Give a stored signature; without a key the usual one, for a while if it is not stored.
 
@@ -84,7 +92,7 @@ class Analysis(OwnerWork):
         """
         sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
         if key is None:
-            parameters, _ = self.resolved(sequence_id, SignatureParameters())
+            parameters, _ = self.resolved(sequence_id, usual)
         else:
             parameters = await self.parameters_of(sequence_id, key)
         path = await asyncio.to_thread(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Final
 
 from modalmotion.exports.surfaces import SurfaceFormat
@@ -37,7 +37,7 @@ from modalmotion_service.schemas.requests import (
 from modalmotion_service.schemas.results import ClassificationAnswer
 from modalmotion_service.schemas.signatures import DistanceAnswer
 from modalmotion_service.work.tasks import derived, reports, signatures, views
-from modalmotion_service.workspace.analysis import with_facts
+from modalmotion_service.workspace.analysis import USUAL, with_facts
 from modalmotion_service.workspace.feature_tables import FeatureTables
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Outcome, Request, operation
@@ -178,12 +178,21 @@ async def view(state: State, request: Request, report: Report) -> Outcome:
 async def distance(state: State, request: Request, report: Report) -> Outcome:
     """Compare two signatures."""
     other_id, _, other_key = request.query.to.partition("-")
-    analysis = state.analysis
-    async with (
-        analysis.fitted(request.sequence_id or "", request.key, report) as own,
-        analysis.fitted(other_id, other_key or None, report) as other,
-    ):
-        found = await analysis.work(signatures.compare_signatures, own, other, request.query.closed)
+    analysis, is_usual = state.analysis, request.key is None and not other_key
+    for usual in (USUAL, replace(USUAL, closed_form=False)):
+        async with (
+            analysis.fitted(request.sequence_id or "", request.key, report, usual) as own,
+            analysis.fitted(other_id, other_key or None, report, usual) as other,
+        ):
+            if is_usual and usual.closed_form:
+                kinds = await analysis.work(signatures.kinds_of, [own.signature, other.signature])
+                if len({bool(mesh) for _, mesh in kinds}) > 1:
+                    # Of two closed surfaces one has the springs of its mesh: then both have.
+                    continue
+            found = await analysis.work(
+                signatures.compare_signatures, own, other, request.query.closed
+            )
+            break
     return Outcome(DistanceAnswer(**asdict(found)).model_dump_json().encode())
 
 

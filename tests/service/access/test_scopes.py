@@ -26,13 +26,13 @@ CLOSED = [route for route in ROUTES if SCOPE_OF[route] is not OPEN]
 # What is the same for everybody, whatever its path names.
 SHARED = {"/metrics", "/v1/limits"}
 NEEDS_QUERY = {
-    "/v1/sequences/{sequence_id}/distance": {"to": "0" * 64},
+    "/v1/signatures/{sequence_id}/distance": {"to": "0" * 64},
     "/v1/sequences/{sequence_id}/deviations": {"norm": "nobodys"},
 }
 _CASES = [{"id": "0" * 64, "label": label} for label in ("normal", "weak")]
 NEEDS_BODY = {
     ("PATCH", "/v1/sequences/{sequence_id}"): {"label": "mine"},
-    ("POST", "/v1/models/{name}/versions/{version}/evaluations"): {"sequences": _CASES},
+    ("POST", "/v1/models/{name}@{version}/evaluations"): {"sequences": _CASES},
     ("POST", "/v1/norms/{name}/deviations"): {"sequences": _CASES},
 }
 
@@ -71,7 +71,7 @@ def alices(service: Guarded, beat: bytes) -> dict[str, str]:
     service.keep_norm("alice", "hers")
     assert service.ask("alice", "GET", "/v1/norms/hers").status_code == 200
     model = {"name": "hers", "model_name": "hers", "version": "1"}
-    assert service.ask("alice", "GET", "/v1/models/hers/versions/1").status_code == 200
+    assert service.ask("alice", "GET", "/v1/models/hers@1").status_code == 200
     assert service.ask("alice", "GET", "/v2/models/hers/ready").status_code == 200
     ids = {"sequence_id": sequence_id, "template_id": template, "track_id": track}
     return {**ids, "images_id": images, "job_id": job, **model}

@@ -52,7 +52,7 @@ def small(seed: int = 3) -> bytes:
 
 # Where hardly any made-up query is answered: with whom to compare, and one of three targets.
 NEEDED = {
-    "/v1/sequences/{sequence_id}/distance": {"to": "{sequence_id}"},
+    "/v1/signatures/{sequence_id}/distance": {"to": "{sequence_id}"},
     "/v1/encode": {"rms": "0.5"},
     "/v1/sequences/{sequence_id}/deviations": {"norm": "kept", "level": "0.1"},
     "/v1/tracks": {"modes": "2"},
@@ -220,7 +220,7 @@ _REFUSED = {
     # A file behind JSON, and an image's header: tests/service/routes/ has them.
     "POST /v2/models/{model_name}/infer",
     "POST /v2/models/{model_name}/versions/{version}/infer",
-    "POST /v1/sequences/{sequence_id}/dicom",
+    "POST /v1/signatures/{sequence_id}/dicom",
 }
 
 _NOT_DESCRIBED = {

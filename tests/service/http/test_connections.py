@@ -167,7 +167,7 @@ def test_answers_that_are_not_read_hold_no_place_for_ever(
     np.savez(buffer, vertices=vertices, grid=(40, 50), topology="cup", unit="mm")
     key = {"X-API-Key": keys["alice"]}
     known = service.request("POST", "/v1/sequences", buffer.getvalue(), key).json["id"]
-    path = f"/v1/sequences/{known}/reconstruction"
+    path = f"/v1/signatures/{known}/reconstruction"
     size = len(service.request("GET", path, None, key).body)
     assert size > 10_000_000  # More than the system keeps for a client by itself.
     assert eventually(lambda: asked(service, keys["alice"]) == 200)

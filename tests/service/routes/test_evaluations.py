@@ -13,7 +13,7 @@ from modalmotion.classification import TrainingCase, evaluate
 from modalmotion.formats import read_npz
 from modalmotion.store import model_from_hdf5
 
-EVALUATIONS = "/v1/models/wall-motion/versions/1/evaluations"
+EVALUATIONS = "/v1/models/wall-motion@1/evaluations"
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def test_an_evaluation_is_that_of_the_library(
     assert answer["notes"] == []
     assert answer["methods"]
     # The classifications are stored on the way.
-    kept = trained.client.get(f"/v1/sequences/{ids[0]}/classifications").json()
+    kept = trained.client.get(f"/v1/signatures/{ids[0]}/classifications").json()
     assert 0.8 in {one["coverage"] for one in kept["classifications"]}
 
 

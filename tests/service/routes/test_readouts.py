@@ -86,7 +86,7 @@ def test_what_encloses_nothing_is_a_problem_with_a_remedy(
     answer = client.get(f"{made}/readouts")
     assert (answer.status_code, answer.json()["code"]) == (422, "unsupported_topology")
     assert "cavity" in answer.json()["remedy"]
-    unknown = client.get(f"/v1/sequences/{'0' * 64}/readouts")
+    unknown = client.get(f"/v1/signatures/{'0' * 64}/readouts")
     assert (unknown.status_code, unknown.json()["code"]) == (404, "not_found")
 
 

@@ -1,4 +1,4 @@
-"""GET /v1/sequences/{id}/report: FHIR, PDF, CSV, the same bytes every time."""
+"""GET /v1/signatures/{id}/report: FHIR, PDF, CSV, the same bytes every time."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.reports import fhir_json, report_figure, report_of
 from modalmotion.reports.dicom import dicom_instances, read_study
 from modalmotion.simulate import MotionClass
-from modalmotion_service.schemas import ReadoutsAnswer
+from modalmotion_service.schemas.readouts import ReadoutsAnswer
 
 pytest.importorskip("matplotlib")
 pydicom = pytest.importorskip("pydicom")
@@ -92,7 +92,7 @@ def test_a_kept_class_is_reported_and_another_is_not_made_up(client: TestClient,
 
 
 def test_an_unknown_sequence_is_not_found(client: TestClient) -> None:
-    assert client.get(f"/v1/sequences/{'0' * 64}/report").status_code == 404
+    assert client.get(f"/v1/signatures/{'0' * 64}/report").status_code == 404
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +139,7 @@ def test_dicom_without_a_space_or_a_study_is_refused(
     assert wrong.status_code == 400
     assert "secret" not in wrong.text
     assert client.post(f"{placed}/dicom?model=nobody", content=b"x").status_code == 404
-    unknown = f"/v1/sequences/{'0' * 64}/dicom"
+    unknown = f"/v1/signatures/{'0' * 64}/dicom"
     assert client.post(unknown, content=study_instance()).status_code == 404
 
 

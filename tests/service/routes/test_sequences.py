@@ -153,7 +153,7 @@ def test_many_at_once_make_one_result(
     answers: list[bytes] = []
 
     def ask() -> None:
-        answers.append(fresh_client.get(f"{here}/signature?modes=18").content)
+        answers.append(fresh_client.post(f"{here}/signatures", json={"modes": 18}).content)
 
     threads = [threading.Thread(target=ask) for _ in range(8)]
     for thread in threads:

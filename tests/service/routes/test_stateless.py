@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
+from modalmotion_service.routes.parts.stateless import SERVED
 from running import RunningService
 
 from modalmotion.classification import load_model
@@ -19,7 +20,6 @@ from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import SCOPE_OF, Scope
 from modalmotion_service.app import create_app
 from modalmotion_service.commands.server import require_keys_to_serve, without_store
-from modalmotion_service.routes.parts.stateless import SERVED
 from modalmotion_service.settings import Settings
 
 HERS = "owners/alice"
@@ -91,7 +91,7 @@ def test_an_owners_models_are_served_in_their_versions(client: TestClient, beat:
     answer = client.post("/v1/classify?model=hers@1", content=beat).json()
     assert (answer["model"], answer["version"]) == ("hers", 1)
     assert client.get("/v2/models/hers/ready").status_code == 200
-    assert client.get("/v1/models/hers/versions/3").status_code == 404
+    assert client.get("/v1/models/hers@3").status_code == 404
 
 
 def test_no_request_becomes_a_job(client: TestClient, beat: bytes) -> None:

@@ -144,7 +144,7 @@ def test_components_along_the_body_leave_less_of_a_beat_with_one_mode(
     client: TestClient, mesh: bytes
 ) -> None:
     here = client.post("/v1/sequences", content=mesh).headers["location"]
-    plain = client.get(f"{here}/signature?modes=1").json()
+    plain = client.post(f"{here}/signatures", json={"modes": 1}).json()
     along = client.get(f"{here}/signature?modes=1&components=cylindrical").json()
     assert along["components"] == "cylindrical"
     assert along["rms_error"] < 0.9 * plain["rms_error"]
@@ -210,11 +210,13 @@ def test_a_surface_without_natural_coordinates_gets_the_modes_of_its_mesh(
     vertices = rng.normal(size=(4, 20, 3))
     body = npz(vertices=vertices, faces=faces, unit="mm")
     here = client.post("/v1/sequences", content=body).headers["location"]
-    answer = client.get(f"{here}/signature?modes=4").json()
+    answer = client.post(f"{here}/signatures", json={"modes": 4}).json()
     assert answer["topology"] == "mesh"
     assert {label["part"] for label in answer["modes"]} == {"spring"}
     assert any("connectivity" in note for note in answer["notes"])
-    again = client.get(f"{here}/signature?modes=4", headers={"Accept": "application/x-hdf5"})
+    again = client.post(
+        f"{here}/signatures", json={"modes": 4}, headers={"Accept": "application/x-hdf5"}
+    )
     assert again.content.startswith(b"\x89HDF")
     classified = client.post(f"{here}/classifications").json()
     assert classified["label"] is None
@@ -247,10 +249,10 @@ def test_two_sequences_are_compared(client: TestClient, mesh: bytes) -> None:
     )
     one = client.post("/v1/sequences", content=mesh).json()["id"]
     other = client.post("/v1/sequences", content=moved.getvalue()).json()["id"]
-    answer = client.get(f"/v1/sequences/{one}/distance", params={"to": other})
+    answer = client.get(f"/v1/signatures/{one}/distance", params={"to": other})
     assert answer.status_code == 200, answer.text
     assert answer.json()["distance"] < 1e-9
-    unknown = client.get(f"/v1/sequences/{one}/distance", params={"to": "0" * 64})
+    unknown = client.get(f"/v1/signatures/{one}/distance", params={"to": "0" * 64})
     assert unknown.status_code == 404
 
 

@@ -60,7 +60,7 @@ def test_a_view_is_the_signature_s_and_the_frames_come_in_pieces(
     assert answer.headers["content-type"] == VIEW
     assert answer.headers["cache-control"] == "no-store"
     header, arrays = read_container(answer.content)
-    own = client.get(f"{here}/signature?modes=4").json()
+    own = client.post(f"{here}/signatures", json={"modes": 4}).json()
     assert np.allclose(arrays["amplitudes"], own["amplitudes"], rtol=1e-6)
     assert header["volume"]["share"]["name"] == "ejection fraction"
     whole = read_container(client.get(f"{here}/view/frames?modes=4").content)[1]["frames"]
@@ -104,10 +104,10 @@ def test_more_frames_than_an_answer_holds_are_refused(
 
 
 def test_amplitudes_and_read_outs_are_tables_too(client: TestClient, here: str) -> None:
-    table = client.get(f"{here}/signature?modes=4", headers={"Accept": "text/csv"})
+    table = client.post(f"{here}/signatures", json={"modes": 4}, headers={"Accept": "text/csv"})
     assert table.headers["content-type"].startswith("text/csv")
     rows = list(csv.DictReader(io.StringIO(table.text)))
-    own = np.array(client.get(f"{here}/signature?modes=4").json()["amplitudes"])
+    own = np.array(client.post(f"{here}/signatures", json={"modes": 4}).json()["amplitudes"])
     assert np.array_equal([float(row["amplitude"]) for row in rows], own.ravel())
     assert rows[0]["label"] == "(0, 0, cos)"
     assert rows[0]["unit"] == "mm"

@@ -18,7 +18,7 @@ from modalmotion.signature.making import SignatureParameters
 from modalmotion.simulate import simulate_ventricle
 from modalmotion.tradeoff.predicted_time import reading_seconds, signature_seconds
 from modalmotion_service.http.negotiation import JSON, NPZ, PNG
-from modalmotion_service.schemas import EncodingTarget, ModesQuery
+from modalmotion_service.schemas.requests import EncodingTarget, ModesRequest
 from modalmotion_service.work import tasks
 from modalmotion_service.work.lanes import SHORT_SECONDS
 from modalmotion_service.work.tariff import _RULES, Tariff
@@ -121,7 +121,7 @@ def test_text_is_dearer_than_arrays(tmp_path: Path) -> None:
 def test_modes_surfaces_and_pictures_cost_what_they_take(tmp_path: Path) -> None:
     file = file_of(tmp_path, 1_000_000)
     few, many = (
-        price(templates.modes_of_template, file, ModesQuery(modes=n), NPZ) for n in (7, 700)
+        price(templates.modes_of_template, file, ModesRequest(modes=n), NPZ) for n in (7, 700)
     )
     assert many > 10 * few
     usual = (file, file, None, "npz")

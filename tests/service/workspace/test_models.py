@@ -164,7 +164,7 @@ def test_a_model_that_no_longer_reproduces_is_refused_and_others_are_served(
     other = model.golden_probabilities + 1e-6
     drifted = replace(model, name="drifted", golden_probabilities=other)
     wrong = trained.store.put_model(drifted)
-    here = f"/v1/sequences/{trained.ids[1]}/classifications"
+    here = f"/v1/signatures/{trained.ids[1]}/classifications"
     answer = trained.client.post("/v1/classify?model=drifted", content=trained.test[0].body)
     problem = assert_problem(answer, 409, "model_not_reproduced", "drifted@1")
     assert (problem["model"], problem["version"]) == ("drifted", wrong.version)
@@ -191,7 +191,7 @@ def test_a_damaged_model_is_refused_and_others_are_served(trained: Trained) -> N
     assert trained.client.get("/v1/models").status_code == 200
     assert trained.client.get("/v1/models/wall-motion").status_code == 200
     # It can be removed like any other.
-    assert trained.client.delete("/v1/models/damaged/versions/1").status_code == 204
+    assert trained.client.delete("/v1/models/damaged@1").status_code == 204
 
 
 @pytest.mark.thorough
