@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 import numpy as np
 
+from modalmotion.classification.training.manifest import LabelledFile, labelled_files
 from modalmotion.classification.training.parallel import joblib_backend
-from modalmotion.cli.cases import LabelledFile, labelled_files
-from modalmotion.cli.files import read, sequence_argument
+from modalmotion.cli.files import sequence_argument
 from modalmotion.cli.options import (
     Command,
     components_option,
@@ -35,11 +35,14 @@ from modalmotion.cli.options import (
     weights_option,
 )
 from modalmotion.cli.outputs import OutputFolder
+from modalmotion.cli.stated_facts import stated_facts
 from modalmotion.errors import ModalMotionError, ParameterError, needs_extra
+from modalmotion.formats import ReadOptions
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import MESH, SPHERE
 from modalmotion.representation import csv_text
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.tracking.recording import sequence_of
 
 if TYPE_CHECKING:
     from modalmotion.store import ResultStore, SequenceRecord
@@ -226,7 +229,9 @@ def _signed(
     stamp = _stamp(file)
     try:
         with _here(file) as path:
-            sequence = read(path, is_one_of_many=True, facts=file.facts, **stated)
+            stated = {**stated}
+            options = ReadOptions(facts=stated_facts(stated).over(file.facts), **stated)
+            sequence = sequence_of(path, options)
         signature = modal_signature(sequence, parameters)
         record = record_of(sequence, created="", has_upload=keeps)
         vertices = upload_image(sequence) if keeps else b""

@@ -26,6 +26,7 @@ COMMANDS: Final = {
         "codec_commands",
         "Compile the codec and kernels of large meshes, once for this machine.",
     ),
+    "convert": ("convert_command", "Write the sequence in FILE in another format."),
     "decide": (
         "model_commands",
         "Write MODEL with a rule by which its probabilities become a label.",

@@ -16,14 +16,7 @@ from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey
 from modalmotion_service.routes.described import answers, body, upload
 from modalmotion_service.routes.uploads import Sent, receiving
 from modalmotion_service.schemas.fields import SequenceId
-from modalmotion_service.schemas.requests import (
-    SEQUENCE,
-    TRADE,
-    EncodingTarget,
-    SequenceChange,
-    SequenceList,
-    TradeRequest,
-)
+from modalmotion_service.schemas.requests import EncodingTarget, SEQUENCE, SequenceChange, SequenceList, TRADE, TradeRequest
 from modalmotion_service.schemas.sequences import SequencePageAnswer, SequenceSummary
 from modalmotion_service.schemas.signatures import TradeoffAnswer
 from modalmotion_service.workspace import sequence_operations as operations
@@ -66,6 +59,12 @@ def list_sequences(query: Annotated[SequenceList, Query()], asked: AskedNow) -> 
     return SequencePageAnswer(
         sequences=[SequenceSummary.of(record) for record in page.records], cursor=page.cursor
     )
+
+
+@router.post("/sample", response_model=SequenceSummary, include_in_schema=False)
+async def sample(asked: AskedNow) -> Response:
+    """Simulate a heart and keep it, for the first page."""
+    return _summary(asked, await operations.sample(asked.state))
 
 
 @router.get("/{sequence_id}", response_model=SequenceSummary)

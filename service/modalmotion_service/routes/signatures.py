@@ -29,26 +29,9 @@ from modalmotion_service.routes.described import answers, body
 from modalmotion_service.schemas.fields import Paging, SequenceId, SignatureKey
 from modalmotion_service.schemas.models import FeaturesAnswer
 from modalmotion_service.schemas.readouts import ReadoutsAnswer, StrainAnswer
-from modalmotion_service.schemas.requests import (
-    MANY_SIGNATURES,
-    SIGNATURE,
-    ClassificationRequest,
-    DistanceRequest,
-    FeatureOptions,
-    FeaturesRequest,
-    ManySignatures,
-    Reconstruction,
-    ReportRequest,
-    SignatureRequest,
-    ViewRequest,
-)
+from modalmotion_service.schemas.requests import ClassificationRequest, DistanceRequest, FeatureOptions, FeaturesRequest, MANY_SIGNATURES, ManySignatures, Reconstruction, ReportRequest, SIGNATURE, SignatureRequest, ViewRequest
 from modalmotion_service.schemas.results import ClassificationAnswer, ClassificationPageAnswer
-from modalmotion_service.schemas.signatures import (
-    DistanceAnswer,
-    SignatureAnswer,
-    SignaturePageAnswer,
-    SignatureSummary,
-)
+from modalmotion_service.schemas.signatures import DistanceAnswer, SignatureAnswer, SignaturePageAnswer, SignatureSummary
 from modalmotion_service.work.tasks import reports
 from modalmotion_service.workspace import signature_operations as operations
 from modalmotion_service.workspace.analysis import USUAL

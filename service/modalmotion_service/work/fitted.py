@@ -44,6 +44,11 @@ class Fitted:
         """Facts of the sequence, which kept files lack."""
         return self.record.facts
 
+    @property
+    def title(self) -> str:
+        """What a person calls the sequence; empty where nobody said."""
+        return self.record.name or self.record.subject or ""
+
     def read_signature(self) -> ModalSignature:
         """Read the signature, with the facts."""
         return replace(signature_from_hdf5(self.signature), facts=self.facts)

@@ -217,6 +217,7 @@ def _tracking(args: Sequence[Any]) -> float:
 _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     sequences.ingest: _reading,
     sequences.restated: _reading,
+    sequences.sample: _reading,
     signatures.sign: _signature,
     signatures.sign_upload: _signature,
     signatures.render: _reading,

@@ -22,17 +22,7 @@ from modalmotion_service.http.negotiation import (
     ZIP,
 )
 from modalmotion_service.http.timing import add_milliseconds, stage
-from modalmotion_service.schemas.requests import (
-    SEQUENCE,
-    SIGNATURE_OF_FILE,
-    TRACK,
-    TRADE,
-    ClassificationRequest,
-    EncodingTarget,
-    ImagesView,
-    ModesRequest,
-    TrackView,
-)
+from modalmotion_service.schemas.requests import ClassificationRequest, EncodingTarget, ImagesView, ModesRequest, SEQUENCE, SIGNATURE_OF_FILE, TRACK, TRADE, TrackView
 from modalmotion_service.schemas.sequences import ImagesSummary, SequenceSummary
 from modalmotion_service.schemas.tracks import TrackAnswer
 from modalmotion_service.work.tasks import codec, derived, reports, sequences, templates, views
@@ -47,6 +37,8 @@ from modalmotion_service.workspace.state import State
 _TRACKING: Final = 0.8
 _FORMS: Final = {"report.pdf": PDF, "report.fhir.json": FHIR, "frames.csv": CSV}
 _PAGE: Final = "view.html"
+SAMPLE: Final = "Sample heart (simulated)"
+"""Name of the simulated heart."""
 # A zip knows no time before.
 _NO_DATE: Final = (1980, 1, 1, 0, 0, 0)
 
@@ -91,6 +83,16 @@ async def upload(state: State, request: Request, report: Report) -> Outcome:
     body, here = summary.model_dump_json().encode(), summary.links["self"]
     headers = {"Location": here, "ETag": tag_of(body)}
     return Outcome(body, JSON, 201 if is_new else 200, headers, here, filled)
+
+
+async def sample(state: State) -> SequenceSummary:
+    """Store a simulated heart, for who has none at hand."""
+    with state.analysis.image() as image, stage("worker"):
+        made = await state.analysis.work(sequences.sample, image)
+        record, is_new = await asyncio.to_thread(state.store.put_sequence_image, image, made)
+    if is_new:
+        record = await asyncio.to_thread(state.store.update_sequence, record.id, name=SAMPLE)
+    return SequenceSummary.of(record)
 
 
 @operation(STREAM, query=EncodingTarget)

@@ -4,9 +4,9 @@
  * (-ffp-contract=off), so that every machine codes the same bits. Functions that code take the
  * state of a coder, its words and its bits, and give a status; what a failed call has changed is
  * of no use, and the state is as before. */
-#include "coder.h"
 #include "graph.h"
-#include "matrix.h"
+#include "mixed.h"
+#include "surface.h"
 
 /* Hand back a coder; a failed call leaves the state, but for what it says. */
 static int done(State *state, const Coder *c) {
@@ -17,7 +17,7 @@ static int done(State *state, const Coder *c) {
 }
 
 /* Begin to read these words, or to write. */
-MM_EXPORT(mm_begin) void mm_begin(State *state, uint32_t *words, int32_t reads) {
+MM_EXPORT(mm_begin) void mm_begin(State *state, uint32_t *words, int64_t reads) {
     Coder c = {*state, words, 0};
     c.at.lower = c.at.point = 0;
     c.at.range = UINT64_MAX;
@@ -51,17 +51,21 @@ int32_t mm_list(State *state, uint32_t *words, uint8_t *bits, int64_t n, int64_t
 
 /* Code plain numbers of so many bits each. */
 MM_EXPORT(mm_bits)
-int32_t mm_bits(State *state, uint32_t *words, uint8_t *bits, int64_t n, int32_t width,
+int32_t mm_bits(State *state, uint32_t *words, uint8_t *bits, int64_t n, int64_t width,
                 int64_t *values) {
     Coder c = {*state, words, bits};
-    for (int64_t i = 0; i < n && !c.at.status; i++) values[i] = code_bits(&c, width, values[i]);
+    for (int64_t i = 0; i < n && !c.at.status; i++) {
+        const int64_t value = code_bits(&c, (int)width, values[i]);
+        if (c.at.reads) values[i] = value;
+    }
     return done(state, &c);
 }
 
-/* Code a matrix of whole numbers, zeros at first for a reader, in waves. */
+/* Code a matrix of whole numbers, zeros at first for a reader: in waves, or one by one if it is
+ * `mixed`, then with a hash table 2^grow times as large as is usual. */
 MM_EXPORT(mm_matrix)
 int32_t mm_matrix(State *state, uint32_t *words, uint8_t *bits, int64_t n_rows, int64_t n_columns,
-                  int64_t *values, uint8_t *room, int64_t n_room) {
+                  int64_t *values, int64_t mixed, int64_t grow, uint8_t *room, int64_t n_room) {
     Coder c = {*state, words, bits};
     Room left = {room, n_room, 0};
     Matrix m = {n_rows, n_columns, band_edges(n_columns, 0), 0, 0, values};
@@ -71,7 +75,32 @@ int32_t mm_matrix(State *state, uint32_t *words, uint8_t *bits, int64_t n_rows, 
     if (!has_room(&c, &left)) return done(state, &c);
     band_edges(n_columns, m.edges);
     code_extents(&c, &m);
-    if (m.n_rows && !c.at.status) code_waves(&c, &m, &left);
+    if (m.n_rows && !c.at.status) {
+        if (mixed)
+            code_mixed(&c, &m, (int)grow, &left);
+        else
+            code_waves(&c, &m, &left);
+    }
+    return done(state, &c);
+}
+
+/* Code triangles and, unless `walk_only`, the order of the vertices.
+ *
+ * A writer says whether the order of the triangles and their first corners are kept; a reader gets
+ * the triangles. */
+MM_EXPORT(mm_faces)
+int32_t mm_faces(State *state, uint32_t *words, uint8_t *bits, int64_t n_vertices, int64_t n_faces,
+                 int64_t period, int64_t n_relations, int64_t keep_order, int64_t walk_only,
+                 int32_t *faces, int64_t grow, uint8_t *room, int64_t n_room) {
+    Coder c = {*state, words, bits};
+    Room left = {room, n_room, 0};
+    const Shape shape = {(int32_t)n_vertices,  (int32_t)n_faces,    (int32_t)period,
+                         (int32_t)n_relations, (int32_t)keep_order, (int32_t)walk_only};
+    if (n_vertices < 1 || n_vertices >= 1 << 28 || n_faces < 0 || n_faces >= 1 << 28 ||
+        period < 1 || period > UINT8_MAX || n_relations < 0 || n_relations > MOST_RELATIONS)
+        fail(&c, TOO_MANY);
+    else
+        code_surface(&c, &shape, faces, (int)grow, &left);
     return done(state, &c);
 }
 

@@ -15,7 +15,7 @@ enum {
     NO_VERTEX, /* a triangle of a vertex that does not exist */
     NO_NODE,   /* a number for a vertex that does not exist */
     ENDLESS,   /* a number that does not end */
-    TOO_MANY,  /* more entries than are coded one by one */
+    TOO_MANY,  /* more than is coded at once */
     FULL = 16, /* of a writer: the words or the bits are too few */
     ROOM,      /* the room is too small: `needed` bytes */
     KEYS,      /* the hash table is full: again with twice as many places */
@@ -226,7 +226,8 @@ static void code_list(Coder *c, int64_t n, int64_t *values) {
     }
 }
 
-/* Room that a caller gave. What has no place in it is counted, so that the caller knows. */
+/* Room that a caller gave, all zeros: pages that nothing touches cost nothing. What has no place in
+ * it is counted, so that the caller knows. */
 typedef struct {
     uint8_t *start;
     int64_t size, used;
@@ -236,9 +237,7 @@ typedef struct {
 static void *take(Room *room, int64_t n, int64_t width) {
     const int64_t from = room->used, n_bytes = n * width;
     room->used += (n_bytes + 15) & ~INT64_C(15);
-    if (room->used > room->size) return 0;
-    for (int64_t i = 0; i < n_bytes; i++) room->start[from + i] = 0;
-    return room->start + from;
+    return room->used > room->size ? 0 : room->start + from;
 }
 
 #define TAKE(room, type, n) ((type *)take(room, n, (int64_t)sizeof(type)))

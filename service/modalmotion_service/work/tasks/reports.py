@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -21,7 +22,7 @@ def make_report(one: Fitted, media_type: str, classification: Path | None) -> by
     """Report on a signature, as FHIR, PDF or a table; the same bytes every time."""
     report = _report(one, classification)
     if media_type == PDF:
-        return report_pdf(report)
+        return report_pdf(replace(report, name=one.title))
     if media_type == CSV:
         table = frame_table(report.signature, report.readouts, report.ventricle)
         return table.to_csv().encode()

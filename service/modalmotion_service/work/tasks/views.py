@@ -27,7 +27,10 @@ def make_view(one: Fitted, as_page: bool, output: Path) -> None:
     A page of one file is shown without a service: it holds the data of a track itself.
     """
     view = View(
-        signature_from_hdf5(one.signature), one.read_sequence(), template=one.read_template()
+        signature_from_hdf5(one.signature),
+        one.read_sequence(),
+        template=one.read_template(),
+        title=one.title,
     )
     track = one.track
     if not as_page:
