@@ -33,7 +33,6 @@ SCOPE_OF: Final[dict[tuple[str, str], Scope | None]] = {
     ("GET", "/images/{images_id}"): OPEN,
     ("GET", "/viewer/{name}"): OPEN,
     ("GET", "/docs"): OPEN,
-    ("GET", "/docs/{name}"): OPEN,
     ("GET", "/openapi.json"): OPEN,
     ("GET", "/metrics"): Scope.METRICS,
     ("GET", "/v1/limits"): Scope.READ,

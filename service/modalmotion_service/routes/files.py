@@ -12,8 +12,17 @@ from modalmotion_service.http.negotiation import JSON, NDJSON, NPZ, RAW, STREAM,
 from modalmotion_service.routes.asked import Asked, AskedAny
 from modalmotion_service.routes.described import answers, upload
 from modalmotion_service.routes.uploads import Sent, receiving
-from modalmotion_service.schemas.requests import CLASS_OF_FILE, DecodingRequest, ENCODING_OF_FILE, SIGNATURE_OF_FILE
-from modalmotion_service.schemas.results import ClassificationResults, SignatureResults, UploadClassificationAnswer
+from modalmotion_service.schemas.requests import (
+    CLASS_OF_FILE,
+    DecodingRequest,
+    ENCODING_OF_FILE,
+    SIGNATURE_OF_FILE,
+)
+from modalmotion_service.schemas.results import (
+    ClassificationResults,
+    SignatureResults,
+    UploadClassificationAnswer,
+)
 from modalmotion_service.schemas.signatures import SignatureAnswer
 from modalmotion_service.workspace import file_operations as operations
 from modalmotion_service.workspace.operation import Operation, Request

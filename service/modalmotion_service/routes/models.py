@@ -16,8 +16,18 @@ from modalmotion_service.http.negotiation import CSV, HDF5, JSON, MARKDOWN, PNG
 from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey, page_of
 from modalmotion_service.routes.described import answers, body
 from modalmotion_service.schemas.fields import ModelReference, Paging
-from modalmotion_service.schemas.models import ComparisonAnswer, EvaluationAnswer, ModelAnswer, ModelPageAnswer, ModelSummary
-from modalmotion_service.schemas.requests import EvaluationOptions, EvaluationRequest, TrainingRequest
+from modalmotion_service.schemas.models import (
+    ComparisonAnswer,
+    EvaluationAnswer,
+    ModelAnswer,
+    ModelPageAnswer,
+    ModelSummary,
+)
+from modalmotion_service.schemas.requests import (
+    EvaluationOptions,
+    EvaluationRequest,
+    TrainingRequest,
+)
 from modalmotion_service.workspace import model_operations as operations
 from modalmotion_service.workspace.evaluations import require_known_classes
 from modalmotion_service.workspace.model_versions import shipped_name

@@ -14,8 +14,18 @@ from modalmotion_service.http.negotiation import HDF5, JSON
 from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey, page_of
 from modalmotion_service.routes.described import answers, body
 from modalmotion_service.schemas.fields import ModelName, Paging
-from modalmotion_service.schemas.models import CohortDeviationAnswer, NormAnswer, NormLink, NormPageAnswer
-from modalmotion_service.schemas.requests import DeviationOptions, DeviationRequest, NormOptions, NormRequest
+from modalmotion_service.schemas.models import (
+    CohortDeviationAnswer,
+    NormAnswer,
+    NormLink,
+    NormPageAnswer,
+)
+from modalmotion_service.schemas.requests import (
+    DeviationOptions,
+    DeviationRequest,
+    NormOptions,
+    NormRequest,
+)
 from modalmotion_service.workspace import model_operations as operations
 from modalmotion_service.workspace.operation import Request
 from modalmotion_service.workspace.training_set import find_cases

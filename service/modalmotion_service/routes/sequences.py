@@ -16,7 +16,14 @@ from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey
 from modalmotion_service.routes.described import answers, body, upload
 from modalmotion_service.routes.uploads import Sent, receiving
 from modalmotion_service.schemas.fields import SequenceId
-from modalmotion_service.schemas.requests import EncodingTarget, SEQUENCE, SequenceChange, SequenceList, TRADE, TradeRequest
+from modalmotion_service.schemas.requests import (
+    EncodingTarget,
+    SEQUENCE,
+    SequenceChange,
+    SequenceList,
+    TRADE,
+    TradeRequest,
+)
 from modalmotion_service.schemas.sequences import SequencePageAnswer, SequenceSummary
 from modalmotion_service.schemas.signatures import TradeoffAnswer
 from modalmotion_service.workspace import sequence_operations as operations

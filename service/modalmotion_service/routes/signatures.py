@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 from dataclasses import replace
 from typing import Annotated, Final
@@ -10,6 +11,7 @@ from typing import Annotated, Final
 from fastapi import Depends, Query, Response
 from fastapi import Request as HttpRequest
 
+from modalmotion.errors import NotFoundError
 from modalmotion.facts import facts_as_json
 from modalmotion.reports.dicom import require_space
 from modalmotion_service.errors import BusyError
@@ -29,9 +31,26 @@ from modalmotion_service.routes.described import answers, body
 from modalmotion_service.schemas.fields import Paging, SequenceId, SignatureKey
 from modalmotion_service.schemas.models import FeaturesAnswer
 from modalmotion_service.schemas.readouts import ReadoutsAnswer, StrainAnswer
-from modalmotion_service.schemas.requests import ClassificationRequest, DistanceRequest, FeatureOptions, FeaturesRequest, MANY_SIGNATURES, ManySignatures, Reconstruction, ReportRequest, SIGNATURE, SignatureRequest, ViewRequest
+from modalmotion_service.schemas.requests import (
+    ClassificationRequest,
+    DistanceRequest,
+    FeatureOptions,
+    FeaturesRequest,
+    MANY_SIGNATURES,
+    ManySignatures,
+    Reconstruction,
+    ReportRequest,
+    SIGNATURE,
+    SignatureRequest,
+    ViewRequest,
+)
 from modalmotion_service.schemas.results import ClassificationAnswer, ClassificationPageAnswer
-from modalmotion_service.schemas.signatures import DistanceAnswer, SignatureAnswer, SignaturePageAnswer, SignatureSummary
+from modalmotion_service.schemas.signatures import (
+    DistanceAnswer,
+    SignatureAnswer,
+    SignaturePageAnswer,
+    SignatureSummary,
+)
 from modalmotion_service.work.tasks import reports
 from modalmotion_service.workspace import signature_operations as operations
 from modalmotion_service.workspace.analysis import USUAL
@@ -360,8 +379,11 @@ async def _shown(
     sequence_id = _sequence_of(asked, key)
     own = key.partition("-")[2]
     usual, facts = asked.state.analysis.resolved(sequence_id, USUAL)
-    if not own and usual.key in asked.store.signatures(sequence_id):
-        own = usual.key
+    if not own:
+        with contextlib.suppress(NotFoundError):
+            # Where its file is lost it is fitted again, as if it were not stored.
+            path = asked.store.signature_path(sequence_id, usual.key)
+            own = usual.key if path.is_file() else ""
     request = Request(media_type=kind, sequence_id=sequence_id, key=own or None, ids=ids)
     if query is not None:
         request = replace(request, query=query)

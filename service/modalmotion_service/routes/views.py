@@ -1,7 +1,9 @@
-"""Pages on which sequences can be looked at."""
+"""Pages on which sequences can be looked at, and the interface is described."""
 
 from __future__ import annotations
 
+import base64
+import hashlib
 from typing import Final
 
 from fastapi import Response
@@ -16,6 +18,16 @@ pages = JudgedRouter(include_in_schema=False)
 # The page asks this service only. It holds no data: these come with the key, which is typed in.
 _POLICY: Final = (
     f"{NOTHING}; script-src 'self'; style-src 'self'; connect-src 'self'; frame-ancestors 'none'"
+)
+# Swagger UI as it is published: its digests say that nothing else runs.
+_SWAGGER: Final = "https://cdn.jsdelivr.net/npm/swagger-ui-dist@5.35.0"
+_SWAGGER_SCRIPT: Final = "sha384-gjRm0bEPMeTmMh5jT2cHccIwCUZSTd8YC+j0d0sXw0MdGEfScduGpSyF3ZSSLkX9"
+_SWAGGER_STYLE: Final = "sha384-WlYgdmXYOOBWL5apwjDEZwN+U3HmXSSu5R6V5aGxEcf7z+KuRNwBhoxKVN1i3D5I"
+_SHOW: Final = "SwaggerUIBundle({url: '/openapi.json', dom_id: '#docs', deepLinking: true})"
+_SHOW_DIGEST: Final = base64.b64encode(hashlib.sha256(_SHOW.encode()).digest()).decode()
+_DOCS_POLICY: Final = (
+    f"{NOTHING}; script-src {_SWAGGER}/ 'sha256-{_SHOW_DIGEST}'; frame-ancestors 'none'; "
+    f"style-src {_SWAGGER}/ 'unsafe-inline'; img-src data:; connect-src 'self'"
 )
 _FOR_EVER: Final = "public, max-age=31536000, immutable"
 
@@ -46,3 +58,17 @@ def bundle(name: str) -> Response:
     else:
         raise HTTPException(404, "There is no such file of the viewer.")
     return Response(text, media_type=kind, headers={"Cache-Control": _FOR_EVER})
+
+
+@pages.get("/docs", response_class=HTMLResponse)
+def docs() -> HTMLResponse:
+    """Give a page that shows openapi.json and tries its calls; it loads Swagger UI."""
+    given = 'crossorigin="anonymous" integrity='
+    return HTMLResponse(
+        '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>modalmotion</title>'
+        f'<link rel="stylesheet" href="{_SWAGGER}/swagger-ui.css" {given}"{_SWAGGER_STYLE}">'
+        '</head><body><div id="docs"><a href="/openapi.json">openapi.json</a></div>'
+        f'<script src="{_SWAGGER}/swagger-ui-bundle.js" {given}"{_SWAGGER_SCRIPT}"></script>'
+        f"<script>{_SHOW}</script></body></html>",
+        headers={"Content-Security-Policy": _DOCS_POLICY},
+    )

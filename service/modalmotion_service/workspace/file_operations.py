@@ -16,7 +16,12 @@ from modalmotion_service.http.negotiation import (
     ZIP,
 )
 from modalmotion_service.http.timing import add_milliseconds, stage
-from modalmotion_service.schemas.requests import CLASS_OF_FILE, DecodingRequest, ENCODING_OF_FILE, SIGNATURE_OF_FILE
+from modalmotion_service.schemas.requests import (
+    CLASS_OF_FILE,
+    DecodingRequest,
+    ENCODING_OF_FILE,
+    SIGNATURE_OF_FILE,
+)
 from modalmotion_service.schemas.results import ClassificationAnswer, UploadClassificationAnswer
 from modalmotion_service.work.tasks import codec
 from modalmotion_service.workspace.batches import Batches

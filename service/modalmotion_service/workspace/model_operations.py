@@ -5,7 +5,12 @@ from __future__ import annotations
 import asyncio
 
 from modalmotion_service.http.negotiation import CSV, JSON, PNG
-from modalmotion_service.schemas.requests import DeviationOptions, EvaluationOptions, NormOptions, TRAINING
+from modalmotion_service.schemas.requests import (
+    DeviationOptions,
+    EvaluationOptions,
+    NormOptions,
+    TRAINING,
+)
 from modalmotion_service.workspace.evaluations import Evaluations
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Outcome, Request, operation

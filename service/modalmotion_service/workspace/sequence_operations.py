@@ -22,7 +22,17 @@ from modalmotion_service.http.negotiation import (
     ZIP,
 )
 from modalmotion_service.http.timing import add_milliseconds, stage
-from modalmotion_service.schemas.requests import ClassificationRequest, EncodingTarget, ImagesView, ModesRequest, SEQUENCE, SIGNATURE_OF_FILE, TRACK, TRADE, TrackView
+from modalmotion_service.schemas.requests import (
+    ClassificationRequest,
+    EncodingTarget,
+    ImagesView,
+    ModesRequest,
+    SEQUENCE,
+    SIGNATURE_OF_FILE,
+    TRACK,
+    TRADE,
+    TrackView,
+)
 from modalmotion_service.schemas.sequences import ImagesSummary, SequenceSummary
 from modalmotion_service.schemas.tracks import TrackAnswer
 from modalmotion_service.work.tasks import codec, derived, reports, sequences, templates, views

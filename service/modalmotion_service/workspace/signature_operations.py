@@ -24,7 +24,16 @@ from modalmotion_service.http.negotiation import (
     ZIP,
 )
 from modalmotion_service.http.timing import stage
-from modalmotion_service.schemas.requests import ClassificationRequest, DistanceRequest, FeatureOptions, MANY_SIGNATURES, Reconstruction, ReportRequest, SIGNATURE, ViewRequest
+from modalmotion_service.schemas.requests import (
+    ClassificationRequest,
+    DistanceRequest,
+    FeatureOptions,
+    MANY_SIGNATURES,
+    Reconstruction,
+    ReportRequest,
+    SIGNATURE,
+    ViewRequest,
+)
 from modalmotion_service.schemas.results import ClassificationAnswer
 from modalmotion_service.schemas.signatures import DistanceAnswer
 from modalmotion_service.work.tasks import derived, reports, signatures, views

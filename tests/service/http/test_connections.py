@@ -154,7 +154,7 @@ def test_every_health_check_passes_whoever_else_asks(
             connection = socket.create_connection(("127.0.0.1", service.port))
             stack.enter_context(connection).sendall(head("POST", "/v1/signature", key, slow))
         assert eventually(lambda: {asked(service, key) for key in keys.values()} == {429})
-        for path in ("/health/live", "/health/ready", "/v2/health/live", "/v2/health/ready"):
+        for path in ("/health/live", "/health/ready"):
             assert service.request("GET", path).status == 200, path
     assert eventually(lambda: asked(service, keys["alice"]) == 200)
 
@@ -332,7 +332,7 @@ def test_health_names_no_machine_inside(
         raise ClusterError("The scheduler at 'tcp://10.0.0.7:8786' has no workers.")
 
     monkeypatch.setattr(MeteredExecutor, "require_ready", lost)
-    for path in ("/health/ready", "/v2/health/ready"):
+    for path in ("/health/ready",):
         answer = client.get(path)
         assert (answer.status_code, answer.json()["code"]) == (503, "cluster_unavailable")
         assert answer.json()["remedy"]

@@ -28,7 +28,7 @@ def value(found: Samples, name: str, **labels: str) -> float:
 
 def test_figures_count_what_happened(client: TestClient, beat: bytes) -> None:
     known = client.post("/v1/sequences", content=beat).json()["id"]
-    client.get(f"/v1/sequences/{known}/signature")
+    client.post(f"/v1/sequences/{known}/signatures")
     client.post("/v1/sequences", content=b"nonsense")
     job = client.post(
         f"/v1/sequences/{known}/signatures", json={"modes": 11}, headers={"Prefer": "respond-async"}

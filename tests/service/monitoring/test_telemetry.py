@@ -63,7 +63,7 @@ def test_requests_and_tasks_are_traced_and_nothing_says_whose(
     assert upload.attributes["modalmotion.stage.worker.milliseconds"] >= 0
     task = next(span for span in done if span.name == "task ingest")
     assert task.parent.span_id == upload.context.span_id
-    assert "GET /v1/sequences/{sequence_id}/signature" in named
+    assert "POST /v1/sequences/{sequence_id}/signatures" in named
     assert named["GET /v1/models/{name}"].attributes["http.response.status_code"] == 404
     assert "_OTHER" in named
     said = "".join(span.to_json() for span in done).lower()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from bent_surfaces import bent_beat, bent_cohort
 from services import files_of
+from signing import signed
 from training_cohort import (
     CLASSES,
     N_PER_CLASS,
@@ -352,11 +353,11 @@ def test_a_cohort_of_bent_surfaces_is_trained_in_one_basis(trained: Trained) -> 
 def test_covariates_travel_to_the_model_and_are_part_of_the_question(trained: Trained) -> None:
     client, sequence_id = trained.client, trained.ids[1]
     here = f"/v1/sequences/{sequence_id}"
-    asked = {"model": "wall-motion", "coverage": 0.77}
+    asked, kept = {"model": "wall-motion", "coverage": 0.77}, signed(client, here)
     facts = client.get(here).json()["facts"]
 
     def status(**more: Any) -> int:
-        answer = client.post(f"{here}/classifications", json={**asked, **more})
+        answer = client.post(f"{kept}/classifications", json={**asked, **more})
         return int(answer.status_code)
 
     assert status() == 201

@@ -113,7 +113,15 @@ def test_every_other_call_says_that_it_needs_a_store(client: TestClient) -> None
         if SCOPE_OF[method, path] is Scope.TRAIN:
             continue
         real = path
-        for name in ("sequence_id", "key", "template_id", "track_id", "images_id", "job_id", "name"):
+        for name in (
+            "sequence_id",
+            "key",
+            "template_id",
+            "track_id",
+            "images_id",
+            "job_id",
+            "name",
+        ):
             real = real.replace(f"{{{name}}}", id_)
         answer = client.request(method, real)
         assert (answer.status_code, answer.json()["code"]) == (501, "needs_store"), path

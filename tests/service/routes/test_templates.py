@@ -5,10 +5,12 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
+from signing import signed
 
 from modalmotion.errors import LimitError
 from modalmotion.formats import read_npz, write_npz
@@ -107,11 +109,11 @@ def test_a_cohort_names_one_template(client: TestClient, mesh: bytes) -> None:
     np.savez(moved, vertices=sequence.vertices * 1.1, faces=sequence.faces, topology="cup")
     here = client.post("/v1/sequences", content=moved.getvalue()).headers["location"]
     own = client.get(f"{here}/signature").json()
-    named = client.get(f"{here}/signature", params={"template": template}).json()
+    named = client.get(signed(client, here, template=template)).json()
     assert named["template_id"] == template != own["template_id"]
     assert named["parameters"]["template"] == template
     assert np.allclose(named["amplitudes"], own["amplitudes"], rtol=0.05, atol=0.05)
-    unknown = client.get(f"{here}/signature", params={"template": "0" * 64})
+    unknown = client.post(f"{here}/signatures", json={"template": "0" * 64})
     assert (unknown.status_code, unknown.json()["code"]) == (404, "not_found")
 
 
@@ -119,15 +121,16 @@ def test_a_template_is_deleted_and_signatures_on_it_stay(client: TestClient, mes
     here = client.post("/v1/sequences", content=mesh).headers["location"]
     template = client.post("/v1/templates?theta_zero=11", content=mesh).json()["id"]
     assert template in client.get("/v1/templates").json()["templates"]
-    query = {"template": template}
-    before = client.get(f"{here}/signature", params=query).json()
+    link = signed(client, here, template=template)
+    before = client.get(link).json()
     assert client.delete(f"/v1/templates/{template}").status_code == 204
     assert template not in client.get("/v1/templates").json()["templates"]
     assert client.get(f"/v1/templates/{template}").status_code == 404
     assert client.delete(f"/v1/templates/{template}").status_code == 404
-    assert client.get(f"{here}/signature", params=query).json() == before
-    assert client.get(f"{here}/signature", params={**query, "modes": 4}).status_code == 404
-    assert client.get(f"{here}/reconstruction", params=query).status_code == 404
+    assert client.get(link).json() == before
+    more = {"template": template, "modes": 4}
+    assert client.post(f"{here}/signatures", json=more).status_code == 404
+    assert client.get(f"{link}/reconstruction").status_code == 404
 
 
 def test_a_template_of_another_mesh_is_refused(
@@ -135,7 +138,7 @@ def test_a_template_of_another_mesh_is_refused(
 ) -> None:
     template = client.post("/v1/templates", content=mesh).json()["id"]
     here = client.post("/v1/sequences", content=beat).headers["location"]
-    answer = client.get(f"{here}/signature", params={"template": template})
+    answer = client.post(f"{here}/signatures", json={"template": template})
     assert answer.status_code == 422
     assert answer.json()["remedy"]
 
@@ -145,7 +148,8 @@ def test_components_along_the_body_leave_less_of_a_beat_with_one_mode(
 ) -> None:
     here = client.post("/v1/sequences", content=mesh).headers["location"]
     plain = client.post(f"{here}/signatures", json={"modes": 1}).json()
-    along = client.get(f"{here}/signature?modes=1&components=cylindrical").json()
+    stated = {"modes": 1, "components": "cylindrical"}
+    along = client.post(f"{here}/signatures", json=stated).json()
     assert along["components"] == "cylindrical"
     assert along["rms_error"] < 0.9 * plain["rms_error"]
 
@@ -155,9 +159,9 @@ def test_a_reconstruction_is_what_the_signature_stands_for(
     client: TestClient, mesh: bytes, components: str
 ) -> None:
     here = client.post("/v1/sequences", content=mesh).headers["location"]
-    query = {"modes": "18", "components": components}
-    signature = client.get(f"{here}/signature", params=query).json()
-    answer = client.get(f"{here}/reconstruction", params=query)
+    link = signed(client, here, modes=18, components=components)
+    signature = client.get(link).json()
+    answer = client.get(f"{link}/reconstruction")
     assert answer.headers["content-type"] == "application/x-npz"
     found = read_npz(answer.content).sequence
     sequence = read_npz(mesh).sequence
@@ -167,7 +171,7 @@ def test_a_reconstruction_is_what_the_signature_stands_for(
 
 
 def test_a_reconstruction_at_any_time(client: TestClient, mesh: bytes) -> None:
-    here = client.post("/v1/sequences", content=mesh).headers["location"]
+    here = signed(client, client.post("/v1/sequences", content=mesh).json()["id"])
     sequence = read_npz(mesh).sequence
     assert sequence.times is not None
     between = float(sequence.times[2] + sequence.times[3]) / 2
@@ -184,7 +188,7 @@ def test_a_reconstruction_at_any_time(client: TestClient, mesh: bytes) -> None:
 
 
 def test_a_reconstruction_at_any_phase(client: TestClient, mesh: bytes) -> None:
-    here = client.post("/v1/sequences", content=mesh).headers["location"]
+    here = signed(client, client.post("/v1/sequences", content=mesh).json()["id"])
     sequence = read_npz(mesh).sequence
     own = replace(sequence, vertices=reconstruct(modal_signature(sequence), sequence))
     there = f"{here}/reconstruction"
@@ -218,19 +222,26 @@ def test_a_surface_without_natural_coordinates_gets_the_modes_of_its_mesh(
         f"{here}/signatures", json={"modes": 4}, headers={"Accept": "application/x-hdf5"}
     )
     assert again.content.startswith(b"\x89HDF")
-    classified = client.post(f"{here}/classifications").json()
+    classified = client.post(f"{signed(client, here)}/classifications").json()
     assert classified["label"] is None
     assert classified["notes"]
 
 
 @pytest.mark.parametrize(
-    "query", ["theta_zero=99999", "apex=a", "base=1,2", "components=round", "apex=1e999,0,0"]
+    "stated",
+    [
+        {"landmarks": {"theta_zero": 99999}},
+        {"landmarks": {"apex": "a"}},
+        {"landmarks": {"base": [1, 2]}},
+        {"components": "round"},
+        {"landmarks": {"apex": ["1e999", 0, 0]}},
+    ],
 )
 def test_landmarks_that_are_no_place_are_refused(
-    client: TestClient, mesh: bytes, query: str
+    client: TestClient, mesh: bytes, stated: dict[str, Any]
 ) -> None:
     here = client.post("/v1/sequences", content=mesh).headers["location"]
-    answer = client.get(f"{here}/signature?{query}")
+    answer = client.post(f"{here}/signatures", json=stated)
     assert answer.status_code == 422
     assert answer.headers["content-type"] == "application/problem+json"
 

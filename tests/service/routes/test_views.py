@@ -76,7 +76,10 @@ def test_a_view_is_the_signature_s_and_the_frames_come_in_pieces(
 
 def test_a_changed_fact_is_seen(client: TestClient, here: str) -> None:
     before = client.get(f"{here}/view").headers["etag"]
-    client.patch(here.replace("signatures", "sequences"), json={"facts": {"landmarks": {"anterior": [0.0, -20.0, 40.0]}}})
+    client.patch(
+        here.replace("signatures", "sequences"),
+        json={"facts": {"landmarks": {"anterior": [0.0, -20.0, 40.0]}}},
+    )
     answer = client.get(f"{here}/view", headers={"If-None-Match": before})
     assert answer.status_code == 200
     assert len(read_container(answer.content)[0]["segments"]["names"]) == 17

@@ -244,7 +244,9 @@ def test_work_that_another_waits_for_too_goes_on(shared_client: TestClient, know
     app: Any = shared_client.app
 
     async def run() -> list[bool]:
-        first, second = (Leaver(app, "POST", f"{known}/signatures", b'{"modes": 23}') for _ in range(2))
+        first, second = (
+            Leaver(app, "POST", f"{known}/signatures", b'{"modes": 23}') for _ in range(2)
+        )
         requests = [asyncio.ensure_future(one.run()) for one in (first, second)]
         while not asked():
             await asyncio.sleep(0.01)
