@@ -45,8 +45,8 @@ export class Calls {
   async signature(id, query) {
     if (!query || !query.size) return `/v1/signatures/${id}`;
     const stated = Object.fromEntries(query);
-    const { links } = await this.service.json(`/v1/sequences/${id}/signatures`, json("POST", stated));
-    return links.self;
+    const { key } = await this.service.json(`/v1/sequences/${id}/signatures`, json("POST", stated));
+    return `/v1/signatures/${key}`;
   }
 
   async frames(motion, query, add) {

@@ -869,9 +869,9 @@ class Client:
         what : str
             signature (.h5, .npz, .png, .csv, .json), readouts (.png, .csv, .json), strain (.json),
             reconstruction (.npz, .vtkhdf, .glb, .zip of PLY), report (.pdf, .json as FHIR, .csv),
-            view (.html), tradeoff (.png, .json), stream (.mms) of a stored sequence; template (.png,
-            .json) and its modes (.png, .npz, .h5); track (.h5, .png, .json); model (.h5, .png, .csv,
-            .md) and its evaluation (.png, .csv); norm (.h5); features (.csv, .json).
+            view (.html), tradeoff (.png, .json), stream (.mms) of a stored sequence; template
+            (.png, .json) and its modes (.png, .npz, .h5); track (.h5, .png, .json); model (.h5,
+            .png, .csv, .md) and its evaluation (.png, .csv); norm (.h5); features (.csv, .json).
         path : str or Path
         name : str, optional
             Id of the sequence or the template, key of a signature, name of the model or the norm.

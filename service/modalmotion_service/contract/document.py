@@ -1,4 +1,4 @@
-"""The OpenAPI document: what the framework makes of the routes, with scopes and examples, and no longer."""
+"""The OpenAPI document: what the framework makes of routes, with scopes and examples, shorter."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ def completed(
 ) -> dict[str, Any]:
     """Add to an OpenAPI document, which is changed, what the framework does not know.
 
-    Keys and scopes; bodies that routes read themselves; problems, once for all calls; names of calls
-    that are names of functions in generated clients, such as `sequences_upload`; files as streams of
-    octets, which generators know; examples.
+    Keys and scopes; bodies that routes read themselves; problems, once for all calls; names of
+    calls that are names of functions in generated clients, such as `upload_sequence`; files as
+    streams of octets, which generators know; examples.
 
     Parameters
     ----------

@@ -61,7 +61,7 @@ def _names(dependant: Dependant) -> Iterator[str]:
 class JudgedRouter(APIRouter):
     """Router of which every route requires the gate's judgement, and refuses unknown parameters.
 
-    The first line of a handler's documentation is the summary of its call, the rest the description.
+    The first line of a handler's documentation is the summary of its call, the rest describes it.
 
     An application takes its routes as they are. Of a router that is included in another the
     framework makes every route again, at the first request that looks for one: a third of a

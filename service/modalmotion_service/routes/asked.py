@@ -103,6 +103,7 @@ class Asked:
         """
         if tag is not None and (known := self.knows(tag)) is not None:
             return known
+        self.note(getattr(request.query, "template", None))
         done = await self.state.performance.perform(
             self.state, self.preference, what, request, file
         )
@@ -224,8 +225,8 @@ async def _waiting(
         Query(
             ge=0,
             le=1e6,
-            description="Seconds after which it becomes a job; 0 for a job at once. The header Prefer "
-            "says the same: wait=20, respond-async.",
+            description="Seconds after which it becomes a job; 0 for a job at once. The header "
+            "Prefer says the same: wait=20, respond-async.",
         ),
     ] = None,
 ) -> Asked:
@@ -265,7 +266,7 @@ IdempotencyKey = Annotated[
 
 
 def temporary_file(path: Path, media_type: str, headers: Mapping[str, str]) -> FileResponse:
-    """Answer with a file that was made for it alone, and remove it whatever becomes of the answer."""
+    """Answer with a file that was made for it alone, and remove it after the answer."""
     removal = BackgroundTask(path.unlink, missing_ok=True)
     return FileResponse(path, 200, headers, media_type, background=removal)
 

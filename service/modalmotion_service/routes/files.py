@@ -14,9 +14,9 @@ from modalmotion_service.routes.described import answers, upload
 from modalmotion_service.routes.uploads import Sent, receiving
 from modalmotion_service.schemas.requests import (
     CLASS_OF_FILE,
-    DecodingRequest,
     ENCODING_OF_FILE,
     SIGNATURE_OF_FILE,
+    DecodingRequest,
 )
 from modalmotion_service.schemas.results import (
     ClassificationResults,
@@ -46,8 +46,8 @@ async def sign_file(
 
     Of many files, sent as parts `files` of a form: a result or a problem for each, in their order,
     as JSON, a line of it each, a table with a row each, a zip with an HDF5 file each, or one HDF5
-    file with the trajectories of all. A part `manifest`, a CSV table with the columns path, subject,
-    label and facts, says those of each.
+    file with the trajectories of all. A part `manifest`, a CSV table with the columns path,
+    subject, label and facts, says those of each.
     """
     return await _answered(asked, sent, operations.sent_signature, operations.sent_signatures)
 
@@ -62,8 +62,8 @@ async def classify_file(
 ) -> Response:
     """Name the class of the motion in a file; nothing is stored.
 
-    Of many files, sent as parts `files` of a form: a class or a problem for each, in their order, as
-    JSON or a line of it each.
+    Of many files, sent as parts `files` of a form: a class or a problem for each, in their order,
+    as JSON or a line of it each.
     """
     with sent.file:
         await asyncio.to_thread(asked.state.models.choose, sent.query.model)

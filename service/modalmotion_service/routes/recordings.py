@@ -15,7 +15,7 @@ from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey
 from modalmotion_service.routes.described import answers, upload
 from modalmotion_service.routes.uploads import Sent, receiving
 from modalmotion_service.schemas.fields import JsonBody, Paging, SequenceId
-from modalmotion_service.schemas.requests import ImagesView, TRACK, TrackView
+from modalmotion_service.schemas.requests import TRACK, ImagesView, TrackView
 from modalmotion_service.schemas.sequences import ImagesPageAnswer, ImagesSummary
 from modalmotion_service.schemas.tracks import TrackAnswer
 from modalmotion_service.workspace import sequence_operations as operations

@@ -17,11 +17,11 @@ from modalmotion_service.routes.described import answers, body, upload
 from modalmotion_service.routes.uploads import Sent, receiving
 from modalmotion_service.schemas.fields import SequenceId
 from modalmotion_service.schemas.requests import (
-    EncodingTarget,
     SEQUENCE,
+    TRADE,
+    EncodingTarget,
     SequenceChange,
     SequenceList,
-    TRADE,
     TradeRequest,
 )
 from modalmotion_service.schemas.sequences import SequencePageAnswer, SequenceSummary

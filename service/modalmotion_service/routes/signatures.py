@@ -32,15 +32,15 @@ from modalmotion_service.schemas.fields import Paging, SequenceId, SignatureKey
 from modalmotion_service.schemas.models import FeaturesAnswer
 from modalmotion_service.schemas.readouts import ReadoutsAnswer, StrainAnswer
 from modalmotion_service.schemas.requests import (
+    MANY_SIGNATURES,
+    SIGNATURE,
     ClassificationRequest,
     DistanceRequest,
     FeatureOptions,
     FeaturesRequest,
-    MANY_SIGNATURES,
     ManySignatures,
     Reconstruction,
     ReportRequest,
-    SIGNATURE,
     SignatureRequest,
     ViewRequest,
 )
@@ -83,8 +83,8 @@ async def make_signature(
 ) -> Response:
     """Make a signature of a sequence, and store it.
 
-    201 where it is new, 200 where it is known: the same parameters have the same key. Without a body
-    it is the one of seven modes.
+    201 where it is new, 200 where it is known: the same parameters have the same key. Without a
+    body it is the one of seven modes.
     """
     asked.state.analysis.resolved(sequence_id, wanted.parameters())
     asked.note(wanted.parameters().template)
@@ -194,7 +194,7 @@ async def dicom_of_signature(
     query: Annotated[ReportRequest, Query()],
     asked: AskedNow,
 ) -> Response:
-    """Report on a signature as DICOM objects of a study: a zip with a structured report and surfaces.
+    """Report on a signature as DICOM objects of a study: a zip of a report and surfaces.
 
     The structured report follows TID 1500; surfaces, at the ends of diastole and systole, are
     encapsulated STL. Patient and study are copied from the header of the instance in the body,

@@ -133,7 +133,7 @@ def _texts(query: bytes, model: type[JsonBody]) -> dict[str, Any]:
     values: dict[str, Any] = {}
     params = QueryParams(query)
     for name in params:
-        if name not in ("wait",):
+        if name != "wait":
             texts = params.getlist(name)
             values[name] = texts if len(texts) > 1 else of_text(model, name, texts[0])
     return values
@@ -143,11 +143,16 @@ def of_text(model: type[JsonBody], name: str, text: str) -> Any:
     """Read a text as the value of a member of a model."""
     if _is_fact_of(model, name) or name not in model.model_fields:
         return text
-    if is_listed(model.model_fields[name].annotation):
-        return from_json(text) if text.startswith("[") else text.split(",")
-    if text.startswith("{"):
-        return from_json(text)
-    return text
+    hint = model.model_fields[name].annotation
+    if text.startswith(("[", "{")):
+        try:
+            return from_json(text)
+        except ValueError:
+            return text  # Which its model refuses by name.
+    if is_listed(hint):
+        return text.split(",")
+    # Where a number is the default, this is how to say none.
+    return None if text == "none" and hint == int | None else text
 
 
 def _is_fact_of(model: type[JsonBody], name: str) -> bool:
@@ -158,7 +163,7 @@ def _is_fact_of(model: type[JsonBody], name: str) -> bool:
 
 
 def statements(model: type[JsonBody], values: Mapping[str, Any]) -> tuple[JsonBody, Facts]:
-    """Check what is stated of an upload; gives its facts apart, but for those that a call reads itself.
+    """Check what is stated of an upload; gives the facts apart that a call does not read itself.
 
     Raises
     ------
@@ -217,8 +222,8 @@ def fields_of(form: FormData, model: type[JsonBody], *, takes_many: bool) -> dic
                     {
                         "type": "misplaced",
                         "loc": ("form", heading[:80]),
-                        "msg": f"A form has file, {PARAMETERS} and the names that /docs has for this "
-                        f"call, not {heading[:80]}",
+                        "msg": f"A form has file, {PARAMETERS} and the names that /docs has for "
+                        f"this call, not {heading[:80]}",
                     }
                 ]
             )

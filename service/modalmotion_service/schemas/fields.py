@@ -17,8 +17,8 @@ SignatureKey = Annotated[
     str,
     StringConstraints(pattern="^[0-9a-f]{64}(-[0-9a-f]{16})?$"),
     Field(
-        description="As the answer to the making of the signature names it; or the id of a sequence, "
-        "for its signature with the parameters that are usual, kept or not."
+        description="As the answer to the making of the signature names it; or the id of a "
+        "sequence, for its signature with the parameters that are usual, kept or not."
     ),
 ]
 

@@ -29,8 +29,8 @@ def model_of(base: type[Body], *kinds: type, **replaced: Any) -> type[Body]:
     *kinds : dataclass
         Of several that have a field the last one counts.
     **replaced
-        Fields of other types or limits than the classes say, as (type, Field(...)), and further ones;
-        None for a field that is left out.
+        Fields of other types or limits than the classes say, as (type, Field(...)), and further
+        ones; None for a field that is left out.
     """
     known: dict[str, Any] = {}
     for kind in kinds:

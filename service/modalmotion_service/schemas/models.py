@@ -392,8 +392,8 @@ class CohortDeviationAnswer(BaseModel):
     n_recordings: int
     level: float
     p: float | None = Field(
-        description="That exchanging controls and recordings sets them as far apart, by chance; null "
-        "of fewer than five recordings."
+        description="That exchanging controls and recordings sets them as far apart, by chance; "
+        "null of fewer than five recordings."
     )
     is_another: bool | None = Field(
         description="Whether another machine, protocol or group of people stands behind: then "

@@ -352,19 +352,19 @@ TRACK: Final = model_of(
             dict[str, Any] | None,
             Field(
                 None,
-                description="By name: apex and base as a point [x, y, z] in the reference frame, or "
-                "one for each frame with null where it is unknown.",
+                description="By name: apex and base as a point [x, y, z] in the reference frame, "
+                "or one for each frame with null where it is unknown.",
             ),
         ),
         "tolerance": {"gt": 0},
-        "modes": {"ge": 2},
+        "modes": {"ge": 2, "le": 400},
         "reference": {"ge": 0},
         "start": (
             SequenceId | None,
             Field(
                 None,
-                description="A stored sequence: the surface of its first frame is started from, and "
-                "the result has its vertices.",
+                description="A stored sequence: the surface of its first frame is started from, "
+                "and the result has its vertices.",
             ),
         ),
         "images": (

@@ -1,4 +1,4 @@
-"""Signatures of one owner: read from the store, made by a worker and stored, or made and not kept."""
+"""Signatures of one owner: read from the store, or made by a worker and stored or not."""
 
 from __future__ import annotations
 
@@ -200,7 +200,6 @@ class Analysis(OwnerWork):
 
 def with_facts(text: bytes, facts: Facts) -> bytes:
     """Add facts to a signature that was rendered without."""
-
     return text[:-1] + b',"facts":' + json.dumps(facts_as_json(facts)).encode() + b"}"
 
 

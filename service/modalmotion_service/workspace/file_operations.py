@@ -18,9 +18,9 @@ from modalmotion_service.http.negotiation import (
 from modalmotion_service.http.timing import add_milliseconds, stage
 from modalmotion_service.schemas.requests import (
     CLASS_OF_FILE,
-    DecodingRequest,
     ENCODING_OF_FILE,
     SIGNATURE_OF_FILE,
+    DecodingRequest,
 )
 from modalmotion_service.schemas.results import ClassificationAnswer, UploadClassificationAnswer
 from modalmotion_service.work.tasks import codec

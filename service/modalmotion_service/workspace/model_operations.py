@@ -6,10 +6,10 @@ import asyncio
 
 from modalmotion_service.http.negotiation import CSV, JSON, PNG
 from modalmotion_service.schemas.requests import (
+    TRAINING,
     DeviationOptions,
     EvaluationOptions,
     NormOptions,
-    TRAINING,
 )
 from modalmotion_service.workspace.evaluations import Evaluations
 from modalmotion_service.workspace.job_runner import Report

@@ -1,6 +1,6 @@
 """The one registry of operations: each is done while its client waits, or as a job.
 
-An operation is an async function of the owner's state, of a request and of who hears of its progress.
+An operation is an async function of the owner's state, a request and who hears of its progress.
 A request is all that the work depends on; what becomes a job is written out as JSON and taken up
 again after a restart. Work that a client has waited for goes on for the job.
 """
@@ -11,7 +11,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydantic import BaseModel
 
@@ -22,12 +22,9 @@ from modalmotion_service.http.preferences import Preference
 from modalmotion_service.schemas.fields import JsonBody
 from modalmotion_service.work.part import Part, parts_as_json, parts_from_json
 from modalmotion_service.workspace.job_runner import Report
+from modalmotion_service.workspace.jobs import Job
 from modalmotion_service.workspace.spool import Spool, SpoolFile
 from modalmotion_service.workspace.training_set import Case
-
-if TYPE_CHECKING:
-    from modalmotion_service.workspace.jobs import Job
-    from modalmotion_service.workspace.state import State
 
 
 @dataclass(frozen=True)
@@ -121,8 +118,11 @@ class Outcome:
     filled: tuple[str, ...] = ()
 
 
-Work = Callable[["State", Request, Report], Awaitable[Outcome]]
-Settle = Callable[["State", Request, str], Awaitable[None]]
+State = Any
+"""An owner's `modalmotion_service.workspace.state.State`, which holds a `Performance` itself."""
+
+Work = Callable[[State, Request, Report], Awaitable[Outcome]]
+Settle = Callable[[State, Request, str], Awaitable[None]]
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def operation(
 
 
 class Performance:
-    """Operations of one owner under way: while a client waits, then for the job if it becomes one."""
+    """Operations of one owner under way: for a client who waits, then for the job, if any."""
 
     def __init__(self, spool: Spool) -> None:
         self._spool = spool

@@ -23,14 +23,14 @@ from modalmotion_service.http.negotiation import (
 )
 from modalmotion_service.http.timing import add_milliseconds, stage
 from modalmotion_service.schemas.requests import (
-    ClassificationRequest,
-    EncodingTarget,
-    ImagesView,
-    ModesRequest,
     SEQUENCE,
     SIGNATURE_OF_FILE,
     TRACK,
     TRADE,
+    ClassificationRequest,
+    EncodingTarget,
+    ImagesView,
+    ModesRequest,
     TrackView,
 )
 from modalmotion_service.schemas.sequences import ImagesSummary, SequenceSummary
@@ -237,7 +237,7 @@ async def track_view(state: State, request: Request, _: Report) -> Outcome:
 
 @operation(ZIP, query=TRACK, settle=settle)
 async def tracked_report(state: State, request: Request, report: Report) -> Outcome:
-    """Track a surface, name the class of its motion, and write every form of a report into a zip."""
+    """Track a surface, name the class of its motion, and write each form of a report to a zip."""
     made = await track.work(state, request, lambda share, text="": report(_TRACKING * share, text))
     track_id = (made.link or "").rpartition("/")[2]
     report(_TRACKING, "report")

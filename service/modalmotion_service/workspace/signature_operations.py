@@ -25,13 +25,13 @@ from modalmotion_service.http.negotiation import (
 )
 from modalmotion_service.http.timing import stage
 from modalmotion_service.schemas.requests import (
+    MANY_SIGNATURES,
+    SIGNATURE,
     ClassificationRequest,
     DistanceRequest,
     FeatureOptions,
-    MANY_SIGNATURES,
     Reconstruction,
     ReportRequest,
-    SIGNATURE,
     ViewRequest,
 )
 from modalmotion_service.schemas.results import ClassificationAnswer
@@ -40,6 +40,7 @@ from modalmotion_service.work.tasks import derived, reports, signatures, views
 from modalmotion_service.workspace.analysis import USUAL, with_facts
 from modalmotion_service.workspace.feature_tables import FeatureTables
 from modalmotion_service.workspace.job_runner import Report
+from modalmotion_service.workspace.shared_work import unheard
 from modalmotion_service.workspace.operation import Outcome, Request, operation
 from modalmotion_service.workspace.state import State
 
@@ -82,7 +83,7 @@ async def shown(
     sequence_id: str,
     key: str | None,
     media_type: str,
-    report: Report = lambda share, text="": None,
+    report: Report = unheard,
 ) -> bytes:
     """Give a signature as a media type."""
     analysis = state.analysis

@@ -19,7 +19,9 @@ def unreached() -> Iterator[Client]:
         yield client
 
 
-@pytest.mark.parametrize(("what", "suffix"), [(k, s) for k, one in SAVED.items() for s in one.forms])
+@pytest.mark.parametrize(
+    ("what", "suffix"), [(k, s) for k, one in SAVED.items() for s in one.forms]
+)
 def test_a_place_that_cannot_be_written_costs_no_request(
     what: str, suffix: str, unreached: Client, tmp_path: Path
 ) -> None:

@@ -101,7 +101,7 @@ def test_an_ended_key_is_named_and_a_template_too(tmp_path: Path, beat: bytes) -
         (401, None, key_id),
     ]
     assert found[2]["ids"] == [here.rpartition("/")[2]]
-    assert found[3]["ids"] == [here.rpartition("/")[2], template]
+    assert found[4]["ids"] == [here.rpartition("/")[2], template]
 
 
 def test_without_keys_this_machine_is_noted_too(tmp_path: Path) -> None:

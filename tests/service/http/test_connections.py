@@ -85,7 +85,7 @@ def test_a_body_of_many_faults_costs_no_more_than_one_of_few(client: TestClient)
         ("models", {"name": "x", "sequences": ["", {}] * 5000}),
         ("models", {"name": "x", "sequences": [unknown]}),
         ("signatures/query", {"ids": ["0" * 64], **unknown}),
-        (f"sequences/{'0' * 64}/classifications", unknown),
+        (f"signatures/{'0' * 64}/classifications", unknown),
         ("models", {"name": "x", "sequences": [], "options": {"modes": "9" * 100_000}}),
         ("models", {"name": "x", "sequences": [], "options": {"coverage": "9" * 100_000}}),
     ]:

@@ -18,7 +18,7 @@ def here(shared_client: TestClient, beat: bytes) -> str:
 @pytest.mark.parametrize(
     ("wrong", "remedy", "right"),
     [
-        ({"rms": "0"}, "Send rms of more than 0.", {"rms": "1"}),
+        ({"rms": "0"}, "Send rms of more than 0.0.", {"rms": "1"}),
         ({"bytes": "many"}, "Send bytes as a whole number.", {"bytes": "100000"}),
         ({"rms": "nan"}, "Send rms as a number that is finite.", {"rms": "1"}),
         (

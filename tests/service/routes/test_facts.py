@@ -302,7 +302,7 @@ def test_a_change_misses_results_that_read_the_fact_and_no_others(
     assert other.json()["amplitudes"] != first.json()["amplitudes"]
     asked = client.get(signed(client, here, modes=4, landmarks={"theta_zero": [30, 0, 0]}))
     assert asked.json() == other.json()
-    assert client.get(f"{other.json()['links']['self']}/readouts").status_code == 200
+    assert client.get(f"/v1/signatures/{other.json()['key']}/readouts").status_code == 200
     trade = client.post(f"{here}/tradeoff", json={"modes": 4, "front_modes": 4})
     assert trade.status_code == 200
 

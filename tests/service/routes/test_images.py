@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import zipfile
 from datetime import timedelta
 from pathlib import Path
@@ -33,8 +34,7 @@ TRACKS = "/v1/tracks"
 PNG = {"Accept": "image/png"}
 SHAPE = (27, 27, 35)
 COARSE = np.column_stack([3.0 * np.eye(3), MIDDLE - 1.5 * (np.array(SHAPE) - 1)])
-ENDS = {name: ",".join(map(str, place)) for name, place in LANDMARKS.items()}
-FEW = {"modes": "4", **ENDS}
+FEW = {"modes": "4", "landmarks": json.dumps({k: list(v) for k, v in LANDMARKS.items()})}
 
 
 def beat(radius: float = 18.0, times: Floats | None = None) -> ImageSequence:

@@ -370,7 +370,7 @@ def test_covariates_travel_to_the_model_and_are_part_of_the_question(trained: Tr
     client.patch(here, json={"facts": None})
     client.patch(here, json={"facts": facts})
     assert status() == 200
-    refused = client.post(f"{here}/classifications", json={"covariates": {"age": [1]}})
+    refused = client.post(f"{kept}/classifications", json={"covariates": {"age": [1]}})
     assert (refused.status_code, refused.json()["code"]) == (422, "bad_parameter")
     assert "age" in refused.json()["detail"]
 

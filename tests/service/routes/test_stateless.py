@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
-from modalmotion_service.routes.stateless import SERVED
 from running import RunningService
 
 from modalmotion.classification import load_model
@@ -20,6 +19,7 @@ from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import SCOPE_OF, Scope
 from modalmotion_service.app import create_app
 from modalmotion_service.commands.server import require_keys_to_serve, without_store
+from modalmotion_service.routes.stateless import SERVED
 from modalmotion_service.settings import Settings
 
 HERS = "owners/alice"

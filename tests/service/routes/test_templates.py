@@ -51,7 +51,9 @@ def test_a_template_is_made_once_and_named_by_what_it_was_made_from(
     assert answer["topology"] == "cup"
     assert set(answer["landmarks"]["strengths"]) >= {"axis", "theta_zero"}
     assert all(0 <= value <= 1 for value in answer["landmarks"]["strengths"].values())
-    stated = client.post("/v1/templates?theta_zero=7", content=unknown).json()
+    stated = client.post(
+        "/v1/templates", params={"landmarks": '{"theta_zero": 7}'}, content=unknown
+    ).json()
     assert stated["id"] != answer["id"]
     assert "theta_zero" in stated["landmarks"]["given"]
 
@@ -119,7 +121,9 @@ def test_a_cohort_names_one_template(client: TestClient, mesh: bytes) -> None:
 
 def test_a_template_is_deleted_and_signatures_on_it_stay(client: TestClient, mesh: bytes) -> None:
     here = client.post("/v1/sequences", content=mesh).headers["location"]
-    template = client.post("/v1/templates?theta_zero=11", content=mesh).json()["id"]
+    template = client.post(
+        "/v1/templates", params={"landmarks": '{"theta_zero": 11}'}, content=mesh
+    ).json()["id"]
     assert template in client.get("/v1/templates").json()["templates"]
     link = signed(client, here, template=template)
     before = client.get(link).json()

@@ -8,7 +8,6 @@ import json
 import threading
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import jsonschema
 import numpy as np

@@ -88,7 +88,7 @@ def test_the_tracked_sequence_is_one_like_any_other(client: TestClient, link: st
     assert np.shape(signature["amplitudes"]) == (4, 7, 1)
     assert np.shape(signature["amplitude_deviations"]) == (4, 7, 1)
     assert 0.0 < signature["deviation_share"] < 1.0
-    of = signature["links"]["self"]
+    of = f"/v1/signatures/{signature['key']}"
     distance = client.get(f"{of}/distance", params={"to": signature["key"]}).json()
     assert distance["distance"] == 0.0 < distance["by_errors"]
     # What is corrected there stands in the track too.
@@ -148,7 +148,9 @@ def test_a_form_states_facts_and_landmarks(client: TestClient) -> None:
     sent = {"file": ("clouds.npz", as_npz(clouds, unit="mm"))}
     without = client.post(HERE, files=sent, params={**FEW, "topology": "cup"})
     assert (without.status_code, without.json()["needed"]) == (422, ["apex", "base"])
-    made = client.post(HERE, files=sent, data=form, params={**FEW, "base": "0,0,20"})
+    made = client.post(
+        HERE, files=sent, data=form, params={**FEW, "landmarks": '{"base": [0, 0, 20]}'}
+    )
     assert made.status_code == 201, made.text
     assert made.json()["sequence"]["topology"] == "cup"
     facts = made.json()["sequence"]["facts"]
@@ -238,7 +240,7 @@ WITH_NAN: Floats = np.where(np.arange(90).reshape(30, 3) == 50, np.nan, POINTS)
         (as_npz([POINTS[:3]] * 2), {}, 422, "frame", 0),
         (as_npz([POINTS] * 101), {}, 413, "limit", "frames"),
         (as_npz([POINTS] * 2), {"reference": "2"}, 422, "code", "bad_parameter"),
-        (as_npz([POINTS] * 2), {"landmarks": "{"}, 422, "code", "bad_parameter"),
+        (as_npz([POINTS] * 2), {"landmarks": "{"}, 422, "code", "invalid_request"),
         (as_npz([POINTS] * 2), {"landmarks": '{"apex": [1, 2]}'}, 422, "landmark", "apex"),
         (as_npz([POINTS] * 2), {"landmarks": '{"nose": [1, 2, 3]}'}, 422, "landmark", "nose"),
         (as_npz([POINTS] * 2), {"tracking": "material"}, 422, "fact", "tracking"),
