@@ -11,7 +11,7 @@ import pytest
 from ellipsoid_images import labels
 
 import modalmotion as mm
-from modalmotion.formats.volumes.writing import write_nifti
+from modalmotion.formats.volumes.nifti import write_nifti
 from modalmotion.images import ImageSequence
 
 LINES = re.findall(r"^(\w+) +``(.+?)``", mm.__doc__ or "", flags=re.MULTILINE)

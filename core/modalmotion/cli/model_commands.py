@@ -23,9 +23,8 @@ from modalmotion.cli.model_texts import (
     model_json,
 )
 from modalmotion.cli.options import (
-    Command,
+    command,
     coverage_option,
-    example,
     json_option,
     list_written,
     plot_option,
@@ -39,7 +38,7 @@ if TYPE_CHECKING:
     from modalmotion.classification.training.left_out import LeftOut
 
 
-@click.command(epilog=example("evaluate mine.h5 others.csv"))
+@command("evaluate mine.h5 others.csv")
 @click.argument("model", metavar="MODEL")
 @labelled_sources
 @unit_option
@@ -88,7 +87,7 @@ def evaluate(
     list_written(plot, cases_file, as_json=as_json)
 
 
-@click.command(epilog=example("compare-models mine.h5 other.h5 cases.csv"))
+@command("compare-models mine.h5 other.h5 cases.csv")
 @click.argument("first", metavar="MODEL")
 @click.argument("second", metavar="OTHER")
 @labelled_sources
@@ -141,7 +140,7 @@ class _Named(click.ParamType[tuple[str, float]]):
             self.fail(f"{value!r} is not a class, '=' and a number.", param, ctx)
 
 
-@click.command(epilog=example("decide mine.h5 --sensitivity akinesia=0.95 -o decided.h5"))
+@command("decide mine.h5 --sensitivity akinesia=0.95 -o decided.h5")
 @click.argument("model", metavar="MODEL")
 @click.option(
     "--sensitivity",
@@ -182,7 +181,7 @@ def decide(
     tell(model_json(result), said, out, as_json=as_json)
 
 
-@click.command(cls=Command, epilog=example("classify beat.npz --model mine.h5"))
+@command("classify beat.npz --model mine.h5")
 @sequence_argument
 @click.option(
     "--model",
@@ -227,7 +226,7 @@ def classify(
     list_written(plot, as_json=as_json)
 
 
-@click.command(epilog=example("card mine.h5 --markdown -o README.md"))
+@command("card mine.h5 --markdown -o README.md")
 @click.argument("model")
 @click.option(
     "--markdown", is_flag=True, help="As Markdown with a YAML head, as the Hugging Face Hub has it."

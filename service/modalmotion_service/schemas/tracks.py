@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field
 
 from modalmotion.store import SequenceRecord
 from modalmotion.tracking import Track
-from modalmotion.tracking.papillary import Papillary
+from modalmotion.tracking.result import Papillary
 from modalmotion_service.schemas.fields import Paged
 from modalmotion_service.schemas.sequences import SequenceSummary
 from modalmotion_service.schemas.signatures import Label
@@ -79,9 +79,6 @@ class TrackEstimate(BaseModel):
         description="Distance of the shapes that both ways round the cycle end at; null of an "
         "open recording."
     )
-    driven_steps: int | None = Field(
-        description="Steps in which oscillators came to rest; null without dynamics."
-    )
     volumes: list[float] | None = Field(description="Cubed unit; null of what encloses none.")
     volume_deviations: list[float] | None
     ejection_fraction: float | None = Field(
@@ -113,7 +110,6 @@ class TrackEstimate(BaseModel):
             truncations=track.truncations.tolist(),
             determined=track.determined.tolist(),
             gap=track.gap,
-            driven_steps=None if track.driven is None else track.driven.steps[-1],
             volumes=_plain(track.volumes),
             volume_deviations=_plain(track.volume_deviations),
             ejection_fraction=track.ejection_fraction,

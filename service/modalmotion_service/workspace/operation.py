@@ -222,7 +222,7 @@ class Performance:
             if file is not None:
                 # Acknowledged before it is read, it must outlive a crash.
                 await asyncio.to_thread(file.make_durable)
-            job = await state.runner.start(what.name, request.as_json(), instead_of=task)
+            job: Job = await state.runner.start(what.name, request.as_json(), instead_of=task)
         except BaseException:
             self._left.pop(request.name, None)
             if task is not None:

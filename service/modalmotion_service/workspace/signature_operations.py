@@ -40,8 +40,8 @@ from modalmotion_service.work.tasks import derived, reports, signatures, views
 from modalmotion_service.workspace.analysis import USUAL, with_facts
 from modalmotion_service.workspace.feature_tables import FeatureTables
 from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.shared_work import unheard
 from modalmotion_service.workspace.operation import Outcome, Request, operation
+from modalmotion_service.workspace.shared_work import unheard
 from modalmotion_service.workspace.state import State
 
 SIGNATURE_TYPES: Final = (JSON, HDF5, NPZ, RAW, PNG, CSV)
