@@ -119,7 +119,7 @@ class Outcome:
 
 
 State = Any
-"""An owner's `modalmotion_service.workspace.state.State`, which holds a `Performance` itself."""
+"""An owner's state, which holds a `Performance` itself."""
 
 Work = Callable[[State, Request, Report], Awaitable[Outcome]]
 Settle = Callable[[State, Request, str], Awaitable[None]]

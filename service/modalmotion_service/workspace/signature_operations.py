@@ -8,6 +8,7 @@ from typing import Final
 
 from modalmotion.exports.surfaces import SurfaceFormat
 from modalmotion.facts import Facts
+from modalmotion.stopwatch import StageReport
 from modalmotion_service.http.negotiation import (
     CSV,
     FHIR,
@@ -83,7 +84,7 @@ async def shown(
     sequence_id: str,
     key: str | None,
     media_type: str,
-    report: Report = unheard,
+    report: StageReport = unheard,
 ) -> bytes:
     """Give a signature as a media type."""
     analysis = state.analysis
