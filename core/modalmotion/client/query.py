@@ -63,7 +63,8 @@ def _plain(value: Any) -> Any:
     if isinstance(value, tuple | list):
         parts = [_plain(one) for one in value]
         # A place that is not known, in a list of places.
-        return None if parts and all(part is None for part in parts) else parts
+        is_place = all(part is None or isinstance(part, int | float) for part in parts)
+        return None if is_place and None in parts else parts
     return None if isinstance(value, float) and value != value else value
 
 

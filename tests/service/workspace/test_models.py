@@ -47,9 +47,9 @@ def test_what_no_model_can_be_trained_on_is_refused_by_name(trained: Trained) ->
     problem = assert_problem(ask([*ids, unlabelled]), 422, "bad_parameter", "without a label")
     assert problem["sequence_ids"] == [unlabelled]
     assert "PATCH" in problem["remedy"]
-    assert_problem(ask(ids, options={"modes": 0}), 422, "invalid_request", "modes")
+    assert_problem(ask(ids, options={"modes": 0}), 422, "bad_parameter", "modes")
     assert_problem(ask(ids, options={"depth": 3}), 422, "invalid_request", "depth")
-    assert_problem(ask(ids, options={"estimator": "oracle"}), 422, "invalid_request", "estimator")
+    assert_problem(ask(ids, options={"estimator": "oracle"}), 422, "bad_parameter", "oracle")
     named = client.post("/v1/models", json={"name": "Not a name", "sequences": ids})
     assert "lower-case" in assert_problem(named, 422, "bad_parameter", "Not a name")["remedy"]
     for body in (
