@@ -14,13 +14,12 @@ from modalmotion.facts import NO_FACTS
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
 from modalmotion.signature.hdf5 import read_signature, signature_to_hdf5
 from modalmotion.signature.making import ModalSignature
+from modalmotion.store.deletion import bury
 from modalmotion.store.disk.atomic import remove_durably, write_atomic
 from modalmotion.store.folder import RENDERED, ResultKind, ResultName, is_id, is_key
 from modalmotion.store.images import ImageStore
 from modalmotion.store.models import ModelStore
-from modalmotion.store.norms import NormStore
-from modalmotion.store.templates import TemplateStore
-from modalmotion.store.tombstones import bury
+from modalmotion.store.templates import NormStore, TemplateStore
 from modalmotion.store.tracks import TrackStore
 
 

@@ -13,7 +13,7 @@ from modalmotion.store.index.cursor import from_cursor, to_cursor
 from modalmotion_service.audit.log import AuditLog
 from modalmotion_service.http.gate import Access
 from modalmotion_service.http.judged_router import JudgedRouter
-from modalmotion_service.monitoring.readiness import require_ready
+from modalmotion_service.monitoring.metrics import require_ready
 from modalmotion_service.routes.asked import AskedNow
 from modalmotion_service.schemas.fields import Paging
 from modalmotion_service.schemas.general import AuditEntryAnswer, AuditPageAnswer, Health, Readiness

@@ -23,7 +23,7 @@ from modalmotion_service.http.timing import stage
 from modalmotion_service.routes.asked import get_state
 from modalmotion_service.schemas.fields import JsonBody
 from modalmotion_service.schemas.from_core import is_listed
-from modalmotion_service.work.part import Part
+from modalmotion_service.work.upload import Part
 from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.state import State
 

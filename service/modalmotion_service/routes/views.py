@@ -6,7 +6,7 @@ import base64
 import hashlib
 from typing import Final
 
-from fastapi import Response
+from fastapi import Request, Response
 from starlette.exceptions import HTTPException
 from starlette.responses import HTMLResponse
 
@@ -29,13 +29,18 @@ _DOCS_POLICY: Final = (
     f"{NOTHING}; script-src {_SWAGGER}/ 'sha256-{_SHOW_DIGEST}'; frame-ancestors 'none'; "
     f"style-src {_SWAGGER}/ 'unsafe-inline'; img-src data:; connect-src 'self'"
 )
+_WELCOME: Final = (
+    '<header><p class="brand">modalmotion</p><h1>How a surface deforms over time</h1>'
+    '<p class="lead">A beating ventricle, a tongue, any mesh sequence: a few amplitudes per frame, '
+    "volumes and strain with intervals, the class of the motion, and a report.</p></header>"
+)
 _FOR_EVER: Final = "public, max-age=31536000, immutable"
 
 
 @pages.get("/", response_class=HTMLResponse)
 @pages.get("/view/{key}", response_class=HTMLResponse)
 @pages.get("/images/{images_id}", response_class=HTMLResponse)
-def page() -> HTMLResponse:
+def page(request: Request) -> HTMLResponse:
     """Give the page that lists sequences, and shows what its address names."""
     head = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
@@ -44,7 +49,12 @@ def page() -> HTMLResponse:
         f'<link rel="stylesheet" href="/viewer/{content_name(style())}.css">'
         f'<script type="module" src="/viewer/{content_name(script())}.js"></script></head>'
     )
-    body = '<body><main id="modalmotion" class="modalmotion"></main></body></html>'
+    is_first = request.url.path.endswith("/")
+    shown = f'<div class="home">{_WELCOME}</div>' if is_first else ""
+    body = (
+        f'<body><main id="modalmotion" class="modalmotion">{shown}</main>'
+        f'<template id="welcome">{_WELCOME}</template></body></html>'
+    )
     return HTMLResponse(head + body, headers={"Content-Security-Policy": _POLICY})
 
 

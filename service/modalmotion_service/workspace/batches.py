@@ -19,10 +19,9 @@ from modalmotion_service.http.negotiation import HDF5, JSON, NDJSON, ZIP
 from modalmotion_service.http.problems import internal_problem, problem_body
 from modalmotion_service.http.timing import stage
 from modalmotion_service.schemas.results import ClassificationAnswer, UploadClassificationAnswer
-from modalmotion_service.work.part import Part
 from modalmotion_service.work.tasks import batches
 from modalmotion_service.work.tasks.batches import RESULTS
-from modalmotion_service.work.upload import Upload
+from modalmotion_service.work.upload import Part, Upload
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Outcome, Request
 from modalmotion_service.workspace.spool import SpoolFile, remove_with_beside
