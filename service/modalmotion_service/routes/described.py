@@ -7,7 +7,7 @@ from typing import Any, Final
 from pydantic import BaseModel
 
 from modalmotion_service.contract.files import is_file
-from modalmotion_service.http.negotiation import JSON
+from modalmotion_service.http.negotiation import FHIR, JSON
 from modalmotion_service.schemas.general import JobAnswer
 
 ACCEPTED: Final[dict[int | str, dict[str, Any]]] = {
@@ -16,6 +16,7 @@ ACCEPTED: Final[dict[int | str, dict[str, Any]]] = {
 
 _BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 _TEXT: Final = {"schema": {"type": "string"}}
+_OBJECT: Final = {"schema": {"type": "object"}}
 
 
 def answers(
@@ -43,7 +44,11 @@ def answers(
     **extra
         As of `body` and `upload`.
     """
-    content = {kind: _BINARY if is_file(kind) else _TEXT for kind in media_types if kind != JSON}
+    content = {
+        kind: _OBJECT if kind == FHIR else _BINARY if is_file(kind) else _TEXT
+        for kind in media_types
+        if kind != JSON
+    }
     first: dict[str, Any] = {"description": "The requested content."}
     if content:
         first["content"] = content

@@ -10,7 +10,6 @@ from starlette.responses import FileResponse
 
 from modalmotion.errors import LostFileError, NotFoundError
 from modalmotion_service.http.judged_router import JudgedRouter
-from modalmotion_service.http.negotiation import RAW
 from modalmotion_service.routes.asked import AskedNow, job_answer
 from modalmotion_service.routes.described import answers
 from modalmotion_service.schemas.fields import JobId, Paging
@@ -42,7 +41,7 @@ def describe_job(job_id: JobId, asked: AskedNow, response: Response) -> JobAnswe
     return job_answer(record, asked.state.runner.text(record))
 
 
-@router.get("/{job_id}/result", **answers(RAW, waits=False))
+@router.get("/{job_id}/result", **answers("*/*", waits=False))
 def result_of_job(job_id: JobId, asked: AskedNow) -> Response:
     """Give the file of a job's result: the answer that its request would have had."""
     record = asked.state.jobs.get(job_id)

@@ -89,9 +89,9 @@ def test_python(
         assert usual.key == signature.key
         answer = call("signatures", "classify_signature")(signature.key, client=client)
         assert sum(answer.probabilities.to_dict().values()) == pytest.approx(1.0)
-        stream = call("files", "encode_file")(
-            client=client, body=file(body), rms=0.5
-        ).payload.read()
+        at = models.EncodingOfFile(rms=0.5)
+        sent_stream = call("files", "encode_file")(client=client, body=file(body), parameters=at)
+        stream = sent_stream.payload.read()
         decoded = call("files", "decode_file")(client=client, body=file(stream)).payload.read()
         assert np.sqrt(np.mean((vertices_of(decoded) - sequence.vertices) ** 2) * 3) <= 0.5
         rebuilt = call("signatures", "reconstruct_signature")(signature.key, client=client)
