@@ -52,7 +52,7 @@ def small(seed: int = 3) -> bytes:
 
 # Where hardly any made-up query is answered: with whom to compare, and one of three targets.
 NEEDED = {
-    "/v1/signatures/{key}/distance": {"to": "{sequence_id}"},
+    "/v1/signatures/{key}/distance": {"to": "{key}"},
     "/v1/encode": {"rms": "0.5"},
     "/v1/tracks": {"modes": "2"},
     "/v1/sequences/{sequence_id}/encoded": {"rms": "0.5"},
@@ -102,7 +102,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
         found.keep_model("lab", "kept")
         found.keep_norm("lab", "kept")
         stream = ask("lab", "GET", f"/v1/sequences/{sequence}/encoded?rms=0.5").content
-        made = ask("lab", "POST", f"/v1/sequences/{sequence}/signatures", json={"modes": 4})
+        made = ask("lab", "POST", f"/v1/sequences/{sequences[4]}/signatures", json={"modes": 4})
         ids = {
             "sequence_id": sequence,
             "key": made.json()["key"],
@@ -121,6 +121,8 @@ def strategies(operation: Any, service: Service) -> list[st.SearchStrategy[Any]]
     """Make cases: right and wrong by the document, and right ones of what is kept."""
     names = {parameter.name for parameter in operation.path_parameters}
     known = {name: service.ids[name] for name in names}
+    if operation.label == "DELETE /v1/models/{name}":
+        known = {"name": "kept@1"}
     more: dict[str, Any] = {"path_parameters": known} if known else {}
     media_types = operation.get_request_payload_content_types()
     if "application/octet-stream" in media_types:
