@@ -10,18 +10,16 @@ from functools import partial
 from typing import Any
 
 from fastapi import Depends, FastAPI
-from fastapi.encoders import jsonable_encoder
 from fastapi.middleware.cors import CORSMiddleware
 from starlette.routing import BaseRoute
 
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion_service.access.key_snapshot import KeySnapshot
-from modalmotion_service.access.keys import KeyRing
+from modalmotion_service.access.keys import KeyRing, KeySnapshot
 from modalmotion_service.access.logins import logins_of
 from modalmotion_service.access.rates import Rates
-from modalmotion_service.audit.log import AuditLog, Notes
-from modalmotion_service.audit.stream import AuditStream, Lines
-from modalmotion_service.contract.access import with_access
+from modalmotion_service.audit.log import AuditLog, AuditStream, Notes
+from modalmotion_service.audit.stream import Lines
+from modalmotion_service.contract.document import completed
 from modalmotion_service.http import problems
 from modalmotion_service.http.admission import BodyLimits, Concurrency, WholeAnswers
 from modalmotion_service.http.api_version import API_VERSION
@@ -30,57 +28,37 @@ from modalmotion_service.http.gate import Access, Gate, require_judged
 from modalmotion_service.http.head import HeadAsGet
 from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.observation import Observation
+from modalmotion_service.http.prefix import Prefix
 from modalmotion_service.http.request_head import RequestHeadCheck
 from modalmotion_service.http.security_headers import SecurityHeaders
 from modalmotion_service.monitoring.metrics import Meter, MeteredExecutor, Metrics, StateOfThings
 from modalmotion_service.monitoring.telemetry import Telemetry, Tracing
 from modalmotion_service.routes import (
-    audit,
-    classifications,
-    classify,
-    codec,
-    documentation,
-    evaluations,
-    features,
-    health,
-    images,
+    files,
     jobs,
-    kserve,
-    limits,
     models,
     norms,
-    prometheus,
-    readouts,
-    reports,
-    sent_signature,
+    operation,
+    recordings,
     sequences,
     signatures,
     templates,
-    tracked_reports,
-    tracks,
-    tradeoff,
     views,
 )
-from modalmotion_service.routes.parts.stateless import stateless_routes
-from modalmotion_service.schemas import Problem
+from modalmotion_service.routes.stateless import stateless_routes
+from modalmotion_service.schemas.general import Problem
+from modalmotion_service.schemas.requests import BODIES, EXAMPLES
 from modalmotion_service.settings import Settings
-from modalmotion_service.work.engine import open_engine
 from modalmotion_service.work.parsing import say_whether_confined
-from modalmotion_service.work.pool import WorkerPool
-from modalmotion_service.workspace.job_kinds import trainings_at_once
-from modalmotion_service.workspace.owners import Owners
+from modalmotion_service.work.pool import WorkerPool, open_engine
+from modalmotion_service.workspace.owners import Owners, trainings_at_once
 from modalmotion_service.workspace.perseverance import for_ever
 
 
 class _App(FastAPI):
     def openapi(self) -> dict[str, Any]:
         if self.openapi_schema is None:
-            document = super().openapi()
-            # What `PROBLEMS` refers to.
-            document["components"]["schemas"]["Problem"] = jsonable_encoder(
-                Problem.model_json_schema(mode="serialization"), exclude_none=True
-            )
-            self.openapi_schema = with_access(document)
+            self.openapi_schema = completed(super().openapi(), BODIES, Problem, EXAMPLES)
         return self.openapi_schema
 
 
@@ -106,9 +84,8 @@ async def _forget(log: Notes, days: float) -> None:
 def judged_routes() -> list[BaseRoute]:
     """Give all routes, made once for all applications of a process."""
     modules = (
-        *(sequences, images, tracks, signatures, sent_signature, tradeoff, readouts, reports),
-        *(templates, codec, classifications, classify, models, evaluations, features, jobs, limits),
-        *(norms, tracked_reports, audit, health, kserve, prometheus, documentation, views),
+        *(sequences, signatures, files, recordings, templates),
+        *(models, norms, jobs, operation),
     )
     routers: list[JudgedRouter] = [*(module.router for module in modules), views.pages]
     return [route for router in routers for route in router.routes]
@@ -178,6 +155,7 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
         summary="Modal signatures and motion classes of nonrigidly moving surfaces.",
         description=INTENDED_USE,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
+        servers=[{"url": chosen.path_prefix}] if chosen.path_prefix else None,
         # Of routes that are added to this one.
         dependencies=[Depends(require_judged)],
         lifespan=lifespan,
@@ -232,6 +210,8 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
             allow_headers=("Authorization", "X-API-Key", "Idempotency-Key", "Prefer"),
             expose_headers=("Location", "ETag", "Retry-After", "X-Request-ID"),
         )
+    if chosen.path_prefix:
+        app.add_middleware(Prefix, prefix=chosen.path_prefix)
     routes = judged_routes()
     app.router.routes.extend(stateless_routes(routes) if chosen.stateless else routes)
     return app

@@ -122,7 +122,7 @@ def options_of(kind: type, *names: str, group: str = "", **own: Mapping[str, Any
     group : str
         Heading in the help.
     **own
-        Settings of click for a field, over these.
+        Settings of click for a field, over these; `flag` is another name of the option.
     """
     helps, taken = helps_of(kind), inspect.signature(kind).parameters
     hints = get_type_hints(kind)
@@ -139,7 +139,10 @@ def options_of(kind: type, *names: str, group: str = "", **own: Mapping[str, Any
             **({"type": click.FloatRange(*ranges[name])} if name in ranges else {}),
             **dict(own.get(name) or {}),
         }
-        flag = name.replace("_", "-")
+        flag = str(settings.pop("flag", name)).replace("_", "-")
+        if isinstance(default, tuple):
+            (inner, _) = get_args(hint)
+            settings |= {"type": inner, "multiple": True, "show_default": bool(default)}
         if settings.get("default") is True:
             flag = f"{flag}/--no-{flag}"
         settings.setdefault(
