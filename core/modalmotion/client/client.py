@@ -172,7 +172,7 @@ class Client:
     def request(
         self, method: str, path: str, *, json: Any = None, accept: str = JSON, **query: Option
     ) -> Answer:
-        """Send any request, such as one without a method here.
+        """Send any request, such as one without a method here, and wait for what it starts.
 
         Parameters
         ----------
@@ -194,7 +194,7 @@ class Client:
             If no answer comes. A POST is not sent again by itself.
         """
         body = None if json is None else json_body(json)
-        return self._connection.send(Call(method, path, query, accept, body))
+        return self._awaited(Call(method, path, query, accept, body), lambda answer: answer)
 
     # Sequences.
 
