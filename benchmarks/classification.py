@@ -13,12 +13,12 @@ from judged_classes import held_out
 from labelled_cases import Folds, folds_of, halves, synthetic, tongue, windows
 from labelled_cohorts import COHORTS
 from measure import in_words, table
+from modalmotion.classification.features import surface_size
 from numpy.typing import NDArray
 from real_data import is_there
 from scipy.stats import binomtest
 
 from modalmotion.classification import TrainingCase
-from modalmotion.classification.features import surface_size
 from modalmotion.signature.distance import resample_to_phase
 from modalmotion.signature.making import SignatureParameters
 

@@ -14,8 +14,8 @@ from third_generator import hearts
 
 from modalmotion.classification import Evaluation, TrainingCase, classify, evaluate, load_model
 from modalmotion.classification import train as trained
-from modalmotion.classification.evaluation.evaluation import CaseAnswer, evaluation_of
-from modalmotion.classification.training.train_shipped import RECIPES, held_out_cases
+from modalmotion.classification.evaluation import CaseAnswer, evaluation_of
+from modalmotion.classification.train_shipped import RECIPES, held_out_cases
 from modalmotion.mesh import Cavity
 from modalmotion.signature.making import modal_signature
 from modalmotion.simulate import MotionClass, simulate_cohort

@@ -197,7 +197,7 @@ class LabelledSequence:
             If the file cannot be used; it names the file.
         """
         from modalmotion.classification import TrainingCase
-        from modalmotion.classification.training.cases import named
+        from modalmotion.classification.cases import named
         from modalmotion.cli.files import read
 
         file = self.file

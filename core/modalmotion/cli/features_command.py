@@ -75,7 +75,7 @@ def features(
     id, label and subject, then the features, which do not depend on pose, unit, start or sampling.
     """
     from modalmotion.classification import SignatureFeatures, feature_table
-    from modalmotion.classification.training.left_out import left_out_notes
+    from modalmotion.classification.cases import left_out_notes
     from modalmotion.store import write_atomic
 
     wanted: Any = "all" if "all" in covariates else list(covariates) or None

@@ -41,7 +41,7 @@ from modalmotion.cli.outputs import OutputFile, write_picture
 
 if TYPE_CHECKING:
     from modalmotion.classification import Model, TrainingCase
-    from modalmotion.classification.training.left_out import LeftOut
+    from modalmotion.classification.cases import LeftOut
 
 
 @click.command(epilog=example("evaluate mine.h5 others.csv"))
@@ -68,7 +68,7 @@ def evaluate(
     subject as fewer than they are.
     """
     from modalmotion.classification import evaluate as test
-    from modalmotion.classification.training.left_out import left_out_notes
+    from modalmotion.classification.cases import left_out_notes
     from modalmotion.classification.usable_cases import usable_cases
     from modalmotion.store import write_atomic
 
@@ -115,7 +115,7 @@ def compare_models(
     was trained on. Subjects are resampled whole.
     """
     from modalmotion.classification import compare_models as compare
-    from modalmotion.classification.training.left_out import left_out_notes
+    from modalmotion.classification.cases import left_out_notes
 
     models = model_named(first), model_named(second)
     files = labelled_files(sources, skip_unreadable=skip_unreadable)

@@ -47,7 +47,7 @@ def train(
     MANIFEST is a table with the column path and, where they are known, subject and facts; a label
     is not read. FILES are files of sequences.
     """
-    from modalmotion.classification.training.left_out import UNUSABLE, LeftOut, left_out_notes
+    from modalmotion.classification.cases import UNUSABLE, LeftOut, left_out_notes
     from modalmotion.norm import norm_to_hdf5, train_norm
     from modalmotion.store import write_atomic
 
@@ -106,9 +106,9 @@ def ask(
     Five and more are also compared together: a cohort of another machine or protocol is warned
     of. MANIFEST and FILES are as for training.
     """
-    from modalmotion.classification.training.left_out import UNUSABLE, LeftOut, left_out_notes
+    from modalmotion.classification.cases import UNUSABLE, LeftOut, left_out_notes
     from modalmotion.norm import cohort_deviation, norm_from_hdf5
-    from modalmotion.norm.cohort import FEWEST_RECORDINGS, others_than
+    from modalmotion.norm.norm import FEWEST_RECORDINGS, others_than
 
     controls = norm_from_hdf5(norm_file)
     files = labelled_files(sources, skip_unreadable=skip_unreadable, needs_label=False)

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from modalmotion.classification.training.cases import named
+from modalmotion.classification.cases import named
 from modalmotion.cli.cases import LabelledFile, labelled_files
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from modalmotion.classification.answer.classification import Classification
+from modalmotion.classification.answer import Classification
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
     Command,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.model.card import ModelCard
+from modalmotion.classification.card import ModelCard
 from modalmotion.errors import needs_extra
 
 if TYPE_CHECKING:

@@ -1,18 +1,18 @@
 """Results in files: written wholly or not at all, indexed, checked."""
 
 from modalmotion.arguments.checking import check_arguments
-from modalmotion.classification.answer.hdf5 import (
+from modalmotion.classification.answer_hdf5 import (
     classification_from_hdf5,
     classification_key,
     classification_to_hdf5,
 )
-from modalmotion.classification.model.hdf5 import (
+from modalmotion.classification.model_files import (
     KeptModel,
     kept_model,
     model_from_hdf5,
     model_to_hdf5,
 )
-from modalmotion.classification.model.record import (
+from modalmotion.classification.record import (
     NAME_PATTERN,
     VERSION_PATTERN,
     ModelRecord,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
-from modalmotion.classification.model.record import ModelRecord, ModelReference
+from modalmotion.classification.record import ModelRecord, ModelReference
 from modalmotion.store.disk.atomic import remove_durably, write_atomic
 from modalmotion.store.disk.sealed_json import JsonForm
 from modalmotion.store.folder import Folder

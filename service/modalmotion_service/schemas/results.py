@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from modalmotion.classification import DEFAULT_MODEL, FLAGS, Classification
-from modalmotion.classification.model.shipped import RULE
+from modalmotion.classification.model_files import RULE
 from modalmotion.codec import Effort, Encoded
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion_service.schemas.facts import COVARIATES

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from modalmotion.classification import OFFSET_MODEL, Classification
 from modalmotion.classification.features.hand import hand_of
+
+from modalmotion.classification import OFFSET_MODEL, Classification
 from modalmotion.errors import NotFoundError, TopologyError
 from modalmotion.facts import NO_FACTS, UNKNOWN, Facts
 from modalmotion.hdf5.sealed import is_sound

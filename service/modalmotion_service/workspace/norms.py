@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Final
 
 from modalmotion.classification import TrainingOptions
-from modalmotion.classification.training.cases import case_name, named
+from modalmotion.classification.cases import case_name, named
 from modalmotion.errors import (
     ModalMotionError,
     ModeCountError,
@@ -19,7 +19,7 @@ from modalmotion.errors import (
 )
 from modalmotion.facts import Facts
 from modalmotion.norm import Norm
-from modalmotion.norm.training import parameters_of_controls
+from modalmotion.norm.norm import parameters_of_controls
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import StageReport
 from modalmotion.store import ResultStore

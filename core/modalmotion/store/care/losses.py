@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path, PurePath
 from typing import Final, Literal
 
-from modalmotion.classification.model.record import ModelReference
+from modalmotion.classification.record import ModelReference
 from modalmotion.store.disk.atomic import is_temporary
 from modalmotion.store.folder import Folder, ResultName
 from modalmotion.store.tombstones import TOMBSTONES, Deletions

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
-from modalmotion.classification.model.record import ModelRecord
+from modalmotion.classification.record import ModelRecord
 from modalmotion.store.index.database import Database
 
 _COLUMNS: Final = "name, version, id, classes, parameters, created, training, deleted"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from pathlib import Path
 
-from modalmotion.classification.answer.hdf5 import classification_from_hdf5
+from modalmotion.classification.answer_hdf5 import classification_from_hdf5
 from modalmotion.exports.table import frame_table
 from modalmotion.facts import Facts
 from modalmotion.formats import ReadLimits
