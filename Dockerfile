@@ -1,4 +1,4 @@
-# Two stages: the compiler-free build of a virtual environment, and the image that runs it: the
+# Two stages: the build of a virtual environment, and the image that runs it: the
 # service, the scheduler and the workers of a cluster alike. Every package is one file with a known
 # hash (requirements.txt, by tools/requirements.py), of the version in constraints.txt that the tests
 # run with, on this version of Python.
@@ -11,6 +11,7 @@ RUN python -m venv /opt/build /opt/modalmotion \
     && /opt/build/bin/pip install --no-cache-dir --require-hashes --only-binary=:all: -r requirements-build.txt \
     && /opt/modalmotion/bin/pip install --no-cache-dir --require-hashes --only-binary=:all: -r ${REQUIREMENTS}
 COPY pyproject.toml README.md LICENSE ./
+COPY tools/compile_library.py ./tools/
 COPY core ./core
 COPY service ./service
 RUN /opt/build/bin/pip wheel --no-cache-dir --no-index --no-deps --no-build-isolation --wheel-dir wheels . \

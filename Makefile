@@ -10,14 +10,15 @@ QUICK ?=
 MARKDOWN ?=
 # Which benchmarks; all of them by default: make bench ONLY="tradeoff codec"
 ONLY ?=
-SETUP := pyproject.toml constraints.txt
+# The compiled library is made when the package is installed.
+SETUP := pyproject.toml constraints.txt tools/compile_library.py $(wildcard core/modalmotion/*/native/*.[ch])
 # Three processes on two cores, for tests wait too: for services, workers, a browser.
 SPREAD := -n 3 --dist loadfile --no-loadscope-reorder
 # One thread for each process: threads of all would wait for one another. The tests start some hundred
 # processes, each of which would compile all modules anew where bytecode is not kept.
 LEAN := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: demo serve view viewer test check format truth mutants bench soak openapi clean
+.PHONY: demo serve view viewer wheels test check format truth mutants bench soak openapi clean
 .DEFAULT_GOAL := test
 
 $(BIN)/python:
@@ -91,8 +92,17 @@ soak: $(VENV)/.dev $(VENV)/.kernels
 viewer:
 	cd viewer && npm ci --silent --no-fund --no-audit && npm run --silent build
 
+# For five kinds of machines from this one, in dist/.
+wheels: $(VENV)/.wheels
+	$(VENV)/wheels/bin/python tools/wheels.py
+
+$(VENV)/.wheels: constraints.txt | $(BIN)/python
+	$(BIN)/python -m venv $(VENV)/wheels
+	$(VENV)/wheels/bin/pip install --quiet --disable-pip-version-check -c constraints.txt hatchling ziglang lief
+	@touch $@
+
 openapi: $(VENV)/.dev
 	$(BIN)/python -m modalmotion_service.commands.openapi openapi/openapi.json
 
 clean:
-	rm -rf $(VENV) demo-output bench-output
+	rm -rf $(VENV) core/modalmotion/_native dist demo-output bench-output

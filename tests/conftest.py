@@ -26,7 +26,6 @@ from services import (  # fixtures, which pytest finds here
     shared_client,
     shared_data_dir,
     trained,
-    warm_bridges,
 )
 from xdist.remote import Producer
 
@@ -50,7 +49,6 @@ __all__ = [
     "shared_client",
     "shared_data_dir",
     "trained",
-    "warm_bridges",
 ]
 
 
@@ -112,7 +110,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> FileSch
 
 # Parts of names, in the order of the time that their tests take; all others come last.
 _ORDER = (
-    *("tests/service/work/dask/", "tests/service/test_", "tests/service/cohort/"),
+    "tests/service/test_",
     "in_browser",
     *("tests/service/", "tests/core/client/", "tests/test_", "tests/core/classification/"),
     *("tests/core/cli/", "tests/core/store/", "tests/core/codec/", ""),

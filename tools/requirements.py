@@ -18,6 +18,8 @@ import tomllib
 from pathlib import Path
 from typing import Any, Final
 
+import compile_library
+
 ROOT: Final = Path(__file__).resolve().parents[1]
 EXTRAS: Final = ("service", "plot", "cluster", "images", "dicom", "oidc", "telemetry")
 """Of the project, that the image has."""
@@ -41,7 +43,10 @@ def main() -> None:
     for name, needed in (
         ("requirements.txt", whole),
         ("requirements-slim.txt", slim),
-        ("requirements-build.txt", [*project["build-system"]["requires"], *optional["codec"]]),
+        (
+            "requirements-build.txt",
+            [*project["build-system"]["requires"], *optional["codec"], compile_library.ZIG],
+        ),
     ):
         (ROOT / name).write_text(text_of(needed))
 
@@ -67,7 +72,7 @@ def report(wanted: list[str], machine: str) -> list[dict[str, Any]]:
     platforms.append(f"manylinux2014_{machine}")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "report.json"
-        subprocess.run(  # noqa: S603 (of constants and our own files)
+        subprocess.run(
             [
                 *(sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed"),
                 *("--quiet", "--disable-pip-version-check", "--report", str(file)),

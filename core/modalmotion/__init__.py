@@ -1,19 +1,44 @@
-"""Modal signatures and classes of nonrigid motion, from closed-form lattice modes."""
+"""Modal signatures and classes of nonrigid motion, from closed-form lattice modes.
 
-import re
-from importlib import import_module
-from pathlib import Path
+Ten tasks, one line each, after ``import modalmotion as mm``:
+
+=============  ===========================================================
+read           ``beat = mm.read("beat.npz")``
+signature      ``signature = beat.signature(modes=7)``
+plot           ``signature.plot("signature.png")``
+classify       ``answer = beat.classify()``
+strain         ``strain = beat.strain()``
+track          ``track = mm.track("map.nii.gz")``
+encode         ``stream = beat.encode(rms=0.3)``
+decode         ``again = mm.decode(stream)``
+train          ``model = mm.train("cases.csv", "mine")``
+view           ``beat.view()`` (in a notebook)
+report         ``beat.report("out/")``
+save           ``signature.save("beat.h5")``
+load           ``signature = mm.load("beat.h5")``
+=============  ===========================================================
+"""
+
 from typing import TYPE_CHECKING
 
-# The public list: each name once, with its home. Type checkers read it as it stands, `_HOMES`
-# is made from its text. A name is imported when it is first used: all at once take most of a
-# second, and much of what needs this package (a client, the help of a command) needs few.
+from modalmotion.arguments.public import public_list
+
 if TYPE_CHECKING:
+    from modalmotion.classification import Classification as Classification
+    from modalmotion.classification import Model as Model
+    from modalmotion.classification import TrainingOptions as TrainingOptions
     from modalmotion.classification import classify as classify
+    from modalmotion.classification import evaluate as evaluate
     from modalmotion.classification import load_model as load_model
+    from modalmotion.classification import train as train
+    from modalmotion.classification.manifest import read_cases as read_cases
     from modalmotion.clinical import ClinicalReadouts as ClinicalReadouts
     from modalmotion.clinical import clinical_readouts as clinical_readouts
+    from modalmotion.clinical.strain import Strain as Strain
     from modalmotion.clinical.strain_of import strain as strain
+    from modalmotion.codec import Encoded as Encoded
+    from modalmotion.codec import decode as decode
+    from modalmotion.codec import encode as encode
     from modalmotion.errors import ConnectivityError as ConnectivityError
     from modalmotion.errors import CorruptFileError as CorruptFileError
     from modalmotion.errors import InputError as InputError
@@ -30,18 +55,22 @@ if TYPE_CHECKING:
     from modalmotion.errors import TopologyError as TopologyError
     from modalmotion.exports.data_frames import to_dataframe as to_dataframe
     from modalmotion.exports.data_frames import to_xarray as to_xarray
+    from modalmotion.exports.files import load as load
+    from modalmotion.exports.files import save as save
     from modalmotion.exports.html import to_html as to_html
+    from modalmotion.exports.plotting import plot as plot
+    from modalmotion.exports.reading import read as read
     from modalmotion.facts import Facts as Facts
     from modalmotion.formats import ReadLimits as ReadLimits
     from modalmotion.formats import read_npz as read_npz
     from modalmotion.formats import read_sequence as read_sequence
     from modalmotion.formats import write_npz as write_npz
+    from modalmotion.formats.volumes import read_images as read_images
     from modalmotion.mesh.sequence import MeshSequence as MeshSequence
     from modalmotion.mesh.sequence import mesh_sequence as mesh_sequence
     from modalmotion.modes import ModeLabel as ModeLabel
     from modalmotion.modes import ModeSet as ModeSet
     from modalmotion.modes import lowest_modes as lowest_modes
-    from modalmotion.modes import whole_count as whole_count
     from modalmotion.modes.lattice import Lattice as Lattice
     from modalmotion.modes.topology import CLOSED_CURVE as CLOSED_CURVE
     from modalmotion.modes.topology import CUP as CUP
@@ -53,9 +82,9 @@ if TYPE_CHECKING:
     from modalmotion.modes.topology import End as End
     from modalmotion.modes.topology import Topology as Topology
     from modalmotion.modes.transform import project as project
-    from modalmotion.modes.transform import project_all as project_all
     from modalmotion.modes.transform import superpose as superpose
-    from modalmotion.modes.transform import superpose_all as superpose_all
+    from modalmotion.reports import Report as Report
+    from modalmotion.reports.writing import report as report
     from modalmotion.signature.making import ModalSignature as ModalSignature
     from modalmotion.signature.making import SignatureParameters as SignatureParameters
     from modalmotion.signature.making import modal_signature as modal_signature
@@ -67,29 +96,9 @@ if TYPE_CHECKING:
     from modalmotion.template import Template as Template
     from modalmotion.template import Weights as Weights
     from modalmotion.template import make_template as make_template
+    from modalmotion.tracking import Track as Track
+    from modalmotion.tracking import track as track
+    from modalmotion.tradeoff import measure_tradeoff as measure_tradeoff
     from modalmotion.viewer.widget import view as view
 
-_HOMES = {
-    name: home
-    for home, name in re.findall(
-        r"^    from (modalmotion\.[\w.]+) import (\w+) as \2$",
-        Path(__file__).read_text(),
-        re.MULTILINE,
-    )
-}
-__all__ = sorted(_HOMES)
-
-
-def __getattr__(name: str) -> object:
-    """Import a public name (PEP 562)."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from modalmotion.arguments.checking import checked
-
-    value: object = checked(getattr(import_module(_HOMES[name]), name), __name__)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return __all__
+__all__, __getattr__, __dir__ = public_list(globals())

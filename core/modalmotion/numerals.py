@@ -33,6 +33,25 @@ def numeral(value: float, decimals: int = 3, *, of: float = 0.0) -> str:
     return f"{value:#.{_DIGITS}g}"
 
 
+def with_interval(value: float, low: float, high: float) -> tuple[str, str]:
+    """Write a number and its interval, with one decimal, or as many as tell its ends apart.
+
+    Two at most: an interval that is narrower is said to be.
+
+    Examples
+    --------
+    >>> with_interval(62.14, 60.9, 63.4)
+    ('62.1', '60.9 to 63.4')
+    >>> with_interval(179.031, 179.011, 179.043)
+    ('179.03', '179.01 to 179.04')
+    """
+    for decimals in (1, 2):
+        texts = [f"{x:.{decimals}f}" for x in (value, low, high)]
+        if texts[1] != texts[2]:
+            return texts[0], f"{texts[1]} to {texts[2]}"
+    return f"{value:.2f}", "± less than 0.01"
+
+
 def with_article(noun: str) -> str:
     """Write a noun with its article: a cup, an open curve."""
     return f"{'an' if noun[:1] in 'aeiou' else 'a'} {noun}"

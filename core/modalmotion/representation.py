@@ -34,12 +34,13 @@ def shown(*names: str) -> Callable[[type[T]], type[T]]:
     Parameters
     ----------
     names : str
-        Attributes, a dot reaching into one; by default all fields that a dataclass shows.
+        Attributes, a dot reaching into one, a colon before its unit (another attribute, or %); by
+        default all fields that a dataclass shows.
     """
 
     def decorate(kind: type[T]) -> type[T]:
         def represent(value: Any) -> str:
-            parts = (f"{name}={_brief(attrgetter(name)(value))}" for name in names or _fields(kind))
+            parts = (_part(value, name) for name in names or _fields(kind))
             line = f"{kind.__name__}({', '.join(parts)})"
             return line if len(line) <= LONGEST_LINE else f"{line[: LONGEST_LINE - 4]}...)"
 
@@ -47,6 +48,16 @@ def shown(*names: str) -> Callable[[type[T]], type[T]]:
         return kind
 
     return decorate
+
+
+def _part(value: object, name: str) -> str:
+    """Write an attribute, called by its last name, with its unit where it is known."""
+    name, _, unit = name.partition(":")
+    held = attrgetter(name)(value)
+    if unit and unit != "%":
+        unit = attrgetter(unit)(value) or ""
+    text = f"{name.rpartition('.')[2]}={_brief(held)}"
+    return f"{text} {unit}" if unit and held is not None else text
 
 
 def _fields(kind: type) -> list[str]:

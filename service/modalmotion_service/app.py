@@ -6,6 +6,7 @@ import asyncio
 import shutil
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
+from functools import partial
 from typing import Any
 
 from fastapi import Depends, FastAPI
@@ -18,8 +19,8 @@ from modalmotion_service.access.key_snapshot import KeySnapshot
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.logins import logins_of
 from modalmotion_service.access.rates import Rates
-from modalmotion_service.audit.log import AuditLog
-from modalmotion_service.audit.stream import AuditStream
+from modalmotion_service.audit.log import AuditLog, Notes
+from modalmotion_service.audit.stream import AuditStream, Lines
 from modalmotion_service.contract.access import with_access
 from modalmotion_service.http import problems
 from modalmotion_service.http.admission import BodyLimits, Concurrency, WholeAnswers
@@ -68,6 +69,7 @@ from modalmotion_service.work.parsing import say_whether_confined
 from modalmotion_service.work.pool import WorkerPool
 from modalmotion_service.workspace.job_kinds import trainings_at_once
 from modalmotion_service.workspace.owners import Owners
+from modalmotion_service.workspace.perseverance import for_ever
 
 
 class _App(FastAPI):
@@ -84,15 +86,21 @@ class _App(FastAPI):
 
 @contextmanager
 def _access(settings: Settings) -> Iterator[Access]:
-    """Open keys and audit log; where nothing is kept, keys that are only read and a stream."""
-    if settings.stateless:
-        keys = KeySnapshot(settings.read_only_dir)
-        with AuditStream(settings.audit_stream) as stream:
-            yield Access(keys, stream)
+    """Open keys and audit log; where nothing is kept, keys that are only read and lines."""
+    target = settings.audit_stream or ("stdout" if settings.stateless else None)
+    lines = None if target is None else Lines(target, settings.audit_form)
+    if settings.stateless and lines is not None:
+        with AuditStream(lines) as stream:
+            yield Access(KeySnapshot(settings.read_only_dir), stream)
     else:
-        log = AuditLog(settings.data_dir, settings.audit_entries_per_file)
-        with KeyRing(settings.data_dir) as ring, log:
+        with KeyRing(settings.data_dir) as ring, AuditLog(settings.data_dir, lines) as log:
             yield Access(ring, log)
+
+
+async def _forget(log: Notes, days: float) -> None:
+    """Remove old entries of the audit log every hour, where an operator says how old."""
+    if days and isinstance(log, AuditLog):
+        await for_ever("audit", partial(asyncio.to_thread, log.forget_before, days), 3600.0)
 
 
 def judged_routes() -> list[BaseRoute]:
@@ -143,9 +151,9 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
             with _access(chosen) as access:
                 app.state.owners, app.state.access = owners, access
                 app.state.metrics = metrics
-                noting = asyncio.create_task(access.audit.look_after())
+                forgetting = asyncio.create_task(_forget(access.audit, chosen.audit_days))
                 yield
-                noting.cancel()
+                forgetting.cancel()
                 await access.audit.drain()
         finally:
             metrics.registry.unregister(things)

@@ -5,15 +5,12 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, Literal
+from typing import Literal
 
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from modalmotion.formats import ReadLimits
-
-ENTRIES_PER_FILE: Final = 1_000_000
-"""Some 300 MB."""
 
 
 class Settings(BaseSettings):
@@ -45,8 +42,13 @@ class Settings(BaseSettings):
         le=256,
         description="Processes; one more does short work alone.",
     )
+    engine: str = Field(
+        "processes",
+        description="What does the work: processes of this machine; dask, for the workers of "
+        "`scheduler`; or another entry point modalmotion.engines.",
+    )
     scheduler: str | None = Field(
-        None, description="Dask scheduler that work is sent to, such as tcp://host:8786."
+        None, description="Dask scheduler of the engine dask, such as tcp://host:8786."
     )
     cluster_seconds: float = Field(
         30.0,
@@ -116,11 +118,17 @@ class Settings(BaseSettings):
         description="Data folder, or a backup of one, whose keys, owners, models and templates a "
         "service that keeps nothing serves; it is only read.",
     )
-    audit_stream: str = Field(
-        "stdout",
-        min_length=1,
-        description="Where a service that keeps nothing writes its audit log: stdout, stderr, or "
-        "the path of a file or a pipe.",
+    audit_stream: str | None = Field(
+        None,
+        description="Where entries of the audit log go as lines too: stdout, stderr, syslog, "
+        "syslog://host:port, or the path of a file or a pipe; none: nowhere, and to stdout where "
+        "nothing is kept.",
+    )
+    audit_form: Literal["json", "fhir"] = Field(
+        "json", description="Form of these lines; fhir is AuditEvent of FHIR R4."
+    )
+    audit_days: float = Field(
+        0.0, ge=0, le=1e5, description="How long entries stay in the data folder; 0: for good."
     )
     max_requests_per_minute: int = Field(
         6_000, gt=0, description="Requests a minute with one key; more are answered 429."
@@ -130,11 +138,6 @@ class Settings(BaseSettings):
     )
     max_failures_per_minute: int = Field(
         30, gt=0, description="Answers 401 a minute to one address; then 429."
-    )
-    audit_entries_per_file: int = Field(
-        ENTRIES_PER_FILE,
-        ge=1,
-        description="A file of the audit log with as many is closed, and can be archived.",
     )
 
     result_hours: float = Field(
@@ -219,7 +222,14 @@ class Settings(BaseSettings):
         6_000_000_000, ge=1_000_000_000, description="Address space of one piece of work."
     )
 
-    @field_validator("scheduler", "oidc_issuer", "oidc_audience", "oidc_name_claim", mode="before")
+    @field_validator(
+        "scheduler",
+        "audit_stream",
+        "oidc_issuer",
+        "oidc_audience",
+        "oidc_name_claim",
+        mode="before",
+    )
     @classmethod
     def _none_if_empty(cls, value: object) -> object:
         # As a compose file passes on a variable that is not set.

@@ -15,7 +15,6 @@ import modalmotion as mm
 from modalmotion.classification.training.parallel import joblib_backend
 from modalmotion.cli import main
 from modalmotion.client import Client
-from modalmotion.codec.kernels.build import make_image
 from modalmotion.errors import MissingExtraError, needs_extra
 from modalmotion.formats import read_npz
 from modalmotion.pictures.signature import signature_figure
@@ -34,7 +33,6 @@ def hide(monkeypatch: pytest.MonkeyPatch, package: str) -> None:
     ("package", "extra"),
     [
         ("matplotlib", "plot"),
-        ("numba", "codec"),
         ("httpx2", "client"),
         ("distributed", "cluster"),
     ],
@@ -46,7 +44,6 @@ def test_an_absent_package_names_its_command(
     signature = mm.modal_signature(sequence)
     uses: dict[str, Callable[[], object]] = {
         "matplotlib": lambda: signature_figure(sequence, signature),
-        "numba": make_image,
         "httpx2": lambda: Client("http://127.0.0.1:1"),
         "distributed": joblib_backend(scheduler="tcp://127.0.0.1:1").__enter__,
     }

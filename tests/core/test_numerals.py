@@ -15,7 +15,7 @@ import modalmotion as mm
 from modalmotion.cli.commands import main
 from modalmotion.formats import read_sequence
 from modalmotion.mesh.frame_order import in_time_order
-from modalmotion.numerals import counted, numeral
+from modalmotion.numerals import counted, numeral, with_interval
 from modalmotion.pictures.signature import signature_figure
 
 
@@ -82,3 +82,17 @@ def test_notes_on_a_single_frame_are_in_the_singular() -> None:
     vertices = np.random.default_rng(2).normal(size=(3, 12, 3))
     _, _, notes = in_time_order(vertices[[0, 1, 1, 2]], [0.0, 0.1, 0.1, 0.2])
     assert notes == ("Repeated at the same time and dropped: 1 frame (first: frame 2).",)
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "said"),
+    [
+        (62.14, 60.94, 63.36, ("62.1", "60.9 to 63.4")),
+        (179.031, 179.011, 179.043, ("179.03", "179.01 to 179.04")),
+        (179.031, 179.0309, 179.0311, ("179.03", "\u00b1 less than 0.01")),
+    ],
+)
+def test_an_interval_never_has_two_ends_alike(
+    value: float, low: float, high: float, said: tuple[str, str]
+) -> None:
+    assert with_interval(value, low, high) == said

@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from modalmotion.formats import read_npz, write_npz
 from modalmotion.limits import NO_LIMITS
 from modalmotion.mesh import cavity_of, connectivity_of
 from modalmotion.mesh.spring_modes import spring_modes
+from modalmotion.reports import report_of
 from modalmotion.representation import LONGEST_LINE, csv_text, shown
 from modalmotion.signature.comparison import compare
 from modalmotion.store import ResultStore, backup, verify
@@ -55,7 +57,9 @@ def values_of_a_beat(beat: bytes, signature: mm.ModalSignature) -> Iterator[Any]
     yield compare(signature, signature)
     yield measure_tradeoff(sequence)
     encoded = encode(sequence, max_error=1.0)
-    yield from (encoded, inspect(encoded.data))
+    yield from (encoded, inspect(encoded.data), mm.strain(sequence))
+    yield report_of(signature, sequence, issued=datetime.now(UTC))
+    yield mm.track([*sequence.vertices[:3].astype(float)], modes=4, unit="mm")
     yield connectivity_of(sequence.faces, sequence.n_vertices)
     yield cavity_of(sequence.faces, sequence.n_vertices)
     yield spring_modes(sequence.faces, sequence.n_vertices, 5)
@@ -108,7 +112,7 @@ def test_every_value_is_one_line(beat: bytes, signature: mm.ModalSignature, tmp_
 
 def test_a_line_says_the_essentials(beat: bytes, signature: mm.ModalSignature) -> None:
     assert repr(signature).startswith(
-        "ModalSignature(surface='cup', n_frames=8, modes=ModeSet[9], unit='mm', rms_error="
+        "ModalSignature(surface='cup', n_frames=8, modes=ModeSet[9], rms_error="
     )
     assert signature.sequence_id[:12] in repr(signature)
     assert repr(read_npz(beat).sequence) == (
@@ -141,17 +145,17 @@ class Inner:
 @pytest.mark.parametrize(
     ("sample", "line"),
     [
-        (Sample("a"), "Sample(size=0.3333, inner.number=7, text='a', parts=(), data=bytes[0])"),
+        (Sample("a"), "Sample(size=0.3333, number=7, text='a', parts=(), data=bytes[0])"),
         (
             Sample("a" * 64, (np.zeros((2, 3)), 2.5), b"1234"),
             (
-                "Sample(size=0.3333, inner.number=7, text='aaaaaaaaaaaa'..., "
+                "Sample(size=0.3333, number=7, text='aaaaaaaaaaaa'..., "
                 "parts=(float64[2, 3], 2.5), data=bytes[4])"
             ),
         ),
         (
             Sample("a\nb", tuple(range(1000))),
-            "Sample(size=0.3333, inner.number=7, text='a\\nb', parts=tuple[1000], data=bytes[0])",
+            "Sample(size=0.3333, number=7, text='a\\nb', parts=tuple[1000], data=bytes[0])",
         ),
     ],
 )

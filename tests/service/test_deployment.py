@@ -259,11 +259,18 @@ def test_units_start_commands_that_exist(name: str) -> None:
     if name == "modalmotion.service":
         # Behind the proxy everybody comes over loopback.
         assert "MODALMOTION_REQUIRE_KEYS=true" in text
-    start = re.search(r"^ExecStart=\S+/modalmotion (\S+)", text, re.MULTILINE)
+    start = re.search(r"^ExecStart=\S+/(modalmotion|dask) (\S+)", text, re.MULTILINE)
     assert start is not None
-    found = main.get_command(click.Context(main), start[1])
+    if start[1] == "dask":
+        found = pytest.importorskip("distributed.cli.dask_worker").main
+    else:
+        found = main.get_command(click.Context(main), start[2])
     assert found is not None
-    options = {option for parameter in found.params for option in parameter.opts}
+    options = {
+        option
+        for parameter in found.params
+        for option in (*parameter.opts, *parameter.secondary_opts)
+    }
     command = text.partition("ExecStart=")[2].partition("\n")[0]
     assert options >= set(re.findall(r"--[a-z-]+", command))
 
@@ -365,10 +372,14 @@ def test_the_commands_of_the_compose_file_are_a_working_cluster(
         start("cluster", document["worker"]["command"])
     data_dir = re.search(r"MODALMOTION_DATA_DIR=(\S+)", dockerfile())
     assert data_dir is not None
-    (name,) = document["modalmotion"]["environment"]
+    assert [*document["modalmotion"]["environment"]] == [
+        "MODALMOTION_ENGINE",
+        "MODALMOTION_SCHEDULER",
+    ]
     folder = tmp_path / data_dir[1].lstrip("/")
     settings = {
-        name: f"tcp://{here}:{port}",
+        "MODALMOTION_ENGINE": "dask",
+        "MODALMOTION_SCHEDULER": f"tcp://{here}:{port}",
         "MODALMOTION_DATA_DIR": str(folder),
         "MODALMOTION_WAIT_SECONDS": "120",
     }

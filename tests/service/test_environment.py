@@ -33,7 +33,7 @@ def test_values_that_are_none_are_all_named(monkeypatch: pytest.MonkeyPatch) -> 
     assert read_settings(workers=3, keep_uploads=False).workers == 3
 
 
-@pytest.mark.parametrize("command", [["serve"], ["keys", "list"], ["cohort", "x.csv", "-o", "y"]])
+@pytest.mark.parametrize("command", [["serve"], ["keys", "list"], ["settings"]])
 def test_no_command_answers_with_a_traceback(
     command: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,7 +8,6 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -22,24 +21,6 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
-
-
-def start_bridge(
-    command: Sequence[str], *, pass_fds: Sequence[int], stdin: int, env: Mapping[str, str]
-) -> WarmProcess:
-    """Do as `subprocess.Popen` for the process that speaks with Dask, which it has imported."""
-    assert stdin == subprocess.DEVNULL
-    _, module_flag, *arguments = command
-    assert module_flag == "-m"
-    with os.fdopen(os.dup(2), "wb") as sink:
-        return start_warm(
-            "cluster",
-            *arguments,
-            environment=env,
-            folder=Path.cwd(),
-            sink=sink,
-            passed=pass_fds,
-        )
 
 
 @dataclass
@@ -83,8 +64,8 @@ class DaskCluster:
 
     def start_worker(self, n_processes: int = 1) -> Started:
         return self.start_program(
-            *("-m", "modalmotion", "worker", self.address, "--host", "127.0.0.1"),
-            *("--processes", str(n_processes)),
+            *("-m", "distributed.cli.dask_worker", self.address, "--host", "127.0.0.1"),
+            *("--no-nanny", "--no-dashboard", "--nthreads", str(n_processes)),
         )
 
     def start_program(self, *arguments: str) -> Started:

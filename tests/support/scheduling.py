@@ -12,7 +12,7 @@ from xdist.scheduler import LoadScopeScheduling
 
 # Fixtures of a session that take seconds.
 _SHARED = {
-    "cluster": ("dask_cluster", "engine_client", "warm_bridges"),
+    "cluster": ("dask_cluster", "engine_client"),
     "trained": ("trained",),
 }
 

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import io
-import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from dask_cluster import DaskCluster, start_bridge
+from dask_cluster import DaskCluster
 from fastapi.testclient import TestClient
 from training_cohort import N_PER_CLASS, Trained, cohort, send, train
 
@@ -20,7 +18,6 @@ from modalmotion.formats import write_npz
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion_service.app import create_app
 from modalmotion_service.settings import Settings
-from modalmotion_service.work.dask import executor
 
 LIMIT_BYTES = 2_000_000
 
@@ -95,10 +92,10 @@ def engine_client(
     settings = small_settings(engine_data_dir)
     if engine != "processes here":
         cluster: DaskCluster = request.getfixturevalue("dask_cluster")
-        settings = settings.model_copy(update={"scheduler": cluster.address})
+        settings = settings.model_copy(update={"engine": "dask", "scheduler": cluster.address})
     with served(settings) as client:
         metered = client.app.state.owners.local.analysis.engine  # type: ignore[attr-defined]
-        assert (type(metered.engine).__name__ == "DaskExecutor") == (engine != "processes here")
+        assert (type(metered.engine).__name__ == "DaskEngine") == (engine != "processes here")
         yield client
 
 
@@ -123,19 +120,7 @@ def npz() -> Callable[..., bytes]:
 
 
 @pytest.fixture(scope="session")
-def warm_bridges() -> Iterator[None]:
-    """Bridges of this process have imported Dask when they begin."""
-    names = ("DEVNULL", "TimeoutExpired")
-    there = {name: getattr(subprocess, name) for name in names}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(executor, "subprocess", SimpleNamespace(Popen=start_bridge, **there))
-        yield
-
-
-@pytest.fixture(scope="session")
-def dask_cluster(
-    tmp_path_factory: pytest.TempPathFactory, warm_bridges: None
-) -> Iterator[DaskCluster]:
+def dask_cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
     """A scheduler and two workers that no test may kill."""
     cluster = DaskCluster(tmp_path_factory.mktemp("dask"))
     try:

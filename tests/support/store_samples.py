@@ -10,9 +10,9 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-
 from modalmotion.classification.answer.classification import Classification
 from modalmotion.classification.answer.explanation import ModeContribution
+
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature

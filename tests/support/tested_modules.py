@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from project import ROOT
 from rooms import ROOTS, imports_of, modules_of, telling_nodes
 
 import modalmotion
+from modalmotion.arguments.public import homes_in
 from modalmotion.cli.commands import COMMANDS
 
 TESTS = ROOT / "tests"
@@ -76,7 +77,7 @@ def _said_in(path: Path) -> tuple[set[str], set[Path]]:
     """Modules that a file imports or names, and the helpers that it uses."""
     named = imports_of(path, sources())
     helpers: set[Path] = set()
-    homes: Mapping[str, str] = modalmotion._HOMES
+    homes = homes_in(Path(modalmotion.__file__))
     for node in telling_nodes(path.read_text()):
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
             if node.value.id == "mm" and node.attr in homes:

@@ -38,10 +38,9 @@ _SERVER: Final = [
     "made_routes",
 ]
 _CLUSTER: Final = [
-    *("modalmotion.cli", "modalmotion_service.work.dask.worker", "distributed.scheduler"),
+    *("modalmotion.cli", "modalmotion_service.work.dask_engine", "distributed.scheduler"),
     *("distributed.worker", "distributed.client", "distributed.comm.tcp", "distributed.dashboard"),
-    *("modalmotion_service.work.dask.scheduler", "multiprocessing.forkserver"),
-    "modalmotion_service.work.dask.frames",
+    *("distributed.cli.dask_worker", "multiprocessing.forkserver"),
 ]
 
 # Where no other file of a process is.

@@ -5,12 +5,12 @@ export function readAddress() {
 }
 
 // `state`: { frame, colour, gains, isSentShown, areDataShown }; the frame is "" while it plays.
-export function writeAddress({ frame, colour, gains, isSentShown, areDataShown }) {
+export function writeAddress({ frame, colour, usualColour, gains, isSentShown, areDataShown }) {
   const query = new URLSearchParams(location.search);
   const own = Array.from(gains, (gain) => Math.round(gain * 100) / 100);
   const set = (name, value) => (value ? query.set(name, value) : query.delete(name));
   set("frame", frame);
-  set("colour", colour === "error" ? "" : colour);
+  set("colour", colour === usualColour ? "" : colour);
   set("gains", own.every((gain) => gain === 1) ? "" : own.join(","));
   set("sent", isSentShown ? "" : "0");
   set("data", areDataShown ? "" : "0");

@@ -1,6 +1,20 @@
-// The class of a motion: the answer of a model, and what moved it.
+// The class of a motion in a sentence: the answer of a model, and what moved it.
 
 import { h, refill } from "./dom.js";
+
+const capital = (text) => text[0].toUpperCase() + text.slice(1);
+
+// The answer in a sentence, with what is not ruled out; of no class the reason.
+export function classSentence(answer) {
+  const level = `${Math.round(100 * answer.coverage)} %`;
+  if (answer.label === null) {
+    const why = answer.flags && answer.flags.length ? answer.flags.map((flag) => flag.replaceAll("_", " ")).join("; ") : answer.class_set.length ? "more than one is likely" : "it is unlike every class that the model knows";
+    return ["No class", `: ${why}.${answer.class_set.length ? ` Not ruled out at ${level}: ${answer.class_set.join(", ")}.` : ""}`];
+  }
+  const others = answer.class_set.filter((name) => name !== answer.label);
+  const rest = others.length ? `not ruled out at ${level}: ${others.join(", ")}` : `no other class remains at ${level}`;
+  return [capital(answer.label), ` with probability ${answer.probability.toFixed(2)}; ${rest}.`];
+}
 
 // `classification`: answer of a model, or null; `classify()`, where it is there, asks for one;
 // `showOnly(waves)` shows some modes alone.
@@ -11,21 +25,17 @@ export function classCard({ waves, classification }, classify, showOnly) {
       .map((wave, w) => [wave, w])
       .filter(([wave]) => part.modes.some((name) => labelsOf(wave).includes(name)))
       .map(([, w]) => w);
-    const name = shown.length ? waves[shown[0]].name : "not among these modes";
-    const label = shown.map((w) => waves[w].label).join(" ") || part.modes.join(" ");
-    return h("button", {
-      type: "button",
-      disabled: !shown.length,
-      title: shown.length ? "Show these modes alone" : "Not among the modes of this view: ask for more modes.",
-      onclick: () => showOnly(shown),
-    }, h("span", { class: `sign ${part.score >= 0 ? "for" : "against"}` }, part.score >= 0 ? "for" : "against"), ` ${name} `, h("code", {}, label));
+    if (!shown.length) return null;
+    const label = shown.map((w) => waves[w].label).join(" ");
+    return h("button", { type: "button", title: "Show these modes alone", onclick: () => showOnly(shown) },
+      h("span", { class: `sign ${part.score >= 0 ? "for" : "against"}` }, part.score >= 0 ? "for" : "against"), ` ${waves[shown[0]].name} `, h("code", {}, label));
   };
   const show = (answer) => {
     box.hidden = !answer && !classify;
     if (!answer) {
       refill(
         box,
-        h("h2", {}, "Class of the motion"),
+        h("h2", {}, "Class (model)"),
         h("button", {
           type: "button",
           onclick: async (event) => {
@@ -33,27 +43,23 @@ export function classCard({ waves, classification }, classify, showOnly) {
             try {
               show(await classify());
             } catch (error) {
-              refill(box, h("h2", {}, "Class of the motion"), h("p", { class: "note" }, error.message));
+              refill(box, h("h2", {}, "Class (model)"), h("p", { class: "note" }, error.message));
             }
           },
         }, "Classify"),
       );
       return;
     }
-    const set = answer.class_set.length
-      ? `Not ruled out at ${Math.round(100 * answer.coverage)} %: ${answer.class_set.join(", ")}.`
-      : "Unlike every class that the model knows.";
+    const [label, rest] = classSentence(answer);
+    const reasons = answer.explanation.slice(0, 6).map(reason).filter(Boolean);
     refill(
       box,
-      h("h2", {}, "Class of the motion"),
-      h("p", { class: "big" }, answer.label === null ? "no class" : answer.label, answer.label === null ? null : h("span", {}, ` probability ${answer.probability.toFixed(3)}`)),
-      answer.label === null ? null : h("p", { class: "note" }, set),
-      answer.explanation.length
-        ? h("div", { class: "reasons" },
-            h("p", { class: "note" }, "What moved the answer. A button shows these modes alone:"),
-            answer.explanation.slice(0, 6).map(reason))
-        : null,
+      h("h2", {}, "Class (model)"),
+      h("p", { class: "sentence" }, h("strong", {}, label), rest),
       answer.notes.slice(0, 3).map((note) => h("p", { class: "note" }, note)),
+      reasons.length
+        ? h("details", {}, h("summary", {}, "What moved the answer"), h("div", { class: "reasons" }, reasons))
+        : null,
     );
   };
   show(classification);

@@ -4,17 +4,19 @@ import { bar } from "./charts.js";
 import { h, numeral, refill } from "./dom.js";
 
 export const COLOURS = [
-  ["plain", "Plain"],
-  ["error", "Distance to what was sent"],
+  ["inward", "Inward motion"],
   ["motion", "Displacement"],
+  ["error", "Error"],
+  ["plain", "Plain"],
 ];
 
 export class ColourRow {
   // What is called with a colour's name, and with whether surfaces as sent and data are shown.
-  constructor({ setColour, showSent, showData }) {
+  // Inward motion is offered where there is a cavity.
+  constructor({ setColour, showSent, showData }, hasCavity) {
     const choice = ([name, text]) =>
       h("label", {}, h("input", { type: "radio", name: "colour", value: name, onchange: () => setColour(name) }), h("span", {}, text));
-    this.choices = h("fieldset", { class: "choices" }, h("legend", {}, "Colour"), COLOURS.map(choice));
+    this.choices = h("fieldset", { class: "choices" }, h("legend", {}, "Colour"), COLOURS.filter(([name]) => hasCavity || name !== "inward").map(choice));
     this.sent = h("input", { type: "checkbox", checked: true, onchange: () => showSent(this.sent.checked) });
     this.data = h("input", { type: "checkbox", checked: true, onchange: () => showData(this.data.checked) });
     this.bar = bar("0", "");
@@ -37,10 +39,10 @@ export class ColourRow {
     this.dataChoice.hidden = !clouds.length;
   }
 
-  showScale(colour, largest, title, unit) {
+  showScale(colour, [lowest, largest], title, unit) {
     this.bar.hidden = colour === "plain";
     const [low, of, high] = this.bar.texts;
-    low.textContent = "0";
+    low.textContent = lowest ? numeral(lowest, 2).replace("-", "−") : "0";
     of.textContent = title;
     high.textContent = `${numeral(largest)} ${unit}`;
   }

@@ -34,3 +34,13 @@ export function numeral(x, digits = 3) {
   return x.toFixed(Math.min(Math.max(digits - 1 - Math.floor(Math.log10(size)), 0), 6));
 }
 
+
+// A number and its interval: one decimal, or as many as tell the ends apart, two at most.
+export function interval({ value, low, high }) {
+  const minus = (text) => text.replace("-", "−");
+  for (let digits = 1; digits < 3; digits++) {
+    const [a, b] = [low.toFixed(digits), high.toFixed(digits)];
+    if (a !== b) return [minus(value.toFixed(digits)), `${minus(a)} to ${minus(b)}`];
+  }
+  return [minus(value.toFixed(2)), "± less than 0.01"];
+}

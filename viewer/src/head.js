@@ -10,7 +10,7 @@ export function headOf(motion, actions, isEmbedded, say) {
     header.surface === "mesh" ? "mesh with modes of its own" : header.surface,
     `${header.n_frames} frame${header.n_frames === 1 ? "" : "s"}`,
     motion.times ? `${numeral(motion.span)} s` : "times unknown",
-    header.unit === "length units" ? "length unit unknown" : `lengths in ${header.unit}`,
+    header.unit === "length units" ? "(unit unknown)" : `lengths in ${header.unit}`,
     { closes: "a cycle", repeats: "a cycle, first frame repeated", open: "does not return to its start" }[header.cycle],
   ];
   const button = (text, work, what) =>
@@ -38,7 +38,7 @@ export function headOf(motion, actions, isEmbedded, say) {
       "div",
       { class: "actions" },
       button("Save picture", actions.picture, "What you see, as PNG"),
-      button("Table (CSV)", actions.csv, "Amplitudes of each frame"),
+      button("Table (CSV)", actions.csv, "A row for each frame: time, volume, strain, amplitudes"),
       button("Save as one file", actions.page, "A page that opens from disk, without a network"),
     ),
   );

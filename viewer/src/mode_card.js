@@ -1,11 +1,12 @@
-// The modes of a motion: how large each is, and how much of it is shown.
+// The modes of a motion: a moving picture of each, how large it is, and how much of it is shown.
 
 import { h, numeral } from "./dom.js";
 
-// An element, and `show(w, gain)`, which sets the slider of a wave.
+// An element, `show(w, gain)`, which sets the slider of a wave, and the canvases of its pictures.
 export function modeCard({ waves, unit }, { setGain, showOnly, highlight }) {
   const most = Math.max(...waves.map((wave) => wave.rms), 1e-300);
   const sliders = [];
+  const pictures = waves.map(() => h("canvas", { class: "mode-picture", width: 72, height: 72, "aria-hidden": "true" }));
   const rows = waves.map((wave, w) => {
     const number = h("output", { class: "gain" }, "100 %");
     const slider = h("input", {
@@ -15,24 +16,26 @@ export function modeCard({ waves, unit }, { setGain, showOnly, highlight }) {
       onfocus: () => highlight(w),
     });
     sliders.push([slider, number]);
-    const level = h("span", { class: "level", style: { width: `${Math.max((100 * wave.rms) / most, 0.5)}%` } });
+    const level = h("span", { class: `level tone tone${wave.tone}`, style: { width: `${Math.max((100 * wave.rms) / most, 0.5)}%` } });
     return h(
       "li",
       { onpointerenter: () => highlight(w) },
-      h("div", { class: "mode-name" }, h("span", {}, wave.name), h("code", {}, wave.label)),
-      h("div", { class: "spectrum" }, h("span", { class: "track", "aria-hidden": "true" }, level), h("span", {}, `${numeral(wave.rms)} ${unit}`)),
-      h("div", { class: "mode-row" }, slider, number,
-        h("button", { type: "button", class: "only", "aria-label": `Only ${wave.name}, ${wave.label}`, onclick: () => showOnly([w]) }, "only")),
+      pictures[w],
+      h("div", { class: "mode-words" },
+        h("div", { class: "mode-name" }, h("span", {}, wave.name), " ", h("code", {}, wave.label)),
+        h("div", { class: "spectrum" }, h("span", { class: "track", "aria-hidden": "true" }, level), h("span", {}, `${numeral(wave.rms)} ${unit}`)),
+        h("div", { class: "mode-row" }, slider, number,
+          h("button", { type: "button", class: "only", "aria-label": `Only ${wave.name}, ${wave.label}`, onclick: () => showOnly([w]) }, "only"))),
     );
   });
   const element = h(
-    "div",
-    { class: "card modes" },
+    "section",
+    { class: "modes", "aria-label": "Modes" },
     h("div", { class: "modes-head" }, h("h2", {}, "Modes"),
+      h("p", { class: "note" }, "Bars: RMS amplitude over the frames. Sliders: how much of each is shown above. Pictures are enlarged."),
       h("button", { type: "button", onclick: () => waves.forEach((_, w) => setGain(w, 1)) }, "All as measured"),
       h("button", { type: "button", onclick: () => waves.forEach((_, w) => setGain(w, 0)) }, "None")),
-    h("p", { class: "note" }, "Bars: RMS amplitude over the frames. Sliders: how much of it is shown."),
-    h("ol", { tabindex: "0", "aria-label": "Modes, by rank" }, rows),
+    h("ol", {}, rows),
   );
   const show = (w, gain) => {
     const [slider, number] = sliders[w];
@@ -40,5 +43,5 @@ export function modeCard({ waves, unit }, { setGain, showOnly, highlight }) {
     number.textContent = `${Math.round(100 * gain)} %`;
     number.classList.toggle("changed", gain !== 1);
   };
-  return { element, show };
+  return { element, show, pictures };
 }

@@ -94,9 +94,22 @@ export class Motion {
   }
 
   positions(place, gains, out) {
+    const { rotation: R, drift: d } = this.poseAt(place);
+    this.body(place, gains, out);
+    for (let i = 0; i < out.length; i += 3) {
+      const [x, y, z] = [out[i], out[i + 1], out[i + 2]];
+      out[i] = R[0] * x + R[1] * y + R[2] * z + d[0];
+      out[i + 1] = R[3] * x + R[4] * y + R[5] * z + d[1];
+      out[i + 2] = R[6] * x + R[7] * y + R[8] * z + d[2];
+    }
+    return out;
+  }
+
+  // Positions before the whole is turned and shifted.
+  body(place, gains, out) {
     const { nVertices: n, nModes, nDirections: nd, shapes, rest, directions } = this;
     const a = this.amplitudesAt(place, gains, new Float32Array(nModes * nd));
-    const { rotation: R, drift: d } = this.poseAt(place);
+    const { drift: d } = this.poseAt(place);
     const u = nd === 3 ? out : new Float32Array(n);
     u.fill(0);
     for (let m = 0; m < nModes; m++) {
@@ -127,14 +140,53 @@ export class Motion {
         uy = directions[k + 1] * r + directions[k + 4] * t + directions[k + 7] * s;
         uz = directions[k + 2] * r + directions[k + 5] * t + directions[k + 8] * s;
       }
-      const x = rest[i] + ux - dx;
-      const y = rest[i + 1] + uy - dy;
-      const z = rest[i + 2] + uz - dz;
-      out[i] = R[0] * x + R[1] * y + R[2] * z + d[0];
-      out[i + 1] = R[3] * x + R[4] * y + R[5] * z + d[1];
-      out[i + 2] = R[6] * x + R[7] * y + R[8] * z + d[2];
+      out[i] = rest[i] + ux - dx;
+      out[i + 1] = rest[i + 1] + uy - dy;
+      out[i + 2] = rest[i + 2] + uz - dz;
     }
     return out;
+  }
+
+  // Frames at which the volume is largest and smallest; null where there is no volume.
+  get moments() {
+    const { volume } = this.header;
+    return volume.refused ? null : [volume.end_diastole, volume.end_systole];
+  }
+
+  // Outward normals of the reference, of length 1.
+  get outward() {
+    if (this._outward) return this._outward;
+    const out = new Float32Array(this.rest.length);
+    normalsOf(this.rest, this.faces, out);
+    let sense = 0;
+    for (let i = 0; i < out.length; i++) sense += this.rest[i] * out[i];
+    for (let i = 0; i < out.length; i += 3) {
+      const size = Math.hypot(out[i], out[i + 1], out[i + 2]) * (Math.sign(sense) || 1) || 1;
+      for (let k = 0; k < 3; k++) out[i + k] /= size;
+    }
+    return (this._outward = out);
+  }
+
+  // How far each vertex is inward of where it was at end diastole, along the reference's normal.
+  inward(place, gains, out) {
+    const n = 3 * this.nVertices;
+    const key = gains.join();
+    if (this._from !== key) {
+      this._from = key;
+      this._start = this.body(this.moments[0], gains, this._start || new Float32Array(n));
+    }
+    const { _start: from, outward } = this;
+    const now = this.body(place, gains, (this._now ||= new Float32Array(n)));
+    for (let v = 0, i = 0; v < out.length; v++, i += 3)
+      out[v] = outward[i] * (from[i] - now[i]) + outward[i + 1] * (from[i + 1] - now[i + 1]) + outward[i + 2] * (from[i + 2] - now[i + 2]);
+    return out;
+  }
+
+  // Least and largest inward motion at end systole, all modes as measured.
+  get inwardRange() {
+    if (this._range) return this._range;
+    const own = this.inward(this.moments[1], new Float32Array(this.header.waves.length).fill(1), new Float32Array(this.nVertices));
+    return (this._range = own.reduce(([low, high], x) => [Math.min(low, x), Math.max(high, x)], [0, 1e-12]));
   }
 
   // Each wave's amplitude along the direction in which it varies most, waves x frames.
@@ -203,6 +255,22 @@ export class Frames {
       out[i] = share ? x + share * (b.low[k] + b.steps[i] * b.step[k] - x) : x;
     }
     return out;
+  }
+}
+
+// Sums of the normals of the faces at each vertex, as large as their areas.
+export function normalsOf(points, faces, out) {
+  out.fill(0);
+  for (let f = 0; f < faces.length; f += 3) {
+    const [i, j, k] = [3 * faces[f], 3 * faces[f + 1], 3 * faces[f + 2]];
+    const ax = points[j] - points[i], ay = points[j + 1] - points[i + 1], az = points[j + 2] - points[i + 2];
+    const bx = points[k] - points[i], by = points[k + 1] - points[i + 1], bz = points[k + 2] - points[i + 2];
+    const nx = ay * bz - az * by, ny = az * bx - ax * bz, nz = ax * by - ay * bx;
+    for (const c of [i, j, k]) {
+      out[c] += nx;
+      out[c + 1] += ny;
+      out[c + 2] += nz;
+    }
   }
 }
 

@@ -114,7 +114,6 @@ class Pages {
         if (!motion.header.is_tracked) return null;
         return (await service.call(`/v1/tracks/${motion.header.sequence_id}`, { accept: VIEW })).arrayBuffer();
       },
-      csv: async () => save(await (await service.call(`${here}/signature${asked}`, { accept: "text/csv" })).blob(), `${id.slice(0, 12)}-amplitudes.csv`),
       page: async () => save(await (await service.call(`${here}/view${asked}`, { accept: "text/html" })).blob(), `${id.slice(0, 12)}.html`),
       track: {
         slices: (images) => this.open(`${images}?track=${id}`, "images").catch((error) => this.fail(error)),

@@ -1,54 +1,45 @@
-// What the volumes of each motion say.
+// What the volumes and the wall of each motion say: one number large, the others in a table.
 
-import { h, numeral } from "./dom.js";
+import { h, interval } from "./dom.js";
 
-const signed = (value) => value.toFixed(1).replace("-", "\u2212");
+const POINTS = { noise: "the mesh as sent", mesh: "the mesh as sent", points: "points", images: "images" };
 
-function strainRows(strain) {
-  if (!strain || strain.refused) return null;
+function figureRow({ name, unit, ...figure }) {
+  const [value, ends] = interval(figure);
+  return h("tr", {}, h("th", { scope: "row" }, name), h("td", {}, `${value} ${unit}`), h("td", { class: "soft" }, ends));
+}
+
+function definitions(header, figures) {
+  const { volume, strain } = header;
+  const frames = `Diastole ends at frame ${volume.end_diastole}, where the volume is largest; systole at frame ${volume.end_systole}, where it is smallest.`;
+  const layer = strain.refused ? "" : `Strain is of the ${strain.layer}, from ${POINTS[strain.source] || strain.source}.`;
+  const openings = volume.n_openings ? `${volume.n_openings === 1 ? "1 opening" : `${volume.n_openings} openings`}, capped.` : "";
   return h(
-    "div",
-    {},
-    h(
-      "dl",
-      {},
-      strain.figures.map(({ name, definition, value, low, high }) =>
-        h(
-          "div",
-          { title: `Change of the ${definition}, since end diastole, at end systole` },
-          h("dt", {}, name),
-          h("dd", {}, `${signed(value)} % (${signed(low)} to ${signed(high)})`),
-        ),
-      ),
-    ),
-    strain.notes.map((note) => h("p", { class: "note" }, note)),
+    "details",
+    { class: "definitions" },
+    h("summary", {}, "Definitions"),
+    h("dl", {}, figures.map(({ name, definition }) => [h("dt", {}, name), h("dd", {}, definition)])),
+    h("p", { class: "note" }, [frames, layer, openings, "Intervals hold the true value in 95 of 100 cases."].filter(Boolean).join(" ")),
   );
 }
 
-export function readoutCards(motions) {
-  const rows = motions.map(({ header }) => {
-    const { volume } = header;
-    if (volume.refused)
-      return h("div", { class: "card" }, h("h2", {}, "Volume"), h("p", { class: "note" }, volume.refused));
-    const { share } = volume;
-    const name = share ? share.name[0].toUpperCase() + share.name.slice(1) : "Volume";
-    return h(
-      "div",
-      { class: "card readouts" },
-      h("h2", {}, motions.length > 1 ? `${name}: ${header.title || header.sequence_id.slice(0, 8)}` : name),
-      share
-        ? h("p", { class: "big" }, `${share.value.toFixed(1)} %`, h("span", {}, ` ${share.low.toFixed(1)} to ${share.high.toFixed(1)} %`))
-        : null,
-      h(
-        "dl",
-        {},
-        [["largest", volume.largest], ["smallest", volume.smallest], ["difference", volume.stroke]].map(([what, value]) =>
-          h("div", {}, h("dt", {}, what), h("dd", {}, `${numeral(value)} ${volume.unit}`)),
-        ),
-      ),
-      strainRows(header.strain),
-      volume.notes.map((note) => h("p", { class: "note" }, note)),
-    );
-  });
-  return h("div", {}, rows);
+export function readoutCard(header, title) {
+  const { volume, strain } = header;
+  if (volume.refused) return h("div", { class: "card" }, h("h2", {}, title || "Volume"), h("p", { class: "note" }, volume.refused));
+  const { share } = volume;
+  const name = share ? share.name[0].toUpperCase() + share.name.slice(1) : "Volume";
+  const figures = [...volume.figures, ...(strain.refused ? [] : strain.figures)];
+  const short = share && share.name === "ejection fraction" ? "EF" : name;
+  const [value, ends] = share ? interval(share) : [];
+  return h(
+    "div",
+    { class: "card readouts" },
+    h("h2", {}, title ? `${name}: ${title}` : name),
+    share ? h("p", { class: "big" }, `${value} %`, h("span", {}, ` ${ends} %`)) : null,
+    h("table", { class: "figures" },
+      h("thead", {}, h("tr", {}, h("th", { scope: "col" }, h("span", { class: "unseen" }, "Quantity")), h("th", { scope: "col" }, h("span", { class: "unseen" }, "Value")), h("th", { scope: "col" }, "95 % interval"))),
+      h("tbody", {}, figures.map(figureRow))),
+    strain.refused ? h("p", { class: "note" }, strain.refused) : null,
+    definitions(header, [...(share ? [{ name: short, definition: share.definition }] : []), ...figures]),
+  );
 }

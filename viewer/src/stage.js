@@ -14,7 +14,7 @@ export class Stage {
     this.yaw = 0.55;
     this.pitch = 0.28;
     this.zoom = 1;
-    [this.wide, this.high, this.radius] = [0, 0, 1];
+    [this.wide, this.low, this.top, this.radius] = [0, 0, 0, 1];
     this.wanted = new URLSearchParams(location.search).get("draw");
     this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, preserveDrawingBuffer: true });
     this.renderer.autoClear = false;
@@ -44,16 +44,25 @@ export class Stage {
       this.wanted === "shader" || (this.wanted !== "sum" && !this.isSoftware && summed > MOST_SUMMED);
     // A cylinder about the upright axis holds the surface however it is turned.
     const { rest, header: { view } } = motion;
-    let [wide, high] = [0, 0];
+    let wide = 0;
     for (let i = 0; i < rest.length; i += 3) {
       const [x, y, z] = [0, 1, 2].map((k) => rest[i] * view[0][k] + rest[i + 1] * view[1][k] + rest[i + 2] * view[2][k]);
       wide = Math.max(wide, Math.hypot(x, y));
-      high = Math.max(high, Math.abs(z));
+      this.low = Math.min(this.low, z);
+      this.top = Math.max(this.top, z);
     }
-    this.wide = Math.max(this.wide, 1.08 * wide);
-    this.high = Math.max(this.high, 1.12 * high);
+    this.wide = Math.max(this.wide, 1.06 * wide);
     this.radius = Math.hypot(this.wide, this.high) || 1;
     return makeSurfaces(motion, inShader);
+  }
+
+  // Half of the height, and its middle.
+  get high() {
+    return 0.53 * (this.top - this.low);
+  }
+
+  get middle() {
+    return (this.top + this.low) / 2;
   }
 
   // Pixels of the canvas for one of the page.
@@ -84,6 +93,24 @@ export class Stage {
     renderer.setScissorTest(false);
   }
 
+  // A surface alone in the lower left corner of the canvas, to be copied from there.
+  renderSmall(surface, size) {
+    const { renderer, canvas } = this;
+    const { yaw, pitch, zoom } = this;
+    [this.yaw, this.pitch, this.zoom] = [0.55, 0.28, 1.3];
+    renderer.setPixelRatio(this.ratio);
+    renderer.setSize(Math.max(canvas.clientWidth, size), Math.max(canvas.clientHeight, size), false);
+    renderer.setScissorTest(true);
+    renderer.setViewport(0, 0, size, size);
+    renderer.setScissor(0, 0, size, size);
+    renderer.setClearColor(new Color(0, 0, 0), 0);
+    renderer.clear();
+    this.look(1);
+    renderer.render(surface.scene, this.camera);
+    renderer.setScissorTest(false);
+    [this.yaw, this.pitch, this.zoom] = [yaw, pitch, zoom];
+  }
+
   look(aspect) {
     const half = Math.tan((this.camera.fov * Math.PI) / 360);
     const flat = Math.cos(this.pitch);
@@ -92,13 +119,13 @@ export class Stage {
     const distance = (Math.max(tall / half, this.wide / (half * aspect)) + 0.6 * near || 1) / this.zoom;
     this.camera.position.set(
       distance * Math.sin(this.yaw) * flat,
-      distance * Math.sin(this.pitch),
+      this.middle + distance * Math.sin(this.pitch),
       distance * Math.cos(this.yaw) * flat,
     );
     this.camera.aspect = aspect;
     this.camera.near = Math.max(distance - 4 * this.radius, distance / 100);
     this.camera.far = distance + 4 * this.radius;
-    this.camera.lookAt(0, 0, 0);
+    this.camera.lookAt(0, this.middle, 0);
     this.camera.updateProjectionMatrix();
   }
 

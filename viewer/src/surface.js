@@ -5,6 +5,7 @@ import {
   NearestFilter, Points, RedFormat, RedIntegerFormat, RGBAFormat, Scene, ShaderMaterial,
   UnsignedShortType, WebGLRenderTarget, Matrix3, Vector3, OrthographicCamera,
 } from "three";
+import { normalsOf } from "./motion.js";
 import { viridisTexels } from "./viridis.js";
 
 const WIDTH = 4096;
@@ -26,15 +27,17 @@ const MOVE = /* glsl */ `
   uniform vec3 low;
   uniform vec3 stepSize;
   highp ivec2 place(highp int i) { return ivec2(i % ${WIDTH}, i / ${WIDTH}); }
-  vec3 displacement(highp int v) {
+  uniform vec3 sinceDrift;
+  // Row 0 now, row 1 at end diastole.
+  vec3 displacement(highp int v, highp int row) {
     vec3 u = vec3(0.0);
     for (highp int m = 0; m < nModes; m++)
       u += texelFetch(shapes, place(m * nVertices + v), 0).r
-        * texelFetch(amplitudes, ivec2(m, 0), 0).rgb;
+        * texelFetch(amplitudes, ivec2(m, row), 0).rgb;
     return u;
   }
   vec3 superposed(highp int v, vec3 rest) {
-    return rotation * (rest + displacement(v) - drift) + drift;
+    return rotation * (rest + displacement(v, 0) - drift) + drift;
   }
   vec3 asSent(highp int v) {
     highp int i = firstTexel + 3 * v;
@@ -51,11 +54,12 @@ const VERTEX = /* glsl */ `
   precision highp float;
   precision highp int;
   uniform int mode;      // 0 superposed, 1 as sent
-  uniform int coloured;  // 0 plain, 1 distance to what was sent, 2 displacement
+  uniform int coloured;  // 0 plain, 1 distance to what was sent, 2 displacement, 3 inward motion
   out vec3 seen;
   out vec3 across;
   out float shade;
   #ifdef MOVED
+  in vec3 outward;
   ${MOVE}
   #else
   in float value;
@@ -65,7 +69,8 @@ const VERTEX = /* glsl */ `
     highp int v = gl_VertexID;
     vec3 x = mode == 1 ? asSent(v) : superposed(v, position);
     shade = coloured == 1 ? distance(superposed(v, position), asSent(v))
-      : coloured == 2 ? length(displacement(v)) : 0.0;
+      : coloured == 2 ? length(displacement(v, 0))
+      : coloured == 3 ? dot(outward, displacement(v, 1) - displacement(v, 0) - sinceDrift) : 0.0;
     across = vec3(0.0);
     #else
     vec3 x = position;
@@ -82,6 +87,7 @@ const VERTEX = /* glsl */ `
 const FRAGMENT = /* glsl */ `
   precision highp float;
   uniform sampler2D colours;
+  uniform float lowest;
   uniform float largest;
   uniform int coloured;
   uniform vec3 plain;
@@ -96,7 +102,7 @@ const FRAGMENT = /* glsl */ `
     #else
     vec3 n = normalize(across);
     #endif
-    vec3 base = coloured == 0 ? plain : texture(colours, vec2(clamp(shade / largest, 0.0, 1.0)
+    vec3 base = coloured == 0 ? plain : texture(colours, vec2(clamp((shade - lowest) / (largest - lowest), 0.0, 1.0)
       * 255.0 / 256.0 + 0.5 / 256.0, 0.5)).rgb;
     // From both sides: an open surface shows its inside, a little darker.
     bool inside = dot(n, seen) > 0.0;
@@ -156,7 +162,7 @@ class Card {
     this.motion = motion;
     this.shapes = wholeTexture(motion);
     this.amplitudes = new DataTexture(
-      new Float32Array(4 * motion.nModes), motion.nModes, 1, RGBAFormat, FloatType,
+      new Float32Array(8 * motion.nModes), motion.nModes, 2, RGBAFormat, FloatType,
     );
     this.fits = 3 * motion.nVertices * motion.nFrames <= MOST_TEXELS;
     this.frames = framesTexture(motion, false);
@@ -194,7 +200,8 @@ export class Surface {
     this.isLine = motion.faces.length === 0;
     this.points = card ? motion.rest : new Float32Array(motion.rest);
     this.geometry.setAttribute("position", new BufferAttribute(this.points, 3));
-    if (!card) {
+    if (card) this.geometry.setAttribute("outward", new BufferAttribute(motion.outward, 3));
+    else {
       this.normals = new Float32Array(3 * n);
       this.values = new Float32Array(n);
       this.other = new Float32Array(3 * n);
@@ -226,8 +233,9 @@ export class Surface {
     if (this.isLine) this.uniforms.lit.value = 0;
   }
 
-  // `coloured`: 0 plain, 1 distance to what was sent, 2 displacement. False if it has no frames yet.
-  update(place, gains, coloured, largest) {
+  // `coloured`: 0 plain, 1 distance to what was sent, 2 displacement, 3 inward motion. False if it has
+  // no frames yet.
+  update(place, gains, coloured, largest, lowest = 0) {
     const { motion, card } = this;
     const isSent = this.kind === "sent";
     const needsFrames = isSent || coloured === 1;
@@ -237,15 +245,16 @@ export class Surface {
     }
     this.uniforms.coloured.value = coloured;
     this.uniforms.largest.value = largest || 1;
+    this.uniforms.lowest.value = lowest;
     if (card) return this.updateCard(place, gains, isSent);
-    const superposed = isSent && coloured === 0 ? null : motion.positions(place, gains, isSent ? this.other : this.points);
+    const superposed = isSent && coloured !== 1 ? null : motion.positions(place, gains, isSent ? this.other : this.points);
     if (isSent) motion.sent.positions(place, this.points);
     if (coloured === 1) {
       const sent = isSent ? this.points : motion.sent.positions(place, this.other);
       distances(superposed, sent, this.values);
     } else if (coloured === 2) {
       displacements(motion, place, gains, this.values);
-    }
+    } else if (coloured === 3) motion.inward(place, gains, this.values);
     normalsOf(this.points, motion.faces, this.normals);
     for (const name of ["position", "normal", "value"])
       this.geometry.attributes[name].needsUpdate = true;
@@ -256,9 +265,16 @@ export class Surface {
     const { motion, card, uniforms: u } = this;
     const a = motion.amplitudesAt(place, gains, new Float32Array(3 * motion.nModes));
     const data = card.amplitudes.image.data;
-    for (let m = 0; m < motion.nModes; m++) data.set(a.subarray(3 * m, 3 * m + 3), 4 * m);
-    card.amplitudes.needsUpdate = true;
     const { rotation, drift } = motion.poseAt(place);
+    for (let m = 0; m < motion.nModes; m++) data.set(a.subarray(3 * m, 3 * m + 3), 4 * m);
+    if (u.coloured.value === 3) {
+      const [start] = motion.moments;
+      motion.amplitudesAt(start, gains, a);
+      for (let m = 0; m < motion.nModes; m++) data.set(a.subarray(3 * m, 3 * m + 3), 4 * (motion.nModes + m));
+      const from = motion.poseAt(start).drift;
+      u.sinceDrift.value.set(...drift.map((x, k) => (motion.header.holds_drift ? from[k] - x : 0)));
+    }
+    card.amplitudes.needsUpdate = true;
     u.rotation.value.set(...rotation);
     u.drift.value.set(...drift);
     u.mode.value = isSent ? 1 : 0;
@@ -300,6 +316,7 @@ export function makeSurfaces(motion, inShader) {
 function uniforms(motion, card) {
   const common = {
     colours: { value: colours() },
+    lowest: { value: 0 },
     largest: { value: 1 },
     coloured: { value: 0 },
     plain: { value: new Vector3(0.79, 0.77, 0.73) },
@@ -315,6 +332,7 @@ function uniforms(motion, card) {
     nVertices: { value: motion.nVertices },
     rotation: { value: new Matrix3() },
     drift: { value: new Vector3() },
+    sinceDrift: { value: new Vector3() },
     sentFirst: { value: card.frames },
     sentSecond: { value: card.frames },
     share: { value: 0 },
@@ -356,21 +374,6 @@ function displacements(motion, place, gains, out) {
   }
 }
 
-function normalsOf(points, faces, out) {
-  out.fill(0);
-  for (let f = 0; f < faces.length; f += 3) {
-    const [i, j, k] = [3 * faces[f], 3 * faces[f + 1], 3 * faces[f + 2]];
-    const ax = points[j] - points[i], ay = points[j + 1] - points[i + 1], az = points[j + 2] - points[i + 2];
-    const bx = points[k] - points[i], by = points[k + 1] - points[i + 1], bz = points[k + 2] - points[i + 2];
-    const nx = ay * bz - az * by, ny = az * bx - ax * bz, nz = ax * by - ay * bx;
-    for (const c of [i, j, k]) {
-      out[c] += nx;
-      out[c + 1] += ny;
-      out[c + 2] += nz;
-    }
-  }
-}
-
 // Draws each vertex as one pixel that holds its position and colour value.
 function readCard(renderer, surface) {
   const n = surface.motion.nVertices;
@@ -391,7 +394,7 @@ function readCard(renderer, surface) {
       out vec4 pixel; void main() { pixel = vec4(across, shade); }`,
   });
   const geometry = new BufferGeometry();
-  geometry.setAttribute("position", surface.geometry.attributes.position);
+  for (const name of ["position", "outward"]) geometry.setAttribute(name, surface.geometry.attributes[name]);
   const points = new Points(geometry, material);
   points.frustumCulled = false;
   const scene = new Scene();

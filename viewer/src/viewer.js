@@ -1,7 +1,6 @@
 // The view of one sequence, or of two side by side: stage, clock, modes, charts.
 
 import { readAddress, writeAddress } from "./address.js";
-import { saveTable } from "./amplitude_table.js";
 import { save } from "./api.js";
 import { chartsOf } from "./chart_rows.js";
 import { classCard } from "./class_card.js";
@@ -10,14 +9,18 @@ import { Cloud } from "./cloud.js";
 import { COLOURS, ColourRow } from "./colour_row.js";
 import { readContainer } from "./container.js";
 import { h } from "./dom.js";
+import { saveTable } from "./frame_table.js";
 import { headOf } from "./head.js";
 import { modeCard } from "./mode_card.js";
+import { ModePictures } from "./mode_pictures.js";
 import { Motion } from "./motion.js";
 import { notesOf } from "./notes.js";
-import { readoutCards } from "./readouts.js";
+import { readoutCard } from "./readouts.js";
 import { Stage } from "./stage.js";
 import { trackCard } from "./tracking.js";
 import { crossOfAxes, turnCross, windowsOf } from "./windows.js";
+
+export const nameOf = ({ title, sequence_id: id }) => title || id.slice(0, 8);
 
 export class Viewer {
   // `payloads`: one or two ArrayBuffers; `actions`: { frames(motion), data(motion), csv, page, classify }.
@@ -44,6 +47,8 @@ export class Viewer {
     this.observer.observe(this.canvas);
     const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
     if (!still && this.nFrames > 1 && !this.state.frame && this.state.play !== "0") this.play(true);
+    // A still picture is most telling at end systole.
+    else if (!this.state.frame && this.motions[0].moments) this.seek(this.motions[0].timeAt(this.motions[0].moments[1]));
     this.wish();
   }
 
@@ -53,6 +58,14 @@ export class Viewer {
 
   get span() {
     return this.motions[0].span;
+  }
+
+  get hasCavity() {
+    return this.motions.every(({ moments, faces }) => moments && faces.length);
+  }
+
+  get usualColour() {
+    return this.hasCavity ? "inward" : this.motions[0].faces.length ? "motion" : "plain";
   }
 
   // Place in each motion: two sequences run through their own span together.
@@ -65,8 +78,7 @@ export class Viewer {
   applyAddress() {
     const { frame, colour, gains, sent, data } = this.state;
     if (frame) this.seek(this.motions[0].timeAt(Math.min(Math.max(+frame || 0, 0), this.nFrames - 1)));
-    const usual = this.motions[0].faces.length ? "error" : "plain";
-    this.setColour(COLOURS.some(([name]) => name === colour) ? colour : usual);
+    this.setColour(COLOURS.some(([name]) => name === colour && (this.hasCavity || name !== "inward")) ? colour : this.usualColour);
     if (sent === "0") this.showSent(false);
     if (data === "0") this.showData(false);
     if (gains)
@@ -81,9 +93,9 @@ export class Viewer {
     if (this.isEmbedded || !this.isReady || !location.pathname.startsWith("/view/")) return;
     clearTimeout(this.writing);
     this.writing = setTimeout(() => {
-      const { colour, gains, isSentShown, areDataShown } = this;
+      const { colour, usualColour, gains, isSentShown, areDataShown } = this;
       const frame = this.isPlaying ? "" : String(Math.round(this.place(0)));
-      writeAddress({ frame, colour, gains: gains[0], isSentShown, areDataShown });
+      writeAddress({ frame, colour, usualColour, gains: gains[0], isSentShown, areDataShown });
     }, 300);
   }
 
@@ -97,7 +109,7 @@ export class Viewer {
     const showOnly = (waves) => this.showOnly(waves);
     this.modes = modeCard(header, { setGain: (w, gain) => this.setGain(w, gain), showOnly, highlight: (w) => this.highlight(w) });
     const say = (text) => this.say(text);
-    const headActions = { ...actions, csv: actions.csv || (() => saveTable(motion)), picture: () => this.savePicture() };
+    const headActions = { ...actions, csv: () => saveTable(motion, `${this.fileName}-frames.csv`), picture: () => this.savePicture() };
     this.canvas = h("canvas", {
       tabindex: "0", role: "application",
       "aria-label": "The moving surface. Arrow keys turn it, plus and minus bring it nearer, Home resets the view.",
@@ -114,13 +126,14 @@ export class Viewer {
       setColour: (name) => this.setColour(name),
       showSent: (isShown) => this.showSent(isShown),
       showData: (areShown) => this.showData(areShown),
-    });
+    }, this.hasCavity);
     const stageBox = h("div", { class: "stage" }, this.canvas, this.windows, this.cross, this.busy);
     const charts = chartsOf(this.motions, (number, t) => {
       this.play(false);
       this.seek(number ? (t / (this.motions[number].span || 1)) * this.span : t);
     });
     this.charts = charts.rows;
+    this.pictures = new ModePictures(this.stage, motion, this.modes.pictures);
     return h(
       "div",
       { class: "viewer" },
@@ -129,12 +142,12 @@ export class Viewer {
         "div",
         { class: "work" },
         h("section", { class: "left", "aria-label": "Surface" }, stageBox, this.clock.element, this.colours.element),
-        h("aside", { class: "right", "aria-label": "Modes" },
-          readoutCards(this.motions),
+        h("aside", { class: "right", "aria-label": "Read-outs" },
+          this.motions.map((one) => readoutCard(one.header, this.motions.length > 1 ? nameOf(one.header) : "")),
           classCard(header, actions.classify, showOnly),
-          header.is_tracked && actions.track ? trackCard(actions.track, header.unit, say) : null,
-          this.modes.element),
+          header.is_tracked && actions.track ? trackCard(actions.track, header.unit, say) : null),
       ),
+      this.modes.element,
       charts.element,
       notesOf(header, this.stage.isSoftware),
       h("p", { class: "foot" }, header.intended_use),
@@ -291,46 +304,55 @@ export class Viewer {
     this.show();
   }
 
-  // Largest value of the colour bar: the stated error, or the motion where modes are changed.
+  // Ends of the colour bar, and what it shows: of the error the stated one, unless modes are changed.
   scaleOf() {
     const isWhole = this.gains[0].every((gain) => gain === 1);
-    const errors = this.motions.map(({ header }) => header.error.max);
-    const moved = this.motions.map(({ arrays }) => 2 * Math.max(...arrays.motion_rms.values));
-    if (this.colour === "motion") return [Math.max(...moved), "displacement"];
-    if (!isWhole) return [Math.max(...moved), "what is shown, against what was sent"];
-    return [Math.max(...errors), "distance to what was sent"];
+    if (this.colour === "inward") {
+      const ranges = this.motions.map(({ inwardRange }) => inwardRange);
+      return [[Math.min(...ranges.map(([low]) => low)), Math.max(...ranges.map(([, high]) => high))], "inward since end diastole"];
+    }
+    const moved = Math.max(...this.motions.map(({ arrays }) => 2 * Math.max(...arrays.motion_rms.values)));
+    if (this.colour === "motion") return [[0, moved], "displacement"];
+    if (!isWhole) return [[0, moved], "what is shown, against what was sent"];
+    return [[0, Math.max(...this.motions.map(({ header }) => header.error.max))], "distance to what was sent"];
   }
 
   show() {
     const started = performance.now();
-    const [largest, title] = this.scaleOf();
-    const coloured = { plain: 0, error: 1, motion: 2 }[this.colour];
+    const [range, title] = this.scaleOf();
+    const coloured = { plain: 0, error: 1, motion: 2, inward: 3 }[this.colour];
     for (const panel of this.stage.panels) {
       if (!panel.isShown) continue;
       // Beside its reconstruction a surface as sent is plain, unless it stands for the motion.
       const own = panel.kind === "sent" ? (coloured === 1 ? 0 : coloured) : coloured;
-      const isThere = panel.surface.update(this.place(panel.number), this.gains[panel.number], own, largest);
+      const isThere = panel.surface.update(this.place(panel.number), this.gains[panel.number], own, range[1], range[0]);
       panel.surface.object.visible = isThere;
       panel.element.classList.toggle("waiting", !isThere);
     }
     this.clouds.forEach((cloud, number) => cloud && cloud.show(this.place(number), this.areDataShown, this.stage.ratio));
     this.stage.render();
     this.milliseconds = performance.now() - started;
-    this.colours.showScale(this.colour, largest, title, this.header.unit);
+    this.colours.showScale(this.colour, range, title, this.header.unit);
     const place = this.place(0);
     const frame = Math.min(Math.round(place), this.nFrames - 1);
     this.clock.show(this.time, frame);
-    this.charts.forEach(({ motion, charts, eye }, number) => {
+    this.charts.forEach(({ motion, charts }, number) => {
       const t = number ? (this.time / (this.span || 1)) * motion.span : this.time;
       charts.forEach((chart) => chart.show(t));
-      if (eye) eye.show(motion.around(this.place(number)));
     });
+    this.pictures.show(this.time / (this.span || 1), this.isPlaying);
     turnCross(this.cross, this.stage.axes(this.header.view));
+  }
+
+  // Of files that are saved: the recording's own name, or the start of its id.
+  get fileName() {
+    const { title, sequence_id: id } = this.header;
+    return (title || id.slice(0, 12)).replace(/\.[a-z0-9.]{2,8}$/i, "").replace(/[^\p{L}\p{N}._-]+/gu, "-").slice(0, 60) || id.slice(0, 12);
   }
 
   savePicture() {
     this.show();
-    this.canvas.toBlob((blob) => save(blob, `${this.header.sequence_id.slice(0, 12)}.png`));
+    this.canvas.toBlob((blob) => save(blob, `${this.fileName}.png`));
   }
 
   // What a test reads: positions and colours as drawn, at a frame and with gains.
@@ -345,6 +367,7 @@ export class Viewer {
     removeEventListener("resize", this.onResize);
     this.observer.disconnect();
     this.clouds.forEach((cloud) => cloud && cloud.dispose());
+    this.pictures.dispose();
     this.stage.dispose();
   }
 }

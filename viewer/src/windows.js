@@ -14,7 +14,7 @@ export function windowsOf({ header }, number, surfaces, isOne) {
   });
   const count = header.n_amplitudes;
   return [
-    make("sent", "As sent", `${header.n_vertices.toLocaleString("en")} vertices a frame`),
+    make("sent", "As sent", `${header.n_vertices.toLocaleString("en")} vertices per frame`),
     make("superposed", `From ${count} amplitude${count === 1 ? "" : "s"}`, `${numeral(header.error.rms)} ${header.unit} RMS error, ${header.compression.toFixed(0)} : 1`),
   ];
 }

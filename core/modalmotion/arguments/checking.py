@@ -12,7 +12,7 @@ import inspect
 import types
 import typing
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
 from numbers import Integral, Real
 from pathlib import Path
@@ -23,15 +23,16 @@ from modalmotion.numerals import with_article
 
 # How what is meant is made, by the name of its class.
 _MADE: Final = {
-    "MeshSequence": "Make one: mesh_sequence(vertices, faces) of arrays, "
-    "read_sequence(path).sequence of a file.",
-    "ModalSignature": "Make one: modal_signature(sequence), with a MeshSequence.",
+    "MeshSequence": "Make one: mesh_sequence(vertices, faces) of arrays, read(path) of a file.",
+    "ModalSignature": "Make one: modal_signature(sequence), or sequence.signature().",
     "ImageSequence": "Read one: read_images(path).",
     "Template": "Make one: make_template(sequence).",
     "Model": "Load one: load_model(name or path).",
-    "Track": "Make one: track(clouds), or track_from_hdf5(path).",
+    "Track": "Make one: track(path) of images, clouds or contours, or load(path).",
     "Path": "Name a file: pathlib.Path('...').",
 }
+# Of an array of positions: frames, vertices, directions.
+_AXES: Final = 3
 # Elements of a sequence that are looked at.
 _FEW: Final = 10
 
@@ -88,8 +89,9 @@ def _bound(
 ) -> inspect.BoundArguments:
     """Bind arguments to a function, and turn what is clear into what is meant.
 
-    A `Reading` stands for its sequence, a text for a path, and keywords that the function has not
-    for fields of its parameters: modal_signature(sequence, modes=7).
+    A file's path, an array (frames, vertices, 3), a `Reading` or a track stand for a sequence, a
+    sequence for its signature, and keywords that the function has not, or a number of modes, for
+    its parameters: modal_signature(sequence, modes=7).
 
     Raises
     ------
@@ -114,7 +116,7 @@ def _bound(
         hint, is_variable = hints.get(key, Any), "VAR" in signature.parameters[key].kind.name
         if is_variable or _fits(value, hint) or _is_told_within(value, hint):
             continue
-        meant = _meant(value)
+        meant = _meant(value, hint)
         if meant is None or not _fits(meant, hint):
             raise _unfit(name, key, value, hint)
         bound.arguments[key] = meant
@@ -133,18 +135,55 @@ def _is_told_within(value: Any, hint: Any) -> bool:
     return isinstance(value, str) and any(of_words)
 
 
-def _meant(value: Any) -> Any:
-    """Give what a value stands for: a path, a reading's sequence, an array; None if nothing."""
+def _meant(value: Any, hint: Any) -> Any:
+    """Give what a value stands for where that is clear; None if nothing."""
     import numpy as np
 
-    if isinstance(value, str):
+    if isinstance(value, str) and _fits(Path(value), hint):
         return Path(value)
     if isinstance(value, (list, tuple)) and value:
         try:
             return np.array(value)
         except ValueError:
             return None
-    return getattr(value, "sequence", None)
+    inner = getattr(value, "sequence", None)
+    if inner is not None and _fits(inner, hint):
+        return inner
+    if "TrainingCase" in str(hint) and isinstance(value, (str, Path)):
+        from modalmotion import read_cases
+
+        return read_cases(Path(value))
+    made = (_made(value, one) for one in _alternatives(hint))
+    return next((one for one in made if one is not None), None)
+
+
+def _made(value: Any, kind: Any) -> Any:
+    """Make a value of a kind of what it is usually made of; None of anything else."""
+    import numpy as np
+
+    import modalmotion as mm
+
+    name, is_path = getattr(kind, "__name__", ""), isinstance(value, (str, Path))
+    if name == "MeshSequence" and is_path:
+        return mm.read(value)
+    if name == "MeshSequence" and isinstance(value, np.ndarray) and value.ndim == _AXES:
+        return mm.mesh_sequence(value)
+    if name == "ModalSignature":
+        sequence = value if isinstance(value, mm.MeshSequence) else _made(value, mm.MeshSequence)
+        return None if sequence is None else mm.modal_signature(sequence)
+    if name == "Model" and is_path:
+        return mm.load_model(value)
+    if name == "Template" and isinstance(value, mm.MeshSequence):
+        return mm.make_template(value)
+    if name == "bytes":
+        if is_path:
+            return Path(value).read_bytes() if Path(value).is_file() else None
+        data = getattr(value, "data", None)
+        return data if isinstance(data, bytes) else None
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if whole and is_dataclass(kind) and fields(kind)[0].name == "modes":
+        return typing.cast(type, kind)(modes=int(value))
+    return None
 
 
 def _fits(value: Any, hint: Any) -> bool:
@@ -201,7 +240,10 @@ def _class_of(hint: Any) -> type:
 
 def _has_fields(hint: Any, names: Iterable[str]) -> bool:
     kind = _class_of(hint)
-    return is_dataclass(kind) and {*names} <= {field.name for field in fields(kind) if field.init}
+    if not is_dataclass(kind) or {*names} - {field.name for field in fields(kind) if field.init}:
+        return False
+    # Options can be left out, all of them.
+    return not any(f.default is f.default_factory is MISSING for f in fields(kind) if f.init)
 
 
 def _shown(signature: inspect.Signature) -> str:

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arguments.tasks import Plotted, Saved
 from modalmotion.choice.parameters import ModeOrder
 from modalmotion.classification.explanation import ModeContribution, explain
 from modalmotion.classification.extractor import volume_share
@@ -50,7 +51,7 @@ Array = NDArray[np.float64]
 
 @shown("label", "probability", "class_set", "coverage", "flags", "model")
 @dataclass(frozen=True, eq=False)
-class Classification:
+class Classification(Saved, Plotted):
     """A motion class with its probability, or none where the model cannot tell.
 
     Parameters

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
+from modalmotion.arguments.tasks import Plotted
 from modalmotion.classification.performance import Curve, Interval, Measured, RocCurve
 from modalmotion.representation import shown
 
@@ -15,7 +16,7 @@ _N_NAMED: Final = 3
 
 @shown("classes", "accuracy", "calibration_error", "coverage", "training_set")
 @dataclass(frozen=True)
-class ModelCard:
+class ModelCard(Plotted):
     """Facts to know about a model before relying on it; every field is JSON-able.
 
     Parameters

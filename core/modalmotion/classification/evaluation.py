@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from modalmotion.arguments.tasks import Plotted
 from modalmotion.classification.answer import Classification, classify
 from modalmotion.classification.cases import UNUSABLE, AnyCase, LeftOut, TrainingCase
 from modalmotion.classification.model import Model
@@ -67,7 +68,7 @@ class CaseAnswer:
 
 @shown("model", "n_cases", "accuracy", "accuracy_interval", "auc", "calibration_error")
 @dataclass(frozen=True, kw_only=True)
-class Evaluation(Performance):
+class Evaluation(Performance, Plotted):
     """Result of a test on labelled cases; every field is JSON-able.
 
     Where the model abstains its probabilities are equal, its answer is wrong and no class.

@@ -25,7 +25,7 @@ from modalmotion.representation import shown
 
 AXIS: Final = "axis"
 SUMMARY: Final = "summary"
-WAVES: Final = "waves"
+WAVES: Final = "modes"
 TERMS: Final = "terms"
 
 SIZE: Final = "size"

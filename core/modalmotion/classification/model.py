@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arguments.tasks import Plotted, Saved
 from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
 from modalmotion.classification.card import ModelCard
 from modalmotion.classification.extractor import VOLUME, Extractor
@@ -103,7 +104,7 @@ class Readable:
 
 @shown("name", "classes", "readable.topology", "readable.n_modes", "id")
 @dataclass(frozen=True, eq=False)
-class Model(FrozenArrays):
+class Model(FrozenArrays, Saved, Plotted):
     """A classifier of motions that is trained.
 
     Parameters

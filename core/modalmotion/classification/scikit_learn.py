@@ -69,9 +69,9 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
     topology : str or None
         Of these signatures; "mesh" for spring modes. None lets the recordings decide together.
     kind : str
-        "axis": parts about the axis; "waves": modes and their products; "summary": the same in
+        "axis": parts about the axis; "modes": modes and their products; "summary": the same in
         few numbers; "terms": modes and their terms in the frame of the body; "auto": "axis" where
-        all have one over a cycle, else "waves".
+        all have one over a cycle, else "modes".
     timing : str
         "cycle", "transient" or "auto": cycles where most recordings close.
     covariates : None, "all" or sequence of str
@@ -203,7 +203,7 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
             reason = "a recording is no cycle about an axis" if kind == AXIS else "theta is free"
             raise ParameterError(
                 f"The features {kind!r} cannot be read: {reason}.",
-                remedy="Use kind='waves', or state timing='cycle', a topology with an axis, or "
+                remedy="Use kind='modes', or state timing='cycle', a topology with an axis, or "
                 "the landmark theta_zero.",
                 details={"option": "kind"},
             )

@@ -31,10 +31,11 @@ from modalmotion.cli.options import (
     weights_option,
 )
 from modalmotion.cli.outputs import write_picture
-from modalmotion.cli.readouts_command import volume_lines
 from modalmotion.cli.waiting import Waiting
+from modalmotion.errors import TopologyError
 from modalmotion.exports.surfaces import SUFFIXES, write_superposed
 from modalmotion.facts import facts_as_json
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numerals import counted, numeral
 from modalmotion.signature.making import ModalSignature, SignatureKind, modal_signature
 from modalmotion.tradeoff import Price, price_of
@@ -73,7 +74,7 @@ def signature(
         result = modal_signature(sequence, parameters, watch=watch)
         if not as_json:
             with watch.stage("volume"):
-                volume = volume_lines(result, sequence)
+                volume = _volume_lines(result, sequence)
         if output is not None:
             with watch.stage("write"):
                 write_atomic(output, signature_to_hdf5(result))
@@ -121,6 +122,23 @@ def reconstruct(
     )
     found = {"n_frames": result.n_frames, "rms_error": result.rms_error, "unit": result.unit}
     tell(found, [said], output, as_json=as_json)
+
+
+def _volume_lines(signature: ModalSignature, sequence: MeshSequence) -> list[str]:
+    """Write the volume and its share; nothing if the surface encloses nothing."""
+    from modalmotion.clinical import clinical_readouts
+
+    try:
+        readouts = clinical_readouts(signature, sequence)
+    except TopologyError:
+        return []
+    curve, factor = readouts.stated, readouts.shown_in
+    large, small = curve.end_diastolic_volume * factor, curve.end_systolic_volume * factor
+    lines = [f"volume {numeral(large, 1)} to {numeral(small, 1, of=large)} {readouts.volume_unit}"]
+    if curve.fraction is not None and curve.share_range is not None:
+        low, high = curve.share_range
+        lines.append(f"{curve.fraction.words} {curve.share:.1f} % ({low:.1f} to {high:.1f})")
+    return lines + [f"note: {note}" for note in readouts.notes if signature.n_frames > 1]
 
 
 def summary(result: ModalSignature, price: Price) -> dict[str, object]:

@@ -137,8 +137,6 @@ def compile_codec(folder: Path | None, as_json: bool) -> None:
 
     Takes a minute and needs numba (extra `codec`), which what is compiled does not.
     """
-    from modalmotion.codec.kernels.build import compile_kernels
-    from modalmotion.mesh.machine import compile_kernels as compile_for_meshes
+    from modalmotion.mesh.machine import compile_kernels
 
-    compile_for_meshes(folder)
     tell({}, [], compile_kernels(folder), as_json=as_json)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from difflib import get_close_matches
 from importlib import import_module
 from importlib.metadata import entry_points
+from importlib.util import LazyLoader, find_spec, module_from_spec
 from typing import Final
 
 import click
@@ -15,15 +17,16 @@ COMMANDS: Final = {
     "animate": ("modes_commands", "Add modes over the surface in FILE and let them swing."),
     "card": ("model_commands", "Say what MODEL was made of, and how well it does."),
     "classify": ("model_commands", "Name the motion class of the sequence in FILE."),
+    "cohort": (
+        "cohort_command",
+        "Fit a signature to every recording that FILE names, and keep them in a store.",
+    ),
     "compare-models": ("model_commands", "Compare two models, on the same labelled sequences."),
     "compile-codec": (
         "codec_commands",
         "Compile the codec and kernels of large meshes, once for this machine.",
     ),
-    "decide": (
-        "model_commands",
-        "Write MODEL with a rule by which its probabilities become a label.",
-    ),
+    "convert": ("convert_command", "Write the sequence in FILE in another format."),
     "decode": ("codec_commands", "Decode a compressed STREAM, or some of its frames."),
     "dicom": ("dicom_command", "Write DICOM objects of the sequence in FILE, for an archive."),
     "encode": ("codec_commands", "Compress the sequence in FILE at an error that you choose."),
@@ -35,6 +38,7 @@ COMMANDS: Final = {
     "reconstruct": ("analysis_commands", "Write the surfaces that a few modes stand for."),
     "report": ("report_command", "Report on the sequence in FILE, for people and systems."),
     "resample": ("resample_command", "Write the surface in FILE at any phase of its cycle."),
+    "score": ("score_command", "Compare the motion in ANSWER with the true one in TRUTH."),
     "segment": ("segment_command", "Find a surface in one image of IN, with its stated error."),
     "show": ("show_command", "Say what FILE holds."),
     "signature": ("analysis_commands", "Fit the modal signature of the sequence in FILE."),
@@ -65,6 +69,7 @@ class _Commands(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in COMMANDS:
+            _put_off("f2py", "testing", "polynomial", "ma")
             module = import_module(f".{COMMANDS[cmd_name][0]}", __package__)
             return _command(getattr(module, cmd_name.replace("-", "_")))
         for entry in entry_points(group="modalmotion.commands", name=cmd_name):
@@ -103,6 +108,24 @@ class _Commands(click.Group):
                 return str(lines[name])
         command = self.get_command(ctx, name)
         return "" if command is None else command.get_short_help_str(limit=80)
+
+
+def _put_off(*parts: str) -> None:
+    """Let parts of NumPy that SciPy names and no command uses be imported at their first use.
+
+    SciPy's `from numpy import *` takes each, a fifth of what a short command costs.
+    """
+    import numpy
+
+    for part in parts:
+        name = f"numpy.{part}"
+        spec = None if name in sys.modules else find_spec(name)
+        if spec is None or spec.loader is None:
+            continue
+        spec.loader = LazyLoader(spec.loader)
+        module = sys.modules[name] = module_from_spec(spec)
+        spec.loader.exec_module(module)
+        setattr(numpy, part, module)
 
 
 def _command(value: object) -> click.Command | None:

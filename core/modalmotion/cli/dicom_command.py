@@ -33,7 +33,7 @@ def dicom(source: Path, out: Path, study: Path, as_json: bool, **options: Any) -
     encapsulated STL, as instances of the patient's study. Coordinates must be stated as LPS, in
     mm. Needs pydicom and highdicom (extra dicom).
     """
-    from modalmotion.report.dicom import dicom_instances, read_study, require_space
+    from modalmotion.reports.dicom import dicom_instances, read_study, require_space
     from modalmotion.store import write_atomic
 
     wanted = Wanted.of(source, **options)

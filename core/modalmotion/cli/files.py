@@ -11,10 +11,9 @@ import click
 
 from modalmotion.cli.options import Member, reading_option, several
 from modalmotion.cli.stated_facts import fact_options, stated_facts
-from modalmotion.facts import NO_FACTS, Facts
-from modalmotion.formats import Format, ReadOptions, read_sequence
+from modalmotion.exports.reading import read_recording
+from modalmotion.formats import Format, ReadOptions
 from modalmotion.formats.raw import RAW_TYPES
-from modalmotion.formats.result import Reading
 from modalmotion.mesh.sequence import MeshSequence
 
 
@@ -59,37 +58,21 @@ sequence_argument = several(
 """FILE, as `source`, and the options that describe it, named as in `ReadOptions`."""
 
 
-def read(
-    source: Path, *, is_one_of_many: bool = False, facts: Facts = NO_FACTS, **stated: Any
-) -> MeshSequence:
+def read(source: Path, **stated: Any) -> MeshSequence:
     """Read a sequence: a file, a folder of frames, or a pattern of their names.
 
     Of a track's own file its sequence is read, with what the track says of its errors. Frames that
-    are files of their own show a progress bar; unused content and assumptions are
-    printed. One file of many is quiet, and tracked first where it holds no one mesh.
+    are files of their own show a progress bar; unused content and assumptions are printed.
 
     Parameters
     ----------
     source : Path
-    is_one_of_many : bool
-    facts : Facts
-        Override the file's own; options that state facts override these.
     **stated
-        Other fields of `ReadOptions`, and options that state facts.
+        Fields of `ReadOptions`, and options that state facts.
     """
-    options = ReadOptions(facts=stated_facts(stated).over(facts), **stated)
-    if is_one_of_many:
-        from modalmotion.tracking.recording import sequence_of
-
-        return sequence_of(source, options)
-    from modalmotion.tracking.hdf5 import kept_track
-
-    kept = kept_track(source)
-    if kept is not None:
-        result = options.apply(Reading(kept.sequence, format="hdf5"))
-    else:
-        with _FrameBar() as bar:
-            result = read_sequence(source, options, progress=bar)
+    options = ReadOptions(facts=stated_facts(stated), **stated)
+    with _FrameBar() as bar:
+        result = read_recording(source, options, progress=bar)
     if result.ignored:
         click.echo(f"not used: {', '.join(result.ignored)}", err=True)
     for note in result.notes:

@@ -9,7 +9,8 @@ from typing import Any
 
 import click
 
-from modalmotion.cli.cases import LabelledSequence, labelled_files, labelled_sources, unit_option
+from modalmotion.classification.manifest import LabelledSequence, labelled_files
+from modalmotion.cli.case_options import labelled_sources, unit_option
 from modalmotion.cli.options import example, json_option, list_written
 from modalmotion.cli.outputs import OutputFile
 
@@ -71,7 +72,7 @@ def train(
     else:
         click.echo(
             f"{result.name} (id {result.id[:12]}): {result.n_controls} controls, "
-            f"{' or '.join(said['topologies'])}, {said['n_modes']} modes\n"
+            f"{said['topology']}, {said['n_modes']} modes\n"
             f"groups: {', '.join(said['groups'])}\n"
             f"smallest level: {said['smallest_level']:.3g}"
         )

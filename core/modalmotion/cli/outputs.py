@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-import io
 import os
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import click
 
 from modalmotion.errors import needs_extra
-from modalmotion.store.disk.atomic import write_atomic
+from modalmotion.exports.picture_files import PICTURES, write_picture
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+__all__ = [
+    "MOVING",
+    "PICTURES",
+    "OutputFile",
+    "OutputFolder",
+    "require_matplotlib",
+    "write_picture",
+]
 
-PICTURES: Final = (".png", ".svg", ".pdf")
-"""Suffixes of pictures."""
 MOVING: Final = ".gif"
 """Suffix of a moving one."""
 
@@ -94,19 +97,6 @@ def require_matplotlib() -> None:
     with needs_extra("plot"):
         if find_spec("matplotlib") is None:
             raise ModuleNotFoundError(name="matplotlib")
-
-
-def write_picture(figure: Figure, path: Path) -> None:
-    """Write a picture in the format that its suffix names.
-
-    Raises
-    ------
-    StoreError
-        If it cannot be written.
-    """
-    picture = io.BytesIO()
-    figure.savefig(picture, format=path.suffix[1:].lower())
-    write_atomic(path, picture.getvalue())
 
 
 def _is_output(ctx: click.Context | None, name: str) -> bool:

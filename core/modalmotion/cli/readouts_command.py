@@ -31,11 +31,10 @@ from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_readouts
 from modalmotion.errors import TopologyError
 from modalmotion.exports.table import direction_names
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numerals import counted, numeral
 from modalmotion.pictures.bulls_eye import bulls_eye_figure, most_moved
 from modalmotion.pictures.readouts import volume_figure
-from modalmotion.signature.making import ModalSignature, modal_signature
+from modalmotion.signature.making import modal_signature
 
 
 @click.command(cls=Command, epilog=example("readouts beat.npz --modes 18 --plot volumes.png"))
@@ -91,27 +90,6 @@ def readouts(
             )
         )
     list_written(plot, bulls_eye, as_json=as_json)
-
-
-def volume_lines(signature: ModalSignature, sequence: MeshSequence) -> list[str]:
-    """Return lines on the volume and its share; empty if the surface encloses nothing."""
-    try:
-        readouts = clinical_readouts(signature, sequence)
-    except TopologyError:
-        return []
-    large, small, _ = _volumes(readouts.stated, readouts.shown_in)
-    return [
-        f"volume {numeral(large, 1)} to {numeral(small, 1, of=large)} {readouts.volume_unit}",
-        *_share_line(readouts.stated),
-        *(f"note: {note}" for note in readouts.notes if signature.n_frames > 1),
-    ]
-
-
-def _share_line(curve: VolumeCurve) -> list[str]:
-    if curve.fraction is None or curve.share_range is None:
-        return []
-    low, high = curve.share_range
-    return [f"{curve.fraction.words} {curve.share:.1f} % ({low:.1f} to {high:.1f})"]
 
 
 def _lines(readouts: ClinicalReadouts) -> list[str]:

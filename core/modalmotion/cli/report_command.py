@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +14,7 @@ from modalmotion.cli.reported import Wanted, report_options
 from modalmotion.cli.waiting import Waiting
 
 if TYPE_CHECKING:
-    from modalmotion.report.quantities import Quantity
+    from modalmotion.reports.quantities import Quantity
 
 
 @click.command(
@@ -39,39 +38,23 @@ def report(source: Path, out: Path, as_json: bool, **options: Any) -> None:
     A folder gets report.pdf, report.fhir.json, frames.csv and view.html. A person has the last
     word: all is marked as preliminary.
     """
-    from modalmotion.exports.table import frame_table
-    from modalmotion.report import fhir_json, report_pdf
-    from modalmotion.report.codes import OWN
-    from modalmotion.report.quantities import quantities_of
-    from modalmotion.store import write_atomic
-    from modalmotion.viewer.page import View, view_page
+    from modalmotion.reports.codes import OWN
+    from modalmotion.reports.quantities import quantities_of
+    from modalmotion.reports.writing import write_report
+    from modalmotion.viewer.page import View
 
     wanted = Wanted.of(source, **options)
     with Waiting(source) as waiting:
         found = wanted.report(waiting)
-        signature = found.signature
         with waiting.watch.stage("write"):
-            view = View(signature, found.sequence, source.name, classification=found.classification)
-            pieces: dict[str, Callable[[], bytes]] = {
-                "report.pdf": lambda: report_pdf(found),
-                "report.fhir.json": lambda: fhir_json(found),
-                "frames.csv": lambda: (
-                    frame_table(signature, found.readouts, found.ventricle).to_csv().encode()
-                ),
-                "view.html": lambda: view_page([view]).encode(),
-            }
-            suffix = out.suffix.lower()
-            paths = {name: out for name in pieces if Path(name).suffix == suffix}
-            if not paths:
-                out.mkdir(parents=True, exist_ok=True)
-                paths = {name: out / name for name in pieces}
-            for name, path in paths.items():
-                write_atomic(path, pieces[name]())
+            answer = found.classification
+            view = View(found.signature, found.sequence, source.name, classification=answer)
+            paths = write_report(found, out, view)
     quantities = quantities_of(found)
     said = [f"{OWN[q.name]:<32}{_interval(q)}" for q in quantities]
     said += [f"note: {note}" for note in found.caveats]
-    answer = {"quantities": [asdict(q) for q in quantities], "notes": found.caveats}
-    tell(answer, said, *paths.values(), as_json=as_json)
+    numbers = {"quantities": [asdict(q) for q in quantities], "notes": found.caveats}
+    tell(numbers, said, *paths, as_json=as_json)
 
 
 def _interval(q: Quantity) -> str:

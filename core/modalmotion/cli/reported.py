@@ -27,7 +27,7 @@ from modalmotion.signature.making import modal_signature
 if TYPE_CHECKING:
     from modalmotion.mesh.sequence import MeshSequence
     from modalmotion.norm import Norm
-    from modalmotion.report import Report
+    from modalmotion.reports import Report
 
 _OPTIONS: Final = (
     sequence_argument,
@@ -102,7 +102,7 @@ class Wanted:
         """Make the report."""
         from modalmotion.classification import classify, shipped_for
         from modalmotion.cli.model_commands import model_named
-        from modalmotion.report import report_of
+        from modalmotion.reports import report_of
 
         parameters = signature_parameters(self.options)
         sequence = self._sequence(waiting)

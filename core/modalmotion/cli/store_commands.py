@@ -186,17 +186,10 @@ def require_all_packed(report: PackReport) -> None:
 @click.option(
     "--accept-missing",
     is_flag=True,
-    help="Go on without files that FOLDER has lost; COPY sets them aside.",
-)
-@click.option(
-    "--keep-days",
-    default=30.0,
-    show_default=True,
-    type=click.FloatRange(min=0),
-    help="How long COPY keeps, in COPY/removed, what was set aside.",
+    help="Go on without files that FOLDER has lost: COPY loses them too.",
 )
 @json_option
-def backup(folder: Path, copy: Path, accept_missing: bool, keep_days: float, as_json: bool) -> None:
+def backup(folder: Path, copy: Path, accept_missing: bool, as_json: bool) -> None:
     """Copy the store in FOLDER to the folder COPY; a server may have it open.
 
     Run again, it copies new files, and removes those that were deleted since. Files that are
@@ -205,13 +198,10 @@ def backup(folder: Path, copy: Path, accept_missing: bool, keep_days: float, as_
     from modalmotion.store import backup as run
 
     with _progress("copying") as progress:
-        report = run(
-            folder, copy, accept_missing=accept_missing, keep_days=keep_days, progress=progress
-        )
-    aside = f", {report.n_set_aside} set aside" if report.n_set_aside else ""
+        report = run(folder, copy, accept_missing=accept_missing, progress=progress)
     said = (
         f"{report.n_files} files, {report.n_bytes / 1e6:.1f} MB: {report.n_copied} copied, "
-        f"{report.n_removed} removed{aside}: {copy}"
+        f"{report.n_removed} removed: {copy}"
     )
     tell(asdict(report), [said], as_json=as_json)
     if not report.missing:

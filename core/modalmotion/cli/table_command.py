@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from modalmotion.classification.cases import named
-from modalmotion.cli.cases import LabelledFile, labelled_files
+from modalmotion.classification.manifest import LabelledFile, labelled_files
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
     Command,
@@ -26,13 +26,16 @@ from modalmotion.cli.options import (
     surface_options,
     weights_option,
 )
+from modalmotion.cli.stated_facts import stated_facts
 from modalmotion.cli.waiting import Waiting
 from modalmotion.clinical import ClinicalReadouts, clinical_readouts
 from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_readouts
 from modalmotion.errors import InputError, ModalMotionError, ParameterError
 from modalmotion.exports.table import Recording, Table, amplitude_table, cohort_table, frame_table
+from modalmotion.formats import ReadOptions
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.tracking.recording import sequence_of
 
 
 @click.command(cls=Command, epilog=example("table beat.npz --frames -o frames.csv"))
@@ -99,7 +102,7 @@ def _cohort(
     with click.progressbar(files, label="recordings", file=sys.stderr) as bar:
         for file in bar:
             try:
-                made.append(_recording(file, parameters, stated))
+                made.append(_recording(file, parameters, {**stated}))
             except ModalMotionError as error:
                 if not skips:
                     raise named(error, str(file.path)) from error
@@ -115,7 +118,8 @@ def _cohort(
 def _recording(
     file: LabelledFile, parameters: SignatureParameters, stated: dict[str, Any]
 ) -> Recording:
-    sequence = read(file.path, is_one_of_many=True, facts=file.facts, **stated)
+    options = ReadOptions(facts=stated_facts(stated).over(file.facts), **stated)
+    sequence = sequence_of(file.path, options)
     signature = modal_signature(sequence, parameters)
     readouts: ClinicalReadouts | None = None
     with contextlib.suppress(InputError):

@@ -1,9 +1,13 @@
 """Clinical readouts of a moving cavity: volume over time and ejection fraction."""
 
-from modalmotion.arguments.checking import check_arguments
-from modalmotion.clinical.readouts import ClinicalReadouts, clinical_readouts
-from modalmotion.clinical.volume_curve import Fraction, VolumeCurve
+from typing import TYPE_CHECKING
 
-__all__ = ["ClinicalReadouts", "Fraction", "VolumeCurve", "clinical_readouts"]
+from modalmotion.arguments.public import public_list
 
-check_arguments(globals())
+if TYPE_CHECKING:
+    from modalmotion.clinical.readouts import ClinicalReadouts as ClinicalReadouts
+    from modalmotion.clinical.readouts import clinical_readouts as clinical_readouts
+    from modalmotion.clinical.volume_curve import Fraction as Fraction
+    from modalmotion.clinical.volume_curve import VolumeCurve as VolumeCurve
+
+__all__, __getattr__, __dir__ = public_list(globals())

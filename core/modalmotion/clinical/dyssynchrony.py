@@ -9,18 +9,14 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from modalmotion.clinical.volume_curve import TWO_DEVIATIONS
 from modalmotion.clinical.wall_motion import WallMotion
 
-# Frames beyond the numbers of a curve; least and most harmonics.
-_FREE: Final = 2
-_LEAST: Final = 3
-_MOST: Final = 12
-
-# Uneven instants tell harmonics apart up to this condition.
-_CONDITION: Final = 1e3
+# Largest share of a cycle between two frames, over its end too.
+_LARGEST_GAP: Final = 1 / 8 + 1e-9
 
 # Instants of a cycle among which the least volume is looked for.
 _INSTANTS: Final = 1000
@@ -61,14 +57,30 @@ def volume_variances(
 ) -> NDArray[np.float64]:
     """Variance of each segment's volume by what is known of errors of positions, (n,) float64.
 
-    A volume changes by what the wall sweeps along its normal.
+    By the gradient of `segment_volumes`, a sum of (a x g) . l / 2, where a leads from the middle
+    line to the wall, g goes around it and l along the middle line.
     """
-    swept = np.cross(motion.slopes.along[:, frame], motion.slopes.around[:, frame])
-    swept *= motion.weights.reshape(-1, 1)
-    gradients = (
-        motion.places.values.T @ np.where((segment == k)[:, None], swept, 0.0) for k in range(n)
-    )
-    return np.array([motion.variance(gradient, frame) for gradient in gradients])
+    rows, columns = motion.places.shape
+    grid = rows, columns, 3
+    x = (motion.places.values @ motion.coefficients[:, frame]).reshape(grid)
+    a = x - x.mean(axis=1, keepdims=True)
+    g = motion.slopes.around[:, frame].reshape(grid)
+    l = motion.slopes.along[:, frame].reshape(grid).mean(axis=1, keepdims=True)  # noqa: E741
+    half = motion.weights[:, :, None] / 2.0
+    by_a, by_g, by_l = half * np.cross(g, l), half * np.cross(l, a), half * np.cross(a, g)
+    variances = np.empty(n)
+    for k in range(n):
+        of_x, of_g, of_l = (
+            np.where((segment == k).reshape(rows, columns, 1), each, 0.0)
+            for each in (by_a, by_g, by_l)
+        )
+        of_x -= of_x.mean(axis=1, keepdims=True)
+        of_l = np.broadcast_to(of_l.mean(axis=1, keepdims=True), grid)
+        gradient = motion.places.values.T @ of_x.reshape(-1, 3)
+        gradient += motion.places.around.T @ of_g.reshape(-1, 3)
+        gradient += motion.places.along.T @ of_l.reshape(-1, 3)
+        variances[k] = motion.variance(gradient, frame)
+    return variances
 
 
 def dyssynchrony(
@@ -89,40 +101,41 @@ def dyssynchrony(
     Returns
     -------
     (float, float, float) or None
-        Standard deviation of the times, and its 95 % interval, percent of the cycle. None of too
-        few frames.
+        Standard deviation of the times, and its 95 % interval, percent of the cycle. None where
+        more than an eighth of the cycle is between two frames.
 
     Notes
     -----
-    Volumes are continuous curves of as many harmonics as frames tell, up to a dozen: fewer are too
-    round for the ends of phases without flow. Noise moves times apart, most where curves are flat:
-    what it makes of segments that all follow the whole volume is taken off the square.
+    Volumes are periodic cubic splines through the frames. Noise moves times apart, most where
+    curves are flat: what it makes of segments that all follow the whole volume is taken off the
+    square. The interval has what noise does to this index, what straight lines between the
+    frames would change, and times that are anywhere between two frames.
     """
-    n_frames = len(volumes)
-    most = (n_frames - 1 - _FREE) // 2
-    if most < _LEAST or np.ptp(phases) < 0.5:
+    phases = phases - phases[0]
+    is_first = phases < 1.0 - 1e-9  # of the cycle, and no first frame again
+    phases, volumes = phases[is_first], volumes[is_first]
+    gaps = np.diff(phases, append=1.0)
+    if gaps.max() > _LARGEST_GAP or gaps.min() <= 0.0:
         return None
-    if np.linalg.cond(_series(phases, most, 0)) > _CONDITION:
-        return None
-    harmonics = min(most, _MOST)
-    series = {h: _series(phases, h, 0) for h in (harmonics - 1, harmonics)}
-    fewer, coefficients = (np.linalg.lstsq(T, volumes, rcond=None)[0] for T in series.values())
-    # As all would be if each followed the whole volume.
-    whole = coefficients[1:].sum(axis=1)
-    alike = coefficients.copy()
-    alike[1:] = np.outer(whole, whole @ coefficients[1:] / (whole @ whole))
-    # Columns of L have the covariance of the coefficients for noise of variance 1.
-    L = np.linalg.inv(np.linalg.qr(series[harmonics], mode="r"))
     instants = np.arange(_INSTANTS) / _INSTANTS
-    curves = _series(instants, harmonics, 0)
+    closed = np.append(phases, 1.0)
+    by_frame = np.eye(len(phases))[np.arange(len(closed)) % len(phases)]
+    curves = scipy.interpolate.CubicSpline(closed, by_frame, bc_type="periodic")(instants)
+    # As all would be if each followed the whole volume.
+    moving = volumes - volumes.mean(axis=0)
+    whole = moving.sum(axis=1)
+    alike = np.outer(whole, whole @ moving / (whole @ whole or 1.0))
     rng = np.random.default_rng(_SEED)
-    moves = L @ rng.normal(size=(_DRAWS, *coefficients.shape)) * np.sqrt(variances)
-    by_noise = np.mean([_apart(curves @ (alike + move)) ** 2 for move in moves])
-    own = _apart(curves @ coefficients)
-    by_errors = np.std([_apart(curves @ (coefficients + move)) for move in moves])
-    # And by what a harmonic less changes.
-    by_fewer = _apart(_series(instants, harmonics - 1, 0) @ fewer) - own
-    reach = TWO_DEVIATIONS * np.hypot(by_errors, by_fewer)
+    noises = rng.normal(size=(_DRAWS, *volumes.shape)) * np.sqrt(variances)
+    by_noise = np.mean([_apart(curves @ (alike + noise)) ** 2 for noise in noises])
+    own = _apart(curves @ volumes)
+    by_errors = np.std([_apart(curves @ (volumes + noise)) for noise in noises])
+    by_lines = (
+        _apart(scipy.interpolate.interp1d(closed, by_frame, axis=0)(instants) @ volumes) - own
+    )
+    # Of the deviation of n times that are each uniform between two frames.
+    by_frames = gaps.mean() / np.sqrt(12.0 * 2.0 * (volumes.shape[1] - 1))
+    reach = TWO_DEVIATIONS * np.sqrt(by_errors**2 + by_lines**2 + by_frames**2)
     ends = np.maximum([own, own - reach, own + reach], 0.0)
     value, low, high = 100.0 * np.sqrt(np.maximum(ends**2 - by_noise, 0.0))
     return float(value), float(low), float(max(high, 100.0 * reach))
@@ -134,12 +147,3 @@ def _apart(curves: NDArray[np.float64]) -> float:
     # About the mean direction: a cycle has no first instant.
     mean = np.angle(np.exp(2j * np.pi * times).mean()) / (2 * np.pi)
     return float((np.mod(times - mean + 0.5, 1.0) - 0.5).std(ddof=1))
-
-
-def _series(phases: NDArray[np.float64], harmonics: int, order: int) -> NDArray[np.float64]:
-    """Harmonics of the cycle or a derivative of them, (instants, 2 harmonics + 1)."""
-    k = 2 * np.pi * np.arange(1, harmonics + 1)
-    # Each derivative is a quarter of a turn.
-    angles = phases[:, None] * k + order * np.pi / 2
-    constant = np.full((len(phases), 1), float(order == 0))
-    return np.hstack([constant, k**order * np.cos(angles), k**order * np.sin(angles)])

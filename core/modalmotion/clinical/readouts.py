@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.alignment.reference import reference_positions
+from modalmotion.arguments.tasks import Plotted
 from modalmotion.clinical.affine_superposition import superposed_positions
 from modalmotion.clinical.vertex_noise import volume_deviations
 from modalmotion.clinical.volume_curve import Fraction, VolumeCurve
@@ -45,16 +46,15 @@ _ROUNDING: Final = 64.0
 
 
 @shown(
-    "curve.fraction",
-    "curve.share",
-    "curve.stroke_volume",
-    "unit",
+    "stated.fraction",
+    "stated.share:%",
+    "stroke_volume:volume_unit",
     "n_amplitudes",
     "n_openings",
     "sequence_id",
 )
 @dataclass(frozen=True, eq=False)
-class ClinicalReadouts:
+class ClinicalReadouts(Plotted):
     """Readouts of the volume that a surface encloses, over time.
 
     Parameters
@@ -93,6 +93,11 @@ class ClinicalReadouts:
     def stated(self) -> VolumeCurve:
         """The curve to report: of a track that of its own surfaces, whose errors are known."""
         return self.mesh_curve if self.is_tracked else self.curve
+
+    @property
+    def stroke_volume(self) -> float:
+        """Largest volume less the smallest, in `volume_unit`."""
+        return self.stated.stroke_volume * self.shown_in
 
     @property
     def millilitres(self) -> float:

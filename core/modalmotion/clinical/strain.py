@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from modalmotion.arguments.tasks import Plotted
 from modalmotion.clinical.dyssynchrony import (
     dyssynchrony,
     segment_volumes,
@@ -33,7 +34,6 @@ from modalmotion.clinical.wall_motion import (
 from modalmotion.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP, SPHERE
-from modalmotion.representation import shown
 from modalmotion.template import Template
 
 LEVELS: Final = ("apical", "mid", "basal")
@@ -69,10 +69,15 @@ class Figure(NamedTuple):
     low: float
     high: float
 
+    def __str__(self) -> str:
+        return f"{self.value:.1f} % ({self.low:.1f} to {self.high:.1f})"
 
-@shown("names", "end_systolic", "segments", "sequence_id")
-@dataclass(frozen=True, eq=False)
-class Strain:
+    def __repr__(self) -> str:
+        return str(self)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Strain(Plotted):
     """Strain since end diastole, percent: negative where the wall shortens.
 
     Parameters
@@ -118,6 +123,10 @@ class Strain:
     reason: str
     notes: tuple[str, ...]
     sequence_id: str
+
+    def __repr__(self) -> str:
+        stated = self.end_systolic
+        return f"Strain({', '.join(f'{name} {stated[name]}' for name in DEFINITIONS)})"
 
     @property
     def end_systolic(self) -> dict[str, Figure]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
+from modalmotion.arguments.tasks import Plotted
 from modalmotion.clinical.rates import Rates, rates_of
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.segments import RegionalMotion, regional_motion
@@ -24,7 +25,7 @@ T = TypeVar("T")
 
 @shown("rates", "regions", "strain")
 @dataclass(frozen=True, eq=False)
-class VentricleReadouts:
+class VentricleReadouts(Plotted):
     """Readouts that not every surface has; None where it has not, and why.
 
     Parameters

@@ -29,7 +29,7 @@ class Fraction(StrEnum):
         return self.value.replace("_", " ")
 
 
-@shown("fraction", "share", "share_bound", "volumes")
+@shown("fraction", "share:%", "share_bound:%", "volumes")
 @dataclass(frozen=True, eq=False)
 class VolumeCurve:
     """Volume enclosed in each frame, and its error bound.

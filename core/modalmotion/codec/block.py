@@ -10,16 +10,19 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.bits.corrections import code_corrections
-from modalmotion.codec.bits.damage import damaged, parsing
-from modalmotion.codec.bits.entropy import Reader, Writer
-from modalmotion.codec.bits.guard import Guards, code_guards
-from modalmotion.codec.bits.matrix import code_matrix
-from modalmotion.codec.bits.mixed_matrix import code_mixed_matrix
-from modalmotion.codec.bits.varint import read_varints, unzigzag, write_varint, zigzag
+from modalmotion.codec.coder import (
+    Coder,
+    damaged,
+    parsing,
+    read_varints,
+    unzigzag,
+    write_varint,
+    zigzag,
+)
 from modalmotion.codec.modes.modes_section import OrthonormalModes
 from modalmotion.codec.parts.parts import MOST_PARTS, N_FUNCTIONS, Parts, code_labels
 from modalmotion.codec.quantiser import Quantiser
+from modalmotion.codec.rounding import Guards, code_corrections, code_guards
 from modalmotion.codec.temporal import (
     CLOSED_FORM,
     Temporal,
@@ -131,15 +134,14 @@ def write_block(
     positions : (frames, vertices, 3)
         As decoded; only their hash is written.
     """
-    writer = Writer()
+    writer = Coder()
     n_values = positions.size
-    code = code_mixed_matrix if block.mixed else code_matrix
     if block.parts is not None:
         code_labels(writer, len(block.parts.pieces), block.parts.count, block.parts.labels)
     if block.basis.shape[0]:
-        code(writer, block.basis.shape, block.basis)
-    code(writer, block.coefficients.shape, block.coefficients)
-    code(writer, block.maps.shape, block.maps)
+        writer.matrix(block.basis.shape, block.basis, mixed=block.mixed)
+    for numbers in (block.coefficients, block.maps):
+        writer.matrix(numbers.shape, numbers, mixed=block.mixed)
     code_guards(writer, n_values, guards)
     if corrections is not None:
         code_corrections(writer, corrections.shape, corrections)
@@ -170,15 +172,14 @@ def read_block(
         If the bytes are not a block, or the positions are not those that were encoded.
     """
     block, position = _read_head(data, n_frames, n_vertices, modes)
-    reader = Reader(data[position:])
-    code = code_mixed_matrix if block.mixed else code_matrix
+    reader = Coder(data[position:])
     basis, parts = block.basis, block.parts
     if parts is not None:
         parts = replace(parts, labels=code_labels(reader, len(parts.pieces), parts.count, None))
     if len(basis):
-        basis = code(reader, basis.shape, None)
-    coefficients = code(reader, block.coefficients.shape, None)
-    maps = code(reader, block.maps.shape, None)
+        basis = reader.matrix(basis.shape, None, mixed=block.mixed)
+    coefficients = reader.matrix(block.coefficients.shape, None, mixed=block.mixed)
+    maps = reader.matrix(block.maps.shape, None, mixed=block.mixed)
     guards = code_guards(reader, 3 * n_frames * n_vertices, None)
     block = replace(block, basis=basis, coefficients=coefficients, parts=parts, maps=maps)
     scaled = block.scaled(modes, where)

@@ -11,8 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.bits.damage import damaged, parsing
-from modalmotion.codec.bits.varint import read_varint, read_varints, write_varint
+from modalmotion.codec.coder import damaged, parsing, read_varint, read_varints, write_varint
 from modalmotion.codec.modes.lattice_modes import ENDS
 from modalmotion.errors import LimitError, MalformedFileError
 from modalmotion.limits import ReadLimits

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.bits.damage import damaged
 from modalmotion.codec.block import read_block
-from modalmotion.codec.connectivity.faces import Grid, read_faces
+from modalmotion.codec.coder import damaged
 from modalmotion.codec.container import Header, read_header, read_section, skip_section
+from modalmotion.codec.faces import Grid, read_faces
 from modalmotion.codec.modes.modes_section import STORED, read_modes
 from modalmotion.codec.stored import restore_positions
 from modalmotion.errors import ParameterError

@@ -7,9 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.codec.connectivity.faces import write_faces
-from modalmotion.codec.connectivity.numbering import MOST_RELATIONS
 from modalmotion.codec.container import LARGEST_BLOCK, Header, write_stream
+from modalmotion.codec.faces import MOST_RELATIONS, write_faces
 from modalmotion.codec.frames import EncodedBlock, encode_frames
 from modalmotion.codec.measure import Encoded, Errors, measure
 from modalmotion.codec.modes.modes_section import STORED

@@ -8,12 +8,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.bits.entropy import LARGEST_MAGNITUDE
-from modalmotion.codec.bits.guard import Guards, find_guards
-from modalmotion.codec.bits.mixed_matrix import count_questions
 from modalmotion.codec.block import MOST_QUANTA, Block, positions_of, write_block
 from modalmotion.codec.blocking import ModalBlock, attempt
+from modalmotion.codec.coder import LARGEST_MAGNITUDE
 from modalmotion.codec.measure import measure
+from modalmotion.codec.rounding import Guards, find_guards
 from modalmotion.codec.search import coarsest, least
 from modalmotion.codec.target import Effort, Measure, Target
 from modalmotion.codec.temporal import Temporal
@@ -46,6 +45,9 @@ MOST_TIGHTENED: Final = {
     Effort.BALANCED: 2**19,
     Effort.THOROUGH: 2**20,
 }
+N_STEPS: Final = 14
+"""Answers that a magnitude takes before it is a number."""
+
 FIRST_STEP: Final = {Measure.RMS: 7.0, Measure.MAX_ERROR: 3.0}
 
 
@@ -274,6 +276,14 @@ def fewest_corrections(left: Floats, width: int, room: float) -> Ints:
     steps[place] *= is_needed
     corrections[frame, :, vertex] = steps
     return corrections
+
+
+def count_questions(values: Ints) -> int:
+    """Count the answers that the magnitudes of a matrix take one by one, at most."""
+    magnitudes = np.abs(values).astype(np.float64)
+    beyond = magnitudes[magnitudes >= N_STEPS] - N_STEPS
+    bits = np.floor(np.log2(beyond + 1.0)) + 1.0
+    return int(np.minimum(magnitudes + 1.0, N_STEPS).sum() + bits.sum())
 
 
 def _least_uncertainty(frames: _Frames, choice: Choice) -> float:

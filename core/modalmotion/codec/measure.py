@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from modalmotion.arguments.tasks import Saved
 from modalmotion.mesh.checks import FloatArray
 from modalmotion.representation import shown
 
@@ -53,7 +54,7 @@ def _exponent(original: FloatArray) -> int:
 
 @shown("n_frames", "n_vertices", "n_bytes", "rms", "max_error", "kg_error", "transform")
 @dataclass(frozen=True)
-class Encoded:
+class Encoded(Saved):
     """A stream and what was measured after decoding it.
 
     Parameters

@@ -6,8 +6,8 @@ import lzma
 
 import numpy as np
 
-from modalmotion.codec.bits.damage import damaged
 from modalmotion.codec.block import HASH_BYTES, digest
+from modalmotion.codec.coder import damaged
 from modalmotion.mesh.checks import FloatArray
 
 

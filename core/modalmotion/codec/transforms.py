@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from modalmotion.codec.modes.graph import edges_of
 from modalmotion.codec.modes.lattice_modes import LatticeModes
 from modalmotion.codec.modes.modes_section import OrthonormalModes
 from modalmotion.codec.modes.pairs import PairModes, fitted_pairs
 from modalmotion.codec.modes.patch_modes import LARGEST_PATCH, MOST_WORK, Cut, PatchModes
-from modalmotion.codec.modes.springs import edges_of
 from modalmotion.codec.target import Effort
 from modalmotion.codec.temporal import Temporal
 from modalmotion.mesh.sequence import MeshSequence

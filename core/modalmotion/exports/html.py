@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.numerals import counted, numeral
-from modalmotion.pictures.trajectory import COLOURS, main_trajectories
+from modalmotion.pictures.trajectory import main_trajectories
 from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.mode_colours import mode_colour
 from modalmotion.signature.plain_names import plain_name
 
 # Of all that grows with the input: rows and curves, points of a curve, notes and letters of one.
@@ -40,15 +41,16 @@ def to_html(signature: ModalSignature) -> str:
     motion = float(signature.motion_rms.max())
     order = np.argsort(-signature.deformation_spectrum, kind="stable")[:_MOST_ROWS]
     rows = []
-    for rank, mode in enumerate(order.tolist()):
+    for mode in order.tolist():
         label = signature.modes.labels[mode]
         name = plain_name(signature.topology, label, signature.parameters.components)
         rms = numeral(float(signature.deformation_spectrum[mode]), of=motion)
         rows.append(
-            f'<tr><td><span style="color:{_colour(rank)}">■</span> {escape(name)}</td>'
+            f'<tr><td><span style="color:{mode_colour(label)}">■</span> {escape(name)}</td>'
             f"<td><code>{escape(str(label))}</code></td>"
             f'<td style="text-align:right">{rms}</td></tr>'
         )
+    colours = [mode_colour(signature.modes.labels[mode]) for mode in order.tolist()]
     others = len(signature.modes) - len(order)
     more = f"<p>and {counted(others, 'mode')} with less</p>" if others else ""
     notes = "".join(
@@ -59,14 +61,14 @@ def to_html(signature: ModalSignature) -> str:
         f"{counted(signature.n_vertices, 'vertex', 'vertices')}, {signature.n_amplitudes} "
         f"amplitudes a frame. Error {numeral(signature.rms_error, of=motion)} {unit} RMS, at most "
         f"{numeral(signature.max_error, of=motion)}, of {numeral(motion)} {unit} of motion.</p>"
-        f"{_curves(main_trajectories(signature)[:, order])}"
+        f"{_curves(main_trajectories(signature)[:, order], colours)}"
         f"<table><thead><tr><th>mode</th><th>label</th><th>RMS ({unit})</th></tr></thead>"
         f"<tbody>{''.join(rows)}</tbody></table>{more}"
         f"{f'<ul>{notes}</ul>' if notes else ''}</div>"
     )
 
 
-def _curves(paths: NDArray[np.float64]) -> str:
+def _curves(paths: NDArray[np.float64], colours: list[str]) -> str:
     """Draw the paths of some modes over time, the first ones on top."""
     if len(paths) < 2 or not paths.size:
         return ""
@@ -83,13 +85,9 @@ def _curves(paths: NDArray[np.float64]) -> str:
         y = 4 + (_HEIGHT - 8) * (high / size - shown[:, rank] / size) / span
         points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
         lines.append(
-            f'<polyline fill="none" stroke="{_colour(rank)}" stroke-width="1.6" points="{points}"/>'
+            f'<polyline fill="none" stroke="{colours[rank]}" stroke-width="1.6" points="{points}"/>'
         )
     return (
         f'<svg width="{_WIDTH}" height="{_HEIGHT}" viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" '
         f'aria-label="Amplitudes over time">{"".join(lines)}</svg>'
     )
-
-
-def _colour(rank: int) -> str:
-    return COLOURS[rank] if rank < len(COLOURS) else "#8a939c"

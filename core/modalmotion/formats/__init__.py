@@ -1,41 +1,28 @@
 """File formats of mesh sequences."""
 
-from modalmotion.arguments.checking import check_arguments
-from modalmotion.formats.detect import Format, detect_format
-from modalmotion.formats.frames.archive import write_ply_zip
-from modalmotion.formats.gltf import MorphAnimation, write_glb
-from modalmotion.formats.npz import read_npz, write_npz
-from modalmotion.formats.options import ReadOptions
-from modalmotion.formats.parser.answer import Parser
-from modalmotion.formats.parser.process import ParserProcess
-from modalmotion.formats.parser.registry import ParserHere
-from modalmotion.formats.raw import write_raw
-from modalmotion.formats.reading import read_sequence
-from modalmotion.formats.result import Reading
-from modalmotion.formats.vtk.vtkhdf_writing import write_vtkhdf
-from modalmotion.limits import DEFAULT_LIMITS, NO_LIMITS, ReadLimits
-from modalmotion.progress import Progress
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "DEFAULT_LIMITS",
-    "NO_LIMITS",
-    "Format",
-    "MorphAnimation",
-    "Parser",
-    "ParserHere",
-    "ParserProcess",
-    "Progress",
-    "ReadLimits",
-    "ReadOptions",
-    "Reading",
-    "detect_format",
-    "read_npz",
-    "read_sequence",
-    "write_glb",
-    "write_npz",
-    "write_ply_zip",
-    "write_raw",
-    "write_vtkhdf",
-]
+from modalmotion.arguments.public import public_list
 
-check_arguments(globals())
+if TYPE_CHECKING:
+    from modalmotion.formats.detect import Format as Format
+    from modalmotion.formats.detect import detect_format as detect_format
+    from modalmotion.formats.frames.archive import write_ply_zip as write_ply_zip
+    from modalmotion.formats.gltf import MorphAnimation as MorphAnimation
+    from modalmotion.formats.gltf import write_glb as write_glb
+    from modalmotion.formats.npz import read_npz as read_npz
+    from modalmotion.formats.npz import write_npz as write_npz
+    from modalmotion.formats.options import ReadOptions as ReadOptions
+    from modalmotion.formats.parser.answer import Parser as Parser
+    from modalmotion.formats.parser.process import ParserProcess as ParserProcess
+    from modalmotion.formats.parser.registry import ParserHere as ParserHere
+    from modalmotion.formats.raw import write_raw as write_raw
+    from modalmotion.formats.reading import read_sequence as read_sequence
+    from modalmotion.formats.result import Reading as Reading
+    from modalmotion.formats.vtk.vtkhdf_writing import write_vtkhdf as write_vtkhdf
+    from modalmotion.limits import DEFAULT_LIMITS as DEFAULT_LIMITS
+    from modalmotion.limits import NO_LIMITS as NO_LIMITS
+    from modalmotion.limits import ReadLimits as ReadLimits
+    from modalmotion.progress import Progress as Progress
+
+__all__, __getattr__, __dir__ = public_list(globals())

@@ -26,10 +26,13 @@ class Format(StrEnum):
     OFF = "off"
     VTK = "vtk"
     VTP = "vtp"
+    VTU = "vtu"
+    XDMF = "xdmf"
+    MAT = "mat"
 
 
 MESH_FORMATS: Final = frozenset(
-    {Format.STL, Format.PLY, Format.OBJ, Format.OFF, Format.VTK, Format.VTP}
+    {Format.STL, Format.PLY, Format.OBJ, Format.OFF, Format.VTK, Format.VTP, Format.VTU}
 )
 """Formats with one frame in each file."""
 
@@ -37,21 +40,46 @@ _HEAD: Final = 1 << 16
 _OFF: Final = re.compile(rb"(?:ST)?C?N?OFF(?=\s|$)")
 _VTK_XML: Final = re.compile(rb"<VTKFile[^>]{0,2000}?\stype=[\"'](\w{1,60})[\"']")
 
+_VTK_XML_TYPES: Final = {b"PolyData": Format.VTP, b"UnstructuredGrid": Format.VTU}
+
 _IMAGES: Final = (
     "Track a surface through it first: `modalmotion track`, or POST /v1/images and POST /v1/tracks."
 )
 
+CONVERT: Final = (
+    "Convert each frame: `pip install meshio`, then `meshio convert frame.msh frame.ply`, and name "
+    "the folder of the .ply files."
+)
+"""Remedy for meshes of finite elements."""
+
 # Known formats that cannot be read, each with a remedy.
 _OTHERS: Final = (
-    (rb"MATLAB 5\.0 MAT-file", "a MATLAB file", "Write npz, raw float32 or STL; see docs/formats."),
     (
         rb"\x93NUMPY",
         "a single array (.npy)",
-        "Write npz: numpy.savez(file, vertices=..., faces=..., unit='mm').",
+        "Write npz: numpy.savez('beat.npz', vertices=numpy.load('beat.npy'), faces=...).",
     ),
-    (rb"\s*\{", "JSON (perhaps a .gltf)", "Export binary glTF (.glb), which holds its own data."),
-    (rb"#VRML|#X3D", "VRML", "Save VTKHDF, .vtp or PLY."),
-    (rb"Kaydara FBX|; FBX|Ogawa", "an animation of another kind", "Export binary glTF (.glb)."),
+    (
+        rb"\s*\{",
+        "JSON (perhaps a .gltf)",
+        "Convert it to .glb, which holds its own data: `gltf-pipeline -i beat.gltf -o beat.glb`.",
+    ),
+    (
+        rb"#VRML|#X3D|Kaydara FBX|; FBX|Ogawa|PXR-USDC|#usda|solid_collada|<COLLADA",
+        "a scene of another program",
+        "Open it in Blender and export glTF 2.0 (.glb), with its animation.",
+    ),
+    (
+        rb"(?i:\s*(\*\*.*\s*)*\*(heading|node|part|include))|\$MeshFormat|\$\s*NASTRAN|MeshVersion",
+        "a mesh for finite elements",
+        CONVERT,
+    ),
+    (rb"MMSQ", "a compressed stream", "Decode it: `modalmotion decode beat.mms -o beat.npz`."),
+    (
+        rb"[\w ,;.+\-\t\"]{3,200}\r?\n\s*[-+\d.\"]",
+        "a table of numbers",
+        "Track a surface through points: `modalmotion track beat.csv -o beat.npz`.",
+    ),
     (
         rb"NRRD000|ObjectType|NDims|(?s:.{128})DICM|(?s:.{344})n\+[12]\0|(?s:.{4})n\+2\0",
         "an image, not a surface",
@@ -85,8 +113,12 @@ def detect_format(data: bytes) -> Format | None:
         return Format.PLY
     if head.startswith(b"# vtk DataFile"):
         return Format.VTK
-    if _vtk_xml_type(head) == b"PolyData":
-        return Format.VTP
+    if (kind := _vtk_xml_type(head)) in _VTK_XML_TYPES:
+        return _VTK_XML_TYPES[kind]
+    if re.match(rb"(<\?xml[^>]*>\s*)?(<!DOCTYPE Xdmf[^>]{0,200}>\s*)?<Xdmf", head):
+        return Format.XDMF
+    if data.startswith(b"MATLAB 5.0 MAT-file"):
+        return Format.MAT
     if is_binary_stl(data) or head[:5].lower() == b"solid":
         return Format.STL
     return _text_format(head)

@@ -15,9 +15,12 @@ from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
 
 def read_hdf5(
-    data: bytes, limits: ReadLimits = DEFAULT_LIMITS, parser: Parser | None = None
+    data: bytes,
+    limits: ReadLimits = DEFAULT_LIMITS,
+    parser: Parser | None = None,
+    task: str = "hdf5",
 ) -> Reading:
-    """Read a sequence from an HDF5 file: VTKHDF PolyData, or one of the store's.
+    """Read a sequence from an HDF5 file: VTKHDF PolyData, one of the store's, or named datasets.
 
     The file is parsed in a process of its own, behind the gate of `hdf5.gate`.
 
@@ -27,6 +30,8 @@ def read_hdf5(
     limits : ReadLimits, optional
     parser : Parser, optional
         Parser to reuse; its own limits hold.
+    task : {"hdf5", "mat"}
+        Its name: MATLAB's files of other versions hold the same.
 
     Raises
     ------
@@ -39,8 +44,8 @@ def read_hdf5(
     """
     if parser is None:
         with ParserProcess(limits) as own:
-            return _result(own.parse("hdf5", data))
-    return _result(parser.parse("hdf5", data))
+            return _result(own.parse(task, data))
+    return _result(parser.parse(task, data))
 
 
 def _result(answer: Answer) -> Reading:

@@ -23,7 +23,11 @@ _READERS: Final = {
     Format.OBJ: read_obj,
     Format.OFF: read_off,
 }
-_GATES: Final = {Format.VTK: require_plain_legacy, Format.VTP: require_plain_xml}
+_GATES: Final = {
+    Format.VTK: require_plain_legacy,
+    Format.VTP: require_plain_xml,
+    Format.VTU: require_plain_xml,
+}
 
 
 def read_mesh(data: bytes, stated: Format | None, parser: Parser) -> tuple[Frame, Format]:

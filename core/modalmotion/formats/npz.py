@@ -23,6 +23,7 @@ import numpy as np
 from modalmotion.errors import MalformedFileError, ShapeError
 from modalmotion.facts import NAMES, Facts, facts_as_json, facts_from_texts
 from modalmotion.formats.frames.frame import TRACK
+from modalmotion.formats.named_arrays import aliases_in, note_on, positions_in
 from modalmotion.formats.result import Reading
 from modalmotion.formats.zip_member import UNREADABLE, member_content
 from modalmotion.limits import NO_LIMITS, ReadLimits
@@ -58,12 +59,19 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     InputError
         If the arrays do not form a sequence.
     """
+    limits, aliases = limits.of_file(len(data)), dict[str, str]()
     try:
-        arrays, names = read_arrays(data, _KNOWN, ("vertices",), limits.of_file(len(data)))
+        arrays, names = read_arrays(data, _KNOWN, ("vertices",), limits)
     except MalformedFileError as error:
-        if "points" in cast("list[str]", error.details.get("arrays", [])):
-            error.remedy = f"Clouds of points are for {TRACK}."
-        raise
+        listed = cast("list[str]", error.details.get("arrays", []))
+        aliases = aliases_in(listed) or aliases
+        if not aliases:
+            if "points" in listed:
+                error.remedy = f"Clouds of points are for {TRACK}."
+            raise
+        arrays, names = read_arrays(data, (*_KNOWN, *aliases.values()), aliases.values(), limits)
+        arrays |= {ours: arrays.pop(theirs) for ours, theirs in aliases.items()}
+        arrays["vertices"] = positions_in(arrays["vertices"], is_matlab=False)
     if "times" in arrays and "times_ms" in arrays:
         raise ShapeError(
             "The archive holds both 'times' and 'times_ms'.", remedy="Keep one of them."
@@ -86,11 +94,11 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     )
     return Reading(
         sequence,
-        ignored=tuple(name for name in names if name not in _KNOWN),
+        ignored=tuple(name for name in names if name not in (*_KNOWN, *aliases.values())),
         format="npz",
         unit_from=None if sequence.unit is None else "file",
         times_from=None if sequence.times is None else "file",
-        notes=notes,
+        notes=(*note_on(aliases), *notes),
     )
 
 

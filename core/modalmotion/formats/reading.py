@@ -9,6 +9,7 @@ from modalmotion.formats.detect import Format, detect_format, unknown_format
 from modalmotion.formats.frames.archive import read_zip
 from modalmotion.formats.frames.folder import is_pattern, read_folder
 from modalmotion.formats.frames.frame_stack import FrameStack
+from modalmotion.formats.frames.names import SERIES_SUFFIXES
 from modalmotion.formats.gltf.reading import read_glb
 from modalmotion.formats.hdf5 import read_hdf5
 from modalmotion.formats.mesh_file import read_mesh
@@ -18,6 +19,7 @@ from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.formats.raw import read_raw
 from modalmotion.formats.result import Reading
+from modalmotion.formats.xdmf import XDMF_SUFFIXES, read_xdmf
 from modalmotion.progress import Progress
 
 
@@ -63,7 +65,8 @@ def _read(
 ) -> Reading:
     if isinstance(source, bytes):
         return _read_bytes(source, options, parser, progress)
-    if source.is_dir() or (is_pattern(source) and not source.exists()):
+    is_list = source.suffix.lower() in (*SERIES_SUFFIXES, *XDMF_SUFFIXES) and source.is_file()
+    if is_list or source.is_dir() or (is_pattern(source) and not source.exists()):
         return read_folder(source, parser, progress)
     try:
         data = source.read_bytes()
@@ -73,6 +76,13 @@ def _read(
             remedy="Name a file, a folder of frames, or a pattern such as 'scan_*.ply'.",
         ) from error
     return _read_bytes(data, options, parser, progress)
+
+
+def _nothing_beside(name: str) -> bytes:
+    raise MalformedFileError(
+        f"The XDMF file has its numbers in {name[-60:]!r}.",
+        remedy="Pack both as .zip, or name the .xdmf in its folder.",
+    )
 
 
 def _read_bytes(
@@ -94,8 +104,10 @@ def _read_bytes(
             return read_npz(data, limits)
         if kind is Format.ZIP:
             return read_zip(data, parser, progress)
-        if kind is Format.HDF5:
-            return read_hdf5(data, limits, parser)
+        if kind in (Format.HDF5, Format.MAT):
+            return read_hdf5(data, limits, parser, kind.value)
+        if kind is Format.XDMF:
+            return read_xdmf(data, _nothing_beside, parser)
         if kind is Format.GLB:
             return read_glb(data, limits, animation=options.animation)
         return FrameStack(*read_mesh(data, kind, parser), 1, limits).result(None)

@@ -11,6 +11,7 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arguments.tasks import Recorded
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.mesh.checks import FloatArray, require_faces, require_times, require_vertices
@@ -39,7 +40,7 @@ Reference: TypeAlias = int | Literal["mean"]
 
 @shown("n_frames", "n_vertices", "faces", "topology", "unit")
 @dataclass(frozen=True, eq=False)
-class MeshSequence(FrozenArrays):
+class MeshSequence(FrozenArrays, Recorded):
     """A surface that moves: the same vertices and faces in every frame.
 
     Make one with `mesh_sequence`, which checks everything.
@@ -167,6 +168,17 @@ class MeshSequence(FrozenArrays):
         """
         _require_unit(unit)
         return replace(self, unit=unit)
+
+    def with_times(self, times: Any) -> MeshSequence:
+        """Return the same frames at other times, in s, or at unknown ones (None).
+
+        Raises
+        ------
+        InputError
+            If there is not one for each frame, or they do not rise.
+        """
+        times = None if times is None else require_times(times, self.n_frames)
+        return replace(self, times=times)
 
     def with_facts(self, facts: Facts) -> MeshSequence:
         """Return the same sequence, and the same id, with these facts.

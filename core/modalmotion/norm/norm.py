@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arguments.tasks import Saved
 from modalmotion.classification.answer import fitted_in, unlike
 from modalmotion.classification.cases import TrainingCase, with_covariates
 from modalmotion.classification.cohort import conditions_of
@@ -164,7 +165,7 @@ class Control:
 
 @shown("name", "n_controls", "readable.topology", "readable.n_modes", "id")
 @dataclass(frozen=True, eq=False)
-class Norm:
+class Norm(Saved):
     """Controls of one's own, as recordings are compared with them.
 
     Parameters

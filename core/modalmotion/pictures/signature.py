@@ -51,19 +51,50 @@ def signature_figure(sequence: MeshSequence, signature: ModalSignature) -> Figur
 
     figure = Figure(figsize=(14.0, 8.4), dpi=120, layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=(1.15, 1.0), squeeze=False)[:, 0]
-    largest = max(float(signature.motion_rms.max()), signature.max_error)
-    shown = shown_unit(largest, signature.unit)
-    _draw_surfaces(above, sequence, signature, shown)
-    of_modes, spectrum, errors = below.subplots(1, 3, width_ratios=(1.2, 1.0, 1.2))
+    _draw_surfaces(above, sequence, signature, _shown_unit(signature))
+    _draw_amplitudes(below, signature)
+    figure.suptitle(_title(signature), fontsize=12)
+    return figure
+
+
+def amplitudes_figure(signature: ModalSignature) -> Figure:
+    """Draw a signature alone: amplitudes over time, their spectrum, motion and error by frame.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    with needs_extra("plot"):
+        from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(14.0, 4.0), dpi=120, layout="constrained")
+    _draw_amplitudes(figure, signature)
+    figure.suptitle(_title(signature), fontsize=12)
+    return figure
+
+
+def _draw_amplitudes(figure: Any, signature: ModalSignature) -> None:
+    shown = _shown_unit(signature)
+    of_modes, spectrum, errors = figure.subplots(1, 3, width_ratios=(1.2, 1.0, 1.2))
     draw_trajectories(of_modes, signature, shown)
     draw_spectrum(spectrum, signature, shown)
     draw_errors(errors, signature, shown)
-    figure.suptitle(
+
+
+def _shown_unit(signature: ModalSignature) -> ShownUnit:
+    largest = max(float(signature.motion_rms.max()), signature.max_error)
+    return shown_unit(largest, signature.unit)
+
+
+def _title(signature: ModalSignature) -> str:
+    return (
         f"{signature.surface}: {counted(signature.n_frames, 'frame')} of {signature.n_vertices} "
-        f"vertices, {counted(len(signature.modes), 'mode')}, {signature.compression:.0f}:1 a frame",
-        fontsize=12,
+        f"vertices, {counted(len(signature.modes), 'mode')}, {signature.compression:.0f}:1 a frame"
     )
-    return figure
 
 
 def _draw_surfaces(

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from modalmotion.numerals import numeral
 from modalmotion.pictures.unit import ShownUnit
 from modalmotion.signature.making import ModalSignature, SignatureKind
+from modalmotion.signature.mode_colours import COLOURS, mode_colour, mode_dash
 from modalmotion.signature.plain_names import plain_name
 
-# Distinct for colour-blind readers too (Okabe and Ito, Color Universal Design, 2008).
-COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""Of the largest modes, in order."""
+_MOST_COLOURED: Final = 6
 _OTHERS: Final = "#b9bdc1"
 _MOST_LABELS: Final = 24
 
@@ -47,6 +46,7 @@ def draw_trajectories(axes: Any, signature: ModalSignature, shown: ShownUnit) ->
             at,
             trajectories[:, mode],
             color=colour,
+            ls=(0, mode_dash(signature.modes.labels[mode])) if is_named else "-",
             lw=1.8 if is_named else 0.8,
             marker=_marker(at),
         )
@@ -96,9 +96,9 @@ def _colours(signature: ModalSignature) -> list[str]:
     """Give a colour to each of the largest modes that move at all."""
     spectrum = signature.deformation_spectrum
     colours = [_OTHERS] * len(spectrum)
-    for colour, mode in zip(COLOURS, np.argsort(-spectrum, kind="stable"), strict=False):
+    for mode in np.argsort(-spectrum, kind="stable")[:_MOST_COLOURED].tolist():
         if spectrum[mode] > 0.0:
-            colours[mode] = colour
+            colours[mode] = mode_colour(signature.modes.labels[mode])
     return colours
 
 

@@ -24,28 +24,28 @@ _Names = dict[tuple[int, ...], str]
 # Along x, y and z a contraction is x cos + y sin: one wave around. By radial, tangential and
 # axial components the same motion is that of mode (0, 0).
 _ROUND: Final[_Names] = {
-    (0, 0): "shift of the whole",
-    (1, 0): "shortening and bending, end to end",
-    (2, 0): "ends against the middle",
-    (0, 1): "contraction, twist, ovalising",
-    (1, 1): "contraction and twist, end to end",
-    (2, 1): "contraction of ends against middle",
+    (0, 0): "translation",
+    (1, 0): "longitudinal shortening, bending",
+    (2, 0): "longitudinal, ends against middle",
+    (0, 1): "radial contraction, twist, ovalisation",
+    (1, 1): "radial contraction and twist, end to end",
+    (2, 1): "radial contraction, ends against middle",
     (0, 2): "one-sided bulge, three lobes",
     (1, 2): "one-sided bulge, end to end",
     (0, 3): "two-sided bulge, four lobes",
 }
 _ROUND_LOCAL: Final[_Names] = {
-    (0, 0): "contraction, twist, shortening",
+    (0, 0): "radial contraction, twist, longitudinal shortening",
     (1, 0): "the same, end against end",
     (2, 0): "the same, ends against the middle",
-    (0, 1): "one side against the other",
+    (0, 1): "translation, one side against the other",
     (1, 1): "bending and tilting",
-    (0, 2): "ovalising",
-    (1, 2): "ovalising, end against end",
+    (0, 2): "ovalisation",
+    (1, 2): "ovalisation, end against end",
     (0, 3): "three lobes",
 }
 _SHEET: Final[_Names] = {
-    (0, 0): "shift of the whole",
+    (0, 0): "translation",
     (1, 0): "one edge against the other",
     (0, 1): "one side against the other",
     (1, 1): "twist: corners against corners",
@@ -53,12 +53,12 @@ _SHEET: Final[_Names] = {
     (0, 2): "arching along the second axis",
 }
 _CURVE: Final[_Names] = {
-    (0,): "shift of the whole",
+    (0,): "translation",
     (1,): "end against end",
     (2,): "ends against the middle",
 }
 _RING: Final[_Names] = {
-    (0,): "shift of the whole",
+    (0,): "translation",
     (1,): "widening and ovalising",
     (2,): "two-sided bulge",
 }
@@ -85,7 +85,7 @@ def plain_name(
     """
     p = label.wavenumbers
     if topology is None:
-        return "shift of the whole" if p == (0,) and not is_offset else f"shape {p[0]} of this mesh"
+        return "translation" if p == (0,) and not is_offset else f"shape {p[0]} of this mesh"
     if is_offset and not any(p):
         return "all outward or all inward"
     if is_offset:
@@ -96,7 +96,7 @@ def plain_name(
     else:
         table = {PLANE: _SHEET, OPEN_CURVE: _CURVE, CLOSED_CURVE: _RING}.get(topology, {})
         if topology == TORUS and not any(p):
-            return "shift of the whole"
+            return "translation"
     return table.get(p) or _counted(topology, p)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.alignment.rigid import Rotations
+from modalmotion.arguments.tasks import Plotted, Saved
 from modalmotion.choice.fitted_motion import closure_gap
 from modalmotion.choice.parameters import SignatureKind, SignatureParameters
 from modalmotion.choice.reason import ModelChoice
@@ -21,9 +22,9 @@ from modalmotion.template import Landmarks
 from modalmotion.template.body_frame import Components, body_frame
 
 
-@shown("surface", "n_frames", "modes", "unit", "rms_error", "sequence_id")
+@shown("surface", "n_frames", "modes", "rms_error:unit", "sequence_id")
 @dataclass(frozen=True, eq=False)
-class ModalSignature:
+class ModalSignature(Saved, Plotted):
     """Amplitude trajectory of a sequence, with its error and where it comes from.
 
     Parameters

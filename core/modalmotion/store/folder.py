@@ -18,7 +18,7 @@
     models/<name>/<version>.deleted                 stays, so that the number is never used again
     norms/<name>.h5
     deleted/ab/<digest of an id>                    tombstone: sequence, template, images, norm
-    backup.json  removed/                           of a backup: its time, and what was set aside
+    backup.json                                     of a backup: its time
 
 `ab` are the first two digits of the id, so that no folder grows too large to list.
 """
@@ -184,7 +184,7 @@ class Folder:
 
     def derived(self, sequence_id: str) -> list[Path]:
         """All files of results of a sequence, as they lie there."""
-        shards = [self.root / name / sequence_id[:2] for name in _RESULT_FOLDERS]
+        shards = [self.root / name / sequence_id[:2] for name in RESULT_FOLDERS]
         return [
             path
             for shard in shards
@@ -208,9 +208,9 @@ class Folder:
         scan = Scan()
         try:
             for path in self.root.iterdir():
-                if path.name not in (*_INDEX_FILES, "lock", *_OF_THE_SERVICE, *_OF_CARE, *_FOLDERS):
+                if path.name not in (*_INDEX_FILES, "lock", *_OF_THE_SERVICE, *_OF_CARE, *FOLDERS):
                     scan.foreign.append(path)
-            for name in _FOLDERS:
+            for name in FOLDERS:
                 for path in _files(self.root / name):
                     self._sort(path, name, scan)
         except OSError as error:
@@ -257,7 +257,7 @@ class Folder:
                     return
             else:
                 match = _RESULT.fullmatch(name)
-                kind = _RESULT_FOLDERS[folder]
+                kind = RESULT_FOLDERS[folder]
                 if match is not None and (match[2] is not None) == (kind == "classification"):
                     scan.results.add(ResultName(kind, match[1], match[2] or "", match[3]))
                     return
@@ -267,7 +267,7 @@ class Folder:
         return self.root / "sequences" / sequence_id[:2] / f"{sequence_id}.{suffix}"
 
 
-_RESULT_FOLDERS: Final[dict[str, ResultKind]] = {
+RESULT_FOLDERS: Final[dict[str, ResultKind]] = {
     "signatures": "signature",
     "classifications": "classification",
     "tracks": "track",
@@ -275,8 +275,8 @@ _RESULT_FOLDERS: Final[dict[str, ResultKind]] = {
 # Files under way; keys and audit log; stores of owners other than the folder's own; what a
 # cluster's workers are known by.
 _OF_THE_SERVICE: Final = ("spool", "access", "owners", "cluster", *_COHORT_FILES)
-_OF_CARE: Final = ("deleted", "removed", "backup.json")
-_FOLDERS: Final = ("sequences", "templates", "images", "models", "norms", *_RESULT_FOLDERS)
+_OF_CARE: Final = ("deleted", "backup.json")
+FOLDERS: Final = ("sequences", "templates", "images", "models", "norms", *RESULT_FOLDERS)
 
 
 def is_id(text: object) -> bool:

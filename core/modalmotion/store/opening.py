@@ -17,10 +17,11 @@ from modalmotion.store.disk.atomic import (
     cannot_write,
     content_of,
     make_folder,
+    move_files,
     put_back,
+    sync_paths,
     write_atomic,
 )
-from modalmotion.store.disk.group_commit import move_files, sync_paths
 from modalmotion.store.disk.lock import FolderLock
 from modalmotion.store.folder import Folder
 from modalmotion.store.index.database import Database

@@ -15,10 +15,9 @@ from modalmotion.store.disk.sealed_json import JsonForm
 
 FORM: Final = JsonForm(
     "sequence-record",
-    2,
+    3,
     "Run `modalmotion store rebuild`, which writes it anew from what else is known.",
 )
-"""Version 1 had neither facts nor the span of times."""
 LONGEST_NAME: Final = 200
 
 
@@ -31,7 +30,7 @@ class Unset(Enum):
 UNSET: Final = Unset.UNSET
 
 
-@shown("n_frames", "n_vertices", "n_faces", "topology", "unit", "subject", "label", "id")
+@shown("n_frames", "n_vertices", "n_faces", "topology", "unit", "name", "subject", "label", "id")
 @dataclass(frozen=True)
 class SequenceRecord:
     """All that the store knows of a sequence without reading its vertices.
@@ -58,6 +57,8 @@ class SequenceRecord:
         that a correction, or the removal of what identifies a person, leaves nothing behind.
     span : float or None, s
         From the first time to the last; None where times are unknown.
+    name : str or None
+        What its owner calls it, such as the name of the file.
     """
 
     id: str
@@ -74,6 +75,7 @@ class SequenceRecord:
     has_upload: bool
     facts: Facts = NO_FACTS
     span: float | None = None
+    name: str | None = None
 
 
 def record_of(
@@ -138,7 +140,7 @@ def record_from(values: dict[str, Any]) -> SequenceRecord:
 
 
 def require_name(name: str, text: str | None) -> str | None:
-    """Check a subject or a label.
+    """Check a name, a subject or a label.
 
     Raises
     ------

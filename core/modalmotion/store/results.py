@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +17,6 @@ from modalmotion.store.folder import ResultKind, ResultName, is_id, is_key
 from modalmotion.store.images import ImageStore
 from modalmotion.store.models import ModelStore
 from modalmotion.store.norms import NormStore
-from modalmotion.store.staging import StagedSignature, Transfer
 from modalmotion.store.templates import TemplateStore
 from modalmotion.store.tracks import TrackStore
 
@@ -74,44 +72,6 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
         """
         name = ResultName("signature", sequence_id, "", key)
         return self._put_result(name, load_sealed(image)[1])
-
-    def put_staged(self, staged: Sequence[StagedSignature]) -> tuple[bool, ...]:
-        """Keep signatures that other processes have staged, and their sequences: all or none.
-
-        One wait for the disk and one transaction serve them all. Files that the store does
-        not have yet are moved; the others stay where they are.
-
-        Parameters
-        ----------
-        staged : sequence of StagedSignature
-            Some may be of one sequence. Of a known sequence the stored
-            record stays, and missing vertices are added.
-
-        Returns
-        -------
-        tuple of bool
-            For each, whether its sequence was not known before.
-
-        Raises
-        ------
-        ParameterError
-            If subject or label cannot be kept.
-        StoreError
-            If they cannot be kept; the store is as it was.
-        CorruptFileError
-            If a file has no sound seal.
-        """
-        for one in staged:
-            one.require_names()
-        index = self._open_index()
-        with self._changing(*(one.record.id for one in staged)):
-            transfer = Transfer(self._folder, index)
-            are_new = tuple(transfer.add(one) for one in staged)
-            if transfer.moves:
-                self._move(
-                    transfer.moves, lambda: index.put_all(transfer.records, transfer.results)
-                )
-        return are_new
 
     def signature(self, sequence_id: str, key: str) -> ModalSignature:
         """Signature of a sequence with the parameters of that key, and the sequence's facts.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import Any
 
 from modalmotion.errors import ParameterError
 from modalmotion.facts import NO_FACTS, Facts
@@ -76,18 +77,19 @@ class SequenceRecords(Opening):
         self,
         sequence_id: str,
         *,
+        name: str | Unset | None = UNSET,
         subject: str | Unset | None = UNSET,
         label: str | Unset | None = UNSET,
         change: Callable[[Facts], Facts] = lambda facts: facts,
     ) -> SequenceRecord:
-        """Change the subject, the label, the facts or all; omitted values stay.
+        """Change the name, the subject, the label, the facts or all; omitted values stay.
 
         Results with other landmarks stay under their own keys; later results have new ones.
 
         Parameters
         ----------
         sequence_id : str
-        subject, label : str or None, optional
+        name, subject, label : str or None, optional
         change : callable
             New facts from the stored ones; no other change comes between.
 
@@ -96,13 +98,16 @@ class SequenceRecords(Opening):
         NotFoundError
             If there is no such sequence.
         ParameterError
-            If subject or label cannot be kept, or facts contradict the vertices or times.
+            If name, subject or label cannot be kept, or facts contradict the vertices or times.
         StoreError
             If it cannot be written; the store is as it was.
         """
-        for name, text in (("subject", subject), ("label", label)):
-            if not isinstance(text, Unset):
-                require_name(name, text)
+        texts = {"name": name, "subject": subject, "label": label}
+        stated: dict[str, Any] = {
+            what: text for what, text in texts.items() if not isinstance(text, Unset)
+        }
+        for what, text in stated.items():
+            require_name(what, text)
         index = self._open_index()
         self.sequence_record(sequence_id)
         with self._changing(sequence_id):
@@ -110,12 +115,7 @@ class SequenceRecords(Opening):
             facts = change(known.facts)
             if facts != known.facts:
                 facts.require_fit(known.n_vertices, known.span)
-            record = replace(
-                known,
-                facts=facts,
-                subject=known.subject if isinstance(subject, Unset) else subject,
-                label=known.label if isinstance(label, Unset) else label,
-            )
+            record = replace(known, facts=facts, **stated)
             if record != known:
                 file = (self._folder.record(sequence_id), record_to_json(record))
                 self._write([file], lambda: index.put(record, erases=True))

@@ -1,11 +1,14 @@
 """Tracking of surfaces through observations without correspondence."""
 
-from modalmotion.arguments.checking import check_arguments
-from modalmotion.tracking.making import track
-from modalmotion.tracking.observation import Observation, of_surface
-from modalmotion.tracking.result import Track
-from modalmotion.tracking.segmentation import segment
+from typing import TYPE_CHECKING
 
-__all__ = ["Observation", "Track", "of_surface", "segment", "track"]
+from modalmotion.arguments.public import public_list
 
-check_arguments(globals())
+if TYPE_CHECKING:
+    from modalmotion.tracking.observation import Observation as Observation
+    from modalmotion.tracking.observation import of_surface as of_surface
+    from modalmotion.tracking.recording import track as track
+    from modalmotion.tracking.result import Track as Track
+    from modalmotion.tracking.segmentation import segment as segment
+
+__all__, __getattr__, __dir__ = public_list(globals())

@@ -105,7 +105,7 @@ def cavity_and_wall(images: ImageSequence) -> LabelValues:
     wall = values[walls[first]]
     note = (
         f"Label {values[first]} was taken as the cavity and {wall} as its wall, which is "
-        f"{shares[first].max():.0%} of its border ({named}); state others by --label and --wall."
+        f"{shares[first].max():.0%} of its border ({named}); state both where that is wrong."
     )
     return LabelValues((int(values[first]),), (int(wall),), note)
 

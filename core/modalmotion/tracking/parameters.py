@@ -31,7 +31,7 @@ class TrackParameters:
     Parameters
     ----------
     topology, modes, tolerance, time, reference, dynamics : optional
-        As for `modalmotion.tracking.track`.
+        As for `making.track`.
     contours : tuple of str
         Of typed contours: parts of the names of those to read.
     landmarks : mapping of str to array
@@ -113,7 +113,7 @@ class TrackParameters:
         Raises
         ------
         InputError
-            As `modalmotion.tracking.track` does.
+            As `making.track` does.
         """
         recorded, proposed = self._labelled(recorded)
         times: Any = recorded.times if self.times is None else self.times

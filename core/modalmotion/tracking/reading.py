@@ -57,7 +57,10 @@ USUAL_CONTOURS: Final = ("LV_ENDOCARDIAL",)
 
 _NOWHERE: Final = np.full(3, np.nan)
 
-_REMEDY: Final = "Use a zip or folder of one file a frame, an npz of points and offsets, or VTKHDF."
+_REMEDY: Final = (
+    "Use a zip or folder of one file a frame, a table (.csv) with the columns frame, x, y, z, "
+    "an npz of points and offsets, or VTKHDF."
+)
 
 
 @shown("frames", "unit", "landmarks")
@@ -183,6 +186,10 @@ def _of_bytes(
         return Recorded(
             ((one.points,),), {}, unit=one.states.get("unit"), coordinates=one.coordinates
         )
+    if kind is None and (table := _table(data)) is not None:
+        parser.limits.require("frames", len(table[0]))
+        parser.limits.require("vertices", max(map(len, table[0])))
+        return Recorded(tuple(_cloud_of(x, k) for k, x in enumerate(table[0])), {}, table[1])
     if kind is None:
         raise MalformedFileError(unknown_format(data).message, remedy=_REMEDY)
     raise MalformedFileError(
@@ -345,6 +352,32 @@ def _cloud(data: bytes) -> NDArray[np.float64]:
                 remedy="Write x, y and z of one point a line.",
             )
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+
+def _table(data: bytes) -> tuple[list[Floats], Floats | None] | None:
+    """Read a table of points of all frames: columns x, y, z and frame or time (s); None of others.
+
+    Without a column of frames or times all points are of one frame.
+    """
+    first = next(iter(lines_of(data)), b"").decode(errors="replace")
+    delimiter = max(",;\t", key=first.count)
+    names = [name.strip().strip('"').lower() for name in first.split(delimiter)]
+    if not {"x", "y", "z"} <= {*names}:
+        return None
+    try:
+        rows = np.loadtxt([*lines_of(data)][1:], delimiter=delimiter, ndmin=2, dtype=np.float64)
+    except ValueError as error:
+        raise MalformedFileError(
+            f"The table has a cell that is no number ({str(error)[:60]}).",
+            remedy="Write x, y, z and frame or time (s), one point a row.",
+        ) from error
+    points = rows[:, [names.index(name) for name in "xyz"]]
+    key = next((name for name in ("frame", "time", "t") if name in names), None)
+    if key is None:
+        return [points], None
+    values, frames = np.unique(rows[:, names.index(key)], return_inverse=True)
+    clouds = [points[frames == k] for k in range(len(values))]
+    return clouds, None if key == "frame" else values
 
 
 def _guide_points(data: bytes, contours: Sequence[str]) -> _FrameFile:

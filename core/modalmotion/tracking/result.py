@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arguments.tasks import Recorded
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.cavity import Cavity, cavity_of
 from modalmotion.mesh.normal_lines import vertex_normals
@@ -31,7 +32,7 @@ from modalmotion.tracking.shapes import track_shapes
 
 @shown("sequence", "modes", "noise", "prior", "gap", "unseen")
 @dataclass(frozen=True, eq=False)
-class Track(FrozenArrays):
+class Track(FrozenArrays, Recorded):
     """Motion of a surface found from observations, with its uncertainty.
 
     Parameters

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from modalmotion.arguments.tasks import Plotted
 from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.harmonics import harmonics_of, require_harmonics
 from modalmotion.choice.limit import limit_of, require_unit
@@ -36,14 +37,13 @@ _REPEATS: Final = 2
 
 @shown(
     "chosen.kind",
-    "chosen.price.rms_error",
-    "chosen.price.unit",
+    "chosen.price.rms_error:chosen.price.unit",
     "limit",
     "front.n_frames",
     "sequence_id",
 )
 @dataclass(frozen=True, eq=False)
-class Tradeoff:
+class Tradeoff(Plotted):
     """Cost and error of each choice on one sequence, and the requested choice.
 
     Parameters

@@ -25,7 +25,7 @@ from modalmotion.tradeoff.price import Price, price_of, priced
 _ROTATION: Final = 3
 
 
-@shown("kind", "price.rms_error", "price.unit", "price.amplitudes_per_frame", "signature")
+@shown("kind", "price.rms_error:price.unit", "price.amplitudes_per_frame", "signature")
 @dataclass(frozen=True, eq=False)
 class Chosen:
     """The point of a front that answers a request.

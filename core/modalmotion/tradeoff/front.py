@@ -62,7 +62,7 @@ class Branch:
     ends_because: str
 
 
-@shown("n_frames", "n_vertices", "unit", "motion_rms", "branches")
+@shown("n_frames", "n_vertices", "motion_rms:unit", "branches")
 @dataclass(frozen=True, eq=False)
 class Front:
     """Error of every choice of modes, harmonics, components and topology.

@@ -12,7 +12,7 @@ from modalmotion.representation import shown
 from modalmotion.signature.value import ModalSignature
 
 
-@shown("rms_error", "max_error", "unit", "amplitudes_per_frame", "bytes", "compression")
+@shown("rms_error:unit", "max_error:unit", "amplitudes_per_frame", "bytes", "compression")
 @dataclass(frozen=True)
 class Price:
     """Cost and error of a description of a motion.

@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.classification.answer import Classification
 from modalmotion.clinical import clinical_readouts
+from modalmotion.clinical.rates import Rates
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.segments import RegionalMotion
 from modalmotion.clinical.strain import DEFINITIONS, Strain
 from modalmotion.clinical.ventricle import ventricle_readouts
+from modalmotion.clinical.volume_curve import TWO_DEVIATIONS, Fraction
 from modalmotion.errors import InputError, LimitError
 from modalmotion.fit.offsets import offset_reference
 from modalmotion.hdf5.image import INTENDED_USE
@@ -27,16 +29,20 @@ from modalmotion.modes.modes import wave_pairs
 from modalmotion.numeric.scale import power_of_two
 from modalmotion.pictures.view import upright
 from modalmotion.signature.making import ModalSignature, SignatureKind
-from modalmotion.signature.plain_names import plain_name
+from modalmotion.signature.mode_colours import COLOURS, mode_dash, mode_tone
 from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, local_frames
 from modalmotion.template.loose_vertices import nearest_in_use, shapes_of
 from modalmotion.viewer.container import write_container
+from modalmotion.viewer.wave_names import wave_name
 
 # Below and above single precision has too few powers of ten; lengths are then sent in another.
 _SMALLEST: Final = 1e-9
 _LARGEST: Final = 1e9
+
+# Stands for a segment in which no vertex lies: JSON and single precision have no NaN to send.
+_UNKNOWN: Final = -1e9
 
 # A first frame this near after the last, in usual steps, closes a cycle; nearer repeats it.
 _CLOSES: Final = 2.0
@@ -138,7 +144,7 @@ def view_payload(
         "error": {"rms": signature.rms_error / scale, "max": signature.max_error / scale},
         "compression": signature.compression,
         "view": np.round(upright(used), 6).tolist(),
-        "waves": _waves(signature),
+        "waves": _waves(signature, used),
         "notes": list(signature.notes),
         **_volume(signature, sequence, template, arrays),
         **_classification(classification),
@@ -222,11 +228,9 @@ def _mesh_shapes(signature: ModalSignature, template: Template) -> NDArray[np.fl
     return shapes_of(signature.modes, template).T.astype(np.float16)
 
 
-def _waves(signature: ModalSignature) -> list[dict[str, Any]]:
+def _waves(signature: ModalSignature, template: Template) -> list[dict[str, Any]]:
     """Modes by waves, a cosine with its sine, each with its words."""
     spectrum, labels = signature.deformation_spectrum, signature.modes.labels
-    components = signature.parameters.components
-    is_offset = signature.kind == SignatureKind.OFFSET
     waves, seen = [], set()
     for cosine, sine in zip(*map(np.ndarray.tolist, wave_pairs(signature.modes)), strict=True):
         modes = [cosine] if sine < 0 else [cosine, sine]
@@ -241,7 +245,9 @@ def _waves(signature: ModalSignature) -> list[dict[str, Any]]:
             {
                 "modes": modes,
                 "label": f"({numbers})" if len(modes) == 2 else str(label),
-                "name": plain_name(signature.topology, label, components, is_offset=is_offset),
+                "name": wave_name(signature, template, modes),
+                "tone": mode_tone(label) % len(COLOURS),
+                "dash": list(mode_dash(label)),
                 "rms": float(f"{np.hypot.reduce(spectrum[modes]):.4g}"),
             }
         )
@@ -269,65 +275,182 @@ def _volume(
     try:
         readouts = clinical_readouts(signature, sequence, template=template)
     except InputError as error:
-        refused = {"refused": str(error)}
-        return {"volume": refused, "strain": refused, "segments": refused}
-    arrays["volumes"] = readouts.curve.volumes * readouts.shown_in
-    arrays["mesh_volumes"] = readouts.mesh_curve.volumes * readouts.shown_in
-    volume = _volume_words(readouts)
+        refused = {"refused": error.message}
+        return {"volume": refused, "rates": [], "strain": refused, "segments": refused}
     ventricle = ventricle_readouts(signature, sequence, readouts, template=template)
     refused = {"refused": " ".join(ventricle.reasons)}
     regions, strain = ventricle.regions, ventricle.strain
     return {
-        "volume": volume,
-        "strain": refused if strain is None else _strain_words(strain),
-        "segments": refused if regions is None else _segment_words(regions, arrays),
+        "volume": _volume_words(readouts, arrays),
+        "rates": []
+        if ventricle.rates is None
+        else _rate_words(ventricle.rates, readouts, sequence),
+        "strain": refused if strain is None else _strain_words(strain, sequence, arrays),
+        "segments": refused if regions is None else _segment_words(regions, strain, readouts),
     }
 
 
-def _strain_words(strain: Strain) -> dict[str, Any]:
-    figures = strain.end_systolic
+def _strain_words(
+    strain: Strain, sequence: MeshSequence, arrays: dict[str, NDArray[Any]]
+) -> dict[str, Any]:
+    n = len(DEFINITIONS)
+    arrays["strain"] = _single(strain.curves[:, :n])
+    arrays["strain_reach"] = _single(TWO_DEVIATIONS * strain.deviations[:, :n])
+    arrays["segment_strain"] = _single(np.nan_to_num(strain.by_segment[:, :, 0], nan=_UNKNOWN))
+    figures = [
+        {
+            "name": name,
+            "definition": f"relative change of the {words}, since end diastole, at end systole",
+            "unit": "%",
+            **strain.end_systolic[name]._asdict(),
+            "peak": strain.peak[name]._asdict(),
+            "time_to_peak": _time_from(
+                sequence, strain.end_diastole, int(strain.curves[:, place].argmin())
+            ),
+        }
+        for place, (name, words) in enumerate(DEFINITIONS.items())
+    ]
+    if strain.dyssynchrony is not None:
+        words = "standard deviation of the times at which the volumes of 16 segments are least"
+        index = {"name": "SDI", "definition": words, "unit": "% of the cycle"}
+        figures.append({**index, **strain.dyssynchrony._asdict()})
     return {
-        "figures": [
-            {"name": name, "definition": words, **figures[name]._asdict()}
-            for name, words in DEFINITIONS.items()
-        ],
+        "figures": figures,
         "layer": strain.layer,
         "source": strain.source,
+        "segments": list(strain.segments),
         "notes": list(strain.notes),
     }
 
 
-def _volume_words(readouts: ClinicalReadouts) -> dict[str, Any]:
+def _time_from(sequence: MeshSequence, start: int, end: int) -> float | None:
+    """Time from one frame to the next time that another comes, s; None where it is unknown."""
+    times = sequence.times
+    if times is None or len(times) < 2:
+        return None
+    span = float(times[-1] - times[0])
+    cycle = sequence.facts.period or span * len(times) / (len(times) - 1)
+    return float(times[end] - times[start]) % cycle
+
+
+def _volume_words(readouts: ClinicalReadouts, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
     curve, factor = readouts.stated, readouts.shown_in
+    other = readouts.curve if readouts.is_tracked else readouts.mesh_curve
+    arrays["volumes"] = curve.volumes * factor
+    arrays["volume_reach"] = curve.reach * factor
+    arrays["other_volumes"] = other.volumes * factor
+    is_ejected = curve.fraction == Fraction.EJECTION_FRACTION
+    moments = ("end diastole", "end systole") if is_ejected else ("largest", "smallest")
+    names = ("EDV", "ESV", "SV") if is_ejected else ("Largest", "Smallest", "Difference")
+    definitions = (
+        f"volume at {moments[0]}, the largest of all frames",
+        f"volume at {moments[1]}, the smallest of all frames",
+        "the largest volume less the smallest",
+    )
+    if not is_ejected:
+        definitions = ("largest volume", "smallest volume", definitions[2])
+    values = (
+        (curve.end_diastolic_volume, curve.end_diastolic_range),
+        (curve.end_systolic_volume, curve.end_systolic_range),
+        (curve.stroke_volume, curve.stroke_range),
+    )
     words: dict[str, Any] = {
         "unit": readouts.volume_unit,
         "end_diastole": curve.end_diastole,
         "end_systole": curve.end_systole,
-        "largest": curve.end_diastolic_volume * factor,
-        "smallest": curve.end_systolic_volume * factor,
-        "stroke": curve.stroke_volume * factor,
+        "moments": ["ED", "ES"] if is_ejected else list(moments),
+        "is_tracked": readouts.is_tracked,
+        "n_openings": readouts.n_openings,
+        "figures": [
+            {
+                "name": name,
+                "definition": definition,
+                "unit": readouts.volume_unit,
+                "value": value * factor,
+                "low": low * factor,
+                "high": high * factor,
+            }
+            for name, definition, (value, (low, high)) in zip(
+                names, definitions, values, strict=True
+            )
+        ],
         "notes": list(readouts.notes),
     }
     if curve.fraction is not None and curve.share_range is not None:
         words["share"] = {
             "name": curve.fraction.words,
+            "definition": "stroke volume over end-diastolic volume"
+            if is_ejected
+            else "difference of volumes over the largest",
+            "unit": "%",
             "value": curve.share,
             "low": curve.share_range[0],
             "high": curve.share_range[1],
-            "mesh": readouts.mesh_curve.share,
         }
     return words
 
 
-def _segment_words(regions: RegionalMotion, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
-    arrays["segments"] = _single(np.nan_to_num(regions.shares, nan=-1e9))
+def _rate_words(
+    rates: Rates, readouts: ClinicalReadouts, sequence: MeshSequence
+) -> list[dict[str, Any]]:
+    start, unit = readouts.stated.end_diastole, readouts.volume_unit
+    words = [
+        {
+            "name": f"Peak {name}",
+            "unit": f"{unit}/s",
+            "value": rate,
+            "low": rate - bound,
+            "high": rate + bound,
+            "time_to_peak": _time_from(sequence, start, frame),
+        }
+        for name, rate, bound, frame in (
+            ("ejection", rates.peak_ejection_rate, rates.ejection_bound, rates.ejection_frame),
+            ("filling", rates.peak_filling_rate, rates.filling_bound, rates.filling_frame),
+        )
+    ]
+    if rates.cardiac_output is not None and rates.output_range is not None:
+        low, high = rates.output_range
+        litres, unit = (1e-3, "l") if readouts.unit is not None else (1.0, unit)
+        values = (rates.cardiac_output, low, high)
+        output = dict(zip(("value", "low", "high"), (litres * x for x in values), strict=True))
+        words.append({"name": "Output", "unit": f"{unit}/min", **output, "time_to_peak": None})
+    return words
+
+
+def _segment_words(
+    regions: RegionalMotion, strain: Strain | None, readouts: ClinicalReadouts
+) -> dict[str, Any]:
+    end = readouts.mesh_curve.end_systole
+    inward = "inward motion over the radius at end diastole"
+    quantities = [{"name": "Inward motion", "definition": inward, **_known(regions.shares[end])}]
+    if strain is not None and strain.segments == regions.names:
+        for k, name in enumerate(("Longitudinal", "Circumferential", "Area")):
+            quantities.append(
+                {
+                    "name": f"{name} strain",
+                    "definition": f"{name.lower()} strain since end diastole",
+                    **_known(strain.by_segment[end, :, k], strain.segment_deviations[:, k]),
+                }
+            )
     return {
         "names": list(regions.names),
-        "quantity": "inward motion over the radius at end diastole",
         "unit": "%",
-        "end_diastole": regions.end_diastole,
+        "quantities": quantities,
+        "end_systole": end,
         "reason": regions.reason,
     }
+
+
+def _known(
+    values: NDArray[np.float64], deviations: NDArray[np.float64] | None = None
+) -> dict[str, Any]:
+    """Values of segments at end systole, None where no vertex lies, and half of each interval."""
+
+    def plain(numbers: NDArray[np.float64]) -> list[float | None]:
+        return [float(f"{x:.4g}") if np.isfinite(x) else None for x in numbers.tolist()]
+
+    reach = None if deviations is None else plain(TWO_DEVIATIONS * deviations)
+    return {"values": plain(values), "reach": reach}
 
 
 def _classification(answer: Classification | None) -> dict[str, Any]:
@@ -340,6 +463,7 @@ def _classification(answer: Classification | None) -> dict[str, Any]:
             "probability": answer.probability,
             "class_set": list(answer.class_set),
             "coverage": answer.coverage,
+            "flags": list(answer.flags),
             "explanation": [
                 {"modes": list(part.modes), "score": part.score, "amplitude": part.amplitude}
                 for part in answer.explanation[:8]

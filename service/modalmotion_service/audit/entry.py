@@ -1,50 +1,17 @@
-"""One line of the audit log, and the chain that ties it to those before."""
+"""One entry of the audit log, the chain that ties it to those before, and its forms as a line."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import re
 from dataclasses import asdict, dataclass
-from typing import Final
+from typing import Any, Final
 
 BEGUN: Final = 102
 """Status of an entry that is written before something is changed; another one follows it."""
 
-
-@dataclass(frozen=True)
-class Place:
-    """An entry's number and digest: noted elsewhere, they show later that nothing before is gone.
-
-    Parameters
-    ----------
-    number : int
-    sha256 : str
-    """
-
-    number: int
-    sha256: str
-
-    def __str__(self) -> str:
-        return f"{self.number}:{self.sha256}"
-
-
-def place_from(text: str) -> Place:
-    """Read a place as it is printed.
-
-    Raises
-    ------
-    ValueError
-        If it is not one.
-    """
-    match = re.fullmatch(r"([0-9]{1,18}):([0-9a-f]{64})", text)
-    if match is None:
-        raise ValueError(f"{text[:100]!r} is not NUMBER:SHA256")
-    return Place(int(match[1]), match[2])
-
-
-GENESIS: Final = Place(0, "0" * 64)
-"""Placeholder for the entry before the first one."""
+GENESIS: Final = "0" * 64
+"""In place of the digest of the entry before the first one."""
 
 
 @dataclass(frozen=True)
@@ -97,21 +64,60 @@ class AuditEntry:
     sha256: str
 
     @property
-    def place(self) -> Place:
-        """Where it stands."""
-        return Place(self.number, self.sha256)
+    def line(self) -> dict[str, Any]:
+        """All of it as JSON."""
+        return {
+            "number": self.number,
+            "time": self.time,
+            **asdict(self.event),
+            "sha256": self.sha256,
+        }
+
+    @property
+    def fhir(self) -> dict[str, Any]:
+        """The same as an AuditEvent of FHIR R4."""
+        event = self.event
+        outcome = "0" if event.status < 400 else "4" if event.status < 500 else "8"
+        agent = {"requestor": True, "network": {"address": event.client, "type": "2"}}
+        if event.owner is not None:
+            agent["who"] = {"identifier": {"value": event.owner}}
+        if event.key_id is not None:
+            agent["altId"] = event.key_id
+        return {
+            "resourceType": "AuditEvent",
+            "id": self.sha256,
+            "type": {
+                "system": "http://terminology.hl7.org/CodeSystem/audit-event-type",
+                "code": "rest",
+            },
+            "subtype": [{"display": f"{event.method} {event.route}"}],
+            "action": _ACTIONS.get(event.method, "E"),
+            "recorded": self.time,
+            "outcome": outcome,
+            "outcomeDesc": str(event.status),
+            "agent": [agent],
+            "source": {"observer": {"display": "modalmotion"}},
+            "entity": [
+                *({"what": {"identifier": {"value": one}}} for one in event.ids.split()),
+                {"what": {"identifier": {"value": event.request_id}}, "name": "request"},
+            ],
+        }
 
 
-def chained(previous: Place, time: str, event: Event) -> AuditEntry:
+_ACTIONS: Final = {"GET": "R", "HEAD": "R", "POST": "C", "PATCH": "U", "PUT": "U", "DELETE": "D"}
+
+
+def chained(number: int, before: str, time: str, event: Event) -> AuditEntry:
     """Tie an event to the entry before.
 
     Parameters
     ----------
-    previous : Place
+    number : int
+    before : str
+        Digest of the entry before.
     time : str
     event : Event
     """
-    number = previous.number + 1
     # JSON, and not the values one after another: no two events are written alike.
-    text = json.dumps([previous.sha256, number, time, asdict(event)], sort_keys=True)
+    text = json.dumps([before, number, time, asdict(event)], sort_keys=True)
     return AuditEntry(number, time, event, hashlib.sha256(text.encode()).hexdigest())

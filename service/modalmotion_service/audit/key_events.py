@@ -10,8 +10,7 @@ from pathlib import Path
 from modalmotion_service.access.keys import Key, KeyRing
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.audit.entry import Event
-from modalmotion_service.audit.log import AuditLog
-from modalmotion_service.audit.notes import Notes
+from modalmotion_service.audit.log import AuditLog, Notes
 
 
 def make_key(

@@ -1,29 +1,106 @@
-"""The audit log: who did what to which id; appended to, never changed, and durable.
+"""The audit log: who did what to which id, durable before the answer leaves.
 
 Entries are committed together: while one transaction reaches the disk, those that come wait for
-the next. An answer leaves after its entry is on the disk. The log is a row of files: one that has
-its number of entries is closed, and the chain goes on in the next.
+the next.
 """
 
 from __future__ import annotations
 
+import abc
 import asyncio
 import contextlib
-import logging
+import sqlite3
 import threading
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import astuple
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
-from modalmotion.errors import StoreError
-from modalmotion_service.audit.entry import GENESIS, AuditEntry, Event, Place
-from modalmotion_service.audit.heads import note_head
-from modalmotion_service.audit.notes import Notes
-from modalmotion_service.audit.part import AuditPart, AuditWriter, PartClosedError
-from modalmotion_service.settings import ENTRIES_PER_FILE
+from modalmotion.store.index.cursor import now, to_text
+from modalmotion_service.access.database import explained, open_database
+from modalmotion_service.audit.entry import BEGUN, GENESIS, AuditEntry, Event, chained
 
-logger = logging.getLogger(__name__)
+if TYPE_CHECKING:
+    from modalmotion_service.audit.stream import Lines
 
-_NOTE_SECONDS = 3600.0
+_VERSION: Final = 3
+_TABLES: Final = (
+    """CREATE TABLE audit (
+        number INTEGER PRIMARY KEY, time TEXT NOT NULL, request_id TEXT NOT NULL, owner TEXT,
+        key_id TEXT, client TEXT NOT NULL, method TEXT NOT NULL, route TEXT NOT NULL,
+        ids TEXT NOT NULL, status INTEGER NOT NULL, sha256 TEXT NOT NULL
+    )""",
+)
+_LAST: Final = "SELECT number, sha256 FROM audit ORDER BY number DESC LIMIT 1"
+_PIECE: Final = 10_000
+
+
+class Notes(abc.ABC):
+    """Where events are noted; while some are written, those that come wait for the next time."""
+
+    def __init__(self) -> None:
+        self._pending: list[tuple[Event, asyncio.Future[None]]] = []
+        self._writing: asyncio.Task[None] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @abc.abstractmethod
+    def close(self) -> None:
+        """Let go of what is open."""
+
+    @abc.abstractmethod
+    def append(self, events: list[Event]) -> None:
+        """Append events.
+
+        Raises
+        ------
+        StoreError
+            If they cannot be written.
+        """
+
+    async def note(self, event: Event) -> None:
+        """Append an event; it is written when this returns.
+
+        Raises
+        ------
+        StoreError
+            If it cannot be written.
+        """
+        done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._pending.append((event, done))
+        if self._writing is None:
+            self._writing = asyncio.create_task(self._write_pending())
+        await done
+
+    async def drain(self) -> None:
+        """Wait until everything that was noted is written."""
+        if self._writing is not None:
+            await asyncio.wait([self._writing])
+
+    async def _write_pending(self) -> None:
+        try:
+            while self._pending:
+                batch, self._pending = self._pending, []
+                try:
+                    await asyncio.to_thread(self.append, [event for event, _ in batch])
+                except BaseException as error:
+                    for _, done in batch:
+                        if not done.done():
+                            done.set_exception(error)
+                    if not isinstance(error, Exception):
+                        raise
+                else:
+                    for _, done in batch:
+                        if not done.done():
+                            done.set_result(None)
+        finally:
+            self._writing = None
 
 
 class AuditLog(Notes):
@@ -32,150 +109,168 @@ class AuditLog(Notes):
     Parameters
     ----------
     data_dir : Path
-    entries_per_file : int
-        A file that holds as many is closed, and another one is begun.
+    lines : Lines, optional
+        Where each entry goes too: whoever can write to the folder cannot change it there.
     """
 
-    def __init__(self, data_dir: Path, entries_per_file: int = ENTRIES_PER_FILE) -> None:
+    def __init__(self, data_dir: Path, lines: Lines | None = None) -> None:
         super().__init__()
-        self._folder = audit_folder(data_dir)
-        self._entries_per_file = entries_per_file
+        self._path = audit_path(data_dir)
+        self._lines = lines
         self._lock = threading.Lock()
-        self._writer = self._newest()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
+        self._file = open_database(self._path, _TABLES, _VERSION)
 
     def close(self) -> None:
-        """Note the head and close the file."""
-        self._try_to_note()
+        """Close the file, and let go of the lines."""
         with self._lock:
-            self._writer.close()
-
-    def note_head(self) -> Place:
-        """Note number and digest of the last entry, beside the log and in the service's own log.
-
-        Raises
-        ------
-        StoreError
-            If it cannot be written.
-        """
-        with self._lock:
-            return self._note_head()
-
-    async def look_after(self) -> None:
-        """Note the head now, and every hour."""
-        while True:
-            await asyncio.to_thread(self._try_to_note)
-            await asyncio.sleep(_NOTE_SECONDS)
+            self._file.close()
+            if self._lines is not None:
+                self._lines.close()
 
     def append(self, events: list[Event]) -> None:
-        """Append events in one transaction.
+        """Append events in one transaction, then hand them on.
 
         Raises
         ------
         StoreError
-            If they cannot be written; then none of them is.
+            If they cannot be written: then none of them is; or not handed on.
         """
         with self._lock:
-            if self._writer.n_entries >= self._entries_per_file:
-                with contextlib.suppress(PartClosedError):
-                    self._writer.close_for_good()
-                    with contextlib.suppress(StoreError):
-                        self._note_head()
-            while True:
-                try:
-                    self._writer.append(events)
-                except PartClosedError:
-                    # Opened before the old one is closed: if it cannot be, all is as it was.
-                    newest = self._newest()
-                    self._writer.close()
-                    self._writer = newest
-                else:
-                    return
+            entries = []
+            with self._transaction() as file:
+                number, before = file.execute(_LAST).fetchone() or (0, GENESIS)
+                for event in events:
+                    entry = chained(number + 1, before, now(), event)
+                    file.execute(
+                        "INSERT INTO audit VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                        (entry.number, entry.time, *astuple(event), entry.sha256),
+                    )
+                    entries.append(entry)
+                    number, before = entry.number, entry.sha256
+            if self._lines is not None:
+                for entry in entries:
+                    self._lines.write(entry, "table")
+
+    def forget_before(self, days: float) -> None:
+        """Remove entries that are older; the last one stays, for the chain goes on from it."""
+        past = to_text((datetime.now(UTC) - timedelta(days=days)).timestamp())
+        with self._lock, self._transaction() as file:
+            file.execute(
+                "DELETE FROM audit WHERE time < ? AND number < (SELECT max(number) FROM audit)",
+                (past,),
+            )
 
     def page(
         self, *, limit: int, before: int | None = None, owner: str | None = None
     ) -> list[AuditEntry]:
-        """Read a page as `audit_page` does."""
-        return audit_page(self._folder, limit=limit, before=before, owner=owner)
+        """Read entries from the newest to the oldest.
 
-    def _note_head(self) -> Place:
-        place = head_of(self._folder)
-        if note_head(self._folder, place):
-            logger.info("audit log", extra={"head": str(place)})
-        return place
+        Parameters
+        ----------
+        limit : int
+        before : int, optional
+            Only those with a smaller number.
+        owner : str, optional
+            Only those of this owner.
+        """
+        with self._lock, explained(self._path.name):
+            rows = self._file.execute(
+                "SELECT * FROM audit WHERE number < ? AND (? IS NULL OR owner = ?) "
+                "ORDER BY number DESC LIMIT ?",
+                (before if before is not None else 1 << 62, owner, owner, limit),
+            ).fetchall()
+        return [_entry(row) for row in rows]
 
-    def _try_to_note(self) -> None:
-        try:
-            self.note_head()
-        except StoreError as error:
-            logger.warning("the audit log's head is not noted", extra={"code": error.code})
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        file = self._file
+        with explained(self._path.name):
+            # One that a failing disk did not let us roll back would keep out all others.
+            if file.in_transaction:
+                file.execute("ROLLBACK")
+            file.execute("BEGIN IMMEDIATE")
+            try:
+                yield file
+                file.execute("COMMIT")
+            except BaseException:
+                with contextlib.suppress(sqlite3.Error):
+                    file.execute("ROLLBACK")
+                raise
 
-    def _newest(self) -> AuditWriter:
-        """Open the file that is appended to: the last one, or the one after it."""
-        parts = parts_in(self._folder)
-        # The last one of a process that was killed may have no tables yet.
-        if parts and not parts[-1].is_prepared():
-            parts.pop()
-        if parts and not parts[-1].is_closed():
-            return AuditWriter(parts[-1].path, GENESIS)
-        start = parts[-1].end() if parts else GENESIS
-        return AuditWriter(self._folder / f"{start.number + 1:012}.sqlite", start)
+
+def audit_path(data_dir: Path) -> Path:
+    """Where the audit log of a data folder lies."""
+    return data_dir / "access" / "audit.sqlite"
 
 
-def audit_page(
-    folder: Path, *, limit: int, before: int | None = None, owner: str | None = None
-) -> list[AuditEntry]:
-    """Read entries from the newest to the oldest; archived files are not looked at.
+def entries_of(path: Path) -> Iterator[AuditEntry]:
+    """Give all entries of a log in order, of one that a service may be writing."""
+    last = 0
+    uri = f"{path.absolute().as_uri()}?mode=ro"
+    with explained(path.name), closing(sqlite3.connect(uri, uri=True)) as file:
+        # Piece by piece: it may be larger than memory.
+        while rows := file.execute(
+            f"SELECT * FROM audit WHERE number > ? ORDER BY number LIMIT {_PIECE}",  # noqa: S608
+            (last,),
+        ).fetchall():
+            yield from map(_entry, rows)
+            last = rows[-1][0]
+
+
+def faults_of(
+    entries: Iterable[AuditEntry], lines: Mapping[int, str], *, forgets: bool = False
+) -> tuple[int, list[str]]:
+    """Check a chain, and compare it with lines that were handed on.
 
     Parameters
     ----------
-    folder : Path
-        Of the log's files.
-    limit : int
-    before : int, optional
-        Only those with a smaller number.
-    owner : str, optional
-        Only those of this owner.
+    entries : iterable of AuditEntry
+    lines : mapping
+        Digests by number, as they were collected elsewhere.
+    forgets : bool
+        Whether entries are removed when their time has passed, so that it may begin later.
+
+    Returns
+    -------
+    number : int
+        Of entries.
+    faults : list of str
     """
-    entries: list[AuditEntry] = []
-    for part in reversed(parts_in(folder)):
-        if before is not None and first_number(part) >= before:
-            continue
-        try:
-            entries += part.page(limit=limit - len(entries), before=before, owner=owner)
-        except StoreError:
-            # Archived since the files were listed.
-            if part.path.exists():
-                raise
-        if len(entries) == limit:
-            break
-    return entries
+    faults: list[str] = []
+    n_entries, number, before = 0, 0, GENESIS
+    for entry in entries:
+        n_entries += 1
+        is_first_left = forgets and n_entries == 1 and entry.number > 1
+        if entry.number != number + 1 and not is_first_left:
+            faults.append(f"entries {number + 1} to {entry.number - 1} are missing")
+        if entry != chained(entry.number, before, entry.time, entry.event) and not is_first_left:
+            faults.append(f"entry {entry.number} is not what was written, or follows another")
+        number, before = entry.number, entry.sha256
+        if lines.get(entry.number, entry.sha256) != entry.sha256:
+            faults.append(f"entry {entry.number} is not the one that was handed on")
+    if not n_entries:
+        faults.append("there is no entry: the log is new, or was emptied")
+    if (most := max(lines, default=0)) > number:
+        faults.append(f"entry {most} was handed on, and the log ends before it: its end is gone")
+    return n_entries, faults
 
 
-def audit_folder(data_dir: Path) -> Path:
-    """Where the files of a data folder's audit log lie."""
-    return data_dir / "access" / "audit"
+def unfinished(entries: Iterable[AuditEntry]) -> list[AuditEntry]:
+    """List the changes that were begun and have no end: under way, or cut off by a crash."""
+    begun: dict[tuple[str | None, ...], list[AuditEntry]] = {}
+    for entry in entries:
+        event = entry.event
+        # A client may give one request id to several requests.
+        same = begun.setdefault((event.request_id, event.key_id, event.method, event.route), [])
+        if event.status == BEGUN:
+            same.append(entry)
+        elif same:
+            same.pop(0)
+        if not same:
+            del begun[event.request_id, event.key_id, event.method, event.route]
+    return sorted((one for same in begun.values() for one in same), key=lambda one: one.number)
 
 
-def parts_in(folder: Path) -> list[AuditPart]:
-    """List the files of a log, the oldest first."""
-    return [AuditPart(path) for path in sorted(folder.glob("[0-9]*.sqlite"))]
-
-
-def head_of(folder: Path) -> Place:
-    """Place of the last entry of a log; before the first where there is none."""
-    parts = parts_in(folder)
-    # The last one of a process that was killed may have no tables yet.
-    if parts and not parts[-1].is_prepared():
-        parts.pop()
-    return parts[-1].end() if parts else GENESIS
-
-
-def first_number(part: AuditPart) -> int:
-    """Tell the number of a file's first entry, by its name."""
-    return int(part.path.stem)
+def _entry(row: tuple[Any, ...]) -> AuditEntry:
+    number, time, *event, digest = row
+    return AuditEntry(number, time, Event(*event), digest)

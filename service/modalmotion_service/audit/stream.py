@@ -1,32 +1,37 @@
-"""The audit log of a service that keeps nothing: a line of JSON for each event, on a stream."""
+"""The audit log as lines: on a stream, in a file, or to a log host by syslog."""
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import os
 import secrets
+import socket
 import threading
-from dataclasses import asdict
-from typing import Final, Self
+from typing import Final
+from urllib.parse import urlsplit
 
 from modalmotion.errors import StoreError
 from modalmotion.store.index.cursor import now
-from modalmotion_service.audit.entry import GENESIS, Event, chained
-from modalmotion_service.audit.notes import Notes
+from modalmotion_service.audit.entry import GENESIS, AuditEntry, Event, chained
+from modalmotion_service.audit.log import Notes
 
 _DESCRIPTORS: Final = {"stdout": 1, "stderr": 2}
+# Facility "log audit" (13), severity "informational" (6), RFC 5424.
+_PRIORITY: Final = f"<{13 * 8 + 6}>"
+_SECONDS: Final = 5.0
 
 
-class AuditStream(Notes):
-    """Writes events as lines, which whoever runs the service collects.
-
-    Each line ends a chain of its own replica: its digest covers the one before, so that a line
-    that is lost on the way shows. A start begins another chain, of another `replica`.
+class Lines:
+    """Where lines go; each is handed over before `write` returns.
 
     Parameters
     ----------
     target : str
-        "stdout", "stderr", or the path of a file, a pipe or a device, which is appended to.
+        "stdout"; "stderr"; "syslog", the one of this machine; "syslog://host:port", one that takes
+        lines over TCP; or the path of a file, a pipe or a device, which is appended to.
+    form : "json" or "fhir"
 
     Raises
     ------
@@ -34,59 +39,102 @@ class AuditStream(Notes):
         If it cannot be opened.
     """
 
-    def __init__(self, target: str) -> None:
-        super().__init__()
-        self.replica = secrets.token_hex(8)
+    def __init__(self, target: str, form: str = "json") -> None:
         self._target = target
-        self._place = GENESIS
-        self._lock = threading.Lock()
-        try:
-            self._file = (
-                os.open(target, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
-                if (target not in _DESCRIPTORS)
-                else os.dup(_DESCRIPTORS[target])
-            )
-        except OSError as error:
-            raise self._unwritten(error) from error
+        self._form = form
+        self._sink = self._opened()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        os.close(self._file)
-
-    async def look_after(self) -> None:
-        """Do nothing: whoever collects the lines looks after them."""
-
-    def append(self, events: list[Event]) -> None:
-        """Write a line for each event.
+    def write(self, entry: AuditEntry, log: str) -> None:
+        """Write an entry, of the log of that name.
 
         Raises
         ------
         StoreError
-            If they cannot be written; lines that were written stay.
+            If it cannot be written.
         """
-        with self._lock:
-            for event in events:
-                entry = chained(self._place, now(), event)
-                line = {
-                    "audit": self.replica,
-                    "number": entry.number,
-                    "time": entry.time,
-                    **asdict(event),
-                    "sha256": entry.sha256,
-                }
-                left = memoryview(json.dumps(line).encode() + b"\n")
-                try:
-                    while left:
-                        left = left[os.write(self._file, left) :]
-                except OSError as error:
-                    raise self._unwritten(error) from error
-                self._place = entry.place
+        content = entry.fhir if self._form == "fhir" else {"audit": log, **entry.line}
+        line = json.dumps(content).encode()
+        try:
+            try:
+                self._send(line)
+            except OSError:
+                # A log host that was begun anew has closed the connection.
+                if not self._target.startswith("syslog"):
+                    raise
+                self.close()
+                self._sink = self._opened()
+                self._send(line)
+        except OSError as error:
+            raise self._unwritten(error) from error
 
-    def _unwritten(self, error: OSError) -> StoreError:
+    def close(self) -> None:
+        """Let go of what was opened."""
+        self._sink.close()
+
+    def _opened(self) -> socket.socket | io.FileIO:
+        try:
+            if self._target in _DESCRIPTORS:
+                return io.FileIO(os.dup(_DESCRIPTORS[self._target]), "wb")
+            if not self._target.startswith("syslog"):
+                flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC
+                return io.FileIO(os.open(self._target, flags, 0o600), "wb")
+            address = urlsplit(self._target)
+            if address.hostname is not None:
+                return socket.create_connection((address.hostname, address.port or 514), _SECONDS)
+            with contextlib.ExitStack() as stack:
+                here = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+                here.connect(address.path or "/dev/log")
+                stack.pop_all()
+                return here
+        except (OSError, ValueError) as error:
+            raise self._unwritten(error) from error
+
+    def _send(self, line: bytes) -> None:
+        if isinstance(self._sink, io.FileIO):
+            left = memoryview(line + b"\n")
+            while left:
+                left = left[self._sink.write(left) :]
+        elif self._sink.family == socket.AF_UNIX:
+            self._sink.sendall(f"{_PRIORITY}modalmotion: ".encode() + line)
+        else:
+            head = f"{_PRIORITY}1 - {socket.gethostname()} modalmotion {os.getpid()} audit - "
+            self._sink.sendall(head.encode() + line + b"\n")
+
+    def _unwritten(self, error: Exception) -> StoreError:
         return StoreError(
-            f"The audit log cannot be written to {self._target[:80]!r}: {error.strerror}.",
-            remedy="Name a stream or a file that this user may write to as "
+            f"The audit log cannot be written to {self._target[:80]!r}: "
+            f"{getattr(error, 'strerror', None) or error}.",
+            remedy="Name a stream, a log host or a file that this user may write to as "
             "MODALMOTION_AUDIT_STREAM.",
         )
+
+
+class AuditStream(Notes):
+    """The audit log of a service that keeps nothing: lines alone, which others collect.
+
+    Each line ends a chain of its own replica: its digest covers the one before, so that a line
+    that is lost on the way shows. A start begins another chain, of another `replica`.
+
+    Parameters
+    ----------
+    lines : Lines
+    """
+
+    def __init__(self, lines: Lines) -> None:
+        super().__init__()
+        self.replica = secrets.token_hex(8)
+        self._lines = lines
+        self._number, self._before = 0, GENESIS
+        self._lock = threading.Lock()
+
+    def close(self) -> None:
+        """Let go of the lines."""
+        self._lines.close()
+
+    def append(self, events: list[Event]) -> None:
+        """Write a line for each event; lines that were written before an error stay."""
+        with self._lock:
+            for event in events:
+                entry = chained(self._number + 1, self._before, now(), event)
+                self._lines.write(entry, self.replica)
+                self._number, self._before = entry.number, entry.sha256

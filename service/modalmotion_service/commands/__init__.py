@@ -3,12 +3,10 @@
 from typing import Final
 
 LINES: Final = {
-    "audit": "Read, check and archive the record of who did what.",
-    "cohort": "Fit a signature to every sequence in MANIFEST; resume where it stopped.",
+    "audit": "Read and check the record of who did what.",
     "keys": "Make, list and take back the keys that open a service.",
     "owners": "See what each owner has, and remove one with everything.",
     "serve": "Start the HTTP service; its documentation is at /docs.",
     "settings": "Show every setting: its variable, value, default and meaning.",
-    "worker": "Work for the Dask scheduler at ADDRESS, such as tcp://host:8786.",
 }
 """One line for each, read for the help of all without an import of any."""

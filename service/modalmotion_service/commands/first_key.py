@@ -12,7 +12,7 @@ from modalmotion_service.access.principal import LOCAL
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.access.site import is_loopback
 from modalmotion_service.audit.key_events import note_key
-from modalmotion_service.audit.notes import Notes
+from modalmotion_service.audit.log import Notes
 from modalmotion_service.settings import Settings
 
 

@@ -42,7 +42,7 @@ def run(settings: Settings, host: str, port: int) -> None:
     StoreError
         If the folder cannot be used, such as by a second service.
     ClusterError
-        If a scheduler is set and cannot be used.
+        If an engine is set and cannot be used.
     """
     prepare_process(settings.log_level)
     if settings.stateless:
@@ -52,7 +52,7 @@ def run(settings: Settings, host: str, port: int) -> None:
         return
     # Said here, before uvicorn would say it with a traceback.
     with ResultStore(settings.data_dir):
-        if settings.scheduler is not None:
+        if settings.engine != "processes":
             open_engine(settings).shutdown()
     chosen = secured(settings, host)
     stated_key(chosen.first_key_file)  # one that cannot be used is no matter of a running server
@@ -70,11 +70,12 @@ def without_store(settings: Settings) -> Settings:
     Raises
     ------
     ParameterError
-        If a scheduler is set, whose workers could not see that folder.
+        If an engine is set whose workers could not see that folder.
     """
-    if settings.scheduler is not None:
+    if settings.engine != "processes":
         raise ParameterError(
-            "A service that keeps nothing does its work itself, and a scheduler is set.",
+            f"A service that keeps nothing does its work itself, and the engine {settings.engine} "
+            "is set.",
             remedy="Start more services with --stateless, or this one without.",
         )
     folder = claim_temporary_folder() / "work"

@@ -30,7 +30,7 @@ from modalmotion_service.access.rates import Rates
 from modalmotion_service.access.scopes import PROBES, Scope, Target, target_of
 from modalmotion_service.access.site import comes_by_loopback, require_same_site
 from modalmotion_service.audit.entry import BEGUN, Event
-from modalmotion_service.audit.notes import Notes
+from modalmotion_service.audit.log import Notes
 from modalmotion_service.errors import AuthenticationError, ForbiddenError, RateLimitedError
 from modalmotion_service.http.observation import CLIENT_GONE
 from modalmotion_service.http.problems import problem_of

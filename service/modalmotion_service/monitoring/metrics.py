@@ -22,8 +22,7 @@ from modalmotion_service.http.gate import route_of
 from modalmotion_service.http.observation import CLIENT_GONE
 from modalmotion_service.monitoring.readiness import require_ready
 from modalmotion_service.monitoring.telemetry import Telemetry
-from modalmotion_service.work.executor import Engine
-from modalmotion_service.work.terms import Terms
+from modalmotion_service.work.engine import Engine, Terms
 from modalmotion_service.workspace.owners import Owners
 
 P = ParamSpec("P")

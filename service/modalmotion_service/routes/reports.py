@@ -7,7 +7,7 @@ from typing import Annotated, Final
 
 from fastapi import Header, Query, Request, Response
 
-from modalmotion.report.dicom import require_space
+from modalmotion.reports.dicom import require_space
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import CSV, FHIR, PDF, RAW, ZIP, best_type

@@ -11,9 +11,8 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from modalmotion.facts import NO_FACTS, Facts, facts_as_json, facts_patched
-from modalmotion.store import UNSET
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
-from modalmotion_service.http.gate import note_facts
+from modalmotion_service.http.gate import note_facts, note_ids
 from modalmotion_service.http.json_bodies import JsonRoute
 from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.routes.parts.deferral import result_or_job
@@ -34,6 +33,7 @@ from modalmotion_service.schemas import (
 )
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.erasure import erase
+from modalmotion_service.workspace.restating import restate
 
 NamedQuery = TypeVar("NamedQuery", bound=BaseModel)
 
@@ -145,13 +145,15 @@ def summary(sequence_id: SequenceId, store: StoreDependency, request: Request) -
 
 
 @router.patch("/{sequence_id}", response_model=SequenceSummary)
-def change(
-    sequence_id: SequenceId, body: SequenceNames, store: StoreDependency, request: Request
+async def change(
+    sequence_id: SequenceId, body: SequenceNames, state: StateDependency, request: Request
 ) -> Response:
-    """Change subject, label and facts: what is left out stays, null takes it away.
+    """Change name, subject, label, facts, unit and times: what is left out stays, null removes it.
 
     Facts are changed as by a JSON merge patch (RFC 7396). Results that depend on a changed fact
-    are computed again on request; the others stay.
+    are computed again on request; the others stay. Unit and times are part of the id: another
+    sequence takes the place of this one, which is deleted with its results, and the answer and
+    Content-Location name the new one. Positions stay as they are.
     """
     stated = body.model_fields_set
     changed: list[str] = []
@@ -163,14 +165,20 @@ def change(
         changed.extend(facts.changed(known))
         return facts
 
-    record = store.update_sequence(
-        sequence_id,
-        subject=body.subject if "subject" in stated else UNSET,
-        label=body.label if "label" in stated else UNSET,
-        change=changed_facts,
+    names = {name: getattr(body, name) for name in ("name", "subject", "label") if name in stated}
+    current = sequence_id
+    if body.restates:
+        current = await restate(state, sequence_id, body, changed_facts)
+        note_ids(request, [current])
+    record = await asyncio.to_thread(
+        state.store.update_sequence, current, change=changed_facts, **names
     )
+    if current != sequence_id:
+        await erase(state, sequence_id)
     note_facts(request, changed)
-    return _answer(SequenceSummary.of(record), 200)
+    answer = _answer(SequenceSummary.of(record), 200)
+    answer.headers["Content-Location"] = answer.headers["location"]
+    return answer
 
 
 @router.delete("/{sequence_id}", status_code=204)

@@ -21,12 +21,10 @@ class FeatureOptions(BaseModel):
     )
     kind: Literal["auto", "axis", "summary", "modes", "terms"] = Field(
         "auto",
-        description="Parts about the axis of the motion, modes in few numbers, modes, or modes "
-        "and their terms.",
+        description="Parts about the axis, modes in few numbers, modes and their products, or "
+        "these and their terms.",
     )
-    timing: Literal["auto", "cycle", "course"] = "auto"
-    harmonics: int = Field(2, ge=1, le=8)
-    walls: Literal["auto", "yes", "no"] = "auto"
+    timing: Literal["auto", "cycle", "transient"] = "auto"
     covariates: Literal["all"] | list[str] | None = Field(
         None, description="Names of covariates that become columns, or all."
     )

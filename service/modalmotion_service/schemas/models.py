@@ -55,7 +55,7 @@ class TrainingRequest(JsonBody):
                 {
                     "name": "wall-motion",
                     "sequences": ["0" * 64, {"id": "1" * 64, "label": "akinesia"}],
-                    "options": {"modes": 7, "coverage": 0.9},
+                    "options": {"modes": 7, "timing": "cycle"},
                 }
             ]
         },
@@ -139,27 +139,6 @@ class RepetitionAnswer(BaseModel):
     calibration_error: float
 
 
-class LearningPoint(BaseModel):
-    """Models of fewer cases: means over repetitions, and their least and largest."""
-
-    per_class: int = Field(description="Most training cases of each class.")
-    n_cases: int = Field(description="Training cases of all classes.")
-    accuracy: float
-    accuracy_range: tuple[float, float]
-    auc: float | None
-    auc_range: tuple[float, float] | None
-    log_loss: float
-    log_loss_range: tuple[float, float]
-
-
-class FoldChoice(BaseModel):
-    """Features that a fold of the cross-validation chose."""
-
-    repetition: int
-    fold: int
-    choices: list[tuple[str, float]] = Field(description="In words, with their weights.")
-
-
 class ConfoundAnswer(BaseModel):
     """How well a condition of the recordings alone tells the classes apart."""
 
@@ -236,14 +215,7 @@ class ModelCardAnswer(PerformanceAnswer):
     repetitions: list[RepetitionAnswer] = Field(
         description="Of the cross-validation; the figures are their means."
     )
-    learning_curve: list[LearningPoint] = Field(
-        description="The last point is of all cases; empty where it was left out."
-    )
-    fold_choices: list[FoldChoice]
     confounds: list[ConfoundAnswer] = Field(description="Stated conditions of the recordings.")
-    decision: dict[str, Any] | None = Field(
-        description="How probabilities become a label; null for the most probable class."
-    )
     coverage: float = Field(description="Level of the class sets below.")
     class_coverage: dict[str, float] = Field(
         description="Share of each class whose set held it, in cross-validation."

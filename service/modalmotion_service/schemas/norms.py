@@ -55,7 +55,7 @@ class NormAnswer(BaseModel):
     name: str
     id: str = Field(description="sha256 of everything that its answers depend on.")
     n_controls: int
-    topologies: list[str]
+    topology: str
     n_modes: int
     features: str = Field(description="Kind of the features, in words.")
     groups: list[str] = Field(description="Groups of features that are answered one by one.")

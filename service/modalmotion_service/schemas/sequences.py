@@ -104,6 +104,7 @@ class SequenceSummary(BaseModel):
     grid: list[int] | None = Field(description="Nodes along each axis of a lattice.")
     unit: str | None = Field(description="Length unit; null if unknown.")
     has_times: bool
+    name: str | None = Field(description="What its owner calls it, such as the name of a file.")
     subject: str | None
     label: str | None
     created: str = Field(description="When it was first received, ISO 8601 in UTC.")
@@ -126,6 +127,7 @@ class SequenceSummary(BaseModel):
             grid=None if record.grid is None else list(record.grid),
             unit=record.unit,
             has_times=record.has_times,
+            name=record.name,
             subject=record.subject,
             label=record.label,
             created=record.created,
@@ -147,8 +149,20 @@ class SequencePageAnswer(BaseModel):
 
 
 class SequenceNames(JsonBody):
-    """Names and facts of a sequence: a missing field stays, null removes it."""
+    """What is stated of a sequence: a missing field stays, null removes it."""
 
+    name: str | None = Field(
+        None, max_length=200, description="What to call it, such as the name of a file."
+    )
     subject: str | None = Field(None, max_length=200, description="Whose surface it is.")
     label: str | None = Field(None, max_length=200, description="Known motion class.")
     facts: FactsPatch | None = Field(None, description="Null makes all of them unknown.")
+    unit: str | None = Field(None, max_length=20, description="m, cm, mm, um or nm.")
+    times: list[float] | None = Field(
+        None, max_length=100_000, description="Of the frames, in s, rising."
+    )
+
+    @property
+    def restates(self) -> bool:
+        """Whether it makes another sequence: unit and times are part of its id."""
+        return bool(self.model_fields_set & {"unit", "times"})

@@ -1,43 +1,108 @@
-"""Where work is done: in processes here, or on the workers of a scheduler."""
+"""Where work is done, behind the standard `Executor`: callers see no difference.
+
+Engines are found by name as entry points `modalmotion.engines`, each a callable that takes the
+settings and gives an `Engine`.
+"""
 
 from __future__ import annotations
 
-from importlib.util import find_spec
-from pathlib import Path
+import math
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from typing import Final, ParamSpec, TypeVar
 
-from modalmotion.errors import needs_extra
-from modalmotion.store.disk.atomic import make_folder
+from modalmotion.errors import ParameterError
 from modalmotion_service.settings import Settings
-from modalmotion_service.work.dask.executor import DaskExecutor
-from modalmotion_service.work.executor import Engine
-from modalmotion_service.work.pool import WorkerPool
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+READY_SECONDS: Final = 2.0
+"""In which a process that does nothing must say that it is there."""
 
 
-def open_engine(settings: Settings, folder: Path | None = None) -> Engine:
-    """Start what the settings say.
+@dataclass(frozen=True)
+class Terms:
+    """On what terms a task is done.
 
     Parameters
     ----------
-    settings : Settings
-        With a `scheduler`, work is sent to its workers; else `workers` processes do it here,
-        and one more what is short.
-    folder : Path, optional
-        Folder that a scheduler's workers must share, with a file in it that they are known by;
-        `cluster` in the data folder by default.
+    owner : str
+        Whose turn it takes.
+    price : float, s
+        Processor time that an honest file of its size takes; infinite where nobody knows.
+    most_seconds : float, s
+        Processor time after which it is ended.
+    """
+
+    owner: str = ""
+    price: float = math.inf
+    most_seconds: float = math.inf
+
+
+NO_TERMS: Final = Terms()
+"""Of work of the service's own, which no owner asked for."""
+
+
+class Engine(Executor):
+    """An executor of tasks that says how much it does at once, and whether it can.
+
+    Tasks are functions of a module, carry paths and small values, and may run twice.
+    """
+
+    @property
+    @abstractmethod
+    def n_workers(self) -> int:
+        """Tasks that run at the same time."""
+
+    @property
+    @abstractmethod
+    def n_waiting(self) -> Mapping[str, int]:
+        """Tasks that wait for a process, by lane: `short` and `long`."""
+
+    @property
+    @abstractmethod
+    def are_parsers_confined(self) -> bool | None:
+        """Whether its workers confine what parses HDF5 and VTK; None where only they know."""
+
+    @abstractmethod
+    def require_ready(self) -> None:
+        """Raise ClusterError if a task could not be run now."""
+
+    @abstractmethod
+    def submit_for(
+        self, terms: Terms, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs
+    ) -> Future[T]:
+        """Run a task on these terms; cancelling the future gives it up."""
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Run a task of nobody's in particular; cancelling the future gives it up."""
+        return self.submit_for(NO_TERMS, fn, *args, **kwargs)
+
+
+def open_engine(settings: Settings) -> Engine:
+    """Start the engine that the settings name: processes of this machine by default.
 
     Raises
     ------
+    ParameterError
+        If there is none of that name.
     ClusterError
-        If there is no such scheduler, it has no workers, or one does not share the folder.
+        If it cannot be reached.
     """
-    limits = (settings.task_seconds, settings.task_memory_bytes)
-    if settings.scheduler is None:
+    if settings.engine == "processes":
+        from modalmotion_service.work.pool import WorkerPool
+
+        limits = (settings.task_seconds, settings.task_memory_bytes)
         return WorkerPool(settings.workers, *limits, has_lane=True)
-    with needs_extra("cluster"):
-        if find_spec("distributed") is None:
-            raise ModuleNotFoundError(name="distributed")
-    shared = settings.data_dir.absolute() / "cluster" if folder is None else folder
-    make_folder(shared)
-    return DaskExecutor(
-        settings.scheduler, shared, *limits, connect_seconds=settings.cluster_seconds
+    for entry in entry_points(group="modalmotion.engines", name=settings.engine):
+        engine: Engine = entry.load()(settings)
+        return engine
+    known = sorted(entry.name for entry in entry_points(group="modalmotion.engines"))
+    raise ParameterError(
+        f"MODALMOTION_ENGINE is {settings.engine!r}, and there is no such engine.",
+        remedy=f"Set it to one of: {', '.join(['processes', *known])}.",
     )

@@ -10,8 +10,8 @@ from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+from modalmotion_service.work.engine import NO_TERMS, Terms
 from modalmotion_service.work.fair_queue import FairQueue
-from modalmotion_service.work.terms import NO_TERMS, Terms
 
 SHORT_SECONDS: Final = 0.1
 """Price of the dearest task that is short work."""

@@ -19,13 +19,12 @@ from modalmotion.store.disk.atomic import cannot_write
 from modalmotion.store.disk.faults import is_of_the_machine
 from modalmotion_service.errors import CostError, NoWorkerError, WorkerDiedError
 from modalmotion_service.work.answers import AnswerError
-from modalmotion_service.work.executor import READY_SECONDS, Engine
+from modalmotion_service.work.engine import READY_SECONDS, Engine, Terms
 from modalmotion_service.work.keeper import Keeper, Rules
 from modalmotion_service.work.lanes import Lanes, Task
 from modalmotion_service.work.parsing import are_confined
 from modalmotion_service.work.payload import payload_of
 from modalmotion_service.work.process import DeadlineError, ProcessLostError, SpentError
-from modalmotion_service.work.terms import Terms
 
 P = ParamSpec("P")
 T = TypeVar("T")

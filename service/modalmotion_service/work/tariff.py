@@ -21,6 +21,7 @@ from modalmotion.tradeoff.predicted_time import (
 )
 from modalmotion_service.http.negotiation import PNG
 from modalmotion_service.schemas import EncodingTarget, ModesQuery
+from modalmotion_service.work.engine import Terms
 from modalmotion_service.work.tasks import (
     batches,
     classification,
@@ -38,7 +39,6 @@ from modalmotion_service.work.tasks import (
     views,
 )
 from modalmotion_service.work.tasks.norms import KeptRecording
-from modalmotion_service.work.terms import Terms
 from modalmotion_service.work.upload import Upload
 
 # s for a picture, of which the first imports what draws it.
@@ -214,6 +214,7 @@ def _tracking(args: Sequence[Any]) -> float:
 
 _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     sequences.ingest: _reading,
+    sequences.restated: _reading,
     signatures.sign: _signature,
     signatures.sign_upload: _signature,
     signatures.signature_as_json: _reading,

@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from modalmotion.classification.features.hand import hand_of
-
 from modalmotion.classification import OFFSET_MODEL, Classification
 from modalmotion.errors import NotFoundError, TopologyError
 from modalmotion.facts import NO_FACTS, UNKNOWN, Facts
@@ -107,8 +105,7 @@ class Models(ModelVersions):
         parameters, known = self._analysis.resolved(sequence_id, model.parameters)
         facts = stated.over(known)
         tracking = facts.tracking if model.name == OFFSET_MODEL else UNKNOWN
-        hand = hand_of(facts)
-        key = classification_key(parameters, coverage, facts.covariates, tracking, hand)
+        key = classification_key(parameters, coverage, tracking, facts.handedness, facts.cavity)
 
         async def named(asked: SignatureParameters, tell: StageReport) -> classification.NamedClass:
             def tell_of_signature(share: float, text: str) -> None:

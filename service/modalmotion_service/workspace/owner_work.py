@@ -11,7 +11,7 @@ from typing import Any, ParamSpec, TypeVar
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import StageReport
 from modalmotion.store import ResultStore
-from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.engine import Engine
 from modalmotion_service.work.owner import work_of
 from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.work.task_progress import followed

@@ -17,7 +17,7 @@ from modalmotion.errors import ModalMotionError
 from modalmotion.store import ResultStore, backup_time
 from modalmotion_service.access.principal import LOCAL, require_owner
 from modalmotion_service.settings import Settings
-from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.engine import Engine
 from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.evaluations import Evaluations

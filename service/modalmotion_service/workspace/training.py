@@ -26,11 +26,10 @@ from modalmotion.errors import (
 from modalmotion.signature.making import SignatureKind, SignatureParameters
 from modalmotion.store import ModelRecord, ResultStore, model_from_hdf5
 from modalmotion_service.errors import CostError
-from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.engine import Engine, Terms
 from modalmotion_service.work.owner import work_of
 from modalmotion_service.work.task_progress import followed
 from modalmotion_service.work.tasks import training as training_task
-from modalmotion_service.work.terms import Terms
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.spool import Spool, remove_with_beside

@@ -17,8 +17,6 @@ import pytest
 
 import modalmotion as mm
 from modalmotion.errors import ModalMotionError
-from modalmotion.formats import write_npz
-from modalmotion.formats.volumes import read_images
 from modalmotion.mesh import face_areas
 
 ROOT: Final = Path(mm.__file__).parent
@@ -93,13 +91,18 @@ BEAT: Final = "mesh_sequence(vertices, faces)"
     ("attempt", "remedy"),
     [
         (lambda: mm.modal_signature(7), BEAT),  # type: ignore[arg-type]
-        (lambda: mm.modal_signature(beat().vertices), BEAT),  # type: ignore[arg-type]
-        (lambda: mm.modal_signature(beat(), 7), "(..., SignatureParameters(modes=7))"),  # type: ignore[arg-type]
+        (lambda: mm.modal_signature(np.zeros(4)), BEAT),  # type: ignore[arg-type]
         (lambda: mm.modal_signature(beat(), node=7), "modal_signature(sequence, parameters=None"),  # type: ignore[call-arg]
-        (lambda: mm.classify(beat().vertices), "modal_signature(sequence)"),  # type: ignore[arg-type]
-        (lambda: mm.to_html(beat()), "modal_signature(sequence)"),  # type: ignore[arg-type]
+        (lambda: mm.modal_signature(beat(), "7"), "Give a SignatureParameters"),  # type: ignore[arg-type]
+        (lambda: mm.classify({}), "modal_signature(sequence)"),  # type: ignore[arg-type]
+        (lambda: mm.to_html(object()), "sequence.signature()"),  # type: ignore[arg-type]
         (lambda: mm.mesh_sequence(None), "float32 or float64 coordinates"),
-        (lambda: read_images("there is none.nii.gz"), "NIfTI"),  # type: ignore[arg-type]
+        (lambda: mm.read("there is none.npz"), "Name a file"),
+        (lambda: mm.read_images("there is none.nii.gz"), "NIfTI"),  # type: ignore[arg-type]
+        (lambda: mm.track("there is none"), "zip or folder"),
+        (lambda: mm.track([np.zeros((9, 3))], mode=7), "landmarks"),
+        (lambda: mm.save(beat(), "beat.xyz"), ".vtkhdf"),
+        (lambda: mm.plot(3), "read(path)"),
         (lambda: face_areas(np.zeros((3, 3)), np.zeros((1, 3))), "array of whole numbers"),  # type: ignore[arg-type]
         (lambda: mm.read_sequence(7), "Name a file"),  # type: ignore[arg-type]
     ],
@@ -111,13 +114,26 @@ def test_first_guesses_are_told_what_to_write(attempt: Callable[[], Any], remedy
 
 
 def test_what_is_clear_is_taken_as_it_is_meant(tmp_path: Path) -> None:
-    path = tmp_path / "beat.npz"
-    path.write_bytes(write_npz(beat()))
+    path = beat().save(tmp_path / "beat.npz")
     own = mm.modal_signature(beat(), mm.SignatureParameters(modes=4))
-    reading = mm.read_sequence(str(path))
-    assert mm.modal_signature(reading, modes=4).rms_error == own.rms_error  # type: ignore[arg-type,call-arg]
-    assert mm.classify(reading, coverage=0.8).coverage == 0.8  # type: ignore[arg-type]
+    for motion in (beat(), mm.read_sequence(str(path)), path, str(path)):
+        for made in (mm.modal_signature(motion, 4), mm.modal_signature(motion, modes=4)):  # type: ignore[arg-type,call-arg]
+            assert made.rms_error == own.rms_error
+    assert mm.classify(mm.read_sequence(path), coverage=0.8).coverage == 0.8  # type: ignore[arg-type]
     assert mm.read_sequence(path, frame_interval=0.1).sequence.times is not None  # type: ignore[call-arg]
+    assert mm.to_html(beat()) == mm.to_html(beat().signature())  # type: ignore[arg-type]
+    assert mm.decode(beat().encode(max_error=0.1)).n_frames == 4  # type: ignore[arg-type]
+
+
+def test_an_array_is_a_sequence_without_faces(tmp_path: Path) -> None:
+    # A ring of points is a curve; of a surface the error asks for its faces.
+    at = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    ring = np.stack([np.stack([np.cos(at), r * np.sin(at), 0 * at], axis=1) for r in (1, 1.1)])
+    signature = mm.modal_signature(ring, topology="closed curve")  # type: ignore[arg-type,call-arg]
+    assert signature.n_vertices == 12
+    for ask in (mm.modal_signature, mm.classify):
+        with pytest.raises(ModalMotionError, match="faces"):
+            ask(beat().vertices)  # type: ignore[arg-type]
 
 
 def test_an_error_within_is_not_hidden_and_a_door_is_the_function() -> None:

@@ -179,7 +179,7 @@ def test_a_simulated_cohort_is_a_manifest_and_its_files(tmp_path: Path) -> None:
 def test_manifests_of_any_spreadsheet_are_read(
     folder: Path, tmp_path: Path, delimiter: str
 ) -> None:
-    from modalmotion.cli.cases import LabelledSequence, read_manifest
+    from modalmotion.classification.training.manifest import LabelledSequence, read_manifest
 
     wanted = read_manifest(folder / "train.csv")
     manifest = folder / f"other-{ord(delimiter)}.csv"

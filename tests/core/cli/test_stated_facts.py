@@ -8,8 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from modalmotion import Facts, ParameterError
+from modalmotion.classification.training.manifest import read_manifest
 from modalmotion.cli import main
-from modalmotion.cli.cases import read_manifest
 from modalmotion.cli.stated_facts import stated_facts
 from modalmotion.errors import MalformedFileError
 from modalmotion.facts import facts_from_json

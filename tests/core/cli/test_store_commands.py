@@ -82,8 +82,8 @@ def test_a_first_backup_that_was_cut_short_is_gone_on_with(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_copied: int
 ) -> None:
     copy, real = tmp_path / "copy", sqlite3.connect
-    # Two connections for each database.
-    left = iter(range(2 * n_copied))
+    # A connection for each database.
+    left = iter(range(n_copied))
 
     def connect(path: Path) -> sqlite3.Connection:
         if next(left, None) is None:

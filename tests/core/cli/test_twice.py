@@ -17,7 +17,6 @@ COMMANDS = main.list_commands(click.Context(main))
 # What each does at little cost. These run until they are ended, or cost a training.
 LONG = {
     "serve",
-    "worker",
     "train",
     "evaluate",
     "compare-models",

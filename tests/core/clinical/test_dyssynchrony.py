@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from modalmotion.clinical.dyssynchrony import dyssynchrony
+import modalmotion as mm
+from modalmotion.clinical.dyssynchrony import dyssynchrony, segment_volumes, volume_variances
+from modalmotion.clinical.smooth_wall import smooth_walls
+from modalmotion.clinical.wall_motion import WallMotion
 
 PHASES = np.arange(30) / 30
 
@@ -36,6 +39,23 @@ def test_noise_does_not_count_as_dyssynchrony() -> None:
     values, low, high = np.array([one for one in found if one is not None]).T
     assert abs(values.mean() - true) < 0.5
     assert ((low <= true) & (true <= high)).mean() > 0.8
+
+
+def test_volumes_of_segments_are_off_by_what_is_stated() -> None:
+    beat = mm.simulate_ventricle(
+        grid=(16, 32), acquisition=mm.Acquisition(n_frames=1), rng=np.random.default_rng(5)
+    )
+    rng = np.random.default_rng(6)
+    noise = 0.5 * rng.normal(size=(200, beat.n_vertices, 3))
+    # The first frame has no noise, so that places are those of the surface itself.
+    positions = beat.vertices.astype(np.float64) + np.concatenate([0 * noise[:1], noise])
+    fine, _ = smooth_walls(mm.make_template(beat), is_lattice=True)
+    motion = WallMotion.of(positions, None, fine, 0)
+    segment = np.arange(motion.places.values.shape[0]) % motion.places.shape[1] // 12
+    n = int(segment.max()) + 1
+    true = segment_volumes(motion, segment, n)[1:].std(axis=0)
+    stated = np.sqrt(volume_variances(motion, segment, n, 1))
+    assert np.allclose(stated / true, 1.0, atol=0.25)
 
 
 def test_few_frames_and_part_of_a_cycle_have_none() -> None:

@@ -15,8 +15,8 @@ from modalmotion.clinical.ventricle import ventricle_readouts
 from modalmotion.exports.table import Recording, cohort_table, frame_table
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.mesh.uncertainty import Uncertainty
-from modalmotion.report import fhir_json, report_of
-from modalmotion.report.quantities import quantities_of
+from modalmotion.reports import fhir_json, report_of
+from modalmotion.reports.quantities import quantities_of
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template import make_template

@@ -26,12 +26,12 @@ from codec_sequences import (
 
 from modalmotion.codec import Effort, decode, encode, inspect
 from modalmotion.codec import transforms as codec_choice
-from modalmotion.codec.bits.guard import find_guards
-from modalmotion.codec.bits.varint import read_varint, write_varint
+from modalmotion.codec.coder import read_varint, write_varint
 from modalmotion.codec.container import _write_header, read_header
 from modalmotion.codec.modes import joined
 from modalmotion.codec.modes.modes_section import read_modes
 from modalmotion.codec.modes.patch_modes import Cut
+from modalmotion.codec.rounding import find_guards
 from modalmotion.errors import LimitError, MalformedFileError, ParameterError
 from modalmotion.limits import NO_LIMITS, ReadLimits
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from modalmotion.codec import Effort, decode, encode, inspect
-from modalmotion.codec.bits.varint import read_varint, write_varint
+from modalmotion.codec.coder import read_varint, write_varint
 from modalmotion.codec.encoder import LONGEST_BLOCK
 from modalmotion.codec.frames import fewest_corrections
 from modalmotion.codec.search import least

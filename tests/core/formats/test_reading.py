@@ -201,7 +201,7 @@ def test_what_does_not_fit_the_file_is_refused(options: ReadOptions) -> None:
         (b"MATLAB 5.0 MAT-file, made by a test", "MATLAB"),
         (b'{"asset": {"version": "2.0"}}', ".glb"),
         (b"\x1f\x8b\x08" + bytes(40), "compressed"),
-        (b"<VTKFile type='UnstructuredGrid'>", "UnstructuredGrid"),
+        (b"<VTKFile type='ImageData'>", "ImageData"),
         (b"<VTKFile type='Collection'>", "Collection"),
         (b"\x89HDF\r\n\x1a\n", "cannot be read"),
         (zipped({"a.txt": b"x"}), "no frames"),

@@ -11,6 +11,7 @@ import pytest
 import modalmotion as mm
 from modalmotion.choice.parameters import ErrorKind
 from modalmotion.codec import encode
+from modalmotion.modes import whole_count
 from modalmotion.numeric.kinds import one_of, real, truth, whole, whole_numbers
 from modalmotion.tradeoff import measure_front
 
@@ -50,7 +51,7 @@ REFUSED: dict[str, Callable[[], object]] = {
     "A stiffness is 'x'": lambda: LATTICE(mm.PLANE, (4, 4), stiffness=(1.0, "x")),
     "mass is True": lambda: LATTICE(mm.PLANE, (4, 4), mass=True),
     "n_modes is 7.5": lambda: LOWEST(mm.CUP, 7.5),
-    "n_modes is True": lambda: mm.whole_count(mm.CUP, True),
+    "n_modes is True": lambda: whole_count(mm.CUP, True),
     "n_bytes is 2000.5": lambda: encode(small(), n_bytes=2000.5),  # type: ignore[arg-type]
     "'rms' of encode.. is a str": lambda: encode(small(), rms="a"),  # type: ignore[arg-type]
     "n_frames is 2.5": lambda: mm.Acquisition(n_frames=2.5),  # type: ignore[arg-type]

@@ -33,7 +33,7 @@ def test_every_wave_has_a_name_of_its_own(topology: Topology, components: Compon
 
 def test_names_say_what_the_components_make_of_a_mode() -> None:
     whole, round_ = ModeLabel((0, 0), "cos"), ModeLabel((0, 1), "cos")
-    assert plain_name(CUP, whole) == "shift of the whole"
+    assert plain_name(CUP, whole) == "translation"
     assert "contraction" in plain_name(CUP, round_)
     assert "contraction" in plain_name(CUP, whole, Components.CYLINDRICAL)
     assert plain_name(CUP, whole, is_offset=True) == "all outward or all inward"

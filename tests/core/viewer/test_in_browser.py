@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import csv
 import json
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -21,8 +23,9 @@ from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP
 from modalmotion.signature.making import SignatureParameters, modal_signature
-from modalmotion.signature.reconstruction import reconstruct
+from modalmotion.signature.reconstruction import fitted_on, reconstruct
 from modalmotion.simulate import Acquisition, simulate_ventricle
+from modalmotion.template.directions import Direction, directions_on
 from modalmotion.tracking import track
 from modalmotion.viewer.bundle_files import script, style
 from modalmotion.viewer.container import read_container
@@ -160,13 +163,13 @@ def test_everything_is_worked_by_keyboard(chromium: Browser, beat_page: str) -> 
     with chromium.open(beat_page) as opened:
         opened.shown()
         page = opened.page
-        names = focused(opened, 45)
+        names = focused(opened, 60)
         assert any("Arrow keys turn it" in name for name in names)
         # Of radio buttons the chosen one is reached, and arrows choose another.
         left_out = page.evaluate(
-            "[...document.querySelectorAll('button, input, select, canvas, a[href]')]"
+            "[...document.querySelectorAll('button, input, select, summary, [tabindex], a[href]')]"
             ".filter((e) => !e.disabled && e.type !== 'radio' && !e.closest('[hidden]')"
-            " && !e.dataset.reached).map((e) => e.outerHTML)"
+            " && e.checkVisibility() && !e.dataset.reached).map((e) => e.outerHTML)"
         )
         assert left_out == []
         page.focus("canvas")
@@ -177,9 +180,12 @@ def test_everything_is_worked_by_keyboard(chromium: Browser, beat_page: str) -> 
         assert page.evaluate("modalmotion.stage.zoom") > 1
         page.keyboard.press("Home")
         assert page.evaluate("modalmotion.stage.yaw") == yaw
+        # A still page opens at end systole.
+        frame = page.evaluate("modalmotion.header.volume.end_systole")
         page.keyboard.press(".")
+        page.keyboard.press(",")
         page.keyboard.press(".")
-        assert page.evaluate("Math.round(modalmotion.place(0))") == 2
+        assert page.evaluate("Math.round(modalmotion.place(0))") == frame + 1
         page.keyboard.press(" ")
         assert page.evaluate("modalmotion.isPlaying")
         page.keyboard.press(" ")
@@ -298,8 +304,10 @@ def test_reasons_of_the_class_set_the_modes_and_a_narrow_page_has_all(
 ) -> None:
     with chromium.open(beat_page, viewport={"width": 380, "height": 800}) as opened:
         page = opened.shown().page
-        assert page.locator(".class .big").text_content()
+        sentence = page.locator(".class .sentence").text_content()
+        assert re.match(r"Normal with probability 0\.\d\d; .+ at 90 %", sentence), sentence
         assert "object" not in page.locator(".class").text_content()
+        page.get_by_text("What moved the answer").click()
         reason = page.locator(".reasons button:not(:disabled)").first
         reason.click()
         gains = page.evaluate("Array.from(modalmotion.gains[0])")
@@ -312,19 +320,110 @@ def test_reasons_of_the_class_set_the_modes_and_a_narrow_page_has_all(
         )
 
 
-@pytest.mark.thorough
-def test_the_table_of_the_page_holds_every_amplitude(
-    chromium: Browser, page_of: Callable[..., str], tmp_path: Path
+def test_read_outs_have_intervals_definitions_and_named_moments(
+    chromium: Browser, beat_page: str
 ) -> None:
-    sequence, signature = viewed("plane")
-    with chromium.open(page_of(View(signature, sequence, "plane"))) as opened:
+    with chromium.open(beat_page, viewport={"width": 1280, "height": 800}) as opened:
+        page = opened.shown().page
+        rows = page.locator(".readouts tbody tr").all_text_contents()
+        names = ["EDV", "ESV", "SV", "GLS", "GCS", "GAS", "SDI"]
+        assert [row.split("\u2212")[0].rstrip("0123456789. mlcyofth%\u00b1") for row in rows]
+        for name, row in zip(names, rows, strict=True):
+            assert row.startswith(name)
+            assert " to " in row or "less than" in row
+        page.get_by_text("Definitions").click()
+        assert page.locator(".definitions dt:visible").all_text_contents() == ["EF", *names]
+        # Both moments are named in both charts, and the bull's-eye says when it is.
+        for title in ("Volume", "Strain"):
+            chart = page.locator(".chart", has=page.get_by_role("heading", name=title))
+            assert chart.locator(".tick.strong").all_text_contents()[:2] == ["ED", "ES"]
+        rings = page.locator(".chart", has=page.get_by_role("heading", name="Rings"))
+        before = rings.locator(".segment-text").all_text_contents()
+        assert "at end systole" in rings.locator(".note").first.text_content()
+        page.evaluate("modalmotion.seek(0)")
+        page.wait_for_timeout(100)
+        assert rings.locator(".segment-text").all_text_contents() == before
+        heights = page.evaluate(
+            "[...document.querySelectorAll('.chart > svg')].map(e => e.clientHeight)"
+        )
+        assert min(heights) >= 180
+
+
+def test_a_mode_has_one_colour_and_dash_and_a_picture(chromium: Browser, beat_page: str) -> None:
+    with chromium.open(beat_page) as opened:
+        page = opened.shown().page
+        opened.wait("modalmotion.pictures.strips.every(Boolean)")
+        page.wait_for_timeout(100)
+        seen = page.evaluate("""(() => {
+            const style = (e) => getComputedStyle(e);
+            const bars = [...document.querySelectorAll('.level')].map(e =>
+                style(e).backgroundColor);
+            const rows = [...document.querySelectorAll('.modes li')].map(e =>
+                e.querySelector('code').textContent.replace(', cos', ''));
+            const ends = [...document.querySelectorAll('text.end')].filter(e =>
+                e.textContent.startsWith('('));
+            const curves = [...document.querySelectorAll('path.tone.curve')];
+            const inked = [...document.querySelectorAll('.mode-picture')].map(e =>
+                e.getContext('2d').getImageData(0, 0, e.width, e.height).data.some(x => x));
+            return { bars: Object.fromEntries(rows.map((r, i) => [r, bars[i]])),
+                ends: Object.fromEntries(ends.map(e => [e.textContent, style(e).fill])),
+                dashes: curves.map(e => e.getAttribute('stroke-dasharray')), inked };
+        })()""")
+        assert len(seen["ends"]) == 5
+        assert {name: seen["bars"][name] for name in seen["ends"]} == seen["ends"]
+        assert len(set(seen["dashes"])) == 5
+        assert all(seen["inked"])
+
+
+def test_inward_motion_is_the_usual_colour_of_a_cavity_alone(
+    chromium: Browser, page_of: Callable[..., str]
+) -> None:
+    sequence = simulate_ventricle(grid=(12, 24), acquisition=Acquisition(n_frames=12))
+    signature = modal_signature(sequence)
+    view = View(signature, sequence)
+    header, _ = read_container(view.payload())
+    start, end = header["volume"]["end_diastole"], header["volume"]["end_systole"]
+    used = fitted_on(signature, sequence)
+    outward = directions_on(used, Direction.NORMAL)
+    true = reconstruct(signature, sequence)
+    body = [
+        (true[frame] - signature.translations[frame] - used.weights @ true[0])
+        @ signature.rotations.matrices[frame]
+        for frame in (start, end)
+    ]
+    expected = np.einsum("vd,vd->v", outward, body[0] - body[1])
+    for draw in ("sum", "shader"):
+        with chromium.open(f"{page_of(view)}?draw={draw}") as opened:
+            opened.shown()
+            assert opened.page.evaluate("modalmotion.colour") == "inward"
+            gains = [1] * len(header["waves"])
+            read = opened.page.evaluate(f"modalmotion.read(0, 'superposed', {end}, {gains}, 3)")
+            shown = np.array(read["values"])
+            assert np.median(shown) > 3.0
+            # Normals of vertices are weighed otherwise by either side.
+            assert np.abs(shown - expected).max() <= 0.05 * np.abs(expected).max()
+    sheet, signature = viewed("plane")
+    with chromium.open(page_of(View(signature, sheet))) as opened:
+        assert opened.shown().page.evaluate("modalmotion.colour") == "motion"
+        assert opened.page.locator("input[name=colour][value=inward]").count() == 0
+
+
+@pytest.mark.thorough
+def test_the_table_of_the_page_has_a_row_for_each_frame(
+    chromium: Browser, beat_page: str, tmp_path: Path
+) -> None:
+    with chromium.open(beat_page) as opened:
         page = opened.shown().page
         with page.expect_download() as started:
             page.get_by_text("Table (CSV)").click()
         started.value.save_as(tmp_path / "table.csv")
-    rows = (tmp_path / "table.csv").read_text().strip().splitlines()
-    assert len(rows) == 1 + signature.amplitudes.size
-    assert "plane" in json.dumps(signature.surface)
+        kept = page.evaluate("Array.from(modalmotion.motions[0].amplitudes)")
+    with (tmp_path / "table.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 12
+    assert {"time_s", "volume_ml", "GLS_percent", "error_rms"} <= set(rows[0])
+    written = [float(x) for row in rows for name, x in row.items() if name.startswith("(")]
+    assert written == kept
 
 
 @pytest.mark.parametrize("n_widgets", [10, pytest.param(20, marks=pytest.mark.soak)])

@@ -15,10 +15,9 @@ from modalmotion.cli import main
 from modalmotion.errors import StoreError
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import SCOPE_OF, Scope
-from modalmotion_service.audit.check import check_audit
 from modalmotion_service.audit.entry import BEGUN, Event
 from modalmotion_service.audit.key_events import make_key
-from modalmotion_service.audit.log import AuditLog, audit_folder, parts_in
+from modalmotion_service.audit.log import AuditLog, audit_path, entries_of, faults_of
 from modalmotion_service.commands.first_key import offer_first_key
 from modalmotion_service.settings import Settings
 
@@ -204,7 +203,7 @@ def test_what_comes_together_is_written_together(
         ]
         assert sum(batches) == 200
         assert len(batches) <= 3
-    assert check_audit(parts_in(audit_folder(tmp_path))).faults == ()
+    assert faults_of(entries_of(audit_path(tmp_path)), {}) == (200, [])
 
 
 def test_a_client_that_goes_away_takes_no_entry_with_it(tmp_path: Path) -> None:

@@ -1,10 +1,11 @@
-"""The audit log as lines on a stream."""
+"""The audit log as lines: on a stream, to a log host, as FHIR."""
 
 from __future__ import annotations
 
 import asyncio
 import json
 import os
+import socket
 from dataclasses import asdict
 from pathlib import Path
 
@@ -12,7 +13,8 @@ import pytest
 
 from modalmotion.errors import StoreError
 from modalmotion_service.audit.entry import GENESIS, Event, chained
-from modalmotion_service.audit.stream import AuditStream
+from modalmotion_service.audit.log import AuditLog
+from modalmotion_service.audit.stream import AuditStream, Lines
 
 
 def event(number: int) -> Event:
@@ -22,7 +24,7 @@ def event(number: int) -> Event:
 def test_each_line_ends_a_chain_that_shows_what_is_missing(tmp_path: Path) -> None:
     path = tmp_path / "lines"
     for _ in range(2):
-        with AuditStream(str(path)) as stream:
+        with AuditStream(Lines(str(path))) as stream:
 
             async def note(to: AuditStream = stream) -> None:
                 await asyncio.gather(*(to.note(event(n)) for n in range(5)))
@@ -34,22 +36,88 @@ def test_each_line_ends_a_chain_that_shows_what_is_missing(tmp_path: Path) -> No
     first, second = lines[:5], lines[5:]
     assert first[0]["audit"] != second[0]["audit"]
     for chain in (first, second):
-        place = GENESIS
+        before = GENESIS
         for number, line in enumerate(chain):
-            entry = chained(place, line["time"], event(number))
+            entry = chained(number + 1, before, line["time"], event(number))
             assert (line["number"], line["sha256"]) == (entry.number, entry.sha256)
             assert asdict(event(number)).items() <= line.items()
-            place = entry.place
+            before = entry.sha256
 
 
 def test_what_cannot_be_written_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(StoreError, match="AUDIT_STREAM"):
-        AuditStream(str(tmp_path / "none" / "lines"))
+    for target in (str(tmp_path / "none" / "lines"), f"syslog://{tmp_path}/none"):
+        with pytest.raises(StoreError, match="AUDIT_STREAM"):
+            Lines(target)
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
-    with AuditStream(str(pipe)) as stream:
-        stream.append([event(0)])
+    with AuditLog(tmp_path, Lines(str(pipe))) as log:
+        log.append([event(0)])
         os.close(reader)
         with pytest.raises(StoreError, match="audit log"):
-            stream.append([event(1)])
+            log.append([event(1)])
+
+
+def test_each_entry_of_the_table_is_a_line_too(tmp_path: Path) -> None:
+    with AuditLog(tmp_path, Lines(str(tmp_path / "lines"))) as log:
+        log.append([event(0), event(1)])
+        log.append([event(2)])
+        entries = log.page(limit=9)[::-1]
+    lines = [json.loads(line) for line in (tmp_path / "lines").read_text().splitlines()]
+    assert lines == [{"audit": "table", **entry.line} for entry in entries]
+
+
+def test_a_log_host_gets_lines_and_may_be_begun_anew(tmp_path: Path) -> None:
+    with (
+        socket.create_server(("127.0.0.1", 0)) as host,
+        AuditStream(Lines(f"syslog://127.0.0.1:{host.getsockname()[1]}")) as stream,
+    ):
+        said = []
+        with host.accept()[0] as connection:
+            for number in range(2):
+                stream.append([event(number)])
+                said.append(connection.recv(4096).decode())
+        # What is sent into a connection that its end has closed is known to be lost at the next.
+        for number in range(2, 4):
+            stream.append([event(number)])
+        with host.accept()[0] as connection:
+            said.append(connection.recv(4096).decode())
+    assert said[0].startswith("<110>1 - ")
+    assert [json.loads(text[text.index("{") :])["request_id"] for text in said[:2]] == ["r0", "r1"]
+    assert said[2].count("<110>") >= 1
+
+
+def test_the_syslog_of_this_machine_gets_a_message_each(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as log:
+        log.bind(str(tmp_path / "log"))
+        with AuditStream(Lines(f"syslog://{tmp_path}/log")) as stream:
+            stream.append([event(0), event(1)])
+        said = [log.recv(4096).decode() for _ in range(2)]
+    assert all(text.startswith("<110>modalmotion: {") for text in said)
+
+
+@pytest.mark.parametrize(
+    ("method", "status", "action", "outcome"),
+    [
+        ("GET", 200, "R", "0"),
+        ("POST", 102, "C", "0"),
+        ("DELETE", 404, "D", "4"),
+        ("COMMAND", 507, "E", "8"),
+    ],
+)
+def test_a_line_may_be_an_audit_event_of_fhir(
+    tmp_path: Path, method: str, status: int, action: str, outcome: str
+) -> None:
+    path = tmp_path / "lines"
+    done = Event("r0", "alice", "k", "10.0.0.1", method, "/v1/sequences", "ab cd", status)
+    with AuditStream(Lines(str(path), "fhir")) as stream:
+        stream.append([done])
+    line = json.loads(path.read_text())
+    # What R4 requires: type, recorded, agent with requestor, source with observer.
+    assert (line["resourceType"], line["type"]["code"]) == ("AuditEvent", "rest")
+    assert (line["action"], line["outcome"]) == (action, outcome)
+    assert line["agent"][0]["requestor"] is True
+    assert line["agent"][0]["who"]["identifier"]["value"] == "alice"
+    assert line["source"]["observer"]
+    assert [one["what"]["identifier"]["value"] for one in line["entity"]] == ["ab", "cd", "r0"]
+    assert line["recorded"].endswith("Z")

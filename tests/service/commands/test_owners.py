@@ -16,7 +16,7 @@ from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.app import create_app
 from modalmotion_service.audit.entry import BEGUN
-from modalmotion_service.audit.log import audit_folder, audit_page
+from modalmotion_service.audit.log import audit_path, entries_of
 from modalmotion_service.commands.owners import usage_of
 from modalmotion_service.settings import Settings
 
@@ -105,8 +105,8 @@ def test_a_removed_owner_goes_from_the_backup_and_nothing_is_called_lost(
 
 
 def noted(folder: Path) -> list[tuple[str | None, str, int]]:
-    events = [entry.event for entry in audit_page(audit_folder(folder), limit=10)]
-    return [(event.owner, event.route, event.status) for event in reversed(events)]
+    events = [entry.event for entry in entries_of(audit_path(folder))]
+    return [(event.owner, event.route, event.status) for event in events]
 
 
 def test_nothing_is_removed_while_a_service_has_it_or_nobody_agrees(folder: Path) -> None:

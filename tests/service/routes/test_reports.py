@@ -27,8 +27,8 @@ from modalmotion.exports.table import frame_table
 from modalmotion.formats import write_npz
 from modalmotion.formats.parser.registry import ParserHere
 from modalmotion.limits import DEFAULT_LIMITS
-from modalmotion.report import fhir_json, report_figure, report_of
-from modalmotion.report.dicom import dicom_instances, read_study
+from modalmotion.reports import fhir_json, report_figure, report_of
+from modalmotion.reports.dicom import dicom_instances, read_study
 from modalmotion.simulate import MotionClass
 from modalmotion_service.schemas import ReadoutsAnswer
 

@@ -179,6 +179,6 @@ def test_two_serve_the_same_folder_and_leave_nothing(
 def test_a_start_that_nobody_could_use_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match="--read-only-dir has none"):
         require_keys_to_serve(Settings(stateless=True, require_keys=True, read_only_dir=tmp_path))
-    with pytest.raises(ParameterError, match="scheduler"):
-        without_store(Settings(stateless=True, scheduler="tcp://10.0.0.1:8786"))
+    with pytest.raises(ParameterError, match="engine dask"):
+        without_store(Settings(stateless=True, engine="dask"))
     assert not list(tmp_path.iterdir())

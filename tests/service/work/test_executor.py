@@ -13,7 +13,6 @@ from multiprocessing import popen_forkserver
 from pathlib import Path
 
 import pytest
-from dask_cluster import DaskCluster
 from project import ROOT
 from worker_tasks import (
     die,
@@ -30,31 +29,17 @@ from worker_tasks import (
 from modalmotion.errors import LimitError, NonFiniteError
 from modalmotion_service.errors import ClusterError, CostError, WorkerDiedError
 from modalmotion_service.http.problems import problem_body
-from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.engine import Engine, Terms
 from modalmotion_service.work.keeper import MOST_STARTS
 from modalmotion_service.work.pool import WorkerPool
-from modalmotion_service.work.terms import Terms
 
 MEMORY = 3_000_000_000
-# Two processes here, or two Dask workers of a process each.
 OpenEngine = Callable[[float], Engine]
 
 
-@pytest.fixture(
-    scope="module", params=["processes", pytest.param("dask", marks=pytest.mark.thorough)]
-)
-def open_engine(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> OpenEngine:
-    if request.param == "processes":
-        return lambda task_seconds: WorkerPool(2, task_seconds, MEMORY)
-    from modalmotion_service.work.dask.executor import DaskExecutor
-
-    cluster: DaskCluster = request.getfixturevalue("dask_cluster")
-    # Each has a folder of its own, as each service has.
-    return lambda task_seconds: DaskExecutor(
-        cluster.address, tmp_path_factory.mktemp("shared"), task_seconds, MEMORY
-    )
+@pytest.fixture(scope="module")
+def open_engine() -> OpenEngine:
+    return lambda task_seconds: WorkerPool(2, task_seconds, MEMORY)
 
 
 @pytest.fixture(scope="module")

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from worker_tasks import hang, note, slow_mark, wait_for
 
+from modalmotion_service.work.engine import Terms
 from modalmotion_service.work.lanes import SHORT_SECONDS, Lanes, Task
 from modalmotion_service.work.pool import WorkerPool
-from modalmotion_service.work.terms import Terms
 
 MEMORY = 3_000_000_000
 LONG = Terms("a", 100.0)

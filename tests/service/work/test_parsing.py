@@ -16,10 +16,10 @@ from worker_tasks import is_running, parse_and_tell
 
 from modalmotion_service.errors import CostError
 from modalmotion_service.work import parsing
+from modalmotion_service.work.engine import Terms
 from modalmotion_service.work.owner import work_of
 from modalmotion_service.work.parsing import are_confined
 from modalmotion_service.work.pool import WorkerPool
-from modalmotion_service.work.terms import Terms
 
 pytest.importorskip("vtkmodules")
 

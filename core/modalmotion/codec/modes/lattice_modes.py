@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.bits.varint import read_varint, write_varint
+from modalmotion.codec.coder import read_varint, write_varint
 from modalmotion.codec.fourier import (
     cosines,
     from_cosines,

@@ -7,7 +7,7 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.bits.damage import damaged, parsing
+from modalmotion.codec.coder import damaged, parsing
 from modalmotion.codec.modes.lattice_modes import LATTICE, read_lattice_modes
 from modalmotion.codec.modes.pairs import PAIRS, read_pair_modes
 from modalmotion.codec.modes.patch_modes import JOINED, SPRINGS, read_patch_modes

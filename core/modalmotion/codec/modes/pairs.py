@@ -13,12 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.bits.entropy import Writer
-from modalmotion.codec.machine.image import Image, image
-from modalmotion.codec.machine.layout import PARAMETERS
-from modalmotion.codec.machine.memory import call
-from modalmotion.codec.modes.halving import graph_of
-from modalmotion.codec.modes.springs import edges_of
+from modalmotion.codec.modes.graph import edges_of, graph_of
+from modalmotion.native import run
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -239,29 +235,6 @@ def _edges_above(pairs: Ints, n: int) -> Ints:
 
 def _mates(offsets: Ints, neighbours: Ints, weight: Ints) -> Ints:
     """Mate of each node, itself where there is none."""
-    compiled = image()
-    if compiled is not None:
-        return _mates_compiled(compiled, offsets, neighbours, weight)
-    starts, beside, weights = offsets.tolist(), neighbours.tolist(), weight.tolist()
-    mate = [-1] * len(weights)
-    for u in range(len(mate)):
-        if mate[u] >= 0:
-            continue
-        free = (v for v in beside[starts[u] : starts[u + 1]] if mate[v] < 0)
-        found = min(free, key=lambda v: (weights[v], v), default=u)
-        mate[u], mate[found] = found, u
-    return np.array(mate, dtype=np.int64)
-
-
-def _mates_compiled(compiled: Image, offsets: Ints, neighbours: Ints, weight: Ints) -> Ints:
-    n = len(weight)
-    parts: dict[int, Ints | int] = {
-        PARAMETERS + 2: offsets,
-        PARAMETERS + 3: neighbours,
-        PARAMETERS + 4: weight,
-        PARAMETERS + 5: n,
-    }
-    w = call(compiled, "pair", Writer(), (n, 0), parts)
-    at = w[PARAMETERS + 5]
-    mate: Ints = w[at : at + n]
-    return mate
+    mates = np.empty_like(weight)
+    run("mm_pair", len(weight), offsets, neighbours, weight, mates)
+    return mates

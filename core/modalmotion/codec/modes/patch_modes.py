@@ -19,10 +19,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.bits.varint import read_varint, write_varint
-from modalmotion.codec.modes.halving import patches_of
+from modalmotion.codec.coder import read_varint, write_varint
+from modalmotion.codec.modes.graph import edges_of, patches_of, scatter, stiffness_of
 from modalmotion.codec.modes.joined import Each, PatchBasis, Shaken, Springs, by_rank, solve_patch
-from modalmotion.codec.modes.springs import edges_of, scatter, stiffness_of
 from modalmotion.errors import LimitError, MalformedFileError
 
 Floats = NDArray[np.float64]

@@ -16,8 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.bits.damage import damaged
-from modalmotion.codec.bits.entropy import Coder, code_numbers
+from modalmotion.codec.coder import Coder, damaged
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -103,7 +102,7 @@ def code_labels(coder: Coder, n_pieces: int, count: int, labels: Ints | None) ->
 
     Parameters
     ----------
-    coder : Writer or Reader
+    coder : Coder
     n_pieces, count : int
         Pieces and parts.
     labels : (pieces,) int64, optional
@@ -122,7 +121,7 @@ def code_labels(coder: Coder, n_pieces: int, count: int, labels: Ints | None) ->
             found.append(latest.index(label))
             latest.insert(0, latest.pop(found[-1]))
         latest, ranks = list(range(count)), np.array(found, dtype=np.int64)
-    ranks = code_numbers(coder, n_pieces, ranks)
+    ranks = coder.numbers(n_pieces, ranks)
     if n_pieces and ranks.max() >= count:
         raise damaged(f"The stream names part {ranks.max()} of {count}.")
     told = np.empty(n_pieces, dtype=np.int64)

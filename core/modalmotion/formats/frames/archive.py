@@ -12,8 +12,7 @@ from functools import partial
 from typing import Final
 
 from modalmotion.errors import LimitError, MalformedFileError
-from modalmotion.formats.frames.frames import FrameFile, read_frames
-from modalmotion.formats.frames.listing import list_frames
+from modalmotion.formats.frames.listed_files import read_files
 from modalmotion.formats.frames.names import require_safe_name
 from modalmotion.formats.frames.series import write_series
 from modalmotion.formats.parser.answer import Parser, ParserOfFile
@@ -58,12 +57,9 @@ def read_zip(data: bytes, parser: Parser, progress: Progress | None = None) -> R
     """
     with opened(data, parser) as archive:
         members, parser = archive.members, archive.parser
-        limits = parser.limits
-        listing = list_frames(list(members), lambda name: members[name].read(), limits)
         # A list may name one frame many times.
-        limits.require("decompressed_bytes", sum(members[n].n_bytes for n in listing.names))
-        files = [FrameFile(name, members[name].read) for name in listing.names]
-        return listing.complete(read_frames(files, parser, listing.times, progress))
+        sizes = {name: member.n_bytes for name, member in members.items()}
+        return read_files(list(members), lambda name: members[name].read(), parser, progress, sizes)
 
 
 @dataclass(frozen=True)

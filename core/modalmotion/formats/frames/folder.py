@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 from modalmotion.errors import MalformedFileError
-from modalmotion.formats.frames.frames import FrameFile, read_frames
-from modalmotion.formats.frames.listing import list_frames
+from modalmotion.formats.frames.listed_files import LISTS, read_files
 from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.result import Reading
 from modalmotion.progress import Progress
@@ -29,7 +27,7 @@ def read_folder(path: Path, parser: Parser, progress: Progress | None = None) ->
     Parameters
     ----------
     path : Path
-        A folder, or a folder and a pattern of names (*, ?, [...]).
+        A folder, a folder and a pattern of names (*, ?, [...]), or a list in its folder.
     parser : Parser
         Its limits hold.
     progress : callable, optional
@@ -41,14 +39,17 @@ def read_folder(path: Path, parser: Parser, progress: Progress | None = None) ->
     InputError
         If the frames do not form a sequence; frame and file are named.
     """
-    folder, pattern = (path, "*") if path.is_dir() else (path.parent, path.name)
-    paths = {file.name: file for file in folder.glob(pattern) if file.is_file()}
-    if path.is_dir():
+    is_whole, is_list = path.is_dir(), path.is_file()
+    folder, pattern = (path, "*") if is_whole else (path.parent, path.name)
+    paths = {file.name: file for file in folder.glob("*" if is_list else pattern) if file.is_file()}
+    if is_list:
+        paths = {n: p for n, p in paths.items() if n == path.name or not n.lower().endswith(LISTS)}
+    if is_list or is_whole:
         # A list of frames may name those in folders beneath it.
         paths |= {
             file.relative_to(folder).as_posix(): file
             for file in folder.glob("*/*")
-            if file.is_file() and any(name.endswith((".pvd", ".series")) for name in paths)
+            if file.is_file() and any(name.endswith(LISTS) for name in paths)
         }
 
     def read(name: str) -> bytes:
@@ -59,6 +60,4 @@ def read_folder(path: Path, parser: Parser, progress: Progress | None = None) ->
                 f"{name!r} cannot be read: {error.strerror}.", remedy="Check its permissions."
             ) from error
 
-    listing = list_frames(list(paths), read, parser.limits)
-    files = [FrameFile(name, partial(read, name)) for name in listing.names]
-    return listing.complete(read_frames(files, parser, listing.times, progress))
+    return read_files(list(paths), read, parser, progress)

@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from modalmotion.errors import InputError, MalformedFileError
-from modalmotion.formats.frames.frame import TRACK
+from modalmotion.errors import InputError
 from modalmotion.formats.frames.frame_stack import FrameStack
 from modalmotion.formats.mesh_file import read_mesh
 from modalmotion.formats.parser.answer import Parser
@@ -54,12 +53,6 @@ def read_frames(
     """
     report = progress or (lambda _done, _all: None)
     parser.limits.require("frames", len(files))
-    if not files:
-        raise MalformedFileError(
-            "There are no frames.",
-            remedy="Send files that end in .stl, .ply, .obj, .off, .vtk or .vtp. Clouds and "
-            f"contours are for {TRACK}.",
-        )
     with _named(0, files[0].name):
         frame, kind = read_mesh(files[0].read(), None, parser)
         stack = FrameStack(frame, kind, len(files), parser.limits)

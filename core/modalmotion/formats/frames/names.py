@@ -8,7 +8,7 @@ from typing import Final
 
 from modalmotion.errors import MalformedFileError
 
-FRAME_SUFFIXES: Final = (".stl", ".ply", ".obj", ".off", ".vtk", ".vtp")
+FRAME_SUFFIXES: Final = (".stl", ".ply", ".obj", ".off", ".vtk", ".vtp", ".vtu")
 """Ends of the names of files that hold one frame each."""
 
 SERIES_SUFFIXES: Final = (".pvd", ".series")

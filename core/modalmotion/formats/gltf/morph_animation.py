@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ShapeError
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import Topology
 from modalmotion.representation import shown
 
@@ -83,3 +84,32 @@ class MorphAnimation:
         # x(t) = R(t) (base + u(t)) + T(t)
         x: NDArray[np.float64] = np.matmul(self.base + u, self.rotations.transpose(0, 2, 1))
         return x + self.translations[:, None, :]
+
+
+def frame_animation(sequence: MeshSequence) -> MorphAnimation:
+    """Make every frame but the first one a target, which its own frame has the weight 1 of.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+
+    Returns
+    -------
+    MorphAnimation
+        At the keyframes the positions of the sequence.
+    """
+    n = sequence.n_frames
+    x = sequence.vertices.astype(np.float64)
+    return MorphAnimation(
+        base=x[0],
+        targets=x[1:] - x[0],
+        target_names=tuple(f"frame {k}" for k in range(1, n)),
+        weights=np.eye(n)[:, 1:],
+        rotations=np.broadcast_to(np.eye(3), (n, 3, 3)),
+        translations=np.zeros((n, 3)),
+        faces=sequence.faces,
+        times=sequence.times,
+        unit=sequence.unit,
+        topology=sequence.topology,
+        grid=sequence.grid,
+    )

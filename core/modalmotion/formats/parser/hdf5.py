@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import MalformedFileError, StoreError
 from modalmotion.facts import facts_as_json
 from modalmotion.formats.frames.frame import NOTHING_TO_TRACK
+from modalmotion.formats.named_arrays import parse_datasets as parse_named
 from modalmotion.formats.parser.answer import Parsed
 from modalmotion.formats.vtk.vtkhdf import parse_vtkhdf
 from modalmotion.formats.vtk.vtkhdf_clouds import parse_vtkhdf_clouds
@@ -27,14 +28,23 @@ def parse_hdf5(data: bytes, limits: ReadLimits) -> Parsed:
         if "VTKHDF" in file:
             return parse_vtkhdf(file, limits)
         schema = file.attrs.get("schema")
-        names = ", ".join(repr(str(name)[:40]) for name in list(file)[:8]) or "nothing"
-    text = schema.decode("utf-8", "replace") if isinstance(schema, bytes) else str(schema)
-    if not text.startswith(_OURS):
-        raise MalformedFileError(
-            f"The HDF5 file holds {names}: neither a group 'VTKHDF' nor a sequence of ours.",
-            remedy="Send VTKHDF PolyData, a file that modalmotion wrote, or npz.",
-        )
+        text = schema.decode("utf-8", "replace") if isinstance(schema, bytes) else str(schema)
+        if not text.startswith(_OURS):
+            return parse_named(file, limits)
     return _parse_ours(data, limits, TRACK if text == f"{_OURS}{TRACK.kind}" else FORM)
+
+
+def parse_datasets(data: bytes, limits: ReadLimits) -> Parsed:
+    """Give all datasets of numbers in an HDF5 file by their paths, in this process."""
+    arrays: dict[str, NDArray[Any]] = {}
+
+    def take(name: str, value: Any) -> None:
+        if getattr(value, "shape", None) is not None and value.dtype.kind in "fiu":
+            arrays[name] = value[()]
+
+    with open_gated(data, limits) as file:
+        file.visititems(take)
+    return {}, arrays
 
 
 def parse_clouds(data: bytes, limits: ReadLimits) -> Parsed:

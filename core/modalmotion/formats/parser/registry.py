@@ -21,21 +21,27 @@ _TASKS: Final = {
     "study": "modalmotion.formats.volumes.study:parse_study",
     "vtk": "modalmotion.formats.vtk.vtk_polydata:parse_legacy",
     "vtp": "modalmotion.formats.vtk.vtk_polydata:parse_xml",
+    "vtu": "modalmotion.formats.vtk.vtk_polydata:parse_xml_grid",
+    "mat": "modalmotion.formats.named_arrays:parse_matlab",
+    "datasets": "modalmotion.formats.parser.hdf5:parse_datasets",
 }
 
 # Of meshes, which unfold in proportion to their files; images of one colour are packed to nothing.
-_IN_PROPORTION: Final = ("hdf5", "clouds", "vtk", "vtp")
+_IN_PROPORTION: Final = ("hdf5", "clouds", "vtk", "vtp", "vtu", "mat", "datasets")
 
 # What they import in turn.
 _LIBRARIES: Final = {
     "hdf5": ("h5py", "encodings.ascii"),
     "clouds": ("h5py", "encodings.ascii"),
+    "datasets": ("h5py", "encodings.ascii"),
+    "mat": ("scipy.io",),
     "dicom": ("pydicom.pixels",),
     "nifti": ("nibabel",),
     "nrrd": ("nrrd",),
     "study": ("pydicom.valuerep",),
     "vtk": ("vtkmodules.vtkIOLegacy", "vtkmodules.util.numpy_support"),
     "vtp": ("vtkmodules.vtkIOXML", "vtkmodules.util.numpy_support"),
+    "vtu": ("vtkmodules.vtkIOXML", "vtkmodules.util.numpy_support"),
 }
 
 

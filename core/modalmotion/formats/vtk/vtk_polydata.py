@@ -47,6 +47,14 @@ def parse_xml(data: bytes, limits: ReadLimits) -> Parsed:
     return _parse(reader, limits)
 
 
+def parse_xml_grid(data: bytes, limits: ReadLimits) -> Parsed:
+    """Read a .vtu file, of polygons."""
+    reader = _module("vtkIOXML").vtkXMLUnstructuredGridReader()
+    reader.ReadFromInputStringOn()
+    reader.SetInputString(data)
+    return _parse(reader, limits)
+
+
 def _parse(reader: Any, limits: ReadLimits) -> Parsed:
     vtk_to_numpy = _module("util.numpy_support").vtk_to_numpy
     core = _module("vtkCommonCore")

@@ -28,6 +28,9 @@ _MOST_ATTRIBUTES: Final = 50
 _LONGEST_MARKUP: Final = 1 << 16
 _LONG_TAG: Final = re.compile(rb"<[^<>]{%d}" % _LONGEST_MARKUP)
 
+# Of .vtp and of .vtu.
+_TYPES: Final = ("PolyData", "UnstructuredGrid")
+
 _ENCODINGS: Final = ("utf-8", "us-ascii", "ascii", "iso-8859-1")
 _REFUSED: Final = "a document type or entities"
 
@@ -102,7 +105,7 @@ class _Walk:
         if not self.path:
             if tag != "VTKFile":
                 raise _malformed(f"The .vtp file begins with {tag[:40]!r}, not 'VTKFile'.")
-            if (kind := attributes.get("type", "")) != "PolyData":
+            if (kind := attributes.get("type", "")) not in _TYPES:
                 raise _malformed(f"The .vtp file is of the type {kind[:40]!r}, not 'PolyData'.")
             if attributes.get("compressor", ""):
                 self.most_values = UNFOLDING * self.n_bytes
@@ -126,7 +129,7 @@ class _Walk:
 
     def _piece(self, attributes: dict[str, str]) -> None:
         self.n_points = _whole(attributes, "NumberOfPoints")
-        polygons = _whole(attributes, "NumberOfPolys")
+        polygons = sum(_whole(attributes, name) for name in ("NumberOfPolys", "NumberOfCells"))
         others = ("NumberOfVerts", "NumberOfLines", "NumberOfStrips")
         self.n_cells = polygons + sum(_whole(attributes, name) for name in others)
         for limit, n in (("vertices", self.n_points), ("faces", polygons)):

@@ -3,37 +3,35 @@
 from __future__ import annotations
 
 import contextlib
+import json
+import os
 import shutil
+import sqlite3
+from collections.abc import Iterable
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
 from pathlib import Path, PurePath
 from typing import Final
 
 from modalmotion.errors import ParameterError, StoreError
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
-from modalmotion.store.care.copying import (
-    copy_file,
-    is_begun_by,
-    is_same,
-    stage_database,
-    stage_file,
+from modalmotion.store.care.recovery import existing_store
+from modalmotion.store.disk.atomic import (
+    cannot_write,
+    is_temporary,
+    sync_paths,
+    temporary_beside,
+    write_atomic,
 )
-from modalmotion.store.care.losses import Source
-from modalmotion.store.care.maintenance import existing_store
-from modalmotion.store.disk.atomic import cannot_write, is_temporary, write_atomic
-from modalmotion.store.disk.group_commit import sync_paths
 from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.disk.sealed_json import JsonForm
+from modalmotion.store.folder import FOLDERS, RESULT_FOLDERS, Folder
 from modalmotion.store.index.cursor import now
-
-KEEP_DAYS: Final = 30
-"""How long a copy keeps files that its source has no more, by default."""
+from modalmotion.store.tombstones import TOMBSTONES, Deletions
 
 FORM: Final = JsonForm("backup", 1, "Make a backup to the same folder once more.")
 
 _NOTE: Final = "backup.json"
-_ASIDE: Final = "removed"
 
 
 @shown()
@@ -44,13 +42,11 @@ class BackupReport:
     Parameters
     ----------
     n_files, n_bytes : int
-        In the copy, without files set aside.
+        In the copy.
     n_copied : int
         Of them new or changed since the last backup to the same folder.
     n_removed : int
         Deleted by their owner, or done with, since then, and now gone from the copy.
-    n_set_aside : int
-        Gone from the source in another way, and now in the copy's folder `removed`.
     missing : tuple of str
         Files that the source has lost: nobody deleted them. What the copy has of them stays.
     """
@@ -59,27 +55,45 @@ class BackupReport:
     n_bytes: int
     n_copied: int
     n_removed: int
-    n_set_aside: int = 0
     missing: tuple[str, ...] = ()
 
 
+@shown()
+@dataclass(frozen=True)
+class RestoreReport:
+    """Report of a restoration.
+
+    Parameters
+    ----------
+    n_files, n_bytes : int
+        Put back.
+    n_deleted : int
+        Files of the copy that stay away, for they were deleted since.
+    as_of : str
+        When the state was that the copy holds; "unknown" where it does not say.
+    knows_deletions : bool
+        Whether there was anything to tell what was deleted since; else it is all back.
+    """
+
+    n_files: int
+    n_bytes: int
+    n_deleted: int
+    as_of: str
+    knows_deletions: bool
+
+
 def backup(
-    root: Path,
-    target: Path,
-    *,
-    accept_missing: bool = False,
-    keep_days: float = KEEP_DAYS,
-    progress: Progress | None = None,
+    root: Path, target: Path, *, accept_missing: bool = False, progress: Progress | None = None
 ) -> BackupReport:
     """Copy a store as it is now, or bring an earlier copy up to date.
 
-    The databases are read first, each as of one moment, and take their places in the copy after
-    the files are there, durably. A result's file is there before the index names it and never
-    changes, so the copy holds all that its index names, whenever this is cut short.
+    The databases are read first, each as of one moment (`VACUUM INTO`), and take their places in
+    the copy after the files are there, durably. A result's file is there before the index names it
+    and never changes, so the copy holds all that its index names, whenever this is cut short.
 
-    A file that the copy or the index knows and the source has no more was deleted, which its
-    tombstone says, or lost. What was deleted goes from the copy at once. If anything was lost,
-    nothing else goes, and a database that has forgotten it too is not replaced.
+    A file that the copy has and the source has no more was deleted, which its tombstone says, or
+    lost. What was deleted goes from the copy at once. If anything was lost, nothing else goes, and
+    an index that has forgotten it too is not replaced.
 
     Parameters
     ----------
@@ -88,9 +102,7 @@ def backup(
     target : Path
         Made where it is missing; of this store alone.
     accept_missing : bool
-        Set what was lost aside, in the copy's folder `removed`, and go on without it.
-    keep_days : float
-        How long the copy keeps what was set aside.
+        Remove what was lost from the copy too, and go on without it.
     progress : callable, optional
         Called with (files looked at, files in all).
 
@@ -102,12 +114,9 @@ def backup(
         If there is no store, the copy is in use, or cannot be written.
     """
     existing_store(root)
-    here, there = root.resolve(), target.resolve()
-    if here == there or here in there.parents or there in here.parents:
-        raise ParameterError(
-            "A backup lies neither in its store nor around it.", remedy="Name another folder."
-        )
-    if there.exists() and not _is_backup(there) and _holds_files(there):
+    here, there = _apart(root, target)
+    is_backup = any((there / name).exists() for name in ("index.sqlite", _NOTE))
+    if there.exists() and not is_backup and any(_is_copied(path.name) for path in there.iterdir()):
         raise ParameterError(
             f"'{target.name}' holds other files, which a backup would remove.",
             remedy="Name a new folder, or that of an earlier backup.",
@@ -115,11 +124,8 @@ def backup(
     try:
         # Files that only one user may read stay private in the copy.
         there.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with folder_lock(there / "lock"), _Copy(here, there) as copy:
-            copy.fill(progress)
-            copy.finish(accept_missing=accept_missing)
-            copy.forget(keep_days)
-            return copy.report()
+        with folder_lock(there / "lock"):
+            return _bring_up_to_date(here, there, accept_missing, progress)
     except OSError as error:
         raise cannot_write(Path(error.filename or there), error) from error
 
@@ -133,176 +139,237 @@ def backup_time(root: Path) -> str | None:
     return "unknown"
 
 
-def files_of_copy(copy: Path) -> list[PurePath]:
-    """List the files that a backup holds of its source, sorted."""
+def restore(
+    copy: Path, root: Path, *, deletions: Path | None = None, progress: Progress | None = None
+) -> RestoreReport:
+    """Put back what a folder lacks of its backup; `rebuild` its stores afterwards.
+
+    Parameters
+    ----------
+    copy : Path
+    root : Path
+        Made where it is missing; its own files and databases stay as they are.
+    deletions : Path, optional
+        Remains of the folder that the backup was made of, which know what was deleted.
+    progress : callable, optional
+        Called with (files looked at, files in all).
+
+    Raises
+    ------
+    NotFoundError
+        If the copy holds no store.
+    ParameterError
+        If one folder lies in the other.
+    StoreError
+        If a process has either open, or the folder cannot be written.
+    """
+    existing_store(copy)
+    here, there = _apart(copy, root)
+    knowing = [there] if deletions is None else [there, deletions.resolve()]
+    # A folder that is new, or was emptied, tells nothing.
+    knows_deletions = any(Folder(one).exists or (one / TOMBSTONES).is_dir() for one in knowing)
+    known = [Deletions(folder) for folder in knowing]
+    n_files = n_bytes = n_deleted = 0
+    try:
+        there.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with folder_lock(there / "lock"), folder_lock(here / "lock"):
+            # Databases last: what they name is there before them.
+            names = sorted(_files_of(here), key=lambda name: (name.suffix == ".sqlite", name))
+            for number, name in enumerate(names):
+                status = (here / name).stat()
+                if not (there / name).exists():
+                    if any(one.cover(name, status.st_mtime) for one in known):
+                        n_deleted += 1
+                    else:
+                        _remove_logs(there / name)
+                        _stage(here / name, there / name).replace(there / name)
+                        n_files, n_bytes = n_files + 1, n_bytes + status.st_size
+                if progress is not None:
+                    progress(number + 1, len(names))
+            _sync_folders(there, names)
+    except OSError as error:
+        raise cannot_write(Path(error.filename or there), error) from error
+    as_of = backup_time(copy) or "unknown"
+    return RestoreReport(n_files, n_bytes, n_deleted, as_of, knows_deletions)
+
+
+def _apart(source: Path, target: Path) -> tuple[Path, Path]:
+    here, there = source.resolve(), target.resolve()
+    if here == there or here in there.parents or there in here.parents:
+        raise ParameterError(
+            "A backup lies neither in its store nor around it.", remedy="Name another folder."
+        )
+    return here, there
+
+
+def _bring_up_to_date(
+    root: Path, copy: Path, accept_missing: bool, progress: Progress | None
+) -> BackupReport:
+    as_of = now()
+    for path in list(copy.rglob(".modalmotion-*.tmp")):
+        path.unlink()
+    if not (copy / _NOTE).exists():
+        # By it a first copy that was cut short is known as one.
+        write_atomic(copy / _NOTE, FORM.write({"as_of": None}))
+        sync_paths([copy.parent])
+    listed = _files_of(root)
+    databases = [name for name in listed if name.suffix == ".sqlite"]
+    staged: dict[PurePath, Path] = {}
+    try:
+        for name in databases:
+            if (temporary := _stage_database(root / name, copy / name)) is not None:
+                staged[name] = temporary
+        # Again: what the databases name by now is there.
+        present = {name for name in _files_of(root) if name.suffix != ".sqlite"}
+        new = [
+            name
+            for number, name in enumerate(sorted(present))
+            if _add(root / name, copy / name, progress, (number + 1, len(present)))
+        ]
+        _sync_folders(copy, new)
+        gone, done, lost = _parted(
+            root, copy, [n for n in _files_of(copy) if n not in present and n not in databases]
+        )
+        if accept_missing:
+            gone, lost = gone + lost, []
+        replaced = [name for name in staged if not _has_forgotten(staged[name], lost, name.parent)]
+        for name in replaced:
+            # What a look into the copy has left: beside a new database it would be a danger.
+            _remove_logs(copy / name)
+            staged.pop(name).replace(copy / name)
+        _sync_folders(copy, replaced)
+        write_atomic(copy / _NOTE, FORM.write({"as_of": as_of}))
+        gone += [] if lost else done
+        for name in gone:
+            (copy / name).unlink()
+        _sync_folders(copy, gone)
+    finally:
+        for temporary in staged.values():
+            temporary.unlink(missing_ok=True)
+    sizes = [(copy / name).stat().st_size for name in _files_of(copy)]
+    n_copied = len(new) + len(replaced)
+    return BackupReport(len(sizes), sum(sizes), n_copied, len(gone), tuple(map(str, lost)))
+
+
+def _files_of(folder: Path) -> list[PurePath]:
+    """List what a backup has of a folder, sorted: its databases, and all files but a store's own.
+
+    Its own are locks, logs of databases, temporary files, and marks of deletions under way, which
+    hold records.
+    """
     return sorted(
-        PurePath(path.relative_to(copy))
-        for path in copy.rglob("*")
-        if path.is_file() and not _is_own(path.relative_to(copy))
+        PurePath(path.relative_to(folder))
+        for path in folder.rglob("*")
+        if _is_copied(path.name) and not _is_mark(path) and path.is_file()
     )
 
 
-def _is_own(name: PurePath) -> bool:
-    """Whether a file is the copy's own, and not one of the source."""
-    is_own = str(name) == _NOTE or name.parts[0] == _ASIDE
-    return is_own or name.name == "lock" or ".sqlite-" in name.name or is_temporary(name.name)
+def _is_copied(name: str) -> bool:
+    return not (name in ("lock", _NOTE) or ".sqlite-" in name or is_temporary(name))
 
 
-def _is_backup(folder: Path) -> bool:
-    return any((folder / name).exists() for name in ("index.sqlite", _NOTE))
+def _is_mark(path: PurePath) -> bool:
+    return path.suffix == ".deleted" and path.parent.parent.name == "sequences"
 
 
-def _holds_files(folder: Path) -> bool:
-    return any(not is_temporary(path.name) and path.name != "lock" for path in folder.iterdir())
+def _parted(
+    root: Path, copy: Path, names: Iterable[PurePath]
+) -> tuple[list[PurePath], list[PurePath], list[PurePath]]:
+    """Part files that the copy alone has: deleted, done with, and lost; others, as tables, stay."""
+    deletions = Deletions(root)
+    parts: tuple[list[PurePath], ...] = ([], [], [])
+    for name in names:
+        top = name.parts[2 * (name.parts[0] == "owners" and len(name.parts) > 2)]
+        if deletions.cover(name, (copy / name).stat().st_mtime):
+            parts[0].append(name)
+        elif top in ("spool", "cluster", TOMBSTONES):
+            parts[1].append(name)
+        elif top in FOLDERS or name.suffix == ".sqlite":
+            parts[2].append(name)
+    deleted, done, lost = parts
+    return deleted, done, lost
 
 
-class _Copy:
-    """A copy that is being made: files are added first, the databases follow, and then some go."""
+def _has_forgotten(database: Path, lost: Iterable[PurePath], store: PurePath) -> bool:
+    """Whether an index does not know the sequences of lost files, as one begun anew."""
+    folders = ("sequences", *RESULT_FOLDERS)
+    of_store = [name.relative_to(store) for name in lost if name.is_relative_to(store)]
+    ids = {name.name[:64] for name in of_store if name.parts[0] in folders}
+    if not ids:
+        return False
+    with contextlib.closing(sqlite3.connect(database)) as db:
+        statement = "SELECT count(*) FROM sequences WHERE id IN (SELECT value FROM json_each(?))"
+        with contextlib.suppress(sqlite3.Error):
+            return bool(db.execute(statement, [json.dumps([*ids])]).fetchone() != (len(ids),))
+    return False
 
-    def __init__(self, root: Path, target: Path) -> None:
-        self._root = root
-        self._target = target
-        self._as_of = now()
-        self._staged: dict[PurePath, Path] = {}
-        self._changed: set[Path] = set()
-        self._source = Source(root)
-        self._n_copied = self._n_removed = self._n_set_aside = 0
-        self._missing: list[PurePath] = []
 
-    def __enter__(self) -> _Copy:
-        for path in list(self._target.rglob(".modalmotion-*.tmp")):
+def _add(source: Path, copy: Path, progress: Progress | None, done: tuple[int, int]) -> bool:
+    """Copy a file that is new or was replaced; tell whether it was."""
+    try:
+        if is_new := not _is_same(source, copy):
+            _stage(source, copy).replace(copy)
+    except FileNotFoundError:
+        if source.exists():
+            raise
+        # Deleted while the copy was made, or done with.
+        is_new = False
+    if progress is not None:
+        progress(*done)
+    return is_new
+
+
+def _is_same(source: Path, copy: Path) -> bool:
+    if not copy.exists():
+        return False
+    now, then = source.stat(), copy.stat()
+    return (now.st_size, now.st_mtime_ns) == (then.st_size, then.st_mtime_ns)
+
+
+def _stage(source: Path, copy: Path) -> Path:
+    """Copy a file durably, with its times, to one beside its copy, to be renamed."""
+    copy.parent.mkdir(parents=True, exist_ok=True)
+    temporary = temporary_beside(copy)
+    try:
+        shutil.copy2(source, temporary)
+        sync_paths([temporary])
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    return temporary
+
+
+def _stage_database(source: Path, copy: Path) -> Path | None:
+    """Copy a database as of one moment, even during writes; None where the copy is up to date."""
+    # Before the look at its log: what is written after it shows in the time, or in the log.
+    then = source.stat()
+    has_log = source.with_name(f"{source.name}-wal").exists()
+    if not has_log and copy.exists() and copy.stat().st_mtime_ns == then.st_mtime_ns:
+        return None
+    copy.parent.mkdir(parents=True, exist_ok=True)
+    temporary = temporary_beside(copy)
+    try:
+        with contextlib.closing(sqlite3.connect(source)) as database:
+            database.execute("VACUUM INTO ?", [str(temporary)])
+        os.utime(temporary, ns=(then.st_atime_ns, then.st_mtime_ns))
+        shutil.copymode(source, temporary)
+        sync_paths([temporary])
+    except sqlite3.Error as error:
+        temporary.unlink(missing_ok=True)
+        raise OSError(5, str(error), str(copy)) from error
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    return temporary
+
+
+def _remove_logs(database: Path) -> None:
+    if database.suffix == ".sqlite":
+        for path in database.parent.glob(f"{database.name}-*"):
             path.unlink()
-        if not (self._target / _NOTE).exists():
-            # By it a first copy that was cut short is known as one.
-            write_atomic(self._target / _NOTE, FORM.write({"as_of": None}))
-            sync_paths([self._target.parent])
-        return self
 
-    def __exit__(self, *_: object) -> None:
-        for temporary in self._staged.values():
-            temporary.unlink(missing_ok=True)
 
-    def fill(self, progress: Progress | None) -> None:
-        """Read the databases, then add all files that are new or were replaced."""
-        # Before the log whose heads they are: a copy of the log reaches at least as far.
-        for name in self._source.list_notes():
-            if not is_begun_by(self._root / name, self._target / name):
-                self._missing.append(name)
-            elif not is_same((self._root / name).stat(), self._target / name):
-                self._staged[name] = stage_file(self._root / name, self._target / name)
-        for name in self._source.list_databases():
-            staged = stage_database(self._root / name, self._target / name)
-            if staged is not None:
-                self._staged[name] = staged
-        names = self._source.list_files()
-        for number, name in enumerate(names):
-            self._n_copied += self._add(name)
-            if progress is not None:
-                progress(number + 1, len(names))
-        self._sync()
-
-    def finish(self, *, accept_missing: bool) -> None:
-        """Put the databases in their places, and part with what the source has no more."""
-        missing = set(self._source.missing_of_index(self._index_of))
-        gone: list[PurePath] = []
-        done: list[PurePath] = []
-        rest: list[PurePath] = []
-        for name in files_of_copy(self._target):
-            if name in self._source:
-                continue
-            fate = self._source.fate(name, (self._target / name).stat().st_mtime)
-            {"deleted": gone, "done": done, "kept": rest}.get(fate, self._missing).append(name)
-        self._missing = sorted(missing.union(self._missing))
-        if accept_missing or not self._source.forgotten(self._missing, self._index_of):
-            self._replace_databases()
-        if accept_missing:
-            rest += [name for name in self._missing if (self._target / name).exists()]
-            self._missing = []
-        if not self._missing:
-            gone += done
-            for name in rest:
-                self._set_aside(name)
-        self._remove(self._target, gone)
-        self._sync()
-
-    def forget(self, keep_days: float) -> None:
-        """Remove from what was set aside the old, and what was deleted since."""
-        past = (datetime.now(UTC) - timedelta(days=keep_days)).strftime("%Y-%m-%d")
-        for day in sorted((self._target / _ASIDE).glob("*-*-*")):
-            if day.name < past:
-                shutil.rmtree(day)
-                continue
-            names = [PurePath(path.relative_to(day)) for path in day.rglob("*") if path.is_file()]
-            self._remove(
-                day,
-                [
-                    name
-                    for name in names
-                    if self._source.fate(name, (day / name).stat().st_mtime) == "deleted"
-                ],
-            )
-        self._sync()
-
-    def report(self) -> BackupReport:
-        sizes = [(self._target / name).stat().st_size for name in files_of_copy(self._target)]
-        return BackupReport(
-            *(len(sizes), sum(sizes), self._n_copied, self._n_removed, self._n_set_aside),
-            tuple(map(str, self._missing)),
-        )
-
-    def _add(self, name: PurePath) -> bool:
-        source, copy = self._root / name, self._target / name
-        try:
-            if is_same(source.stat(), copy):
-                return False
-            copy_file(source, copy)
-        except FileNotFoundError:
-            if source.exists():
-                raise
-            # Deleted while the copy was made, or done with.
-            self._source.discard(name)
-            return False
-        self._note_change(copy)
-        return True
-
-    def _index_of(self, name: PurePath) -> Path:
-        """Where a database lies as it was read from the source."""
-        return self._staged.get(name, self._target / name)
-
-    def _replace_databases(self) -> None:
-        self._n_copied += len(self._staged)
-        for name, staged in self._staged.items():
-            # What a look into the copy has left: beside a new database it would be a danger.
-            for path in (self._target / name).parent.glob(f"{name.name}-*"):
-                path.unlink()
-            staged.replace(self._target / name)
-            self._note_change(self._target / name)
-        self._staged = {}
-        self._sync()
-        write_atomic(self._target / _NOTE, FORM.write({"as_of": self._as_of}))
-
-    def _set_aside(self, name: PurePath) -> None:
-        path, aside = self._target / name, self._target / _ASIDE / self._as_of[:10] / name
-        aside.parent.mkdir(parents=True, exist_ok=True)
-        path.replace(aside)
-        self._note_change(path)
-        self._note_change(aside)
-        self._n_set_aside += 1
-
-    def _remove(self, folder: Path, names: list[PurePath]) -> None:
-        for name in names:
-            (folder / name).unlink()
-            self._note_change(folder / name)
-        self._n_removed += len(names)
-
-    def _note_change(self, path: Path) -> None:
-        while path != self._target:
-            path = path.parent
-            if path in self._changed:
-                return
-            self._changed.add(path)
-
-    def _sync(self) -> None:
-        """Make all names that changed durable."""
-        sync_paths(folder for folder in self._changed if folder.is_dir())
-        self._changed = set()
+def _sync_folders(root: Path, names: Iterable[PurePath]) -> None:
+    """Make the names of files durable."""
+    folders = {root / parent for name in names for parent in name.parents}
+    sync_paths(sorted(folder for folder in folders if folder.is_dir()))

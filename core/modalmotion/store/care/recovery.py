@@ -1,4 +1,4 @@
-"""Reconciliation of index and folder: after a crash, and when the index is rebuilt."""
+"""Index and folder brought together: after a crash, and when the index is built anew."""
 
 from __future__ import annotations
 
@@ -21,8 +21,10 @@ from modalmotion.representation import shown
 from modalmotion.signature import hdf5 as signature_hdf5
 from modalmotion.store.deletion import finish_deletion
 from modalmotion.store.disk.atomic import remove_durably, write_atomic
+from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.folder import Folder, ResultKind, ResultName, Scan
 from modalmotion.store.index.cursor import to_text
+from modalmotion.store.index.database import Database, GuestTable
 from modalmotion.store.index.index import Index, put_records, put_results
 from modalmotion.store.index.model_index import ModelIndex, put_models
 from modalmotion.store.index.schema import recount
@@ -74,6 +76,73 @@ class Reconciliation:
     orphans: tuple[str, ...]
     guests_lost: bool = False
     n_models: int = 0
+
+
+def rebuild(root: Path, *, progress: Progress | None = None) -> Reconciliation:
+    """Build the index of a store anew from its files, whose seals are all checked.
+
+    Sequences with subject, label and time, and all results, come from the files. Tables of
+    others, such as a service's jobs, are in the index alone: they are kept if it can be read.
+
+    Parameters
+    ----------
+    root : Path
+    progress : callable, optional
+
+    Raises
+    ------
+    NotFoundError
+        If there is no store.
+    StoreError
+        If another process has it open, or it cannot be written.
+    """
+    folder = existing_store(root)
+    with folder_lock(folder.lock):
+        database, guests_lost = _usable(folder)
+        try:
+            index = Index(database)
+            reconciliation = reconcile(folder, index, thorough=True, progress=progress)
+            index.set_clean(True)
+        finally:
+            database.close()
+        # From here on it is a store, if it was a backup.
+        remove_durably(root / "backup.json")
+    return replace(reconciliation, guests_lost=guests_lost)
+
+
+def existing_store(root: Path) -> Folder:
+    """Folder of a store that is there.
+
+    Raises
+    ------
+    NotFoundError
+        If there is none.
+    """
+    folder = Folder(root)
+    if not folder.exists:
+        raise NotFoundError(
+            f"'{root.name}' holds no store.",
+            remedy="Name the folder that has 'index.sqlite' and 'sequences' in it.",
+        )
+    return folder
+
+
+def _usable(folder: Folder) -> tuple[Database, bool]:
+    """Index to write to, and whether tables of others were lost with a damaged one."""
+    guests: list[GuestTable] | None = None
+    with contextlib.suppress(CorruptFileError):
+        database = Database(folder.index)
+        if not database.faults():
+            return database, False
+        with contextlib.suppress(StoreError):
+            guests = database.guests()
+        with contextlib.suppress(StoreError):
+            database.close()
+    # The log goes first: beside a new index an old one would be a danger.
+    remove_durably(*reversed(folder.index_files))
+    database = Database(folder.index)
+    database.receive(guests or ())
+    return database, guests is None
 
 
 def reconcile(

@@ -20,7 +20,7 @@ from modalmotion.norm.norm import norm_from_hdf5
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.signature.hdf5 import read_signature
-from modalmotion.store.care.maintenance import existing_store
+from modalmotion.store.care.recovery import existing_store
 from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.folder import Folder, ResultName, Scan
 from modalmotion.store.images_record import read_images_record

@@ -7,12 +7,17 @@ import errno
 import os
 import re
 import secrets
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Final
 
 from modalmotion.errors import StoreError
 
 _TEMPORARY: Final = re.compile(r"\.modalmotion-[0-9]+-[0-9a-f]{16}\.tmp")
+
+# A journal commits what several threads wait for in one go. More than these gain little.
+_N_WAITING: Final = 4
 
 _REMEDIES: Final = {
     errno.ENOSPC: "Free space on the disk, or delete sequences, and try again.",
@@ -166,6 +171,35 @@ def _write_durably(path: Path, data: bytes | memoryview) -> None:
         view = memoryview(data)
         while view:
             view = view[os.write(descriptor, view) :]
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def move_files(moves: Sequence[tuple[Path, Path]]) -> None:
+    """Rename durable files, each to its path, and make their new names durable; may raise OSError.
+
+    A file that was moved before something failed stays where it is then.
+    """
+    for source, target in moves:
+        source.replace(target)
+    sync_paths(target.parent for _, target in moves)
+
+
+def sync_paths(paths: Iterable[Path]) -> None:
+    """Make files, or the names in folders, durable; may raise OSError."""
+    different = list(dict.fromkeys(paths))
+    if len(different) <= _N_WAITING:
+        for path in different:
+            _sync(path)
+        return
+    with ThreadPoolExecutor(_N_WAITING) as pool:
+        list(pool.map(_sync, different))
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)

@@ -60,7 +60,6 @@ class Database:
     """
 
     def __init__(self, path: Path) -> None:
-        self._has_erased = False
         self._write_lock = threading.Lock()
         self._read_lock = threading.Lock()
         with _explained():
@@ -87,7 +86,7 @@ class Database:
         ----------
         erases : bool
             Whether what it removes or replaces is to leave the write-ahead log too. Where another
-            process reads at that moment, the next call does it.
+            process reads at that moment, the next such call does it.
 
         Raises
         ------
@@ -105,8 +104,12 @@ class Database:
                 with contextlib.suppress(sqlite3.Error):
                     self._roll_back()
                 raise
-            if erases or self._has_erased:
-                self._cut_log()
+            if erases:
+                # Done or not, it is committed. Nobody waits for a backup that reads.
+                with self._read_lock, contextlib.suppress(sqlite3.OperationalError):
+                    self._writer.execute("PRAGMA busy_timeout = 100")
+                    self._writer.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+                self._writer.execute("PRAGMA busy_timeout = 5000")
 
     def _roll_back(self) -> None:
         # SQLite may have rolled back by itself, as it does when the disk is full.
@@ -165,19 +168,6 @@ class Database:
             except sqlite3.DatabaseError as error:
                 return [str(error)]
         return [text for (text,) in rows if text != "ok"]
-
-    def _cut_log(self) -> None:
-        """Merge the log into the file, whose free pages hold nothing, and leave none of it."""
-        self._has_erased = True
-        # Done or not, what was committed is committed.
-        with contextlib.suppress(sqlite3.OperationalError), self._read_lock:
-            # Nobody waits for a backup that reads.
-            self._writer.execute("PRAGMA busy_timeout = 100")
-            try:
-                (is_busy, *_) = self._writer.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
-            finally:
-                self._writer.execute("PRAGMA busy_timeout = 5000")
-            self._has_erased = bool(is_busy)
 
     def _prepare(self) -> None:
         self._writer.execute("PRAGMA journal_mode = WAL")

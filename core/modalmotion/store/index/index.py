@@ -208,9 +208,10 @@ def put_records(connection: sqlite3.Connection, records: Iterable[SequenceRecord
     # An upsert: INSERT OR REPLACE would delete the row first, and its results with it.
     connection.executemany(
         f"INSERT INTO sequences ({SEQUENCE_COLUMNS}) "  # noqa: S608 (constants)
-        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) "
+        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) "
         "ON CONFLICT (id) DO UPDATE SET subject = excluded.subject, label = excluded.label, "
-        "has_upload = excluded.has_upload, facts = excluded.facts, span = excluded.span",
+        "has_upload = excluded.has_upload, facts = excluded.facts, span = excluded.span, "
+        "name = excluded.name",
         (_row(record) for record in records),
     )
 

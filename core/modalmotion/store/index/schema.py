@@ -12,13 +12,13 @@ from typing import Final, get_args
 
 from modalmotion.store.folder import ResultKind
 
-VERSION: Final = 3
+VERSION: Final = 4
 
 OWN_TABLES: Final = ("state", "counts", "sequences", "results", "models")
 
 _OTHERS: Final = (
     "n_frames, n_vertices, n_faces, topology, grid, unit, has_times, has_upload, facts, span, "
-    "is_tracked"
+    "is_tracked, name"
 )
 
 _SEQUENCES: Final = (
@@ -27,7 +27,7 @@ _SEQUENCES: Final = (
         n_faces INTEGER NOT NULL, topology TEXT, grid TEXT, unit TEXT,
         has_times INTEGER NOT NULL, subject TEXT, label TEXT, created TEXT NOT NULL,
         has_upload INTEGER NOT NULL, facts TEXT NOT NULL DEFAULT '{}', span REAL,
-        is_tracked INTEGER NOT NULL DEFAULT 0
+        is_tracked INTEGER NOT NULL DEFAULT 0, name TEXT
     )""",
     "CREATE INDEX sequences_by_time ON sequences (created, id)",
     "CREATE INDEX sequences_by_subject ON sequences (subject, created, id)",
@@ -82,7 +82,7 @@ TABLES: Final = (
 
 SEQUENCE_COLUMNS: Final = (
     "id, n_frames, n_vertices, n_faces, topology, grid, unit, has_times, subject, label, created, "
-    "has_upload, facts, span"
+    "has_upload, facts, span, name"
 )
 """Of a record, in its order."""
 

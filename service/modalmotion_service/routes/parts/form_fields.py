@@ -10,13 +10,10 @@ from starlette.datastructures import FormData, UploadFile
 
 from modalmotion.errors import LimitError, MalformedFileError, ParameterError
 from modalmotion.facts import column_of, facts_from_texts, is_fact
-from modalmotion_service.cohort.manifest import entries_by_name
+from modalmotion_service.http.manifest import MANIFEST, entries_by_name
 from modalmotion_service.http.many_files import FILES, ManyFiles, SentPart
 from modalmotion_service.work.part import Part
 from modalmotion_service.workspace.spool import SpoolFile
-
-MANIFEST: Final = "manifest"
-"""Name of the part that describes many files: a table, as a field or as a file."""
 
 _MOST_BYTES: Final = 4_000_000
 
@@ -106,7 +103,7 @@ async def spool_file_of(form: FormData, many: ManyFiles) -> SpoolFile:
 
 
 def _described(parts: tuple[Part, ...], table: str) -> tuple[Part, ...]:
-    entries = entries_by_name(table, MANIFEST)
+    entries = entries_by_name(table)
     names = [part.name for part in parts]
     unknown = next((name for name in entries if name not in names), None)
     if unknown is not None:

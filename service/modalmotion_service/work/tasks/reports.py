@@ -9,8 +9,8 @@ from modalmotion.classification.answer_hdf5 import classification_from_hdf5
 from modalmotion.exports.table import frame_table
 from modalmotion.facts import Facts
 from modalmotion.formats import ReadLimits
-from modalmotion.report import Report, fhir_json, report_of, report_pdf
-from modalmotion.report.dicom import dicom_zip, read_study
+from modalmotion.reports import Report, fhir_json, report_of, report_pdf
+from modalmotion.reports.dicom import dicom_zip, read_study
 from modalmotion.store import signature_from_hdf5, template_from_hdf5
 from modalmotion_service.http.negotiation import CSV, PDF
 from modalmotion_service.work.parsing import parser_for

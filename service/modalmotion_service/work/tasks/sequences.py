@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
+from modalmotion.facts import Facts
 from modalmotion.stopwatch import Stopwatch
-from modalmotion.store import SequenceRecord, record_of, upload_image
+from modalmotion.store import (
+    SequenceRecord,
+    record_of,
+    sequence_from_hdf5,
+    track_from_hdf5,
+    track_image,
+    upload_image,
+)
 from modalmotion_service.schemas import ReadingAnswer
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import write_whole
@@ -39,3 +49,39 @@ def ingest(
         record = record_of(reading.sequence, created="", has_upload=True)
         write_whole(image, upload_image(reading.sequence))
     return record, ReadingAnswer.of(reading), watch.milliseconds
+
+
+def restated(
+    path: Path,
+    track: Path | None,
+    stated: Mapping[str, Any],
+    facts: Facts,
+    sequence_image: Path,
+    track_file: Path,
+) -> SequenceRecord:
+    """Write a kept sequence with another unit or other times, and its track where there is one.
+
+    Parameters
+    ----------
+    path : Path
+        Of the sequence.
+    track : Path or None
+    stated : mapping
+        Of "unit" and "times" those that change; None makes one unknown.
+    facts : Facts
+        Of the sequence as it will be: they have to go with the times.
+    sequence_image, track_file : Path
+        Where to write.
+    """
+    made = None if track is None else track_from_hdf5(track)
+    sequence = sequence_from_hdf5(path) if made is None else made.sequence
+    if "unit" in stated:
+        unit = stated["unit"]
+        sequence = replace(sequence, unit=None) if unit is None else sequence.with_unit(unit)
+    if "times" in stated:
+        sequence = sequence.with_times(stated["times"])
+    sequence.with_facts(facts)
+    if made is not None:
+        write_whole(track_file, track_image(replace(made, sequence=sequence)))
+    write_whole(sequence_image, upload_image(sequence))
+    return record_of(sequence, created="", has_upload=True)

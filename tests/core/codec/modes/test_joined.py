@@ -8,9 +8,9 @@ import scipy
 from numpy.typing import NDArray
 
 from modalmotion.codec.modes import joined
+from modalmotion.codec.modes.graph import edges_of, stiffness_of
 from modalmotion.codec.modes.modes_section import read_modes
 from modalmotion.codec.modes.patch_modes import Cut, PatchModes
-from modalmotion.codec.modes.springs import edges_of, stiffness_of
 from modalmotion.errors import LimitError, MalformedFileError
 from modalmotion.mesh import lattice_faces
 from modalmotion.modes.topology import CYLINDER

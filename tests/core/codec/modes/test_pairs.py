@@ -7,7 +7,6 @@ import pytest
 from codec_from_the_text import decode_from_the_text
 from codec_sequences import errors_of, mesh_of_tube, random_sequence
 from numpy.typing import NDArray
-from pure_codec import pure
 
 from modalmotion.codec import decode, encode
 from modalmotion.codec.modes import pairs
@@ -46,9 +45,6 @@ def test_it_is_a_transform_and_its_inverse(
         assert np.abs(modes.synthesise(coefficients) - values).max() < 1e-12
         again = read_modes(modes.write(), n, faces)
         assert np.array_equal(again.synthesise(coefficients), modes.synthesise(coefficients))
-        with pure():
-            slowly = read_modes(modes.write(), n, faces)
-        assert np.array_equal(slowly.synthesise(coefficients), modes.synthesise(coefficients))
         for wrong in (modes.write() + b"\0", b"\x04" if len(modes.levels) else b"\x04\0"):
             with pytest.raises(MalformedFileError):
                 read_modes(wrong, n, faces)

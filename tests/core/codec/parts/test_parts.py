@@ -9,19 +9,17 @@ import numpy as np
 import pytest
 from codec_sequences import errors_of, jointed, mesh_of_tube
 from numpy.typing import NDArray
-from pure_codec import compiled, pure
 
 from modalmotion.codec import Effort, decode, encode, frames
-from modalmotion.codec.bits.entropy import Reader, Writer
-from modalmotion.codec.bits.guard import Guards
-from modalmotion.codec.bits.varint import read_varints, write_varint
 from modalmotion.codec.block import HASH_BYTES, read_block, write_block
 from modalmotion.codec.blocking import ModalBlock, attempt
+from modalmotion.codec.coder import Coder, read_varints, write_varint
 from modalmotion.codec.modes.lattice_modes import LatticeModes
 from modalmotion.codec.parts import segments
 from modalmotion.codec.parts.articulated import Articulated
 from modalmotion.codec.parts.parts import N_FUNCTIONS, Parts, code_labels
 from modalmotion.codec.parts.segments import segmented
+from modalmotion.codec.rounding import Guards
 from modalmotion.codec.temporal import Temporal
 from modalmotion.codec.transforms import choose
 from modalmotion.codec.trial import Trial
@@ -75,12 +73,12 @@ def test_a_flat_part_and_a_lone_vertex_have_fewer_functions(rng: np.random.Gener
 def test_labels_come_back(rng: np.random.Generator) -> None:
     for count in (1, 2, 9):
         labels = rng.integers(count, size=30)
-        writer = Writer()
+        writer = Coder()
         code_labels(writer, 30, count, labels)
         data = writer.finish()
-        assert np.array_equal(code_labels(Reader(data), 30, count, None), labels)
+        assert np.array_equal(code_labels(Coder(data), 30, count, None), labels)
     with pytest.raises(MalformedFileError, match="part 8 of 2"):
-        code_labels(Reader(data), 30, 2, None)
+        code_labels(Coder(data), 30, 2, None)
 
 
 def test_links_are_found_and_those_that_stay_together_are_one(rng: np.random.Generator) -> None:
@@ -199,16 +197,6 @@ def test_many_pieces_and_modes_without_connectivity_are_left_alone(
     assert segmented(still, 0, modes, 0.01, 0.13) is None
     monkeypatch.setattr(segments, "MOST_PIECES", 3)
     assert segmented(offsets, 0, modes, 0.01, 0.13) is None
-
-
-@compiled
-def test_compiled_or_not_the_bytes_are_the_same(rng: np.random.Generator) -> None:
-    sequence = jointed(rng)
-    data = encode(sequence, rms=0.1).data
-    with pure():
-        assert encode(sequence, rms=0.1).data == data
-        slowly = decode(data)
-    assert np.array_equal(slowly.vertices, decode(data).vertices)
 
 
 @pytest.mark.parametrize(("largest", "count"), [(0, 1), (48, 0), (48, 13), (48, 300)])

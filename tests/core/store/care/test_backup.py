@@ -25,8 +25,7 @@ from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature.making import modal_signature
 from modalmotion.store import ResultStore, backup, rebuild, template_to_hdf5, verify
 from modalmotion.store.care import backup as backup_module
-from modalmotion.store.care import copying
-from modalmotion.store.disk.group_commit import sync_paths
+from modalmotion.store.disk.atomic import sync_paths
 from modalmotion.store.tombstones import TOMBSTONE_DAYS, Deletions, buried
 from modalmotion.template import make_template
 
@@ -220,22 +219,13 @@ def test_what_was_deleted_goes_at_once_while_what_was_lost_stays(
     # What is new is in the copy, and the index, which still knows what was lost, is today's.
     assert [path for path in copy.rglob("*") if a_sequence(4).id in path.name]
     assert b"P 1" not in (copy / "index.sqlite").read_bytes()
-    # Gone on without it: set aside for some days, as are files of other kinds.
+    # Gone on without it.
     rebuild(root)
-    report = backup(root, copy, accept_missing=True)
-    assert (report.missing, report.n_set_aside) == ((), 2)
-    (day,) = (copy / "removed").iterdir()
-    assert files(day) == {f"sequences/{lost[:2]}/{lost}.h5", "cohort.csv"}
+    assert backup(root, copy, accept_missing=True).missing == ()
+    assert not (copy / "sequences" / lost[:2] / f"{lost}.h5").exists()
+    assert (copy / "cohort.csv").exists()
     assert backup(root, copy).missing == ()
     assert verify(copy).is_sound
-    # A deletion reaches what was set aside.
-    with ResultStore(root) as store:
-        store.delete_sequence(lost)
-    backup(root, copy)
-    assert files(day) == {"cohort.csv"}
-    day.rename(day.with_name("2020-01-01"))
-    backup(root, copy)
-    assert not list((copy / "removed").iterdir())
 
 
 def test_what_is_put_again_after_its_deletion_can_be_lost_too(root: Path, tmp_path: Path) -> None:
@@ -279,14 +269,6 @@ def test_times_of_files_lag_behind_and_what_is_put_again_at_once_stays(
         # Of a sequence the record tells, which has its time from another clock.
         assert store.has_sequence(sequence.id)
         assert store.templates() == (() if was_there else (template.id,))
-
-
-def test_a_file_that_the_index_names_is_missed_by_the_first_backup(
-    root: Path, tmp_path: Path
-) -> None:
-    name = a_sequence(1).id
-    (root / "sequences" / name[:2] / f"{name}.h5").unlink()
-    assert backup(root, tmp_path / "copy").missing == (f"sequences/{name[:2]}/{name}.h5",)
 
 
 def test_a_restored_copy_brings_nothing_back_without_a_word(root: Path, tmp_path: Path) -> None:
@@ -359,8 +341,7 @@ def test_what_is_copied_reaches_the_disk_before_the_index_does(
         synced.extend(listed)
         real(listed)
 
-    for module in (copying, backup_module):
-        monkeypatch.setattr(module, "sync_paths", noted)
+    monkeypatch.setattr(backup_module, "sync_paths", noted)
     backup(root, copy)
     n_files = len(files(copy)) - len({"lock", "backup.json"})
     assert sum(path.name.endswith(".tmp") for path in synced) == n_files

@@ -10,9 +10,9 @@ import pytest
 from access_parts import guarded
 from worker_tasks import die_while_writing
 
+from modalmotion_service.work.engine import Terms
 from modalmotion_service.work.pool import WorkerPool
 from modalmotion_service.work.tasks.files import whole_file, write_whole
-from modalmotion_service.work.terms import Terms
 
 
 def test_a_file_is_whole_or_not_there(tmp_path: Path) -> None:

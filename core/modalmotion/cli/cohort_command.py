@@ -1,0 +1,302 @@
+"""Command that fits signatures of many recordings, in processes here or on a Dask scheduler."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import hashlib
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+import numpy as np
+
+from modalmotion.classification.manifest import LabelledFile, labelled_files
+from modalmotion.classification.training import joblib_backend
+from modalmotion.cli.files import sequence_argument
+from modalmotion.cli.options import (
+    Command,
+    components_option,
+    example,
+    json_option,
+    kind_option,
+    merge_option,
+    mode_options,
+    reference_option,
+    rotation_option,
+    signature_parameters,
+    surface_options,
+    tell,
+    weights_option,
+)
+from modalmotion.cli.outputs import OutputFolder
+from modalmotion.cli.stated_facts import stated_facts
+from modalmotion.errors import ModalMotionError, ParameterError, needs_extra
+from modalmotion.formats import ReadOptions
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.modes.topology import MESH, SPHERE
+from modalmotion.representation import csv_text
+from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.tracking.recording import sequence_of
+
+if TYPE_CHECKING:
+    from modalmotion.store import ResultStore, SequenceRecord
+
+_TABLE: Final = "cohort.csv"
+_COLUMNS: Final = (
+    *("path", "stamp", "settings", "key", "sequence_id", "kind", "rms_error", "unit", "error"),
+)
+# Tables, texts and pictures lie beside sequences: simulate-cohort writes its table so.
+_NO_SEQUENCES: Final = (".csv", ".tsv", ".json", ".txt", ".md", ".png", ".svg", ".pdf", ".log")
+_MOST_PRINTED: Final = 50
+
+
+@dataclass(frozen=True)
+class _Signed:
+    """What became of a recording; its stamp is that of the file as it was read."""
+
+    file: LabelledFile
+    stamp: str
+    record: SequenceRecord | None = None
+    signature: ModalSignature | None = None
+    vertices: bytes = b""
+    kind: str = ""
+    error: str = ""
+
+
+@click.command(cls=Command, epilog=example("cohort cases.csv -o results --workers 8"))
+@sequence_argument
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=OutputFolder(),
+    help="Folder of results; made if missing, continued if not.",
+)
+@click.option("--workers", type=click.IntRange(1, 256), help="Processes; one for each core.")
+@click.option("--scheduler", help="Dask scheduler to send work to, such as tcp://host:8786.")
+@click.option("--keep-vertices", is_flag=True, help="Keep the sequences too, not only results.")
+@click.option(
+    "--skip-unreadable", is_flag=True, help="Files that fail do not make the command fail."
+)
+@mode_options
+@surface_options
+@reference_option
+@weights_option
+@merge_option
+@components_option
+@kind_option
+@rotation_option
+@json_option
+def cohort(
+    source: Path,
+    output: Path,
+    workers: int | None,
+    scheduler: str | None,
+    keep_vertices: bool,
+    skip_unreadable: bool,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Fit a signature to every recording that FILE names, and keep them in a store.
+
+    FILE is a manifest (.csv; path and, where they are known, label, subject and facts) or a folder.
+    A path of a manifest may be a URL, such as s3://bucket/beat.npz. Given again after an
+    interruption, the command does what is unfinished. `modalmotion store export` packs the results.
+    """
+    from modalmotion.store import ResultStore, write_atomic
+
+    parameters = signature_parameters(options)
+    files = _files(source)
+    if not files:
+        raise ParameterError(f"'{source}' names no recording.", remedy="Check it.")
+    with ResultStore(output, keep_uploads=keep_vertices) as store:
+        work = _Work(store, options, keep_vertices)
+        with joblib_backend(scheduler, workers or -1):
+            rows = work.rows(files, parameters)
+            # Recordings of one mesh have one kind of modes: closed ones that their shape alone made
+            # spheres have springs where others of their mesh do.
+            kinds = {row["kind"] for row in rows}
+            meshes = {kind.partition(" ")[2] for kind in kinds if kind.startswith(f"{MESH} ")}
+            spheres = [
+                (number, file)
+                for number, (file, row) in enumerate(zip(files, rows, strict=True))
+                if row["kind"] in {f"{SPHERE.name} {mesh}" for mesh in meshes}
+            ]
+            springs = replace(parameters, closed_form=False)
+            again = work.rows([file for _, file in spheres], springs)
+            for (number, _), row in zip(spheres, again, strict=True):
+                rows[number] = row
+    table = csv_text([_COLUMNS, *([row[name] for name in _COLUMNS] for row in rows)])
+    write_atomic(output / _TABLE, table.encode())
+    failures = [row for row in rows if row["error"]]
+    said = (
+        f"{work.n_made} signatures made, {work.n_known} known before, {len(failures)} files "
+        f"failed: {output}"
+    )
+    answer = {
+        "n_made": work.n_made,
+        "n_known": work.n_known,
+        "failures": [[row["path"], row["error"]] for row in failures],
+    }
+    tell(answer, [said], as_json=as_json)
+    for row in failures[:_MOST_PRINTED]:
+        click.echo(f"{row['path']}: {row['error']}", err=True)
+    if len(failures) > _MOST_PRINTED:
+        click.echo(f"... all of them stand in {output / _TABLE}", err=True)
+    if failures and not skip_unreadable:
+        raise click.exceptions.Exit(1)
+
+
+class _Work:
+    """Recordings that are fitted into a store, but for those that it knows."""
+
+    def __init__(self, store: ResultStore, stated: dict[str, Any], keeps: bool) -> None:
+        self._store = store
+        self._stated = stated
+        self._keeps = keeps
+        self.n_made = self.n_known = 0
+
+    def rows(
+        self, files: list[LabelledFile], parameters: SignatureParameters
+    ) -> list[dict[str, Any]]:
+        """Fit what is not done yet, wherever joblib works; gives a row of the table for each."""
+        from joblib import Parallel, delayed
+
+        from modalmotion.store import UNSET
+
+        store, table = self._store, self._store.root / _TABLE
+        done = _known(table, store, parameters.key)
+        left = [file for file in files if (_name(file), _stamp(file)) not in done]
+        self.n_known += len(files) - len(left)
+        work = (delayed(_signed)(file, parameters, self._stated, self._keeps) for file in left)
+        failed: dict[str, dict[str, Any]] = {}
+        with (
+            click.progressbar(length=len(left), label="signatures", file=sys.stderr) as bar,
+            table.open("a", newline="") as lines,
+        ):
+            for signed in Parallel(return_as="generator_unordered")(work) if left else ():
+                row = _row(signed, parameters.key)
+                if signed.record is not None and signed.signature is not None:
+                    _keep(store, signed.record, signed.signature, signed.vertices)
+                    done[row["path"], row["stamp"]] = row
+                    self.n_made += 1
+                else:
+                    failed[row["path"]] = row
+                csv.DictWriter(lines, _COLUMNS).writerow(row)
+                lines.flush()
+                bar.update(1)
+        of_paths = {path: row for (path, _), row in done.items()} | failed
+        for file in files:
+            if sequence_id := of_paths[_name(file)]["sequence_id"]:
+                # What the manifest says now.
+                store.update_sequence(
+                    sequence_id, subject=file.subject or UNSET, label=file.label or UNSET
+                )
+        return [of_paths[_name(file)] for file in files]
+
+
+def _files(source: Path) -> list[LabelledFile]:
+    if not source.is_dir():
+        return labelled_files([source], skip_unreadable=True, needs_label=False)
+    paths = sorted(p for p in source.iterdir() if p.suffix.lower() not in _NO_SEQUENCES)
+    return [LabelledFile(path, "", None) for path in paths if path.name[0] != "."]
+
+
+def _name(file: LabelledFile) -> str:
+    return file.url or str(file.path.absolute())
+
+
+def _stamp(file: LabelledFile) -> str:
+    """Tell a replaced file, or other facts that it is read with, without reading it."""
+    with contextlib.suppress(OSError):
+        status = file.path.stat()
+        return f"{status.st_size} {status.st_mtime_ns} {file.facts}"
+    return f"{file.facts}"
+
+
+def _signed(
+    file: LabelledFile, parameters: SignatureParameters, stated: dict[str, Any], keeps: bool
+) -> _Signed:
+    """Fit one signature, in a process of joblib; an error costs this file alone."""
+    from modalmotion.store import record_of, upload_image
+
+    stamp = _stamp(file)
+    try:
+        with _here(file) as path:
+            stated = {**stated}
+            options = ReadOptions(facts=stated_facts(stated).over(file.facts), **stated)
+            sequence = sequence_of(path, options)
+        signature = modal_signature(sequence, parameters)
+        record = record_of(sequence, created="", has_upload=keeps)
+        vertices = upload_image(sequence) if keeps else b""
+        kind = _kind_by_shape(sequence, signature)
+        return _Signed(file, stamp, record, signature, vertices, kind)
+    except ModalMotionError as error:
+        return _Signed(file, stamp, error=str(error))
+    except OSError as error:
+        # What a URL's query says may be secret.
+        return _Signed(file, stamp, error=f"it cannot be fetched: {type(error).__name__}")
+
+
+@contextlib.contextmanager
+def _here(file: LabelledFile) -> Iterator[Path]:
+    """Give a path of this machine, of a copy that goes with the block if the file has a URL."""
+    if file.url is None:
+        yield file.path
+        return
+    with needs_extra("remote"):
+        import fsspec
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / file.path.name
+        with fsspec.open(file.url, "rb") as there, path.open("wb") as here:
+            shutil.copyfileobj(there, here)
+        yield path
+
+
+def _keep(
+    store: ResultStore, record: SequenceRecord, signature: ModalSignature, vertices: bytes
+) -> None:
+    with tempfile.NamedTemporaryFile(dir=store.root) as image:
+        image.write(vertices)
+        image.flush()
+        store.put_sequence_image(Path(image.name), record)
+    store.put_signature(signature)
+
+
+def _known(table: Path, store: ResultStore, settings: str) -> dict[tuple[str, str], dict[str, Any]]:
+    """Read what earlier runs have done with these parameters, and what the store still has."""
+    known = {}
+    with contextlib.suppress(OSError), table.open(newline="") as lines:
+        for row in csv.DictReader(lines, _COLUMNS):
+            with contextlib.suppress(ModalMotionError, TypeError):
+                is_there = store.sound_signature_path(row["sequence_id"], row["key"]) is not None
+                if row["settings"] == settings and is_there:
+                    known[row["path"], row["stamp"]] = row
+    return known
+
+
+def _row(signed: _Signed, settings: str) -> dict[str, Any]:
+    row: dict[str, Any] = dict.fromkeys(_COLUMNS, "")
+    row |= {"path": _name(signed.file), "stamp": signed.stamp, "settings": settings}
+    row |= {"error": signed.error, "kind": signed.kind}
+    if (signature := signed.signature) is not None:
+        row |= {"key": signature.parameters.key, "sequence_id": signature.sequence_id}
+        row |= {"rms_error": signature.rms_error, "unit": signature.unit or ""}
+    return row
+
+
+def _kind_by_shape(sequence: MeshSequence, signature: ModalSignature) -> str:
+    """Give the kind of modes that a closed surface has by its shape alone, and its mesh."""
+    if sequence.topology is not None or signature.parameters.fixes_kind:
+        return ""
+    if signature.surface not in (SPHERE.name, MESH):
+        return ""
+    digest = hashlib.sha256(str(sequence.n_vertices).encode())
+    digest.update(np.ascontiguousarray(sequence.faces, dtype="<i8").data)
+    return f"{signature.surface} {digest.hexdigest()[:16]}"

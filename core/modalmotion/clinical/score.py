@@ -1,0 +1,121 @@
+"""An estimated motion beside the true one, by the measures of published comparisons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.clinical.strain import wall_strain
+from modalmotion.errors import ShapeError
+from modalmotion.mesh import cavity_of
+from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
+from modalmotion.representation import shown
+from modalmotion.template import make_template
+from modalmotion.tracking.closest import closest_points
+
+LEVELS: Final = (1 / 6, 1 / 2, 5 / 6)
+WALLS: Final = 4
+"""Landmarks: four around, at the middles of three thirds of the wall from apex to base."""
+
+PUBLISHED: Final = (2.9, 2.14, 1.96, 1.49)
+"""End-point errors that others state, mm, of recordings and landmarks of their own."""
+
+
+@shown("end_point_end_systole", "along_normal", "ejection_fraction", "gls", "gcs", "inside")
+@dataclass(frozen=True)
+class Score:
+    """How far an estimated motion is from the true one.
+
+    Parameters
+    ----------
+    end_point, end_point_end_systole : float, mm
+        Mean distance of 12 landmarks that move with either surface from their places in the
+        first frame: over all later frames, and at the true end systole.
+    along_normal : float, mm
+        Mean distance of the true vertices from the estimated surface, all frames.
+    ejection_fraction, gls, gcs : float, percentage points
+        Estimated less true.
+    inside : float or None
+        Share of estimated vertices that are within 1.96 stated deviations of the true surface.
+        None where nothing is stated.
+    """
+
+    end_point: float
+    end_point_end_systole: float
+    along_normal: float
+    ejection_fraction: float
+    gls: float
+    gcs: float
+    inside: float | None
+
+
+def score(
+    truth: MeshSequence, answer: MeshSequence, deviations: NDArray[np.float64] | None = None
+) -> Score:
+    """Compare an estimated motion with the true one, frame by frame.
+
+    Parameters
+    ----------
+    truth, answer : MeshSequence
+        Of the same frames, in the same coordinates; meshes may differ. A unit that is not stated
+        is mm.
+    deviations : (frames, vertices) float64, optional
+        Standard deviation that is stated of each vertex of the answer, across the surface, mm.
+
+    Raises
+    ------
+    ShapeError
+        If the numbers of frames differ, or deviations do not belong to the answer.
+    TopologyError
+        If a surface has no cavity, or is no cup, tube or sphere.
+    """
+    if truth.n_frames != answer.n_frames:
+        raise ShapeError(
+            f"The truth has {truth.n_frames} frames and the answer {answer.n_frames}.",
+            remedy="Give both at the same instants: see `modalmotion resample`.",
+        )
+    if deviations is not None and deviations.shape != answer.vertices.shape[:2]:
+        raise ShapeError(
+            f"deviations have the shape {deviations.shape}, the answer's vertices "
+            f"{answer.vertices.shape}.",
+            remedy="Give one number for each vertex in each frame.",
+        )
+    x, y = (MM_PER_UNIT[s.unit or "mm"] * s.vertices.astype(np.float64) for s in (truth, answer))
+    template = make_template(truth)
+    places = np.array([(s, 2 * np.pi * k / WALLS) for s in LEVELS for k in range(WALLS)])
+    s, theta = template.coordinates[:, 0], template.coordinates[:, 1]
+    marks = [int(np.argmin((s - a) ** 2 + np.sin((theta - b) / 2) ** 2)) for a, b in places]
+    held = closest_points(x[0, marks], y[0], answer.faces)
+    moved = np.einsum("nk,fnki->fni", held.shares, y[:, held.corners]) - held.feet
+    ends = np.linalg.norm(moved - (x[:, marks] - x[0, marks]), axis=2).mean(axis=1)
+    away = [closest_points(a, b, answer.faces).distances.mean() for a, b in zip(x, y, strict=True)]
+    (ef, gls, gcs, systole), estimated = _figures(truth), _figures(answer)
+    inside = None
+    if deviations is not None:
+        off = [closest_points(b, a, truth.faces).distances for a, b in zip(x, y, strict=True)]
+        is_stated = deviations > 0
+        inside = float((np.array(off) <= 1.96 * deviations)[is_stated].mean())
+    return Score(
+        end_point=float(ends[1:].mean()) if len(ends) > 1 else 0.0,
+        end_point_end_systole=float(ends[systole]),
+        along_normal=float(np.mean(away)),
+        ejection_fraction=estimated[0] - ef,
+        gls=estimated[1] - gls,
+        gcs=estimated[2] - gcs,
+        inside=inside,
+    )
+
+
+def _figures(sequence: MeshSequence) -> tuple[float, float, float, int]:
+    template = make_template(sequence)
+    volumes = cavity_of(template.faces, template.n_vertices).volume(
+        sequence.vertices.astype(np.float64)
+    )
+    volumes = np.abs(volumes)
+    start, end = int(volumes.argmax()), int(volumes.argmin())
+    strain = wall_strain(sequence, template, start, end).end_systolic
+    ejected = 100.0 * (1.0 - volumes[end] / volumes[start])
+    return float(ejected), strain["GLS"].value, strain["GCS"].value, end

@@ -1,1 +1,0 @@
-"""Bits: integers, matrices and corrections by entropy coding."""

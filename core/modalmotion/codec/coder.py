@@ -1,0 +1,267 @@
+"""Numbers in bytes: a range coder, plain bits, and whole numbers of few bytes.
+
+A `Coder` writes or reads, and its methods are the same for both, so that code for both is written
+once and cannot disagree with itself: a writer is given values and returns them, a reader is given
+None and returns what it reads. The work is done by `native/coder.h` and its neighbours.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import MalformedFileError, ModalMotionError
+from modalmotion.native import run
+
+Ints = NDArray[np.int64]
+
+LARGEST_MAGNITUDE: Final = (1 << 40) + 13
+"""Larger ones cannot be coded."""
+
+_N_STATE: Final = 12
+_WORD, _N_WORDS, _BIT, _N_BITS, _NEEDED = 3, 4, 5, 6, 11
+"""Places in the state of a coder, 64 bits each: `State` in native/coder.h."""
+
+_FINE, _FULL, _ROOM, _KEYS = 0, 16, 17, 18
+_MESSAGES: Final = {
+    1: "The range coder cannot have written these words.",
+    2: "A block holds fewer bits than its values need.",
+    3: "A face of the stream names a vertex that does not exist.",
+    4: "The stream numbers a vertex that does not exist.",
+    5: "A number in the faces does not end.",
+    6: "A matrix or a mesh is larger than can be coded.",
+}
+"""What a damaged stream is refused with, by the status of a function."""
+
+_LONGEST: Final = 9
+
+
+def damaged(message: str) -> MalformedFileError:
+    """Make the error for bytes that no encoder writes."""
+    return MalformedFileError(message, remedy="The stream is cut or damaged: send it again.")
+
+
+@contextmanager
+def parsing(message: str) -> Iterator[None]:
+    """Report bytes that do not parse as damage.
+
+    Raises
+    ------
+    MalformedFileError
+        With this message, in place of the errors of indexing and unpacking.
+    """
+    try:
+        yield
+    except ModalMotionError:
+        raise
+    except (IndexError, ValueError, struct.error, zlib.error) as error:
+        raise damaged(message) from error
+
+
+class Coder:
+    """One coded part of a section, written or read.
+
+    Almost any bytes give numbers of some kind: damage shows in the checksums.
+
+    Parameters
+    ----------
+    data : bytes, optional
+        To read from; a writer has none.
+
+    Raises
+    ------
+    MalformedFileError
+        If the bytes are too few for the words that they declare.
+    """
+
+    def __init__(self, data: bytes | None = None) -> None:
+        self.reads = data is not None
+        self._state = np.zeros(_N_STATE, dtype=np.int64)
+        if data is None:
+            self._words, self._bits = np.zeros(1024, np.uint32), np.zeros(1024, np.uint8)
+        else:
+            n_words, start = read_varint(data, 0)
+            if n_words * 4 > len(data) - start:
+                raise damaged(
+                    f"A block declares {n_words} words, but {len(data) - start} bytes are left."
+                )
+            self._words = np.frombuffer(data, "<u4", n_words, start).astype(np.uint32)
+            self._bits = np.frombuffer(data[start + 4 * n_words :], np.uint8)
+        self._count_room()
+        run("mm_begin", self._state, self._words, int(self.reads))
+
+    def finish(self) -> bytes:
+        """Give what was written: number of words of the range coder, the words, the plain bits."""
+        self._code("mm_finish")
+        words = self._words[: self._state[_WORD]].astype("<u4")
+        plain = self._bits[: (self._state[_BIT] + 7) // 8]
+        return write_varint(len(words)) + words.tobytes() + plain.tobytes()
+
+    def numbers(self, count: int, values: Ints | None) -> Ints:
+        """Code a list of whole numbers >= 0 that resemble each other, (count,) int64."""
+        found = self._values((count,), values)
+        self._code("mm_list", count, found)
+        return found
+
+    def count(self, count: int | None, most: int) -> int:
+        """Code how many of some values are listed.
+
+        Raises
+        ------
+        MalformedFileError
+            If these are more than exist.
+        """
+        n = int(self.numbers(1, None if count is None else np.array([count]))[0])
+        if n > most:
+            raise damaged(f"The stream lists {n} of {most} values.")
+        return n
+
+    def bits(self, count: int, width: int, values: Ints | None) -> Ints:
+        """Code plain numbers of so many bits each, (count,) int64."""
+        found = self._values((count,), values)
+        self._code("mm_bits", count, width, found)
+        return found
+
+    def signs(self, count: int, values: Ints | None) -> Ints:
+        """Code the signs of values that are not zero: 1 or -1."""
+        negative = None if values is None else (values < 0).astype(np.int64)
+        return 1 - 2 * self.bits(count, 1, negative)
+
+    def matrix(self, shape: tuple[int, int], values: Ints | None, *, mixed: bool) -> Ints:
+        """Code a matrix of whole numbers.
+
+        Parameters
+        ----------
+        shape : (rows, columns)
+            Rows are what moves, the strongest first, columns are modes, the smoothest first.
+        values : (rows, columns) int64, optional
+            For a writer.
+        mixed : bool
+            Whether entries are coded one by one, in fewer bits and more time.
+        """
+        found = self._values(shape, values)
+        self._in_room("mm_matrix", *shape, found, int(mixed))
+        return found
+
+    def faces(
+        self,
+        shape: tuple[int, int, int, int],
+        faces: Ints | None,
+        *,
+        keep_order: bool = False,
+        walk_only: bool = False,
+    ) -> Ints:
+        """Code triangles and the order of their vertices.
+
+        Parameters
+        ----------
+        shape : (int, int, int, int)
+            Vertices, faces, triangles after which the pattern may repeat, relations of the order.
+        faces : (faces, 3) int64, optional
+            For a writer.
+        keep_order : bool, optional
+            Of a writer: whether to keep the order of the triangles, and the first corner of each.
+        walk_only : bool, optional
+            Leave out the order of the vertices.
+        """
+        found = np.zeros((shape[1], 3), np.int32) if faces is None else faces.astype(np.int32)
+        found = np.ascontiguousarray(found)
+        self._in_room("mm_faces", *shape, int(keep_order), int(walk_only), found)
+        return found.astype(np.int64)
+
+    def _values(self, shape: tuple[int, ...], values: Ints | None) -> Ints:
+        if values is None:
+            return np.zeros(shape, dtype=np.int64)
+        return np.ascontiguousarray(values, dtype=np.int64)
+
+    def _code(self, name: str, *given: Any) -> None:
+        while self._run(name, *given) != _FINE:
+            pass
+
+    def _in_room(self, name: str, *given: Any) -> None:
+        """Run a function that wants room, and a larger hash table if one was too small."""
+        n_bytes, grow, status = 0, 0, _ROOM
+        while status != _FINE:
+            room = np.zeros(n_bytes, dtype=np.uint8)
+            status = self._run(name, *given, grow, room, n_bytes)
+            grow += status == _KEYS
+            n_bytes = int(self._state[_NEEDED])
+
+    def _run(self, name: str, *given: Any) -> int:
+        """Run a function once; if words or bits are short, make room for the next time."""
+        status = run(name, self._state, self._words, self._bits, *given)
+        if status in _MESSAGES:
+            raise damaged(_MESSAGES[status])
+        if status == _FULL:
+            self._words = np.concatenate([self._words, np.zeros_like(self._words)])
+            self._bits = np.concatenate([self._bits, np.zeros_like(self._bits)])
+            self._count_room()
+        return status
+
+    def _count_room(self) -> None:
+        self._state[[_N_WORDS, _N_BITS]] = len(self._words), 8 * len(self._bits)
+
+
+def write_varint(value: int) -> bytes:
+    """Write a whole number >= 0, seven bits a byte, low bits first.
+
+    The high bit of a byte says that another follows.
+    """
+    parts = bytearray()
+    while value > 0x7F:
+        parts.append(0x80 | (value & 0x7F))
+        value >>= 7
+    parts.append(value)
+    return bytes(parts)
+
+
+def read_varint(data: bytes, position: int) -> tuple[int, int]:
+    """Read what `write_varint` wrote.
+
+    Returns
+    -------
+    value : int
+        At most 2^63 - 1.
+    position : int
+        Where the next byte is.
+
+    Raises
+    ------
+    MalformedFileError
+        If the data end inside the number, or it is longer than 63 bits.
+    """
+    value = 0
+    for count in range(_LONGEST):
+        if position >= len(data):
+            break
+        byte = data[position]
+        position += 1
+        value |= (byte & 0x7F) << (7 * count)
+        if byte < 0x80:
+            return value, position
+    raise damaged("A number in the stream does not end.")
+
+
+def read_varints(data: bytes, position: int, count: int) -> tuple[list[int], int]:
+    """Read several numbers, as `read_varint`."""
+    values = []
+    for _ in range(count):
+        value, position = read_varint(data, position)
+        values.append(value)
+    return values, position
+
+
+def zigzag(value: int) -> int:
+    """Map 0, -1, 1, -2, ... to 0, 1, 2, 3, ..."""
+    return 2 * value if value >= 0 else -2 * value - 1
+
+
+def unzigzag(value: int) -> int:
+    """Undo `zigzag`."""
+    return value >> 1 if value % 2 == 0 else -(value + 1) >> 1

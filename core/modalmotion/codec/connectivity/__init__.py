@@ -1,1 +1,0 @@
-"""Connectivity of a mesh as bits."""

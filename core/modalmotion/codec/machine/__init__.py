@@ -1,1 +1,0 @@
-"""Machine code of the kernels: where it is kept, how it is loaded and called."""

@@ -1,0 +1,173 @@
+"""Values as files, in the format that the end of a name says, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+from modalmotion.arguments.tasks import Plotted
+from modalmotion.classification import Classification, Model
+from modalmotion.codec import Encoded, decode
+from modalmotion.codec.container import MAGIC
+from modalmotion.errors import NotFoundError, ParameterError, StoreError
+from modalmotion.exports.html import to_html
+from modalmotion.exports.picture_files import PICTURES
+from modalmotion.exports.reading import read
+from modalmotion.exports.table import amplitude_table
+from modalmotion.formats import (
+    write_glb,
+    write_npz,
+    write_ply_zip,
+    write_raw,
+    write_vtkhdf,
+)
+from modalmotion.formats.gltf.morph_animation import frame_animation
+from modalmotion.hdf5.form import form_of
+from modalmotion.hdf5.gate import SIGNATURE
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.norm import Norm, norm_from_hdf5, norm_to_hdf5
+from modalmotion.numerals import with_article
+from modalmotion.signature.making import ModalSignature, modal_signature
+from modalmotion.store import (
+    classification_from_hdf5,
+    classification_to_hdf5,
+    model_from_hdf5,
+    model_to_hdf5,
+    sequence_from_hdf5,
+    sequence_to_hdf5,
+    signature_from_hdf5,
+    signature_to_hdf5,
+    template_from_hdf5,
+    template_to_hdf5,
+    track_from_hdf5,
+    track_to_hdf5,
+    write_atomic,
+)
+from modalmotion.template import Template
+from modalmotion.tracking import Track
+
+
+def _page(sequence: MeshSequence) -> bytes:
+    from modalmotion.viewer.page import View, view_page
+
+    return view_page([View(modal_signature(sequence), sequence)]).encode()
+
+
+SURFACES: Final[dict[str, Callable[[MeshSequence], bytes]]] = {
+    ".npz": write_npz,
+    ".h5": sequence_to_hdf5,
+    ".vtkhdf": write_vtkhdf,
+    ".glb": lambda sequence: write_glb(frame_animation(sequence)),
+    ".zip": write_ply_zip,
+    ".raw": write_raw,
+}
+"""Ends of names of files that a moving surface is written to and read from."""
+
+_WRITERS: Final[tuple[tuple[type, dict[str, Callable[[Any], bytes]]], ...]] = (
+    (MeshSequence, {**SURFACES, ".html": _page}),
+    (Track, {".h5": track_to_hdf5}),
+    (
+        ModalSignature,
+        {
+            ".h5": signature_to_hdf5,
+            ".csv": lambda value: amplitude_table(value).to_csv().encode(),
+            ".html": lambda value: to_html(value).encode(),
+        },
+    ),
+    (Model, {".h5": model_to_hdf5}),
+    (Norm, {".h5": norm_to_hdf5}),
+    (Template, {".h5": template_to_hdf5}),
+    (Classification, {".h5": classification_to_hdf5}),
+    (Encoded, {".mms": lambda value: value.data}),
+)
+
+_READERS: Final[dict[str, Callable[[Path], Any]]] = {
+    "sequence": sequence_from_hdf5,
+    "track": track_from_hdf5,
+    "signature": signature_from_hdf5,
+    "model": model_from_hdf5,
+    "norm": norm_from_hdf5,
+    "template": template_from_hdf5,
+    "classification": classification_from_hdf5,
+}
+
+
+def save(value: Any, path: str | Path) -> Path:
+    """Write a value to a file, in the format that the end of its name says.
+
+    Parameters
+    ----------
+    value : object
+        A sequence (.npz, .h5, .vtkhdf, .glb, .zip of PLY, .raw, .html), a track (.h5, and as its
+        sequence), a signature (.h5, .csv, .html), a model, a norm, a template or a class (.h5), a
+        stream (.mms). What `plot` draws is also written as a picture: .png, .svg, .pdf.
+    path : str or Path
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    ParameterError
+        If there is no such format for it.
+    StoreError
+        If it cannot be written.
+    """
+    path, suffix = Path(path), Path(path).suffix.lower()
+    if suffix in PICTURES and isinstance(value, Plotted):
+        value.plot(path)
+        return path
+    writers = next((of for kind, of in _WRITERS if isinstance(value, kind)), {})
+    if suffix not in writers and isinstance(value, Track):
+        return save(value.sequence, path)
+    if suffix not in writers:
+        known = [*writers, *(PICTURES if isinstance(value, Plotted) else ())]
+        what = with_article(type(value).__name__)
+        raise ParameterError(
+            f"{path.name!r} names no format of {what}.",
+            remedy=f"End the name with {', '.join(known)}."
+            if known
+            else "Give a sequence, a track, a signature, a model, a class or a stream.",
+        )
+    write_atomic(path, writers[suffix](value))
+    return path
+
+
+def load(path: str | Path) -> Any:
+    """Read back what `save` wrote: any result, or a moving surface in any format.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    MeshSequence, Track, ModalSignature, Model, Norm, Template or Classification
+        Of a stream the sequence that it decodes to.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such file.
+    InputError, StoreError
+        If it cannot be read.
+    """
+    path = Path(path)
+    if not path.exists() and not set(path.name) & set("*?["):
+        raise NotFoundError(f"There is no file '{path}'.", remedy="Check the path.")
+    if path.is_file():
+        with path.open("rb") as file:
+            head = file.read(len(SIGNATURE))
+        if head.startswith(MAGIC):
+            return decode(path.read_bytes())
+        if head == SIGNATURE:
+            # Of other programs' HDF5 there is no form of ours.
+            kind = ""
+            with suppress(StoreError):
+                kind = form_of(path).kind
+            if kind in _READERS:
+                return _READERS[kind](path)
+    return read(path)

@@ -1,0 +1,57 @@
+"""Reading a moving surface, be it a file of frames or the track of something else."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+from modalmotion.formats import ReadOptions, read_sequence
+from modalmotion.formats.result import Reading
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.progress import Progress
+
+
+def read(path: str | Path, options: ReadOptions | None = None) -> MeshSequence:
+    """Read a moving surface: a file, a folder of frames, or a pattern such as "scan_*.ply".
+
+    Parameters
+    ----------
+    path : str or Path
+    options : ReadOptions, optional
+        What the file does not state: `read(path, unit="mm")`.
+
+    Returns
+    -------
+    MeshSequence
+        Of a track its sequence, with the track's own errors.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read; it says how to convert or track it.
+
+    Warns
+    -----
+    UserWarning
+        Of what the reader changed or assumed; `read_sequence` gives it as notes.
+    """
+    reading = read_recording(Path(path), options)
+    for note in reading.notes:
+        # Of whoever called it, through the check of its arguments.
+        warnings.warn(note, stacklevel=3)
+    return reading.sequence
+
+
+def read_recording(
+    path: Path, options: ReadOptions | None = None, *, progress: Progress | None = None
+) -> Reading:
+    """Read a moving surface with its notes; of the file of a track its sequence and errors."""
+    options = ReadOptions() if options is None else options
+    if path.suffix.lower() in (".h5", ".hdf5"):
+        # Tracking is imported for these alone.
+        from modalmotion.tracking.hdf5 import kept_track
+
+        track = kept_track(path)
+        if track is not None:
+            return options.apply(Reading(track.sequence, format="hdf5"))
+    return read_sequence(path, options, progress=progress)

@@ -1,0 +1,176 @@
+"""Sequences in arrays that other programs name and order otherwise: npz, MATLAB, plain HDF5."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Mapping
+from functools import partial
+from math import prod
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import MalformedFileError, ShapeError
+from modalmotion.formats.parser.answer import Parsed
+from modalmotion.limits import ReadLimits
+
+_NAMES: Final = {
+    "vertices": ("vertices", "points", "verts", "positions", "nodes", "v", "p"),
+    "faces": ("faces", "triangles", "tris", "tri", "cells", "elements", "f", "t"),
+    "times": ("times", "time"),
+}
+_NEEDED: Final = ("vertices", "faces")
+_DIRECTIONS: Final = 3
+# Of one number in memory, at most.
+_BYTES: Final = 8
+
+_malformed: Final = partial(
+    MalformedFileError,
+    remedy="Save vertices (n, 3, frames) and faces (m, 3) under these names, from MATLAB by "
+    "save('beat.mat', 'vertices', 'faces'); or send VTKHDF or npz.",
+)
+
+
+def aliases_in(names: Iterable[str]) -> dict[str, str] | None:
+    """Find which arrays are the vertices, faces and times; None without vertices and faces.
+
+    Parameters
+    ----------
+    names : iterable of str
+
+    Returns
+    -------
+    dict of str to str
+        Our name to theirs.
+    """
+    by_word = {name.lower(): name for name in reversed([*names])}
+    found = {
+        ours: by_word[word]
+        for ours, words in _NAMES.items()
+        if (word := next((w for w in words if w in by_word), None)) is not None
+    }
+    return found if all(name in found for name in _NEEDED) else None
+
+
+def note_on(aliases: Mapping[str, str]) -> tuple[str, ...]:
+    """Say which arrays were taken for which."""
+    other = [f"{theirs!r} as {ours}" for ours, theirs in aliases.items() if ours != theirs]
+    return (f"Read {', '.join(other)}.",) if other else ()
+
+
+def parse_matlab(data: bytes, limits: ReadLimits) -> Parsed:
+    """Read a MATLAB file up to version 7 by SciPy, in this process."""
+    from scipy.io import loadmat, whosmat
+
+    try:
+        shapes = {name: shape for name, shape, _ in whosmat(io.BytesIO(data))}
+        aliases = _required(shapes, "MATLAB file")
+        wanted = [*aliases.values()]
+        limits.require("decompressed_bytes", sum(_BYTES * prod(shapes[name]) for name in wanted))
+        arrays = loadmat(io.BytesIO(data), variable_names=wanted)
+    except (MalformedFileError, MemoryError):
+        raise
+    except Exception as error:
+        # SciPy's reader raises what NumPy, zlib and struct do.
+        raise _malformed(f"The MATLAB file cannot be read ({str(error)[:80]}).") from error
+    own = {ours: arrays[theirs] for ours, theirs in aliases.items()}
+    return _parsed(own, aliases, shapes, "mat", limits, is_matlab=True)
+
+
+def parse_datasets(file: Any, limits: ReadLimits) -> Parsed:
+    """Read the datasets of an open HDF5 file, or MATLAB's of version 7.3, that passed the gate."""
+    names = [name for name in file if hasattr(file[name], "shape")]
+    aliases = _required(names, "HDF5 file", [*file])
+    is_matlab = "MATLAB_class" in file[aliases["vertices"]].attrs
+    # MATLAB's axes run the other way.
+    own = {
+        ours: np.asarray(file[theirs][()]).T if is_matlab else np.asarray(file[theirs][()])
+        for ours, theirs in aliases.items()
+    }
+    return _parsed(own, aliases, names, "mat" if is_matlab else "hdf5", limits, is_matlab=is_matlab)
+
+
+def _required(names: Iterable[str], what: str, listed: list[str] | None = None) -> dict[str, str]:
+    aliases = aliases_in(names)
+    if aliases is None:
+        inside = [*names] if listed is None else listed
+        shown = ", ".join(repr(name[:40]) for name in inside[:8]) or "nothing"
+        raise _malformed(f"The {what} holds {shown}: no vertices with faces.")
+    return aliases
+
+
+def _parsed(
+    own: dict[str, NDArray[Any]],
+    aliases: Mapping[str, str],
+    names: Iterable[str],
+    kind: str,
+    limits: ReadLimits,
+    *,
+    is_matlab: bool,
+) -> Parsed:
+    vertices = positions_in(own["vertices"], is_matlab=is_matlab)
+    faces, notes = faces_in(own["faces"], vertices.shape[1])
+    limits.require("frames", len(vertices))
+    limits.require("vertices", vertices.shape[1])
+    limits.require("faces", len(faces))
+    arrays = {"vertices": vertices, "faces": faces}
+    if "times" in own:
+        arrays["times"] = np.ravel(own["times"]).astype(np.float64)
+    info = {
+        "format": kind,
+        "unit": None,
+        "topology": None,
+        "grid": None,
+        "ignored": [name for name in names if name not in aliases.values()],
+        "notes": [*note_on(aliases), *notes],
+    }
+    return info, arrays
+
+
+def positions_in(array: NDArray[Any], *, is_matlab: bool) -> NDArray[Any]:
+    """Order axes as (frames, vertices, 3).
+
+    Parameters
+    ----------
+    array : (frames, vertices, 3), (vertices, 3, frames) or (vertices, 3)
+    is_matlab : bool
+        Which of the first two it is where both fit.
+
+    Raises
+    ------
+    ShapeError
+        If none fits.
+    """
+    shape = array.shape
+    if array.ndim == 2 and _DIRECTIONS in shape:
+        return (array if shape[1] == _DIRECTIONS else array.T)[None]
+    last, middle = shape[-1:] == (_DIRECTIONS,), shape[1:2] == (_DIRECTIONS,)
+    if array.ndim == 3 and (middle if is_matlab else middle and not last):
+        return array.transpose(2, 0, 1)
+    if array.ndim == 3 and last:
+        return array
+    raise ShapeError(
+        f"The vertices have the shape {shape}.",
+        remedy="Give (frames, vertices, 3), or in MATLAB (vertices, 3, frames).",
+    )
+
+
+def faces_in(array: NDArray[Any], n_vertices: int) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+    """Give triangles as rows that count vertices from 0, with a note where they counted from 1.
+
+    Raises
+    ------
+    ShapeError
+        If they are not whole numbers in threes.
+    """
+    whole = np.asarray(array)
+    if whole.ndim != 2 or _DIRECTIONS not in whole.shape or (whole != np.rint(whole)).any():
+        raise ShapeError(
+            f"The faces have the shape {whole.shape} of {whole.dtype}.",
+            remedy="Give triangles as (faces, 3) whole numbers.",
+        )
+    rows = (whole if whole.shape[1] == _DIRECTIONS else whole.T).astype(np.int64)
+    if len(rows) and rows.min() == 1 and rows.max() == n_vertices:
+        return rows - 1, ("Faces count vertices from 1.",)
+    return rows, ()

@@ -1,0 +1,313 @@
+"""A report as a bundle of FHIR R4 resources: plain dictionaries, the same bytes every time."""
+
+from __future__ import annotations
+
+import json
+import uuid
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.clinical import ClinicalReadouts
+from modalmotion.exports.table import direction_names
+from modalmotion.norm import Deviation
+from modalmotion.reports.codes import CATEGORY, OWN, SYSTEM, concept, end_coding
+from modalmotion.reports.content import Report
+from modalmotion.reports.fhir_elements import (
+    Resource,
+    absent,
+    narrative,
+    quantity,
+    reference,
+    resource,
+    sampled,
+    unstated,
+)
+from modalmotion.reports.quantities import Quantity, errors_of, quantities_of
+
+MEDIA_TYPE: Final = "application/fhir+json; fhirVersion=4.0"
+
+NOBODY: Final = "Not stated"
+"""In the place of a subject's name."""
+NO_PERSON: Final = "No person: computed by the device"
+"""In the place of a performer's name."""
+
+_NAMESPACE: Final = uuid.uuid5(uuid.NAMESPACE_OID, SYSTEM)
+
+# Shares of the usual step by which frames may be uneven and still count as even.
+_EVEN: Final = 1e-3
+
+
+def fhir_bundle(report: Report) -> Resource:
+    """Write a report as a Bundle of the type collection.
+
+    DiagnosticReport, Observations, Device, Provenance. All are `preliminary`: a person has the
+    last word. No subject is named.
+
+    Parameters
+    ----------
+    report : Report
+
+    Returns
+    -------
+    dict
+        JSON values, in a fixed order.
+    """
+    key = uuid.uuid5(_NAMESPACE, report.digest)
+    found = _found(report)
+    observations = [_observation(key, report, one) for one in found]
+    said = [line for one in found for line in one.lines]
+    main = _diagnostic_report(key, report, observations, said)
+    resources = [
+        main,
+        *observations,
+        {**resource(key, "Device", "device"), **_device(report)},
+        _provenance(key, report, [main, *observations]),
+    ]
+    return {
+        "resourceType": "Bundle",
+        "id": str(key),
+        "type": "collection",
+        "timestamp": report.issued.isoformat(),
+        "entry": [{"fullUrl": f"urn:uuid:{one['id']}", "resource": one} for one in resources],
+    }
+
+
+def fhir_json(report: Report) -> bytes:
+    """Write the bundle as UTF-8 JSON."""
+    return json.dumps(fhir_bundle(report), ensure_ascii=False, indent=1, allow_nan=False).encode()
+
+
+def _device(report: Report) -> Resource:
+    version = report.signature.provenance.get("modalmotion", "unknown")
+    return {
+        "text": narrative(f"modalmotion {version}. {report.intended_use}"),
+        "status": "active",
+        "deviceName": [{"name": "modalmotion", "type": "model-name"}],
+        "version": [{"value": version}],
+        "note": [{"text": report.intended_use}],
+    }
+
+
+def _diagnostic_report(
+    key: uuid.UUID, report: Report, results: Sequence[Resource], said: Sequence[str]
+) -> Resource:
+    return {
+        **resource(key, "DiagnosticReport", "report"),
+        "text": narrative(*said, *report.caveats, report.intended_use),
+        "identifier": [{"system": f"{SYSTEM}:report", "value": report.digest}],
+        "status": "preliminary",
+        "code": concept("analysis"),
+        "issued": report.issued.isoformat(),
+        "result": [
+            {"reference": f"urn:uuid:{one['id']}", "type": "Observation"} for one in results
+        ],
+        "conclusion": " ".join([*said, report.intended_use]),
+    }
+
+
+class Found(NamedTuple):
+    """What one Observation says.
+
+    Parameters
+    ----------
+    name : str
+        Code of `codes.OWN`.
+    lines : list of str
+        In words.
+    content : dict
+        Its value, components and notes.
+    """
+
+    name: str
+    lines: list[str]
+    content: Resource
+
+
+def _found(report: Report) -> list[Found]:
+    found = [_amplitudes(report), _fit(report)]
+    if report.readouts is not None:
+        volumes = _volumes(report, quantities_of(report))
+        found = [volumes, *found, _volume_curve(report.readouts)]
+    times = report.signature.times
+    if times is not None and not _is_even(times):
+        found.append(_times(times))
+    found.append(_class(report))
+    if report.deviation is not None:
+        found.append(_deviation(report.deviation))
+    return found
+
+
+def _observation(key: uuid.UUID, report: Report, found: Found) -> Resource:
+    return {
+        **resource(key, "Observation", found.name),
+        "text": narrative(*found.lines),
+        "status": "preliminary",
+        "category": [{"coding": [{"system": CATEGORY, "code": "imaging", "display": "Imaging"}]}],
+        "code": concept(found.name, report.sequence.facts),
+        # Of whom, when and by whom is for the receiver to add: no name or date is known here.
+        "subject": {**unstated("unknown"), "display": NOBODY},
+        "_effectiveDateTime": unstated("unknown"),
+        "issued": report.issued.isoformat(),
+        "performer": [{**unstated("not-applicable"), "display": NO_PERSON}],
+        **found.content,
+        "device": reference("Device", key, "device"),
+    }
+
+
+def _volumes(report: Report, quantities: Sequence[Quantity]) -> Found:
+    components, lines = [], []
+    for one in quantities:
+        code = concept(one.name, report.sequence.facts)
+        components.append({"code": code, "valueQuantity": quantity(one.value, one.unit, one.ucum)})
+        for end, value in (("low", one.low), ("high", one.high)):
+            text = f"{OWN[one.name]}: {OWN[end].lower()}"
+            components.append(
+                {
+                    "code": {"coding": [end_coding(one.name, end)], "text": text},
+                    "valueQuantity": quantity(value, one.unit, one.ucum),
+                }
+            )
+        lines.append(
+            f"{OWN[one.name]} {one.value:.1f} {one.unit} ({one.low:.1f} to {one.high:.1f})"
+        )
+    return Found("volumes", [f"{line}." for line in lines], {"component": components})
+
+
+def _length(unit: str | None) -> tuple[str, str]:
+    return ("length units", "1") if unit is None else (unit, unit)
+
+
+def _amplitudes(report: Report) -> Found:
+    signature = report.signature
+    unit, ucum = _length(signature.unit)
+    directions = direction_names(signature)
+    n = signature.amplitudes.shape[1] * len(directions)
+    labels = ", ".join(f"{label} {way}" for label in signature.modes.labels for way in directions)
+    line = f"{n} modal amplitudes a frame, in {unit}, over {signature.n_frames} frames."
+    text = "" if signature.times is not None else " Times are unknown: one period is one frame."
+    return Found(
+        "amplitudes",
+        [line + text],
+        {
+            "valueSampledData": sampled(signature.amplitudes, unit, ucum, signature.times),
+            "note": [{"text": f"Order within a frame: {labels}."}],
+        },
+    )
+
+
+def _volume_curve(readouts: ClinicalReadouts) -> Found:
+    unit, ucum = ("ml", "mL") if readouts.unit is not None else ("cubed length units", "1")
+    volumes = readouts.stated.volumes * readouts.shown_in
+    return Found(
+        "volume_curve",
+        [f"Volume in each of {len(volumes)} frames, in {unit}."],
+        {"valueSampledData": sampled(volumes, unit, ucum, readouts.times)},
+    )
+
+
+def _times(times: NDArray[np.float64]) -> Found:
+    return Found(
+        "times",
+        ["The frames are uneven in time; their times are stated here."],
+        {"valueSampledData": sampled(1000.0 * times, "ms", "ms", times)},
+    )
+
+
+def _is_even(times: NDArray[np.float64]) -> bool:
+    if len(times) < 3:
+        return True
+    steps = np.diff(times)
+    return bool(np.ptp(steps) <= _EVEN * np.median(steps))
+
+
+def _fit(report: Report) -> Found:
+    unit, ucum = _length(report.signature.unit)
+    rms, most = errors_of(report)
+    components = [
+        {"code": concept("rms_error"), "valueQuantity": quantity(rms, unit, ucum)},
+        {"code": concept("max_error"), "valueQuantity": quantity(most, unit, ucum)},
+    ]
+    line = f"The modes leave an error of {rms:.3g} {unit} (RMS), at most {most:.3g} {unit}."
+    return Found("fit", [line], {"component": components})
+
+
+def _class(report: Report) -> Found:
+    answer = report.classification
+    if answer is None:
+        nothing = absent("not-asked", "No model was asked.")
+        return Found("class", ["No class was asked for."], nothing)
+    components = [
+        {
+            "code": concept("probability", text=f"Probability of {name}"),
+            "valueQuantity": quantity(float(p), "1", "1"),
+        }
+        for name, p in zip(answer.classes, answer.probabilities, strict=True)
+    ]
+    if answer.label is None:
+        why = "; ".join(answer.flags) or "the model cannot tell"
+        return Found(
+            "class",
+            [f"No class of motion: {why}."],
+            {**absent("unknown", why), "method": _model(answer.model, answer.model_id)},
+        )
+    line = f"Class of motion: {answer.label} (probability {answer.probability:.3f})."
+    value = {"coding": [_own_class(answer.label)], "text": answer.label}
+    method = _model(answer.model, answer.model_id)
+    return Found(
+        "class",
+        [line],
+        {"valueCodeableConcept": value, "method": method, "component": components},
+    )
+
+
+def _own_class(label: str) -> Resource:
+    return {"system": f"{SYSTEM}:class", "code": "-".join(label.split()), "display": label}
+
+
+def _model(name: str, model_id: str) -> Resource:
+    return {"text": f"model {name}, id {model_id}"}
+
+
+def _deviation(one: Deviation) -> Found:
+    components = [
+        {
+            "code": concept("p", text=f"p-value of {group.name}, corrected"),
+            "valueQuantity": quantity(group.p, "1", "1"),
+        }
+        for group in one.groups
+    ]
+    content: Resource = {"valueQuantity": quantity(one.p, "1", "1")}
+    if components:
+        content["component"] = components
+    verdict = "Deviates from" if one.deviates else "Lies within"
+    line = f"{verdict} the {one.n_controls} controls of {one.norm}: p = {one.p:.3g}."
+    return Found(
+        "deviation", [line], {**content, "method": {"text": f"norm {one.norm}, id {one.norm_id}"}}
+    )
+
+
+def _provenance(key: uuid.UUID, report: Report, targets: Sequence[Resource]) -> Resource:
+    signature = report.signature
+    entities = [("sequence", signature.sequence_id), ("parameters", signature.parameters.key)]
+    if report.classification is not None:
+        entities.append(("model", report.classification.model_id))
+    if report.deviation is not None:
+        entities.append(("norm", report.deviation.norm_id))
+    versions = ", ".join(f"{name} {value}" for name, value in signature.provenance.items())
+    return {
+        **resource(key, "Provenance", "provenance"),
+        "text": narrative(f"Made by {versions}.", *(f"{a} {b}" for a, b in entities)),
+        "target": [{"reference": f"urn:uuid:{one['id']}"} for one in targets],
+        "recorded": report.issued.isoformat(),
+        "agent": [{"who": reference("Device", key, "device")}],
+        "entity": [
+            {
+                "role": "source",
+                "what": {"identifier": {"system": f"{SYSTEM}:{name}", "value": value}},
+            }
+            for name, value in entities
+        ],
+    }

@@ -1,0 +1,71 @@
+"""Tables of forms as spreadsheets write them."""
+
+from __future__ import annotations
+
+import pytest
+
+from modalmotion import Facts
+from modalmotion.errors import MalformedFileError
+from modalmotion_service.http.manifest import Entry, entries_by_name
+
+HEADING, ROWS = ("Path", "Subject", "Label"), (("a b.npz", "Müller, E.", "rest"), ("c.npz", "", ""))
+
+
+def table(separator: str, newline: str = "\r\n", before: str = "", after: str = "") -> str:
+    def cell(text: str) -> str:
+        return f'"{text}"' if separator in text else text
+
+    lines = [separator.join(map(cell, row)) for row in (HEADING, *ROWS)]
+    return before + newline.join(lines) + newline + after
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        table(","),
+        table(";"),
+        table("\t"),
+        table(";", newline="\n"),
+        table(";", before="\ufeff"),
+        table(";", before="sep=;\r\n"),
+        table(",", before="\ufeffsep=,\r\n"),
+        # Rows below the table and columns beside it, once used and emptied.
+        table(";", after=";;\r\n;;;;;\r\n\r\n"),
+        table(";").replace("rest\r\n", "rest;;; \r\n"),
+        table("|", before="sep=|\n", newline="\n"),
+    ],
+)
+def test_what_a_spreadsheet_saves_is_read(text: str) -> None:
+    assert entries_by_name(text) == {"a b.npz": Entry("Müller, E.", "rest"), "c.npz": Entry()}
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "said"),
+    [
+        ("path;subject\na.npz;P;x\n", 2, "more columns than headings"),
+        ("sep=;\npath;subject\na.npz;P\na.npz;P\n", 4, "stands in line 3 already"),
+        ("sep=;\nfile;subject\na.npz;P\n", 2, "has no column 'path'"),
+        ("path,Path\na.npz,b.npz\n", 1, "two columns 'path'"),
+        ("path,subject\n,P 1\n", 2, "there is no path"),
+        ('path,subject\n"a.npz,P 1\n', 2, "unexpected end of data"),
+        ("path,label\na.npz," + "x" * 300 + "\n", 2, "300 characters"),
+        ("path,covariate:age,covariate:age\na.npz,1,2\n", 1, "two columns"),
+        ("path,period\na.npz,nan\n", 2, "period"),
+        ("path,tracking\na.npz,tissue\n", 2, "tracking"),
+    ],
+)
+def test_what_is_wrong_is_told_by_its_line(text: str, line: int, said: str) -> None:
+    with pytest.raises(MalformedFileError, match=said) as caught:
+        entries_by_name(text)
+    assert caught.value.details == {"line": line}
+
+
+def test_facts_stand_in_columns_and_further_columns_are_covariates() -> None:
+    text = 'path,Tracking,period,landmark:apex,covariate:Age,sex\na.npz,offset,0.8,"0,0,-4",61,f\n'
+    facts = Facts(
+        tracking="offset",
+        period=0.8,
+        landmarks={"apex": (0, 0, -4)},
+        covariates={"Age": 61, "sex": "f"},
+    )
+    assert entries_by_name(text)["a.npz"].facts == facts
