@@ -16,9 +16,6 @@ COPY core ./core
 COPY service ./service
 RUN /opt/build/bin/pip wheel --no-cache-dir --no-index --no-deps --no-build-isolation --wheel-dir wheels . \
     && /opt/modalmotion/bin/pip install --no-cache-dir --no-index --no-deps wheels/*.whl
-# With the compiler of the build, which the image does not have.
-RUN PYTHONPATH=/opt/modalmotion/lib/python3.11/site-packages /opt/build/bin/python -m modalmotion \
-    compile-codec --folder /opt/modalmotion/share/modalmotion
 
 FROM python:3.11-slim
 # The number is fixed: it owns the files of the volume, whatever image comes after this one.

@@ -18,7 +18,7 @@ SPREAD := -n 3 --dist loadfile --no-loadscope-reorder
 # processes, each of which would compile all modules anew where bytecode is not kept.
 LEAN := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: demo serve view viewer wheels test check format truth mutants bench soak openapi clean
+.PHONY: site demo serve view viewer wasm wheels test check format truth mutants bench soak openapi clean
 .DEFAULT_GOAL := test
 
 $(BIN)/python:
@@ -26,19 +26,11 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.run: $(SETUP) | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[service,plot,client,images]'
-	@touch $@
-
-# A minute, once for each state of these sources. Without it the codec runs in Python, and large meshes in NumPy.
-KERNELS := $(wildcard core/modalmotion/codec/*/*.py core/modalmotion/mesh/kernels/*.py core/modalmotion/numeric/machine/*.py)
-
-$(VENV)/.kernels: $(KERNELS) | $(VENV)/.run
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[codec]'
-	-$(BIN)/modalmotion compile-codec
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all]'
 	@touch $@
 
 $(VENV)/.dev: $(SETUP) | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[service,plot,codec,client,cluster,vtk,tables,notebook,browser,dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[service,plot,client,cluster,vtk,tables,notebook,browser,dev]'
 	@touch $@ $(VENV)/.run
 
 $(VENV)/.bench: $(VENV)/.dev
@@ -52,10 +44,10 @@ demo: $(VENV)/.run
 view: $(VENV)/.run
 	$(BIN)/python -m modalmotion_service.commands.demo --open $(if $(FILE),"$(FILE)")
 
-serve: $(VENV)/.run $(VENV)/.kernels
+serve: $(VENV)/.run
 	$(BIN)/modalmotion serve
 
-test: $(VENV)/.dev $(VENV)/.kernels
+test: $(VENV)/.dev
 	$(LEAN) $(BIN)/python -m pytest $(SPREAD) -m "not soak and not thorough"
 
 check: $(VENV)/.dev
@@ -70,18 +62,18 @@ format: $(VENV)/.dev
 	$(BIN)/ruff check --fix .
 
 # What users get, beside what is kept in benchmarks/truth.toml; QUICK=1 takes at most 90 s.
-truth: $(VENV)/.dev $(VENV)/.kernels
+truth: $(VENV)/.dev
 	$(LEAN) $(BIN)/python benchmarks/truth.py $(if $(QUICK),--quick) $(if $(ONLY),--only $(ONLY)) $(if $(MARKDOWN),--markdown > docs/truth.md)
 
 # Which rows of that table notice that the product is broken.
-mutants: $(VENV)/.dev $(VENV)/.kernels
+mutants: $(VENV)/.dev
 	$(LEAN) $(BIN)/python benchmarks/mutate.py $(if $(ONLY),--only $(ONLY))
 
-bench: $(VENV)/.bench $(VENV)/.kernels
+bench: $(VENV)/.bench
 	$(BIN)/python benchmarks/run.py $(ONLY)
 
 # All three parts, whatever one of them finds.
-soak: $(VENV)/.dev $(VENV)/.kernels
+soak: $(VENV)/.dev
 	@failed=0; \
 	$(LEAN) $(BIN)/python -m pytest $(SPREAD) -m "thorough and not soak" || failed=1; \
 	$(LEAN) $(BIN)/python -m pytest $(SPREAD) -m "soak and not alone" || failed=1; \
@@ -96,9 +88,21 @@ viewer:
 wheels: $(VENV)/.wheels
 	$(VENV)/wheels/bin/python tools/wheels.py
 
+# The decoder that pages hold, from the library's sources.
+wasm: $(VENV)/.wheels
+	$(VENV)/wheels/bin/python tools/compile_library.py wasm32
+
 $(VENV)/.wheels: constraints.txt | $(BIN)/python
 	$(BIN)/python -m venv $(VENV)/wheels
 	$(VENV)/wheels/bin/pip install --quiet --disable-pip-version-check -c constraints.txt hatchling ziglang lief
+	@touch $@
+
+# The site in site/, as it stands in docs/; every example of the gallery runs.
+site: $(VENV)/.site
+	MPLBACKEND=Agg $(BIN)/python -m sphinx --fail-on-warning --keep-going -b html docs site
+
+$(VENV)/.site: $(SETUP) | $(VENV)/.run
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[service,plot,client,images,docs]'
 	@touch $@
 
 openapi: $(VENV)/.dev

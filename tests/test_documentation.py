@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner
 from ellipsoid_images import labels
@@ -18,7 +20,7 @@ from project import ROOT
 from running import RunningService
 
 from modalmotion.cli import main
-from modalmotion.formats.volumes.writing import write_nifti
+from modalmotion.formats.volumes.nifti import write_nifti
 from modalmotion.images import ImageSequence
 
 
@@ -69,7 +71,9 @@ def run_the_readmes_python(service: RunningService) -> None:
 
 def test_the_table_of_extras_is_that_of_the_project() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    named = re.findall(r"^\| `(\w+)` \|", (ROOT / "README.md").read_text(), flags=re.MULTILINE)
+    named = re.findall(
+        r"^\| `(\w+)` \|", (ROOT / "CONTRIBUTING.md").read_text(), flags=re.MULTILINE
+    )
     assert sorted(named) == sorted(project["optional-dependencies"])
 
 
@@ -79,13 +83,37 @@ def test_all_is_what_users_need_and_no_remedy_names_what_nobody_has_registered()
     (whole,) = extras["all"]
     inner = set(re.search(r"\[(.*)\]", whole)[1].split(","))  # type: ignore[index]
     sites = {"oidc", "telemetry", "cluster", "remote"}
-    assert inner == extras.keys() - sites - {"all", "browser", "bench", "dev"}
+    assert inner == extras.keys() - sites - {"all", "browser", "docs", "bench", "dev"}
     folders = ("core", "service", "docs")
     texts = [p for folder in folders for p in (ROOT / folder).rglob("*") if p.suffix in _TEXTS]
     assert not [p for p in (*texts, ROOT / "README.md") if "modalmotion[" in p.read_text()]
 
 
 _TEXTS = (".py", ".md", ".ipynb", ".json")
+
+
+def test_the_readme_is_short_and_its_table_names_commands_and_options_that_exist() -> None:
+    text = (ROOT / "README.md").read_text()
+    assert len(text.splitlines()) <= 120
+    rows = re.findall(r"^\| .+ \| `modalmotion (.+)` \|$", text, flags=re.MULTILINE)
+    assert rows[0] == "report map.nii.gz -o out/"
+    assert len(rows) >= 9
+    for row in rows:
+        words = shlex.split(row)
+        command: click.Command | None = main
+        while isinstance(command, click.Group):
+            command = command.get_command(click.Context(command), words.pop(0))
+        assert command is not None, row
+        known = {name for option in command.params for name in option.opts}
+        assert {word for word in words if word.startswith("-")} <= known, row
+
+
+def test_the_picture_of_the_readme_moves_and_is_small() -> None:
+    image = pytest.importorskip("PIL.Image")
+    path = ROOT / "docs" / "figures" / "beat.gif"
+    assert path.stat().st_size < 1_000_000
+    with image.open(path) as picture:
+        assert picture.n_frames == 25
 
 
 def test_ten_questions_lead_to_their_files() -> None:

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 from ellipsoid_images import labels
+from modalmotion.formats.volumes.writing import write_nifti
 
 import modalmotion as mm
-from modalmotion.formats.volumes.writing import write_nifti
 from modalmotion.images import ImageSequence
 
 LINES = re.findall(r"^(\w+) +``(.+?)``", mm.__doc__ or "", flags=re.MULTILINE)

@@ -1,7 +1,8 @@
-"""Draws the figures of docs/lattice.md and docs/tracking.md, after figures 1 to 3 of Nastar (1994).
+"""Draws the figures of README, docs/lattice.md and docs/tracking.md, the last after Nastar (1994).
 
-Shapes, dispersion and speeds of a chain; modes of plane, cylinder and torus; modes added over a
-cylinder at several amplitudes; a heart tracked over its beat, and modes added to its shape::
+A beat that moves, beside its superposition and its volume. Shapes, dispersion and speeds of a
+chain; modes of plane, cylinder and torus; modes added over a cylinder at several amplitudes; a
+heart tracked over its beat, and modes added to its shape::
 
     python tools/figures.py
 """
@@ -9,15 +10,19 @@ cylinder at several amplitudes; a heart tracked over its beat, and modes added t
 from __future__ import annotations
 
 import io
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from PIL import Image
 
+from modalmotion.clinical import clinical_readouts
 from modalmotion.dynamics import dispersion, group_velocity, phase_velocity
 from modalmotion.dynamics.animation import animate_along
 from modalmotion.mesh.standard_surfaces import standard_surface
@@ -27,7 +32,16 @@ from modalmotion.modes.topology import CYLINDER, OPEN_CURVE, PLANE, TORUS
 from modalmotion.pictures.image_overlay import overlay_figure
 from modalmotion.pictures.modes import COLOURS, draw_shape
 from modalmotion.pictures.movie import Extent, draw_moved
-from modalmotion.simulate import PhantomSettings, simulate_images
+from modalmotion.pictures.trajectory import main_trajectories
+from modalmotion.signature.making import SignatureParameters, modal_signature
+from modalmotion.signature.reconstruction import reconstruct
+from modalmotion.simulate import (
+    Acquisition,
+    PhantomSettings,
+    VentricleParameters,
+    simulate_images,
+    simulate_ventricle,
+)
 from modalmotion.template import make_template
 from modalmotion.template.directions import Direction, directions_on
 from modalmotion.template.vibration_modes import (
@@ -152,6 +166,67 @@ def tracking(n_frames: int = 25, coarseness: float = 1.0) -> dict[str, Figure]:
     }
 
 
+def moving_beat(n_frames: int = 25) -> Iterator[NDArray[np.uint8]]:
+    """Draw each frame of a beat as simulated and superposed, beside volume and amplitudes."""
+    beat = simulate_ventricle(
+        VentricleParameters(ejection_fraction=0.45, akinesia=0.9, akinesia_azimuth=315.0),
+        acquisition=Acquisition(n_frames=n_frames),
+    )
+    template = make_template(beat)
+    signatures = [modal_signature(beat, SignatureParameters(modes=n)) for n in (7, 18)]
+    readouts = clinical_readouts(signatures[0], beat)
+    shown = {"ventricle": beat.vertices.astype(np.float64)}
+    shown |= {f"{s.n_amplitudes} amplitudes": reconstruct(s, beat) for s in signatures}
+    normals = directions_on(template, Direction.NORMAL)
+    inward = {name: ((x - x[0]) * normals).sum(axis=2) for name, x in shown.items()}
+    extent = Extent(template, shown["ventricle"], [*inward["ventricle"]])
+    times = 1e3 * np.asarray(beat.times)
+    largest = np.argsort(-signatures[0].deformation_spectrum)[:4]
+    figure = Figure(figsize=(8.4, 2.7), dpi=95)
+    canvas = FigureCanvasAgg(figure)
+    panels: list[Any] = [
+        figure.add_axes((0.225 * k - 0.03, -0.1, 0.28, 1.0), projection="3d") for k in range(3)
+    ]
+    curves = [figure.add_axes((0.76, bottom, 0.225, 0.34)) for bottom in (0.6, 0.16)]
+    for frame in range(n_frames):
+        for panel, (name, x) in zip(panels, shown.items(), strict=True):
+            panel.clear()
+            draw_moved(panel, template, x[frame], inward[name][frame], extent)
+            panel.set_title(name, fontsize=10, y=1.0)
+        for axes, values, label in (
+            (curves[0], readouts.curve.volumes * readouts.shown_in, "volume (ml)"),
+            (curves[1], main_trajectories(signatures[0])[:, largest], "amplitudes (mm)"),
+        ):
+            axes.clear()
+            axes.plot(times, values, linewidth=1.3)
+            axes.axvline(times[frame], color="#222222", linewidth=0.8)
+            axes.set_ylabel(label, fontsize=8)
+            axes.tick_params(labelsize=7)
+        curves[0].set_xticklabels([])
+        curves[1].set_xlabel("time (ms)", fontsize=8)
+        canvas.draw()
+        yield np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+
+
+def gif(pictures: Iterable[NDArray[np.uint8]], milliseconds: int = 60) -> bytes:
+    """Write a small GIF: all pictures in the same colours."""
+    drawn = [*pictures]
+    images = [Image.fromarray(picture) for picture in drawn]
+    palette = Image.fromarray(np.vstack([picture[::2, ::2] for picture in drawn])).quantize(200)
+    reduced = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    buffer = io.BytesIO()
+    reduced[0].save(
+        buffer,
+        format="GIF",
+        save_all=True,
+        append_images=reduced[1:],
+        duration=milliseconds,
+        loop=0,
+        optimize=True,
+    )
+    return buffer.getvalue()
+
+
 FIGURES = {
     "lattice-chain.png": chain,
     "lattice-modes.png": surfaces,
@@ -162,6 +237,7 @@ FIGURES = {
 
 def draw(folder: Path = FOLDER) -> None:
     """Write all figures to a folder."""
+    (folder / "beat.gif").write_bytes(gif(moving_beat()))
     figures = {name: make() for name, make in FIGURES.items()} | tracking()
     for name, figure in figures.items():
         buffer = io.BytesIO()

@@ -26,7 +26,7 @@ EXTRAS: Final = ("service", "plot", "cluster", "images", "dicom", "oidc", "telem
 SLIM: Final = ("service",)
 """The same of a slim image: no pictures, images, DICOM, logins, traces, cluster."""
 MACHINES: Final = ("x86_64",)
-"""That the image is built for: the codec is compiled for no others."""
+"""That the image is built for."""
 
 # Versions of the C library that the base image has at least, from the newest on.
 _GLIBC: Final = ("2_28", "2_27", "2_26", "2_17", "2_12", "2_5")
@@ -45,7 +45,7 @@ def main() -> None:
         ("requirements-slim.txt", slim),
         (
             "requirements-build.txt",
-            [*project["build-system"]["requires"], *optional["codec"], compile_library.ZIG],
+            [*project["build-system"]["requires"], compile_library.ZIG],
         ),
     ):
         (ROOT / name).write_text(text_of(needed))

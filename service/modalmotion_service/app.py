@@ -142,6 +142,8 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
             chosen.training_seconds,
             chosen.task_memory_bytes,
             seconds_limit="training_seconds",
+            # Trainings are few, and wait for their signatures first.
+            is_eager=False,
         )
         owners = Owners(chosen, engine, MeteredExecutor(training_pool, metrics, telemetry))
         things = StateOfThings(owners, metrics, engine)

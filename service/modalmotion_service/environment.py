@@ -11,7 +11,6 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from modalmotion.errors import ParameterError
-from modalmotion.numeric.machine.image import VARIABLE as KERNELS
 from modalmotion_service.settings import Settings
 
 _PREFIX: Final = "MODALMOTION_"
@@ -50,7 +49,7 @@ def unknown_variables(environment: Mapping[str, str] = os.environ) -> Iterator[t
 
     A setting that is misspelt has its default: a service that should demand keys may not.
     """
-    known = [KERNELS.removeprefix(_PREFIX), *(name.upper() for name in Settings.model_fields)]
+    known = [name.upper() for name in Settings.model_fields]
     for name in sorted(environment):
         end = name.upper().removeprefix(_PREFIX)
         if end == name.upper() or end in known or _OF_OTHERS.fullmatch(end):

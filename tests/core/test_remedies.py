@@ -550,7 +550,6 @@ def test_advice_reads_the_same_on_the_command_line(tmp_path: Path) -> None:
 
 
 def test_every_option_command_and_setting_that_is_named_exists() -> None:
-    from modalmotion.numeric.machine.image import VARIABLE as KERNELS
     from modalmotion_service.settings import Settings
 
     known_options: set[str] = set()
@@ -568,7 +567,7 @@ def test_every_option_command_and_setting_that_is_named_exists() -> None:
                 collect(command, f"{words} {name}")
 
     collect(main, "modalmotion")
-    settings = {KERNELS, *(f"MODALMOTION_{name.upper()}" for name in Settings.model_fields)}
+    settings = {f"MODALMOTION_{name.upper()}" for name in Settings.model_fields}
     for place, text in sentences():
         for option in re.findall(r"(?<![\w-])--[a-z][a-z-]*", text):
             assert option in known_options, (place, text)

@@ -118,7 +118,7 @@ def decode_from_the_text(data: bytes) -> tuple[Any, list[list[int]]]:
     ends = list(header.take(header.byte()))
     grid = [header.varint() for _ in range(header.byte())]
     times = header.byte()
-    header.take({0: 0, 1: 16}[times] if times < 2 else header.varint())
+    header.take((0, 16, 8 * F)[times])
     named = Bytes(header.take(header.varint()))
     header.unpack("3f")
     frames = [header.varint() for _ in range(header.varint())]

@@ -30,7 +30,7 @@ _LENGTHS: Final = (0, 1, 255, 2**15, 2**16 - 1, 10**8, 2**31 - 1, 2**31, 2**32 -
 # Heads of arrays in base64.
 _HEADS: Final = re.compile(rb"(?<=>)\s*([A-Za-z0-9+/=]{32})")
 
-PACKED: Final = (" gz", " gzip", " bzip2", " zlib", " deflate")
+PACKED: Final = (" gz", " gzip", " zlib")
 """Ends of the names of files that are packed behind a head."""
 
 _VALUES: Final[tuple[Any, ...]] = (

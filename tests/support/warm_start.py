@@ -2,8 +2,7 @@
 
 To import the service and what its workers need takes some 3 s of processor time, which a test of
 a service that is already there has no use for. The forked process is as if started anew: its own
-arguments, environment, folder, output and session, nothing opened, one thread. So is its fork
-server, as long as it begins but one; the next is begun in the usual way.
+arguments, environment, folder, output and session, nothing opened, one thread.
 """
 
 from __future__ import annotations
@@ -25,22 +24,21 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from multiprocessing import util
 from pathlib import Path
 from typing import IO, Any, Final
 
-from modalmotion_service.work.fork_server import PRELOADED
+from modalmotion_service.work.forks import PRELOADED
 
 _SERVER: Final = [
     *("modalmotion.cli", "modalmotion_service.commands.serve"),
     *("modalmotion_service.commands.server", "uvicorn.lifespan.on", "uvicorn.loops.asyncio"),
-    *("uvicorn.protocols.http.h11_impl", "concurrent.futures.thread", "multiprocessing.forkserver"),
+    *("uvicorn.protocols.http.h11_impl", "concurrent.futures.thread"),
     "made_routes",
 ]
 _CLUSTER: Final = [
     *("modalmotion.cli", "modalmotion_service.work.dask_engine", "distributed.scheduler"),
     *("distributed.worker", "distributed.client", "distributed.comm.tcp", "distributed.dashboard"),
-    *("distributed.cli.dask_worker", "multiprocessing.forkserver"),
+    "distributed.cli.dask_worker",
 ]
 
 # Where no other file of a process is.
@@ -243,7 +241,6 @@ def _as_anew(request: dict[str, Any], output: int, *passed: int) -> Callable[[],
     os.chdir(request["folder"])
     os.environ.clear()
     os.environ.update(request["environment"])
-    _have_a_fork_server()
     if most := request["most_files"]:
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     module, *rest = request["arguments"]
@@ -263,41 +260,3 @@ def _under_their_numbers(received: Sequence[int], names: Sequence[int]) -> None:
     for number, name in zip(high, names, strict=True):
         os.dup2(number, name)
         os.close(number)
-
-
-def _have_a_fork_server() -> None:
-    """Fork what becomes the fork server, while there is one thread and nothing is open."""
-    begin = util.spawnv_passfds
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    if (pid := os.fork()) == 0:
-        ours.close()
-        _become_fork_server(theirs)
-    theirs.close()
-    ready = [pid]
-
-    def spawn(path: bytes, arguments: Sequence[Any], passed: Sequence[int]) -> int:
-        program = str(arguments[-1])
-        if "multiprocessing.forkserver" not in program or not ready:
-            return int(begin(path, arguments, passed))
-        with ours:
-            names = list(passed)
-            message = json.dumps({"program": program, "names": names}).encode()
-            socket.send_fds(ours, [message], names)
-        return ready.pop()
-
-    util.spawnv_passfds = spawn  # type: ignore[assignment]
-
-
-def _become_fork_server(link: socket.socket) -> None:
-    # Ctrl-C is for the server alone.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    data, received, *_ = socket.recv_fds(link, _MOST_BYTES, _MOST_FILES)
-    if not data:
-        os._exit(0)
-    link.close()
-    request = json.loads(data)
-    _under_their_numbers(received, request["names"])
-    try:
-        exec(request["program"], {"__name__": "__main__"})  # noqa: S102
-    finally:
-        os._exit(0)

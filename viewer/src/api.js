@@ -8,6 +8,8 @@ export class Refused extends Error {
 }
 
 let key = null;
+// One question for all calls that wait for its answer.
+let question = null;
 
 export class Service {
   constructor(askKey) {
@@ -16,19 +18,27 @@ export class Service {
 
   async call(path, { method = "GET", accept, body, type, isJob } = {}) {
     for (;;) {
+      const used = key;
       const headers = { Accept: accept || "application/json" };
       if (key) headers.Authorization = `Bearer ${key}`;
       if (type) headers["Content-Type"] = type;
       if (isJob) headers.Prefer = "respond-async";
       const answer = await fetch(path, { method, headers, body, credentials: "omit" });
       if (answer.status === 401) {
-        key = await this.askKey(key !== null);
+        await this.anotherKey(used);
         continue;
       }
       if (answer.status === 202) return this.result(answer.headers.get("Location"), accept);
       if (!answer.ok) throw new Refused(answer.status, await answer.json().catch(() => ({})));
       return answer;
     }
+  }
+
+  // A key in place of one that was refused, unless it has been replaced meanwhile.
+  async anotherKey(used) {
+    if (key !== used) return;
+    question ||= this.askKey(key !== null).finally(() => (question = null));
+    key = await question;
   }
 
   async result(location, accept) {
@@ -47,9 +57,10 @@ export class Service {
   }
 
   // XMLHttpRequest, for only it tells how much has been sent.
-  upload(file, onProgress, path = "/v1/sequences") {
+  upload(file, onProgress, path) {
     return new Promise((resolve, reject) => {
       const send = () => {
+        const used = key;
         const request = new XMLHttpRequest();
         request.open("POST", path);
         if (key) request.setRequestHeader("Authorization", `Bearer ${key}`);
@@ -59,7 +70,7 @@ export class Service {
         request.onerror = () => reject(new Error("The service cannot be reached."));
         request.onload = async () => {
           if (request.status === 401) {
-            key = await this.askKey(key !== null);
+            await this.anotherKey(used);
             send();
           } else if (request.status === 202) {
             this.result(request.getResponseHeader("Location")).then((answer) => resolve(answer.json()), reject);

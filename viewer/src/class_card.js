@@ -1,6 +1,7 @@
 // The class of a motion in a sentence: the answer of a model, and what moved it.
 
 import { h, refill } from "./dom.js";
+import { noteOf } from "./notes.js";
 
 const capital = (text) => text[0].toUpperCase() + text.slice(1);
 
@@ -18,7 +19,7 @@ export function classSentence(answer) {
 
 // `classification`: answer of a model, or null; `classify()`, where it is there, asks for one;
 // `showOnly(waves)` shows some modes alone.
-export function classCard({ waves, classification }, classify, showOnly) {
+export function classCard({ waves, classification }, classify, showOnly, lead) {
   const box = h("div", { class: "card class" });
   const reason = (part) => {
     const shown = waves
@@ -56,7 +57,7 @@ export function classCard({ waves, classification }, classify, showOnly) {
       box,
       h("h2", {}, "Class (model)"),
       h("p", { class: "sentence" }, h("strong", {}, label), rest),
-      answer.notes.slice(0, 3).map((note) => h("p", { class: "note" }, note)),
+      answer.notes.slice(0, 3).map((note) => h("p", { class: "note" }, noteOf(note, lead))),
       reasons.length
         ? h("details", {}, h("summary", {}, "What moved the answer"), h("div", { class: "reasons" }, reasons))
         : null,

@@ -1,19 +1,16 @@
-// The page at /: what this is, a place to drop a file, and the sequences that are there.
+// The page at /: a place to drop a file, a sample heart, and the recordings that are there.
 
 import { Refused } from "./api.js";
+import { classSentence } from "./class_card.js";
+import { nameOfRecord } from "./compare.js";
 import { h } from "./dom.js";
+import { worker } from "./head.js";
 
 const IMAGES = /\.(nii|nii\.gz|nrrd|mha|mhd|dcm)$/i;
 
-const STEPS = [
-  ["Signature", "a few amplitudes a frame, with the error that they leave"],
-  ["Volume", "over time, and the ejection fraction with its bound"],
-  ["Class", "of the motion with a probability, or none where the data do not tell"],
-];
-
 export class Home {
-  constructor(root, service, open, openImages) {
-    Object.assign(this, { service, open, openImages });
+  constructor(root, calls, open, openImages) {
+    Object.assign(this, { calls, open, openImages });
     this.status = h("p", { class: "status", role: "status" });
     this.progress = h("progress", { max: 1, value: 0, hidden: true, "aria-label": "Upload" });
     this.file = h("input", {
@@ -24,13 +21,16 @@ export class Home {
     });
     this.table = h("tbody");
     this.listBox = h("section", { class: "list", hidden: true });
+    const say = (words) => (this.status.textContent = words);
     this.drop = h(
       "section",
       { class: "drop", "aria-label": "Upload" },
       h("h2", {}, "Drop a moving surface or images here"),
-      h("p", {}, "An .npz file with vertices (frames, vertices, 3); or VTKHDF, GLB, a zip of STL, PLY, OBJ or VTK frames. Images over time: NIfTI, NRRD, MetaImage, or a zip of DICOM slices."),
-      h("label", { class: "button", for: "file" }, "Choose a file"),
-      this.file,
+      h("p", {}, "Meshes over time: .npz, VTKHDF, GLB, or a zip of STL, PLY, OBJ or VTK frames. Images over time: NIfTI, NRRD, MetaImage, or a zip of DICOM slices; segmentations too."),
+      h("div", { class: "row centred" },
+        h("label", { class: "button main", for: "file" }, "Choose a file"),
+        this.file,
+        worker("Sample heart", () => this.sample(), "A simulated left ventricle, made now", say)),
       this.progress,
       this.status,
     );
@@ -50,10 +50,9 @@ export class Home {
         "div",
         { class: "home" },
         h("header", {}, h("p", { class: "brand" }, "modalmotion"),
-          h("h1", {}, "How a surface moves when it does not move rigidly"),
-          h("p", { class: "lead" }, "Send a beating ventricle, a tongue, any mesh sequence. Back come a few numbers a frame that say how it moves, and where they are wrong. Look at both, side by side.")),
+          h("h1", {}, "How a surface deforms over time"),
+          h("p", { class: "lead" }, "A beating ventricle, a tongue, any mesh sequence: a few amplitudes per frame, volumes and strain with intervals, the class of the motion, and a report.")),
         this.drop,
-        h("ul", { class: "steps" }, STEPS.map(([name, text]) => h("li", {}, h("strong", {}, name), h("span", {}, text)))),
         this.listBox,
         h("footer", {}, h("a", { href: "/docs" }, "All calls of this service"), " · ", h("a", { href: "/openapi.json" }, "OpenAPI document"),
           h("p", { class: "foot" }, "For research and tool development. Not a medical device.")),
@@ -62,10 +61,17 @@ export class Home {
     this.list();
   }
 
+  async sample() {
+    this.status.textContent = "Simulating a ventricle";
+    const { id } = await this.calls.sample();
+    this.status.textContent = "Fitting the modes";
+    await this.open(id);
+  }
+
   async send(file) {
     this.progress.hidden = false;
     this.status.textContent = `Sending ${file.name}, ${(file.size / 1e6).toFixed(2)} MB`;
-    this.service.onJob = (job) => {
+    this.calls.onJob = (job) => {
       this.status.textContent = job.text || "Reading the file";
     };
     try {
@@ -76,12 +82,14 @@ export class Home {
       if (IMAGES.test(file.name)) return await this.sendImages(file, tell);
       let sequence;
       try {
-        sequence = await this.service.upload(file, tell);
+        sequence = await this.calls.send(file, tell);
       } catch (error) {
         // A zip without surfaces may hold images; if it does not, that is the lesser news.
         if (!/\.zip$/i.test(file.name) || !(error instanceof Refused)) throw error;
         return await this.sendImages(file, tell).catch(() => Promise.reject(error));
       }
+      // In a change and not in an address, which may be logged.
+      if (!sequence.name) await this.calls.change(sequence.id, { name: file.name.slice(0, 200) });
       this.status.textContent = "Fitting the modes";
       await this.open(sequence.id);
     } catch (error) {
@@ -91,31 +99,53 @@ export class Home {
   }
 
   async sendImages(file, tell) {
-    const images = await this.service.upload(file, tell, "/v1/images");
-    await this.openImages(images.id);
+    const images = await this.calls.sendImages(file, tell);
+    await this.openImages(images.id, file.name.slice(0, 200));
   }
 
   async list() {
     let page;
     try {
-      page = await this.service.json("/v1/sequences?limit=50");
+      page = await this.calls.sequences();
     } catch (error) {
       this.status.textContent = error.message;
       return;
     }
     if (!page.sequences.length) return;
     const rows = page.sequences.map((one) => {
-      const link = h("a", { href: `/view/${one.id}`, onclick: (event) => this.go(event, one.id) }, one.subject || one.id.slice(0, 12));
-      const cells = [link, one.label || "", one.topology || "", String(one.n_frames), one.n_vertices.toLocaleString("en"), one.unit || "unknown", one.created.slice(0, 16).replace("T", " ")];
-      return h("tr", {}, cells.map((cell, i) => h("td", { class: i === 3 || i === 4 ? "number" : "" }, cell)));
+      const link = h("a", { href: `/view/${one.id}`, onclick: (event) => this.go(event, one.id) }, nameOfRecord(one));
+      const label = h("td", { class: "model-class" }, "–");
+      this.classOf(one.id, label);
+      return h("tr", {},
+        h("th", { scope: "row" }, link, one.name || one.subject ? h("span", { class: "soft id" }, ` ${one.id.slice(0, 8)}`) : null),
+        h("td", {}, one.name && one.subject ? one.subject : "–"),
+        label,
+        h("td", {}, one.label || "–"),
+        h("td", { class: "number" }, String(one.n_frames)),
+        h("td", {}, one.unit || "(unknown)"),
+        h("td", {}, one.created.slice(0, 16).replace("T", " ")));
     });
     this.table.replaceChildren(...rows);
     this.listBox.replaceChildren(
-      h("h2", {}, "Sequences"),
-      h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Sequences" },
-        h("table", {}, h("thead", {}, h("tr", {}, ["Sequence", "Class", "Surface", "Frames", "Vertices", "Unit", "Received (UTC)"].map((name) => h("th", { scope: "col" }, name)))), this.table)),
+      h("h2", {}, "Recordings"),
+      h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Recordings" },
+        h("table", {}, h("thead", {}, h("tr", {}, ["Recording", "Subject", "Class (model)", "Stated label", "Frames", "Unit", "Received (UTC)"].map((name) => h("th", { scope: "col" }, name)))), this.table)),
     );
     this.listBox.hidden = false;
+  }
+
+  // The last answer of a model that is kept.
+  async classOf(id, cell) {
+    try {
+      const { classifications } = await this.calls.classes(id);
+      const answer = classifications[classifications.length - 1];
+      if (!answer) return;
+      const [label, rest] = classSentence(answer);
+      cell.textContent = answer.label === null ? label : `${label} (${answer.probability.toFixed(2)})`;
+      cell.title = label + rest;
+    } catch {
+      // Whatever is wrong with one answer, the list is there.
+    }
   }
 
   async go(event, id) {

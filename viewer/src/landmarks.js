@@ -3,9 +3,9 @@
 
 import { save } from "./api.js";
 import { h, refill, svg } from "./dom.js";
+import { plain } from "./notes.js";
 import { directionOf, Frame, sidesOf } from "./slices.js";
 
-const VIEW = "application/vnd.modalmotion.view";
 const NAMES = [
   ["apex", "Apex", "the tip of the cavity"],
   ["base", "Base", "the middle of its opening, such as the mitral valve"],
@@ -14,8 +14,8 @@ const NAMES = [
 const MOST_FRAMES = 12;
 
 export class Landmarks {
-  constructor(root, service, id, open, track) {
-    Object.assign(this, { root, service, id, open, madeTrack: track });
+  constructor(root, calls, id, open, track) {
+    Object.assign(this, { root, calls, id, open, madeTrack: track });
     this.frames = new Map();
     this.frame = 0;
     this.current = "apex";
@@ -25,9 +25,9 @@ export class Landmarks {
     this.build();
   }
 
-  static async at(root, service, id, open, track) {
-    const page = new Landmarks(root, service, id, open, track);
-    page.about = await service.json(`/v1/images/${id}`);
+  static async at(root, calls, id, open, track) {
+    const page = new Landmarks(root, calls, id, open, track);
+    page.about = await calls.images(id);
     // The first frame with an image.
     while (page.about.missing.includes(page.frame)) page.frame += 1;
     await page.show(page.frame);
@@ -40,6 +40,13 @@ export class Landmarks {
     this.list = h("div", { class: "landmarks" });
     this.time = h("input", { type: "range", class: "time", min: 0, value: 0, step: 1, id: "frame", oninput: () => this.show(Number(this.time.value)) });
     this.moment = h("output", { for: "frame", class: "moment" });
+    this.seconds = h("input", { type: "number", id: "seconds", min: 0, step: "any" });
+    const label = (id) => h("input", { type: "text", id, maxlength: 60, autocomplete: "off", placeholder: "by its place", oninput: () => this.tell() });
+    [this.cavity, this.wall] = [label("cavity-label"), label("wall-label")];
+    this.segmentation = h("section", { class: "card", hidden: true }, h("h2", {}, "It is a segmentation"),
+      h("p", { class: "note" }, "Apex and base are proposed from it; what you place goes before. Labels are numbers, such as 3 or 1, 3."),
+      h("div", { class: "seconds" }, h("label", { for: "cavity-label" }, "Label of the cavity"), this.cavity, h("label", { for: "wall-label" }, "Label of its wall"), this.wall));
+    this.doubt = h("p", { class: "doubt", role: "status", hidden: true });
     this.keep = h("input", { type: "checkbox", id: "keep" });
     this.start = h("button", { class: "main", disabled: true, onclick: () => this.track() }, "Track the surface");
     this.saveButton = h("button", { onclick: () => this.save() }, "Save landmarks");
@@ -50,7 +57,7 @@ export class Landmarks {
       this.root,
       h("div", { class: "placing" },
         h("header", { class: "head" },
-          h("div", {}, h("a", { class: "brand", href: "/" }, "modalmotion"), h("h1", {}, this.madeTrack ? "The surface in the slices" : "Place two landmarks"), this.facts),
+          h("div", {}, h("a", { class: "brand", href: "/" }, "modalmotion"), h("h1", {}, this.madeTrack ? "The surface in the slices" : "Place apex and base"), this.facts),
           h("div", { class: "actions" }, this.saveButton, h("label", { class: "button", for: "landmark-file" }, "Open landmarks"), this.file)),
         h("div", { class: "work" },
           h("div", { class: "left" }, this.panes,
@@ -58,10 +65,12 @@ export class Landmarks {
           h("aside", { class: "right" }, this.madeTrack && h("section", { class: "card" }, h("h2", {}, "Surface"),
             h("p", { class: "note" }, "The line is where the surface that was tracked crosses the slice, moved by what the slice shows everything aside."),
             h("button", { onclick: () => this.open(this.madeTrack) }, "Back to the moving surface")),
-            h("section", { class: "card" }, h("h2", {}, "Landmarks"), this.list,
+            this.segmentation,
+            h("section", { class: "card" }, h("h2", {}, "Landmarks"), this.list, this.doubt,
               h("p", { class: "note" }, "Choose one, then click where it is. It shows in every view that passes by. The base may be placed in other frames too: what lies between is on a path.")),
             h("section", { class: "card" }, h("h2", {}, "Track"),
               h("p", { class: "note" }, "A surface starts between the landmarks and follows the edges of the images through all frames."),
+              h("div", { class: "seconds" }, h("label", { for: "seconds" }, "Seconds per frame"), this.seconds),
               h("label", { class: "sent", for: "keep" }, this.keep, "Keep the images afterwards"),
               h("p", { class: "note" }, "Otherwise they are deleted once the surface is found."),
               this.start, this.progress, this.status)))),
@@ -73,9 +82,36 @@ export class Landmarks {
     const { about } = this;
     const n = about.kind === "planes" ? `${about.shapes.length} slices` : `volumes of ${about.shapes[0].join(" × ")}`;
     this.facts.textContent = `${about.n_frames} ${about.n_frames === 1 ? "frame" : "frames"}, ${n}`;
-    if (about.notes.length) this.facts.append(h("span", { class: "note" }, ` ${about.notes.join(" ")}`));
+    if (about.notes.length) this.facts.append(h("span", { class: "note" }, ` ${about.notes.map(plain).join(" ")}`));
     this.time.max = about.n_frames - 1;
     this.time.disabled = about.n_frames === 1;
+    const step = this.stepOf();
+    this.seconds.value = step === null ? "" : String(+step.toPrecision(6));
+    this.segmentation.hidden = !about.is_label_map;
+    this.landmarksOfLabels();
+    this.tell();
+  }
+
+  // Seconds between frames; null where the files do not say.
+  stepOf() {
+    const { times, n_frames: n } = this.about;
+    return times && n > 1 ? (times[n - 1] - times[0]) / (n - 1) : null;
+  }
+
+  // What the labels propose, until somebody places them otherwise.
+  landmarksOfLabels() {
+    for (const [name] of NAMES) this.places[name] = new Map(this.about[name].flatMap((point, k) => (point ? [[k, point]] : [])));
+    const first = this.placeOf("apex");
+    if (first) for (const view of this.views) view.goTo(first.point);
+  }
+
+  // Landmarks of this frame that lie further than 2 mm outside what is labelled.
+  doubts() {
+    if (!this.about || !this.about.is_label_map || !this.views) return [];
+    return NAMES.filter(([name]) => {
+      const here = this.places[name].get(this.frame);
+      return here && !this.views.some((view) => view.holds(here, 2));
+    }).map(([name]) => name);
   }
 
   async show(number) {
@@ -89,9 +125,7 @@ export class Landmarks {
     }
     let wanted = this.frames.get(number);
     if (!wanted) {
-      wanted = this.service
-        .call(`/v1/images/${this.id}/frames/${number}${this.madeTrack ? `?track=${this.madeTrack}` : ""}`, { accept: VIEW })
-        .then(async (answer) => new Frame(await answer.arrayBuffer()));
+      wanted = this.calls.slices(this.id, number, this.madeTrack).then((buffer) => new Frame(buffer));
       this.frames.set(number, wanted);
       if (this.frames.size > MOST_FRAMES) this.frames.delete(this.frames.keys().next().value);
     }
@@ -114,6 +148,7 @@ export class Landmarks {
   }
 
   place(point) {
+    this.isPlaced = true;
     this.places[this.current].set(this.frame, point);
     // Every view turns to the slice that the place is in.
     for (const view of this.views) view.goTo(point);
@@ -123,6 +158,7 @@ export class Landmarks {
   }
 
   remove(name) {
+    this.isPlaced = true;
     this.places[name].delete(this.frame);
     this.tell();
   }
@@ -148,7 +184,10 @@ export class Landmarks {
         here && h("button", { onclick: () => this.remove(name), "aria-label": `Take the ${name} away from this frame` }, "×"));
     });
     refill(this.list, rows);
-    const isReady = NAMES.every(([name]) => this.places[name].size);
+    const doubts = this.doubts();
+    this.doubt.hidden = !doubts.length;
+    this.doubt.textContent = doubts.length ? `The ${doubts.join(" and the ")} ${doubts.length === 1 ? "lies" : "lie"} more than 2 mm outside what is labelled.` : "";
+    const isReady = Boolean(this.about && this.about.is_label_map && this.cavity.value.trim()) || NAMES.every(([name]) => this.places[name].size);
     this.start.disabled = !isReady || this.isTracking;
     this.saveButton.disabled = !NAMES.some(([name]) => this.places[name].size);
     for (const view of this.views || []) view.mark();
@@ -173,6 +212,7 @@ export class Landmarks {
   }
 
   async load(file) {
+    this.isPlaced = true;
     try {
       const { landmarks, coordinates = "LPS", unit = "mm" } = JSON.parse(await file.text());
       if (!landmarks || coordinates !== "LPS" || unit !== "mm") throw new Error("not ours");
@@ -198,22 +238,28 @@ export class Landmarks {
     this.progress.hidden = false;
     this.progress.removeAttribute("value");
     this.status.textContent = "Looking for the surface";
-    this.service.onJob = (job) => {
+    this.calls.onJob = (job) => {
       if (job.progress > 0) this.progress.value = job.progress;
       this.status.textContent = job.text || "Following the surface";
     };
-    const query = new URLSearchParams({ images: this.id, landmarks: JSON.stringify(this.asJson()) });
-    if (this.keep.checked) query.set("keep", "true");
+    const query = { images: this.id };
+    // What the labels propose is proposed again, with its own error.
+    if (this.isPlaced || !this.about.is_label_map) query.landmarks = JSON.stringify(this.asJson());
+    for (const [name, field] of [["labels", this.cavity], ["wall", this.wall]]) if (field.value.trim()) query[name] = field.value.replaceAll(" ", "");
+    if (this.keep.checked) query.keep = "true";
+    const seconds = Number(this.seconds.value);
+    if (seconds > 0 && seconds !== this.stepOf()) query.frame_interval = seconds;
     try {
-      const answer = await this.service.call(`/v1/tracks?${query}`, { method: "POST", body: "", type: "application/octet-stream", isJob: true });
-      const { id } = await answer.json();
+      const { id } = await this.calls.follow(query);
+      const name = history.state && history.state.name;
+      if (name) await this.calls.change(id, { name });
       await this.open(id);
     } catch (error) {
       this.status.textContent = error.message;
     } finally {
       this.isTracking = false;
       this.progress.hidden = true;
-      this.service.onJob = null;
+      this.calls.onJob = null;
       this.tell();
     }
   }
@@ -284,6 +330,15 @@ class Pane {
   goTo(point) {
     const off = this.stack.map((slice) => Math.abs(slice.under(point).off));
     this.goToNumber(off.indexOf(Math.min(...off)));
+  }
+
+  // Whether anything but background lies within some mm of a place.
+  holds(point, reach) {
+    return this.stack.some((slice) => {
+      const { i, j, off } = slice.under(point);
+      const rest = reach + slice.thickness / 2 - Math.abs(off);
+      return rest >= 0 && slice.isInk(i, j, Math.max(reach, 0.5));
+    });
   }
 
   mark() {

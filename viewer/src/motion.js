@@ -182,11 +182,12 @@ export class Motion {
     return out;
   }
 
-  // Least and largest inward motion at end systole, all modes as measured.
+  // Inward motion at end systole that all but a hundredth of the vertices lie within, from 0.
   get inwardRange() {
     if (this._range) return this._range;
-    const own = this.inward(this.moments[1], new Float32Array(this.header.waves.length).fill(1), new Float32Array(this.nVertices));
-    return (this._range = own.reduce(([low, high], x) => [Math.min(low, x), Math.max(high, x)], [0, 1e-12]));
+    const own = this.inward(this.moments[1], new Float32Array(this.header.waves.length).fill(1), new Float32Array(this.nVertices)).sort();
+    const at = (share) => own[Math.round(share * (own.length - 1))];
+    return (this._range = [Math.min(0, at(0.01)), Math.max(at(0.99), 1e-12)]);
   }
 
   // Each wave's amplitude along the direction in which it varies most, waves x frames.

@@ -1,14 +1,12 @@
 // Three hosts of one module: the pages of the service, a single file, a notebook.
 
-import { Refused, save, Service } from "./api.js";
+import { Refused, save } from "./api.js";
+import { Calls } from "./calls.js";
+import { comparePicker, normCard } from "./compare.js";
 import { h } from "./dom.js";
 import { Home } from "./home.js";
 import { Landmarks } from "./landmarks.js";
-import { Viewer } from "./viewer.js";
-
-const VIEW = "application/vnd.modalmotion.view";
-// Of one piece of frames as sent.
-const PIECE_BYTES = 4_000_000;
+import { nameOf, Viewer } from "./viewer.js";
 
 const bufferOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
 
@@ -44,7 +42,7 @@ function askKey(root) {
 class Pages {
   constructor(root) {
     this.root = root;
-    this.service = new Service(askKey(document.body));
+    this.calls = new Calls(askKey(document.body));
     addEventListener("popstate", () => this.show());
     this.show();
   }
@@ -53,7 +51,10 @@ class Pages {
     const [, page, id] = location.pathname.split("/");
     if (page === "view" && id) this.view(id).catch((error) => this.fail(error));
     else if (page === "images" && id) this.images(id).catch((error) => this.fail(error));
-    else this.use(new Home(this.root, this.service, (sequence) => this.open(sequence), (images) => this.open(images, "images")));
+    else {
+      document.title = "modalmotion";
+      this.use(new Home(this.root, this.calls, (sequence) => this.open(sequence), (images, name) => this.open(images, "images", { name })));
+    }
   }
 
   use(page) {
@@ -62,8 +63,9 @@ class Pages {
     window.modalmotion = page;
   }
 
-  async open(id, page = "view") {
-    history.pushState(null, "", `/${page}/${id}`);
+  // `about`: what the next page should know, such as the name of the file.
+  async open(id, page = "view", about = null) {
+    history.pushState(about, "", `/${page}/${id}`);
     try {
       await this[page](id.split("?")[0]);
     } catch (error) {
@@ -82,49 +84,103 @@ class Pages {
 
   async images(id) {
     const track = new URLSearchParams(location.search).get("track");
-    this.use(await Landmarks.at(this.root, this.service, id, (sequence) => this.open(sequence), track));
+    this.use(await Landmarks.at(this.root, this.calls, id, (sequence) => this.open(sequence), track));
     document.title = `${track ? "Contours" : "Landmarks"} · modalmotion`;
   }
 
   async view(id) {
+    const { calls } = this;
     const query = new URLSearchParams(location.search);
-    const ids = [id, ...(query.get("with") ? [query.get("with")] : [])];
+    const other = query.get("with");
+    const ids = [id, ...(other ? [other] : [])];
     OF_PAGE.forEach((name) => query.delete(name));
-    const { service } = this;
-    const asked = query.size ? `?${query}` : "";
     if (!this.root.firstChild) this.root.append(h("p", { class: "loading", role: "status" }, "Loading the surface"));
-    const payloads = await Promise.all(
-      ids.map(async (one) => (await service.call(`/v1/sequences/${one}/view${asked}`, { accept: VIEW })).arrayBuffer()),
-    );
-    const here = `/v1/sequences/${id}`;
+    const [payloads, records] = await Promise.all([
+      Promise.all(ids.map((one) => calls.view(one, query))),
+      Promise.all(ids.map((one) => calls.sequence(one))),
+    ]);
+    const again = (name, value) => {
+      const address = new URLSearchParams(location.search);
+      for (const own of ["frame", "gains"]) address.delete(own);
+      value ? address.set(name, value) : address.delete(name);
+      return address.size ? `?${address}` : "";
+    };
+    const [record] = records;
+    const file = (ending) => `${this.current.fileName}${ending}`;
+    const report = (type, ending) => async () => save(await calls.report(id, query, type), file(ending));
+    const fail = (error) => this.fail(error);
     this.use(null);
     this.current = new Viewer(this.root, payloads, {
       isServed: true,
-      frames: async (motion, add) => {
-        const n = Math.max(1, Math.floor(PIECE_BYTES / (6 * motion.nVertices)));
-        for (let first = 0; first < motion.nFrames; first += n) {
-          const part = new URLSearchParams(query);
-          part.set("first", first);
-          part.set("stop", Math.min(first + n, motion.nFrames));
-          const path = `/v1/sequences/${motion.header.sequence_id}/view/frames?${part}`;
-          add(await (await service.call(path, { accept: VIEW })).arrayBuffer());
-        }
+      titles: records.map((one) => one.name || one.subject || ""),
+      record,
+      change: async (stated) => {
+        const next = await calls.change(id, stated);
+        // Another unit or other times are another recording, which the page follows.
+        history.replaceState(history.state, "", `/view/${next.id}${again("with", other)}`);
+        await this.view(next.id);
       },
-      data: async (motion) => {
-        if (!motion.header.is_tracked) return null;
-        return (await service.call(`/v1/tracks/${motion.header.sequence_id}`, { accept: VIEW })).arrayBuffer();
-      },
-      page: async () => save(await (await service.call(`${here}/view${asked}`, { accept: "text/html" })).blob(), `${id.slice(0, 12)}.html`),
+      frames: (motion, add) => calls.frames(motion, query, add),
+      data: async (motion) => (motion.header.is_tracked ? calls.trackData(motion.header.sequence_id) : null),
+      report: report("application/pdf", "-report.pdf"),
+      fhir: report("application/fhir+json", "-fhir.json"),
+      dicom: record.facts.coordinates === "LPS" && record.unit === "mm" ? async () => {
+        const instance = await chosenFile();
+        if (instance) save(await calls.dicom(id, query, instance), file("-dicom.zip"));
+      } : null,
+      page: async () => save(await calls.page(id, query), file(".html")),
+      remove: () => this.remove(id, nameOf(this.current.header)),
+      compare: comparePicker(calls, id, other, (one) => {
+        history.pushState(null, "", `/view/${id}${again("with", one)}`);
+        this.view(id).catch(fail);
+      }),
+      norms: normCard(calls, id),
       track: {
-        slices: (images) => this.open(`${images}?track=${id}`, "images").catch((error) => this.fail(error)),
-        describe: () => service.json(`/v1/tracks/${id}`),
-        picture: async (name) => (await service.call(`/v1/tracks/${id}?picture=${name}`, { accept: "image/png" })).blob(),
+        slices: (images) => this.open(`${images}?track=${id}`, "images").catch(fail),
+        describe: () => calls.track(id),
+        picture: (name) => calls.trackPicture(id, name),
       },
-      classify: async () => service.json(`${here}/classifications`, { method: "POST", body: "{}", type: "application/json" }),
+      classify: () => calls.classify(id),
+      classes: () => calls.classes(id),
     });
-    document.title = `${this.current.header.title || id.slice(0, 12)} · modalmotion`;
+    document.title = `${nameOf(this.current.header)} · modalmotion`;
     window.modalmotion = this.current;
   }
+
+  // Deletes a recording, once that is confirmed.
+  async remove(id, name) {
+    if (!(await confirmed(`Delete ${name}?`, "The recording goes with all its results; this cannot be undone.", "Delete"))) return;
+    await this.calls.remove(id);
+    history.pushState(null, "", "/");
+    this.show();
+  }
+}
+
+// A question with two answers.
+function confirmed(title, words, action) {
+  return new Promise((resolve) => {
+    const end = (answer) => {
+      dialog.close();
+      dialog.remove();
+      resolve(answer);
+    };
+    const dialog = h("dialog", { class: "key", "aria-labelledby": "confirm-title" },
+      h("h2", { id: "confirm-title" }, title), h("p", {}, words),
+      h("div", { class: "row" }, h("button", { type: "button", onclick: () => end(false) }, "Keep it"), h("button", { type: "button", class: "delete", onclick: () => end(true) }, action)));
+    dialog.addEventListener("cancel", () => end(false));
+    document.body.append(dialog);
+    dialog.showModal();
+  });
+}
+
+// A file of the reader's machine; null where none is chosen.
+function chosenFile() {
+  return new Promise((resolve) => {
+    const input = h("input", { type: "file", id: "instance", hidden: true, onchange: () => { input.remove(); resolve(input.files[0] || null); } });
+    input.addEventListener("cancel", () => { input.remove(); resolve(null); });
+    document.body.append(input);
+    input.click();
+  });
 }
 
 // A single file: everything stands in the page as base64.

@@ -1,6 +1,7 @@
 // What the volumes and the wall of each motion say: one number large, the others in a table.
 
 import { h, interval } from "./dom.js";
+import { noteOf } from "./notes.js";
 
 const POINTS = { noise: "the mesh as sent", mesh: "the mesh as sent", points: "points", images: "images" };
 
@@ -23,9 +24,9 @@ function definitions(header, figures) {
   );
 }
 
-export function readoutCard(header, title) {
+export function readoutCard(header, title, lead) {
   const { volume, strain } = header;
-  if (volume.refused) return h("div", { class: "card" }, h("h2", {}, title || "Volume"), h("p", { class: "note" }, volume.refused));
+  if (volume.refused) return h("div", { class: "card" }, h("h2", {}, title || "Volume"), h("p", { class: "note" }, noteOf(volume.refused, lead)));
   const { share } = volume;
   const name = share ? share.name[0].toUpperCase() + share.name.slice(1) : "Volume";
   const figures = [...volume.figures, ...(strain.refused ? [] : strain.figures)];
@@ -39,7 +40,7 @@ export function readoutCard(header, title) {
     h("table", { class: "figures" },
       h("thead", {}, h("tr", {}, h("th", { scope: "col" }, h("span", { class: "unseen" }, "Quantity")), h("th", { scope: "col" }, h("span", { class: "unseen" }, "Value")), h("th", { scope: "col" }, "95 % interval"))),
       h("tbody", {}, figures.map(figureRow))),
-    strain.refused ? h("p", { class: "note" }, strain.refused) : null,
+    strain.refused ? h("p", { class: "note" }, noteOf(strain.refused, lead)) : null,
     definitions(header, [...(share ? [{ name: short, definition: share.definition }] : []), ...figures]),
   );
 }

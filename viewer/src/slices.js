@@ -72,6 +72,15 @@ class Slice {
     return segments;
   }
 
+  // Whether a pixel within some mm of a place on the plane is brighter than the background.
+  isInk(i, j, reach) {
+    const [di, dj] = this.spacing.map((size) => reach / size);
+    for (let a = Math.max(0, Math.ceil(i - di)); a <= Math.min(this.counts[0] - 1, i + di); a++)
+      for (let b = Math.max(0, Math.ceil(j - dj)); b <= Math.min(this.counts[1] - 1, j + dj); b++)
+        if (((a - i) / di) ** 2 + ((b - j) / dj) ** 2 <= 1 && this.pixels[this.start + a * this.strides[0] + b * this.strides[1]] > 1) return true;
+    return false;
+  }
+
   paint(canvas) {
     const [width, height] = this.counts;
     canvas.width = width;

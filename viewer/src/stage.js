@@ -129,6 +129,18 @@ export class Stage {
     this.camera.updateProjectionMatrix();
   }
 
+  // From a position to pixels of a panel and the depth there.
+  projection({ surface }, { width, height }) {
+    this.look(width / height);
+    this.camera.updateMatrixWorld();
+    const whole = new Matrix4().multiplyMatrices(this.camera.projectionMatrix, this.camera.matrixWorldInverse).multiply(surface.object.matrix);
+    const at = new Vector3();
+    return (x, y, z) => {
+      at.set(x, y, z).applyMatrix4(whole);
+      return [((at.x + 1) / 2) * width, ((1 - at.y) / 2) * height, at.z];
+    };
+  }
+
   // Directions of x, y and z of the file on the screen, for the small cross of axes.
   axes(view) {
     this.look(1);

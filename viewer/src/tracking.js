@@ -1,10 +1,11 @@
 // What a track says beside its surface: how well the data were followed, and its pictures.
 
 import { h, numeral, refill } from "./dom.js";
+import { plain } from "./notes.js";
 
 const PICTURES = [
   ["data", "Data over the surface", "What was tracked, in frames spread over the beat"],
-  ["deviations", "Stated error", "The standard deviation of each place on the surface"],
+  ["deviations", "Estimated error", "The standard deviation of each place on the surface"],
   ["determined", "What the data determine", "The share of each mode that the data set, and not the prior"],
   ["overlay", "Contours over the images", "The surface in slices of the images, over the beat"],
 ];
@@ -30,10 +31,10 @@ export function trackCard(track, unit, say) {
     const length = (x) => (x === null ? "–" : `${numeral(x)} ${unit}`);
     const share = (x) => (x === null ? "–" : `${Math.round(100 * x)} %`);
     const rows = [
-      ["distance of the data, RMS", length(mean(answer.residual_rms))],
-      ["stated error across the surface", length(mean(answer.deviation_across))],
-      ["data that counted", share(mean(answer.inliers))],
-      ["surface that data lie at", share(mean(answer.coverage))],
+      ["RMS distance to the data", length(mean(answer.residual_rms))],
+      ["Data used", share(mean(answer.inliers))],
+      ["Surface covered", share(mean(answer.coverage))],
+      ["Estimated error (normal)", length(mean(answer.deviation_across))],
     ];
     const images = answer.links.images && answer.links.images.split("/").pop();
     const unseen = answer.unseen.length ? `Interpolated, for nothing was seen: frames ${answer.unseen.join(", ")}.` : null;
@@ -43,7 +44,7 @@ export function trackCard(track, unit, say) {
       h("table", { class: "figures" }, h("tbody", {}, rows.map(([what, value]) => h("tr", {}, h("th", { scope: "row" }, what), h("td", {}, value))))),
       unseen && h("p", { class: "note" }, unseen),
       answer.notes.length
-        ? h("details", {}, h("summary", {}, `What to know: ${answer.notes.length} notes`), answer.notes.map((note) => h("p", { class: "note" }, note)))
+        ? h("details", {}, h("summary", {}, `What to know: ${answer.notes.length} notes`), answer.notes.map((note) => h("p", { class: "note" }, plain(note))))
         : null,
       h("div", { class: "actions" }, images && h("button", {
         type: "button",

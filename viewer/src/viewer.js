@@ -1,5 +1,6 @@
 // The view of one sequence, or of two side by side: stage, clock, modes, charts.
 
+import { About } from "./about.js";
 import { readAddress, writeAddress } from "./address.js";
 import { save } from "./api.js";
 import { chartsOf } from "./chart_rows.js";
@@ -7,6 +8,7 @@ import { classCard } from "./class_card.js";
 import { ClockRow } from "./clock_row.js";
 import { Cloud } from "./cloud.js";
 import { COLOURS, ColourRow } from "./colour_row.js";
+import { differenceCharts } from "./compare.js";
 import { readContainer } from "./container.js";
 import { h } from "./dom.js";
 import { saveTable } from "./frame_table.js";
@@ -15,6 +17,7 @@ import { modeCard } from "./mode_card.js";
 import { ModePictures } from "./mode_pictures.js";
 import { Motion } from "./motion.js";
 import { notesOf } from "./notes.js";
+import { Places } from "./places.js";
 import { readoutCard } from "./readouts.js";
 import { Stage } from "./stage.js";
 import { trackCard } from "./tracking.js";
@@ -23,11 +26,14 @@ import { crossOfAxes, turnCross, windowsOf } from "./windows.js";
 export const nameOf = ({ title, sequence_id: id }) => title || id.slice(0, 8);
 
 export class Viewer {
-  // `payloads`: one or two ArrayBuffers; `actions`: { frames(motion), data(motion), csv, page, classify }.
+  // `payloads`: one or two ArrayBuffers; `actions`: { frames(motion), data(motion), page, classify ... },
+  // with `record` and `change(stated)` where what is known of it can be stated, and `compare`, the
+  // picker of what is shown beside it.
   constructor(root, payloads, actions = {}, isEmbedded = false) {
     this.motions = payloads.map((payload) => new Motion(readContainer(payload)));
     this.actions = actions;
     this.isEmbedded = isEmbedded;
+    (actions.titles || []).forEach((title, number) => title && (this.motions[number].header.title = title));
     this.header = this.motions[0].header;
     this.state = isEmbedded ? {} : readAddress();
     this.gains = this.motions.map((motion) => new Float32Array(motion.header.waves.length).fill(1));
@@ -127,29 +133,43 @@ export class Viewer {
       showSent: (isShown) => this.showSent(isShown),
       showData: (areShown) => this.showData(areShown),
     }, this.hasCavity);
-    const stageBox = h("div", { class: "stage" }, this.canvas, this.windows, this.cross, this.busy);
+    this.places = new Places(this);
+    const stageBox = h("div", { class: "stage" }, this.canvas, this.windows, this.cross, this.busy, this.places.prompt);
+    const about = actions.record && new About(actions.record, motion, {
+      change: actions.change,
+      place: (words, done) => this.places.choose(words, done),
+      marked: (landmarks) => this.places.show(landmarks),
+    });
+    const lead = about && ((name) => about.lead(name));
     const charts = chartsOf(this.motions, (number, t) => {
       this.play(false);
       this.seek(number ? (t / (this.motions[number].span || 1)) * this.span : t);
-    });
+    }, lead && (() => lead("anterior")));
     this.charts = charts.rows;
+    this.differences = this.motions.length > 1 ? differenceCharts(this.motions, this.motions.map((one) => nameOf(one.header)), (share) => {
+      this.play(false);
+      this.seek(share * this.span);
+    }) : null;
     this.pictures = new ModePictures(this.stage, motion, this.modes.pictures);
     return h(
       "div",
       { class: "viewer" },
-      headOf(motion, headActions, this.isEmbedded, say),
+      headOf(motion, headActions, this.isEmbedded, say, actions.compare),
       h(
         "div",
         { class: "work" },
         h("section", { class: "left", "aria-label": "Surface" }, stageBox, this.clock.element, this.colours.element),
         h("aside", { class: "right", "aria-label": "Read-outs" },
-          this.motions.map((one) => readoutCard(one.header, this.motions.length > 1 ? nameOf(one.header) : "")),
-          classCard(header, actions.classify, showOnly),
+          this.motions.map((one) => readoutCard(one.header, this.motions.length > 1 ? nameOf(one.header) : "", lead)),
+          classCard(header, actions.classify, showOnly, lead),
+          about && about.element,
+          actions.norms || null,
           header.is_tracked && actions.track ? trackCard(actions.track, header.unit, say) : null),
       ),
+      this.differences && this.differences.element,
       this.modes.element,
       charts.element,
-      notesOf(header, this.stage.isSoftware),
+      notesOf(header, this.stage.isSoftware, lead),
       h("p", { class: "foot" }, header.intended_use),
     );
   }
@@ -340,14 +360,16 @@ export class Viewer {
       const t = number ? (this.time / (this.span || 1)) * motion.span : this.time;
       charts.forEach((chart) => chart.show(t));
     });
+    if (this.differences) this.differences.charts.forEach((chart) => chart.show((100 * this.time) / (this.span || 1)));
     this.pictures.show(this.time / (this.span || 1), this.isPlaying);
+    this.places.move();
     turnCross(this.cross, this.stage.axes(this.header.view));
   }
 
   // Of files that are saved: the recording's own name, or the start of its id.
   get fileName() {
     const { title, sequence_id: id } = this.header;
-    return (title || id.slice(0, 12)).replace(/\.[a-z0-9.]{2,8}$/i, "").replace(/[^\p{L}\p{N}._-]+/gu, "-").slice(0, 60) || id.slice(0, 12);
+    return (title || id.slice(0, 12)).replace(/\.[a-z0-9.]{2,8}$/i, "").replace(/[^\p{L}\p{N}._-]+/gu, "-").replace(/^-+|-+$/g, "").slice(0, 60) || id.slice(0, 12);
   }
 
   savePicture() {

@@ -69,20 +69,22 @@ class SignatureParameters:
     Parameters
     ----------
     modes : int or None
-        Number of modes; each has three amplitudes a frame, or one of offsets. Rounded up where a
-        cosine-sine pair
-        would be split, unless `split_pairs`. None where it follows from the data.
+        Number of modes, three amplitudes per frame each, or one of offsets. 7 where nothing else is
+        asked for; rounded up where a cosine-sine pair would be split, unless `split_pairs`. None
+        where it follows from the data.
     topology : str or None
-        Name of the topology, over what the sequence states; "mesh" for the spring modes of the
-        mesh itself, which is `closed_form=False`.
+        Topology: cup, cylinder, ..., or mesh for the spring modes of the mesh itself. It goes over
+        what the sequence states; mesh is `closed_form=False`.
     grid : tuple of int or None
-        Lattice shape, over what the sequence states.
+        Lattice shape such as 32,64, over what the sequence states.
     reference : int or "mean"
-        Frame from which displacements are measured, or the mean of all frames, each turned
-        onto it, and turned as they are on the mean: another first frame then changes nothing,
-        unless the frames turn all the way round.
+        Frame from which displacements are measured, or mean: the mean shape of all frames. Each is
+        turned onto it, and turned as they are on the mean: another first frame then changes
+        nothing, unless the frames turn all the way round.
     weights : Weights
+        How much each vertex counts.
     remove_rotation : bool
+        Whether each frame's rotation is taken out before the fit.
     wave_speed : float, length unit per s
         c of w = c k, which frequencies and strain energy are stated with.
     components : Components
@@ -106,26 +108,26 @@ class SignatureParameters:
     auto : bool
         Stop where the residual looks like the noise of the measurement.
     order : ModeOrder
-        Fixed, or by energy among the first `most_modes`.
+        Which modes come first: in the fixed order, or by energy among the first `most_modes`.
     most_modes : int or None
         Largest number of modes for a tolerance, `auto` or the order of energy.
     harmonics : int or None
-        Harmonics that each amplitude's path over time is limited to; None leaves it as it is.
+        Harmonics that each amplitude's path over time is limited to. None leaves it as it is.
     split_pairs : bool
-        Take the stated number of modes exactly: the amplitudes of a cosine without
-        its sine depend on where theta is zero, and compare only where that is the same.
+        Take the stated number of modes exactly: a cosine without its sine depends on where theta is
+        zero. Its amplitudes compare only where that is the same.
     kind : SignatureKind
-        MATERIAL follows the vertices. OFFSET has one amplitude a mode, of how far the surface
-        lies from the reference along its normals, and does not see where on it the vertices are:
-        see `modalmotion.fit.offsets`.
+        Whether amplitudes follow the vertices, or measure the surface along its reference's
+        normals. OFFSET has one amplitude a mode, and does not see where on the surface the
+        vertices are: see `modalmotion.fit.offsets`.
     volumes : bool
-        Whether the signature holds the volume that the surface encloses in each frame, which
-        models may read.
+        Whether the signature has the volume that the surface encloses in each frame. Models may
+        read it.
     deviations : bool
-        Whether the signature holds a standard deviation of each amplitude, from the noise that is
-        estimated for it. Of a tracked sequence, and with `auto`, it does in any case.
+        Whether the signature has a standard deviation of each amplitude, from estimated noise.
+        Of a tracked sequence, and with `auto`, it has in any case.
     amplitudes : int, optional
-        In place of `modes`: amplitudes a frame, three of a mode, or one of offsets.
+        In place of `modes`: amplitudes per frame, three of a mode, or one of offsets.
     """
 
     modes: int | None = None

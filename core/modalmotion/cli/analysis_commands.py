@@ -9,98 +9,91 @@ from typing import Any
 
 import click
 
-from modalmotion.cli.files import read, sequence_argument
+from modalmotion.cli.files import fitted, sequence_argument
 from modalmotion.cli.options import (
-    Command,
-    components_option,
-    deviations_option,
-    example,
+    command,
+    fit_options,
     json_option,
-    kind_option,
     list_written,
-    merge_option,
-    mode_options,
     output_option,
     plot_option,
-    reference_option,
-    rotation_option,
-    signature_parameters,
-    surface_options,
     tell,
-    volumes_option,
-    weights_option,
+    verbose_option,
 )
-from modalmotion.cli.outputs import write_picture
+from modalmotion.cli.outputs import PICTURES, write_picture
 from modalmotion.cli.waiting import Waiting
 from modalmotion.errors import TopologyError
 from modalmotion.exports.surfaces import SUFFIXES, write_superposed
 from modalmotion.facts import facts_as_json
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numerals import counted, numeral
-from modalmotion.signature.making import ModalSignature, SignatureKind, modal_signature
+from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.tradeoff import Price, price_of
 
 
-@click.command(cls=Command, epilog=example("signature beat.npz --modes 18 --plot beat.png"))
+@command("signature beat.npz --modes 18 -o beat.h5 --plot beat.png")
 @sequence_argument
-@output_option("HDF5 file to write.", required=False)
-@mode_options
-@surface_options
-@reference_option
-@weights_option
-@merge_option
-@components_option
-@kind_option
-@rotation_option
-@volumes_option
-@deviations_option
+@output_option(
+    "File to write: .h5, a table (.csv), .html, or a picture.",
+    *(".h5", ".csv", ".html", *PICTURES),
+    required=False,
+)
 @plot_option
 @json_option
+@verbose_option
+@fit_options
 def signature(
-    source: Path, output: Path | None, plot: Path | None, as_json: bool, **options: Any
+    source: Path,
+    output: Path | None,
+    plot: Path | None,
+    as_json: bool,
+    verbose: bool,
+    **options: Any,
 ) -> None:
     """Fit the modal signature of the sequence in FILE.
 
     FILE is a file of any known format, a folder of frames, or a pattern of their
     names such as 'scan_*.ply'.
     """
-    from modalmotion.store import signature_to_hdf5, write_atomic
-
-    parameters = signature_parameters(options)
     with Waiting(source) as waiting:
         watch, volume = waiting.watch, []
-        with watch.stage("read"):
-            sequence = read(source, **options)
-        result = modal_signature(sequence, parameters, watch=watch)
+        sequence, result = fitted(source, waiting, options)
         if not as_json:
             with watch.stage("volume"):
                 volume = _volume_lines(result, sequence)
-        if output is not None:
-            with watch.stage("write"):
-                write_atomic(output, signature_to_hdf5(result))
-        if plot is not None:
-            with watch.stage("picture"):
-                from modalmotion.pictures.signature import signature_figure
-
-                write_picture(signature_figure(sequence, result), plot)
+        for path in filter(None, (output, plot)):
+            with watch.stage("picture" if path.suffix.lower() in PICTURES else "write"):
+                _write(path, sequence, result)
     price = price_of(result, waiting.milliseconds())
     if as_json:
         click.echo(json.dumps(summary(result, price), indent=2))
     else:
-        click.echo("\n".join([_lines(result, price), *volume]))
+        said = [*_lines(result), *(price_lines(price) if verbose else []), *volume]
+        click.echo("\n".join([*said, *(f"note: {note}" for note in result.notes)]))
     list_written(output, plot, as_json=as_json)
 
 
-@click.command(cls=Command, epilog=example("reconstruct beat.npz -o beat.glb --modes 7"))
+def _write(path: Path, sequence: MeshSequence, result: ModalSignature) -> None:
+    if path.suffix.lower() in PICTURES:
+        from modalmotion.pictures.signature import signature_figure
+
+        write_picture(signature_figure(sequence, result), path)
+    elif path.suffix.lower() == ".h5":
+        from modalmotion.store import signature_to_hdf5, write_atomic
+
+        write_atomic(path, signature_to_hdf5(result))
+    else:
+        result.save(path)
+
+
+@command("reconstruct beat.npz -o beat.glb --modes 7")
 @sequence_argument
 @output_option("File to write: .npz, .vtkhdf, .glb or .zip (of PLY).", *SUFFIXES)
-@mode_options
-@surface_options
-@merge_option
 @click.option(
     "--max-targets", type=int, help="Of a GLB: largest number of morph targets, by energy."
 )
 @json_option
+@fit_options
 def reconstruct(
     source: Path, output: Path, max_targets: int | None, as_json: bool, **options: Any
 ) -> None:
@@ -108,11 +101,8 @@ def reconstruct(
     from modalmotion.store import write_atomic
 
     kind = SUFFIXES[output.suffix.lower()]
-    parameters = signature_parameters(options)
     with Waiting(source) as waiting:
-        with waiting.watch.stage("read"):
-            sequence = read(source, **options)
-        result = modal_signature(sequence, parameters, watch=waiting.watch)
+        sequence, result = fitted(source, waiting, options)
         with waiting.watch.stage("write"):
             write_atomic(output, write_superposed(result, sequence, kind, max_targets=max_targets))
     motion = float(result.motion_rms.max())
@@ -173,7 +163,7 @@ def summary(result: ModalSignature, price: Price) -> dict[str, object]:
     }
 
 
-def _lines(result: ModalSignature, price: Price) -> str:
+def _lines(result: ModalSignature) -> list[str]:
     unit = result.unit or "length units"
     motion = float(result.motion_rms.max())
     lines = [
@@ -183,10 +173,6 @@ def _lines(result: ModalSignature, price: Price) -> str:
         ),
         *([f"facts: {repr(result.facts)[6:-1]}"] if result.facts.stated else []),
         _amount(result),
-        (
-            f"compression {result.compression:.0f}:1 a frame, "
-            f"{result.compression_of_sequence:.1f}:1 with the reference"
-        ),
         f"motion {numeral(motion)} {unit} RMS in the frame that moves most",
         (
             f"error {numeral(result.rms_error, of=motion)} {unit} RMS over all vertices and frames "
@@ -195,7 +181,6 @@ def _lines(result: ModalSignature, price: Price) -> str:
             f"{numeral(result.max_error, of=motion)} (max)"
         ),
         *_deviation_lines(result),
-        *price_lines(price),
         "deformation spectrum:",
     ]
     spectrum = result.deformation_spectrum
@@ -203,9 +188,7 @@ def _lines(result: ModalSignature, price: Price) -> str:
     for label, value in zip(result.modes.labels[:20], spectrum, strict=False):
         bar = "#" * round(30 * float(value) / largest)
         lines.append(f"  {label!s:>14} {numeral(float(value), of=motion):>9}  {bar}")
-    if len(spectrum) > 20:
-        lines.append(f"  ... and {len(spectrum) - 20} more")
-    return "\n".join(lines + [f"note: {note}" for note in result.notes])
+    return lines + ([f"  ... and {len(spectrum) - 20} more"] if len(spectrum) > 20 else [])
 
 
 def _amount(result: ModalSignature) -> str:
@@ -225,13 +208,13 @@ def _deviation_lines(result: ModalSignature) -> list[str]:
 
 
 def price_lines(price: Price) -> list[str]:
-    """Write the price of a description."""
+    """Write the sizes and times of a description."""
     times = ", ".join(f"{name} {spent:.1f} ms" for name, spent in price.milliseconds.items())
-    lines = [
+    total = sum(price.milliseconds.values()) / 1e3
+    return [
         (
             f"{price.numbers} numbers: {price.bytes} bytes as float64, {price.bytes_float32} as "
-            f"float32; condition {price.condition:.3g}"
-        )
+            f"float32; compression {price.compression:.1f}:1; condition {price.condition:.3g}"
+        ),
+        *([f"time: {times}; {total:.1f} s in all"] if times else []),
     ]
-    total = sum(price.milliseconds.values()) / 1e3
-    return [*lines, f"time: {times}; {total:.1f} s in all"] if times else lines

@@ -9,15 +9,14 @@ from typing import Any
 import click
 
 from modalmotion.cli.files import read, sequence_argument
-from modalmotion.cli.options import Command, example, json_option, output_option, tell
-from modalmotion.cli.outputs import OutputFolder
+from modalmotion.cli.options import command, json_option, output_option, tell
 from modalmotion.formats import write_npz, write_raw, write_vtkhdf
 from modalmotion.store import write_atomic
 
 _WRITERS = {".npz": write_npz, ".vtkhdf": write_vtkhdf, ".raw": write_raw}
 
 
-@click.command(cls=Command, epilog=example("encode beat.npz -o beat.mms --max-error 0.1"))
+@command("encode beat.npz -o beat.mms --max-error 0.1")
 @sequence_argument
 @output_option("Stream to write.")
 @click.option("--rms", type=float, help="Largest RMS distance of the vertices, in their unit.")
@@ -73,7 +72,7 @@ def encode(
     tell(found, [said], output, as_json=as_json)
 
 
-@click.command(epilog=example("decode beat.mms -o beat.npz"))
+@command("decode beat.mms -o beat.npz")
 @click.argument("stream", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @output_option("File to write: .npz, .vtkhdf or .raw (float32).", *_WRITERS)
 @click.option("--first", type=int, help="First frame.")
@@ -123,20 +122,3 @@ def _span(first: int | None, stop: int | None, n: int) -> range | None:
     if first is None and stop is None:
         return None
     return range(first or 0, n if stop is None else stop)
-
-
-@click.command(epilog=example("compile-codec"))
-@click.option(
-    "--folder",
-    type=OutputFolder(),
-    help="Where to keep it  [default: with the installed packages, or in the user's cache].",
-)
-@json_option
-def compile_codec(folder: Path | None, as_json: bool) -> None:
-    """Compile the codec and kernels of large meshes, once for this machine.
-
-    Takes a minute and needs numba (extra `codec`), which what is compiled does not.
-    """
-    from modalmotion.mesh.machine import compile_kernels
-
-    tell({}, [], compile_kernels(folder), as_json=as_json)

@@ -19,21 +19,7 @@ import numpy as np
 from modalmotion.classification.manifest import LabelledFile, labelled_files
 from modalmotion.classification.training import joblib_backend
 from modalmotion.cli.files import sequence_argument
-from modalmotion.cli.options import (
-    Command,
-    components_option,
-    example,
-    json_option,
-    kind_option,
-    merge_option,
-    mode_options,
-    reference_option,
-    rotation_option,
-    signature_parameters,
-    surface_options,
-    tell,
-    weights_option,
-)
+from modalmotion.cli.options import command, fit_options, json_option, signature_parameters, tell
 from modalmotion.cli.outputs import OutputFolder
 from modalmotion.cli.stated_facts import stated_facts
 from modalmotion.errors import ModalMotionError, ParameterError, needs_extra
@@ -69,7 +55,7 @@ class _Signed:
     error: str = ""
 
 
-@click.command(cls=Command, epilog=example("cohort cases.csv -o results --workers 8"))
+@command("cohort cases.csv -o results --workers 8")
 @sequence_argument
 @click.option(
     "-o",
@@ -84,15 +70,8 @@ class _Signed:
 @click.option(
     "--skip-unreadable", is_flag=True, help="Files that fail do not make the command fail."
 )
-@mode_options
-@surface_options
-@reference_option
-@weights_option
-@merge_option
-@components_option
-@kind_option
-@rotation_option
 @json_option
+@fit_options
 def cohort(
     source: Path,
     output: Path,

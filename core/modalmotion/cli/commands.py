@@ -22,10 +22,6 @@ COMMANDS: Final = {
         "Fit a signature to every recording that FILE names, and keep them in a store.",
     ),
     "compare-models": ("model_commands", "Compare two models, on the same labelled sequences."),
-    "compile-codec": (
-        "codec_commands",
-        "Compile the codec and kernels of large meshes, once for this machine.",
-    ),
     "convert": ("convert_command", "Write the sequence in FILE in another format."),
     "decode": ("codec_commands", "Decode a compressed STREAM, or some of its frames."),
     "dicom": ("dicom_command", "Write DICOM objects of the sequence in FILE, for an archive."),

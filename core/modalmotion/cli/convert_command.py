@@ -8,12 +8,12 @@ from typing import Any
 import click
 
 from modalmotion.cli.files import read, sequence_argument
-from modalmotion.cli.options import Command, example, json_option, tell
+from modalmotion.cli.options import command, json_option, tell
 from modalmotion.cli.outputs import OutputFile
 from modalmotion.exports.files import SURFACES, save
 
 
-@click.command(cls=Command, epilog=example("convert frames/ beat.vtkhdf --unit mm"))
+@command("convert frames/ beat.vtkhdf --unit mm")
 @sequence_argument
 @click.argument("output", metavar="OUT", type=OutputFile(*SURFACES))
 @json_option

@@ -7,16 +7,13 @@ from typing import Any
 
 import click
 
-from modalmotion.cli.options import Command, example, json_option, tell
+from modalmotion.cli.options import command, json_option, tell
 from modalmotion.cli.outputs import OutputFolder
 from modalmotion.cli.reported import Wanted, report_options
 from modalmotion.cli.waiting import Waiting
 
 
-@click.command(
-    cls=Command,
-    epilog=example("dicom beat.npz --study image.dcm --coordinates LPS --cavity lv -o folder"),
-)
+@command("dicom beat.npz --study image.dcm --coordinates LPS --cavity lv -o folder")
 @report_options
 @click.option("-o", "--out", required=True, type=OutputFolder(), help="Folder to write.")
 @click.option(

@@ -10,7 +10,7 @@ import click
 
 from modalmotion.classification.manifest import LabelledSequence, labelled_files
 from modalmotion.cli.case_options import labelled_sources
-from modalmotion.cli.options import example, json_option, tell
+from modalmotion.cli.options import command, json_option, tell
 from modalmotion.cli.outputs import OutputFile
 
 _HELP: Final = {
@@ -23,7 +23,7 @@ _HELP: Final = {
 }
 
 
-@click.command(epilog=example("features cases.csv -o features.csv --covariate age"))
+@command("features cases.csv -o features.csv --covariate age")
 @labelled_sources
 @click.option("-o", "--out", required=True, type=OutputFile(".csv"), help="Table to write (.csv).")
 @click.option("--modes", type=int, default=7, show_default=True, help=_HELP["modes"])

@@ -9,12 +9,19 @@ from typing import Any
 
 import click
 
-from modalmotion.cli.options import Member, reading_option, several
+from modalmotion.cli.options import (
+    READING,
+    options_of,
+    several,
+    signature_parameters,
+)
 from modalmotion.cli.stated_facts import fact_options, stated_facts
+from modalmotion.cli.waiting import Waiting
 from modalmotion.exports.reading import read_recording
-from modalmotion.formats import Format, ReadOptions
+from modalmotion.formats import ReadOptions
 from modalmotion.formats.raw import RAW_TYPES
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.making import ModalSignature, modal_signature
 
 
 def _one_path(_: click.Context, parameter: click.Parameter, paths: tuple[Path, ...]) -> Path:
@@ -38,20 +45,11 @@ sequence_argument = several(
         type=click.Path(path_type=Path),
         callback=_one_path,
     ),
-    reading_option("--unit", help="Length unit: m, cm, mm, um or nm; overrides the file's own."),
-    reading_option("--format", type=Member(Format), help="Recognised from the content by default."),
-    reading_option(
-        "--frame-interval",
-        type=float,
-        help="Seconds from frame to frame; overrides the file's own.",
-    ),
-    reading_option("--n-vertices", type=int, help="Of raw numbers: vertices a frame."),
-    reading_option(
-        "--dtype",
-        type=click.Choice(list(RAW_TYPES)),
-        default="float32",
-        show_default=True,
-        help="Of raw numbers, little-endian.",
+    options_of(
+        ReadOptions,
+        *("unit", "format", "frame_interval", "n_vertices", "dtype"),
+        group=READING,
+        dtype={"type": click.Choice(list(RAW_TYPES))},
     ),
     fact_options,
 )
@@ -78,6 +76,16 @@ def read(source: Path, **stated: Any) -> MeshSequence:
     for note in result.notes:
         click.echo(f"note: {note}", err=True)
     return result.sequence
+
+
+def fitted(
+    source: Path, waiting: Waiting, options: dict[str, Any]
+) -> tuple[MeshSequence, ModalSignature]:
+    """Read a sequence and fit its signature with the options of a command."""
+    parameters = signature_parameters(options)
+    with waiting.watch.stage("read"):
+        sequence = read(source, **options)
+    return sequence, modal_signature(sequence, parameters, watch=waiting.watch)
 
 
 class _FrameBar:

@@ -21,9 +21,8 @@ from modalmotion.cli.model_texts import (
     evaluation_lines,
 )
 from modalmotion.cli.options import (
-    Command,
+    command,
     coverage_option,
-    example,
     json_option,
     list_written,
     plot_option,
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
     from modalmotion.classification.cases import LeftOut
 
 
-@click.command(epilog=example("evaluate mine.h5 others.csv"))
+@command("evaluate mine.h5 others.csv")
 @click.argument("model", metavar="MODEL")
 @labelled_sources
 @unit_option
@@ -81,7 +80,7 @@ def evaluate(
     list_written(plot, cases_file, as_json=as_json)
 
 
-@click.command(epilog=example("compare-models mine.h5 other.h5 cases.csv"))
+@command("compare-models mine.h5 other.h5 cases.csv")
 @click.argument("first", metavar="MODEL")
 @click.argument("second", metavar="OTHER")
 @labelled_sources
@@ -116,7 +115,7 @@ def compare_models(
         click.echo(note, err=as_json)
 
 
-@click.command(cls=Command, epilog=example("classify beat.npz --model mine.h5"))
+@command("classify beat.npz --model mine.h5")
 @sequence_argument
 @click.option(
     "--model",
@@ -161,7 +160,7 @@ def classify(
     list_written(plot, as_json=as_json)
 
 
-@click.command(epilog=example("card mine.h5 --markdown -o README.md"))
+@command("card mine.h5 --markdown -o README.md")
 @click.argument("model")
 @click.option(
     "--markdown", is_flag=True, help="As Markdown with a YAML head, as the Hugging Face Hub has it."

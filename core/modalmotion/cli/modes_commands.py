@@ -13,9 +13,8 @@ import numpy as np
 
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
-    Command,
     Member,
-    example,
+    command,
     json_option,
     list_written,
     output_option,
@@ -94,7 +93,7 @@ class _Surface(NamedTuple):
     unit: str | None
 
 
-@click.command(cls=Command, epilog=example("modes cylinder --grid 32,64 --modes 7 -o modes.png"))
+@command("modes cylinder --grid 32,64 --modes 7 -o modes.png")
 @sequence_argument
 @click.option("--modes", default=7, show_default=True, help="How many; no pair is split.")
 @surface_options
@@ -132,9 +131,7 @@ def modes(
     list_written(output, as_json=as_json)
 
 
-@click.command(
-    cls=Command, epilog=example("animate beat.npz --mode 1,1,cos=5 --mode 0,2,sin=3 -o swing.glb")
-)
+@command("animate beat.npz --mode 1,1,cos=5 --mode 0,2,sin=3 -o swing.glb")
 @sequence_argument
 @click.option(
     "--mode",

@@ -1,22 +1,23 @@
-"""Options that several commands share."""
+"""Options of commands, made from the parameter classes; what several commands share."""
 
 from __future__ import annotations
 
+import inspect
 import json
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from enum import Enum
-from functools import partial
+from functools import reduce
 from pathlib import Path
-from typing import Any, TypeVar
+from types import NoneType, UnionType
+from typing import Any, Final, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import click
 
-from modalmotion.choice.parameters import ErrorKind, ModeOrder, SignatureKind, SignatureParameters
+from modalmotion.choice.parameters import USUAL_MODES, SignatureParameters
 from modalmotion.cli.outputs import PICTURES, OutputFile
 from modalmotion.mesh.sequence import MEAN, Reference
-from modalmotion.template import Weights
-from modalmotion.template.body_frame import Components
 
 E = TypeVar("E", bound=Enum)
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -65,37 +66,113 @@ class ReferenceShape(click.ParamType[Reference]):
             self.fail(f"{value!r} is not a frame; give its number, or {MEAN}.", param, ctx)
 
 
-class ReadingOption(click.Option):
-    """An option that says how FILE is read: help lists it after a command's own."""
+class Grouped(click.Option):
+    """An option that help lists under a heading, after a command's own."""
 
-
-reading_option = partial(click.option, cls=ReadingOption)
+    def __init__(self, *names: Any, group: str = "", **settings: Any) -> None:
+        super().__init__(*names, **settings)
+        self.group = group
 
 
 class Command(click.Command):
-    """A command whose own options come first in its help."""
+    """A command whose own options come first in its help, then those of each group."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write a command's own options, then those of reading FILE."""
-        for title, is_reading in (("Options", False), ("Reading FILE", True)):
-            of_both = [
-                p for p in self.get_params(ctx) if isinstance(p, ReadingOption) == is_reading
-            ]
-            records = [record for p in of_both if (record := p.get_help_record(ctx))]
-            if records:
-                with formatter.section(title):
-                    formatter.write_dl(records)
+        """Write a command's own options, then those of each group."""
+        groups: dict[str, list[tuple[str, str]]] = {"": []}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is not None and isinstance(parameter, click.Option):
+                groups.setdefault(getattr(parameter, "group", ""), []).append(record)
+        for title, records in sorted(groups.items(), key=lambda of: _GROUPS.index(of[0])):
+            with formatter.section(title or "Options"):
+                formatter.write_dl(records)
+
+
+FIT: Final = "Fit"
+READING: Final = "Reading FILE"
+FACTS: Final = "Facts of FILE"
+TRACKING: Final = "Tracking"
+_GROUPS: Final = ("", FIT, TRACKING, READING, FACTS)
+"""Headings of options, in their order."""
+
+
+def command(line: str, name: str | None = None) -> Callable[[Callable[..., Any]], click.Command]:
+    """Make a command with this example at the end of its help."""
+    return click.command(name, cls=Command, epilog=example(line))
 
 
 def several(*options: Decorator) -> Decorator:
     """Join options to one decorator; help lists them in this order."""
+    return lambda function: reduce(lambda made, add: add(made), reversed(options), function)
 
-    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
-        for option in reversed(options):
-            command = option(command)
-        return command
 
-    return decorate
+def options_of(kind: type, *names: str, group: str = "", **own: Mapping[str, Any]) -> Decorator:
+    """Make options of the fields of a parameter class.
+
+    Names, kinds and defaults are those of the class, and the help is the first sentence that its
+    docstring says of a field.
+
+    Parameters
+    ----------
+    kind : type
+    *names : str
+        Of the fields, in the order of the help.
+    group : str
+        Heading in the help.
+    **own
+        Settings of click for a field, over these.
+    """
+    helps, taken = helps_of(kind), inspect.signature(kind).parameters
+    hints = get_type_hints(kind)
+    made = []
+    for name in names:
+        hint = getattr(hints[name], "type", hints[name])
+        default = taken[name].default
+        default = None if default is inspect.Parameter.empty or default is MISSING else default
+        settings = {
+            "default": default.value if isinstance(default, Enum) else default,
+            "help": helps.get(name),
+            **_kind_of(hint),
+            **dict(own.get(name) or {}),
+        }
+        flag = name.replace("_", "-")
+        if settings.get("default") is True:
+            flag = f"{flag}/--no-{flag}"
+        settings.setdefault("show_default", settings["default"] not in (None, False))
+        made.append(click.option(f"--{flag}", name, cls=Grouped, group=group, **settings))
+    return several(*made)
+
+
+_ENTRY: Final = re.compile(r"^ {4}(\w[\w, ]*) : (.*)\n((?:(?: {8}.*)?\n)*)", re.MULTILINE)
+_UNITS: Final = re.compile(r", (mm|s)\b")
+
+
+def helps_of(kind: type) -> dict[str, str]:
+    """Give the first sentence that a class's docstring says of each parameter, with its unit."""
+    said = dict[str, str]()
+    for names, of, text in _ENTRY.findall((kind.__doc__ or "") + "\n"):
+        sentence = re.split(r"(?<=[.;])\s", " ".join(text.split()))[0].replace("`", "").rstrip(";.")
+        unit = _UNITS.search(of)
+        said |= dict.fromkeys(names.split(", "), f"{sentence}{f' ({unit[1]})' if unit else ''}.")
+    return said
+
+
+def _kind_of(hint: Any) -> dict[str, Any]:
+    """Give click's kind of an annotation."""
+    if hint == Reference:
+        return {"type": ReferenceShape()}
+    if get_origin(hint) in (Union, UnionType):
+        hint = next(one for one in get_args(hint) if one is not NoneType)
+    if hint is bool:
+        return {"is_flag": True}
+    if get_origin(hint) is Literal:
+        return {"type": click.Choice(get_args(hint), case_sensitive=False)}
+    if get_origin(hint) is tuple:
+        return {"type": GridShape()}
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        return {"type": Member(hint)}
+    return {"type": hint if hint in (int, float) else str}
 
 
 def output_option(text: str, *suffixes: str, **settings: Any) -> Decorator:
@@ -104,100 +181,38 @@ def output_option(text: str, *suffixes: str, **settings: Any) -> Decorator:
     return click.option("-o", "--output", **{"required": True, "type": kind, **settings}, help=text)
 
 
-mode_options = several(
-    click.option(
-        "--modes", type=int, help="Modes, 3 amplitudes a frame each, or 1 offset.  [default: 7]"
-    ),
-    click.option("--amplitudes", type=int, help="In place of modes: amplitudes a frame."),
-    click.option(
-        "--split-pairs",
-        is_flag=True,
-        help="Do not round up to whole cosine-sine pairs: the last one then depends on where "
-        "theta is zero.",
-    ),
-    click.option("--tolerance", type=float, help="Largest error, in mm."),
-    click.option(
-        "--tolerance-of",
-        type=Member(ErrorKind),
-        default=ErrorKind.RMS.value,
-        show_default=True,
-        help="RMS over all vertices and frames, the one by their shares of the surface, or the "
-        "largest of any vertex.",
-    ),
-    click.option("--tolerance-share", type=float, help="Error as a share of the RMS motion."),
-    click.option("--auto", is_flag=True, help="Stop where the residual is noise."),
-    click.option(
-        "--order",
-        type=Member(ModeOrder),
-        default=ModeOrder.FIXED.value,
-        show_default=True,
-        help="Which modes come first.",
-    ),
-    click.option("--most-modes", type=int, help="Limit for tolerance, auto and energy."),
-    click.option("--harmonics", type=int, help="Limit each amplitude's path over time."),
+mode_options = options_of(
+    SignatureParameters,
+    *("modes", "amplitudes", "split_pairs", "tolerance", "tolerance_of", "tolerance_share", "auto"),
+    *("order", "most_modes", "harmonics"),
+    group=FIT,
+    modes={"show_default": str(USUAL_MODES)},
 )
 """How many modes, in one of several ways."""
 
-surface_options = several(
-    click.option("--topology", help="cup, cylinder, plane, ...; overrides the file's own."),
-    click.option(
-        "--grid", type=GridShape(), help="Lattice shape such as 32,64; overrides the file's own."
+surface_options = options_of(SignatureParameters, "topology", "grid", group=FIT)
+merge_option = options_of(SignatureParameters, "merge_vertices", group=FIT)
+fit_options = several(
+    mode_options,
+    surface_options,
+    merge_option,
+    options_of(
+        SignatureParameters,
+        *("reference", "weights", "components", "kind", "remove_rotation", "volumes", "deviations"),
+        group=FIT,
     ),
 )
-reference_option = click.option(
-    "--reference",
-    type=ReferenceShape(),
-    default=0,
-    show_default=True,
-    help="Frame to measure from, or mean: the mean shape of all frames.",
-)
-weights_option = click.option(
-    "--weights",
-    type=Member(Weights),
-    default=Weights.AREA.value,
-    show_default=True,
-    help="How much each vertex counts.",
-)
-components_option = click.option(
-    "--components",
-    type=Member(Components),
-    default=Components.CARTESIAN.value,
-    show_default=True,
-    help="x, y, z or radial, tangential, axial.",
-)
-kind_option = click.option(
-    "--kind",
-    type=Member(SignatureKind),
-    default=SignatureKind.MATERIAL.value,
-    show_default=True,
-    help="Follow the vertices, or measure the surface along its reference's normals: one amplitude "
-    "a mode, wherever on the surface the vertices lie.",
-)
-rotation_option = click.option(
-    "--keep-rotation",
-    "remove_rotation",
-    flag_value=False,
-    default=True,
-    help="Leave each frame's rotation in the motion.",
-)
-volumes_option = click.option(
-    "--volumes", is_flag=True, help="Keep the volume that the surface encloses in each frame."
-)
-deviations_option = click.option(
-    "--deviations",
-    is_flag=True,
-    help="Estimate the noise, and what it makes of each amplitude: a standard deviation.",
-)
-merge_option = click.option(
-    "--merge-vertices/--no-merge-vertices",
-    default=True,
-    show_default=True,
-    help="Whether vertices that coincide in every frame are one vertex of the surface.",
-)
+"""What a signature is fitted with, as `signature_parameters` takes it."""
+
 plot_option = click.option(
     "--plot", type=OutputFile(*PICTURES), help="Picture to write (.png, .svg, .pdf)."
 )
+picture_option = click.option(
+    "-o", "--plot", type=OutputFile(*PICTURES), help="Picture to write (.png, .svg, .pdf)."
+)
+"""Of commands that write nothing else."""
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON.")
+verbose_option = click.option("-v", "--verbose", is_flag=True, help="Print times and sizes too.")
 
 _PARAMETERS = ("amplitudes", *(field.name for field in fields(SignatureParameters)))
 

@@ -9,19 +9,8 @@ from typing import Any
 import click
 import numpy as np
 
-from modalmotion.cli.files import read, sequence_argument
-from modalmotion.cli.options import (
-    Command,
-    components_option,
-    example,
-    json_option,
-    list_written,
-    merge_option,
-    plot_option,
-    reference_option,
-    signature_parameters,
-    surface_options,
-)
+from modalmotion.cli.files import fitted, sequence_argument
+from modalmotion.cli.options import command, fit_options, json_option, list_written, picture_option
 from modalmotion.cli.outputs import PICTURES, OutputFile, write_picture
 from modalmotion.cli.waiting import Waiting
 from modalmotion.clinical import ClinicalReadouts, VolumeCurve, clinical_readouts
@@ -34,23 +23,18 @@ from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.numerals import counted, numeral
 from modalmotion.pictures.bulls_eye import bulls_eye_figure, most_moved
 from modalmotion.pictures.readouts import volume_figure
-from modalmotion.signature.making import modal_signature
 
 
-@click.command(cls=Command, epilog=example("readouts beat.npz --modes 18 --plot volumes.png"))
+@command("readouts beat.npz --modes 18 -o volumes.png")
 @sequence_argument
-@click.option("--modes", default=7, show_default=True, help="Modes, 3 amplitudes a frame each.")
-@surface_options
-@merge_option
-@reference_option
-@components_option
-@plot_option
+@picture_option
 @click.option(
     "--bulls-eye",
     type=OutputFile(*PICTURES),
     help="Picture of inward motion by segment to write (.png, .svg, .pdf).",
 )
 @json_option
+@fit_options
 def readouts(
     source: Path, plot: Path | None, bulls_eye: Path | None, as_json: bool, **options: Any
 ) -> None:
@@ -59,11 +43,8 @@ def readouts(
     The share of its volume that is lost is an ejection fraction where --cavity is stated or the
     surface is a cup, else a volume change.
     """
-    parameters = signature_parameters(options)
     with Waiting(source) as waiting:
-        with waiting.watch.stage("read"):
-            sequence = read(source, **options)
-        signature = modal_signature(sequence, parameters, watch=waiting.watch)
+        sequence, signature = fitted(source, waiting, options)
         with waiting.watch.stage("volume"):
             result = clinical_readouts(signature, sequence)
             ventricle = ventricle_readouts(signature, sequence, result)
@@ -100,7 +81,7 @@ def _lines(readouts: ClinicalReadouts) -> list[str]:
     lines = [
         (
             f"{readouts.n_amplitudes} amplitudes a frame; {counted(readouts.n_openings, 'opening')}"
-            f"{', closed by fans' if readouts.n_openings else ''}"
+            f"{', capped' if readouts.n_openings else ''}"
         ),
         f"{'':>24}{names[0]:>12}{'low':>10}{'high':>10}{names[1]:>10}",
     ]

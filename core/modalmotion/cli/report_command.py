@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from modalmotion.cli.options import Command, example, json_option, tell
+from modalmotion.cli.options import command, json_option, tell
 from modalmotion.cli.outputs import OutputFolder
 from modalmotion.cli.reported import Wanted, report_options
 from modalmotion.cli.waiting import Waiting
@@ -17,10 +17,7 @@ if TYPE_CHECKING:
     from modalmotion.reports.quantities import Quantity
 
 
-@click.command(
-    cls=Command,
-    epilog=example("report map.nii.gz -o folder"),
-)
+@command("report map.nii.gz -o folder")
 @report_options
 @click.option(
     "-o",

@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import reduce
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from modalmotion.cli.files import read, sequence_argument
-from modalmotion.cli.options import (
-    components_option,
-    merge_option,
-    reference_option,
-    signature_parameters,
-    surface_options,
-)
+from modalmotion.cli.options import fit_options, several, signature_parameters
 from modalmotion.cli.stated_facts import stated_facts
 from modalmotion.cli.tracking_options import TRACKING_OPTIONS, tracking_options
 from modalmotion.cli.waiting import Waiting
@@ -29,9 +21,8 @@ if TYPE_CHECKING:
     from modalmotion.norm import Norm
     from modalmotion.reports import Report
 
-_OPTIONS: Final = (
+report_options = several(
     sequence_argument,
-    click.option("--modes", default=7, show_default=True, help="Modes, 3 amplitudes a frame each."),
     click.option("--model", help="Model: the name of a shipped one, or a file; none by default."),
     click.option(
         "--norm",
@@ -44,17 +35,10 @@ _OPTIONS: Final = (
         help="Time of the result, as 2026-01-31T12:00:00+00:00; now by default. The same time "
         "gives the same bytes.",
     ),
-    surface_options,
-    merge_option,
-    reference_option,
-    components_option,
     tracking_options,
+    fit_options,
 )
-
-
-def report_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the options that name a recording, and what is said of it."""
-    return reduce(lambda made, add: add(made), reversed(_OPTIONS), command)
+"""What names a recording, and what is said of it."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +124,7 @@ class Wanted:
             parameters = TrackParameters(
                 landmarks=marks,
                 unit=unit,
-                frame_interval=self.options["frame_interval"],
+                times=self.options["frame_interval"],
                 facts=stated_facts(dict(self.options)),
                 **named,
             )

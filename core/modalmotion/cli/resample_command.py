@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from modalmotion.cli.files import read, sequence_argument
-from modalmotion.cli.options import example, json_option, output_option, tell
+from modalmotion.cli.options import command, json_option, output_option, tell
 from modalmotion.cli.waiting import Waiting
 from modalmotion.exports.surfaces import SUFFIXES, SurfaceFormat, write_surfaces
 from modalmotion.numerals import counted
@@ -18,7 +18,7 @@ from modalmotion.store import write_atomic
 _SUFFIXES = {suffix: kind for suffix, kind in SUFFIXES.items() if kind != SurfaceFormat.GLB}
 
 
-@click.command(epilog=example("resample beat.npz --phase 0.37 -o systole.npz"))
+@command("resample beat.npz --phase 0.37 -o systole.npz")
 @sequence_argument
 @output_option("File to write: .npz, .vtkhdf or .zip (of PLY).", *_SUFFIXES)
 @click.option("--phase", "phases", type=float, multiple=True, help="Share of the cycle, 0 to 1.")

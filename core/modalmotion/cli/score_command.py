@@ -9,14 +9,14 @@ from pathlib import Path
 import click
 import numpy as np
 
-from modalmotion.cli.options import example, json_option
+from modalmotion.cli.options import command, json_option
 from modalmotion.clinical.score import PUBLISHED
 from modalmotion.clinical.score import score as scored
 from modalmotion.formats import read_sequence
 from modalmotion.tracking.hdf5 import track_from_hdf5
 
 
-@click.command(epilog=example("score truth.npz answer.h5"))
+@command("score truth.npz answer.h5")
 @click.argument("truth", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.argument("answer", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @json_option

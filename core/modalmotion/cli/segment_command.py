@@ -8,13 +8,7 @@ from typing import Any
 
 import click
 
-from modalmotion.cli.options import (
-    example,
-    json_option,
-    list_written,
-    output_option,
-    plot_option,
-)
+from modalmotion.cli.options import command, json_option, list_written, output_option, plot_option
 from modalmotion.cli.outputs import write_picture
 from modalmotion.cli.track_command import stated_landmarks
 from modalmotion.cli.tracking_options import label_options
@@ -26,15 +20,15 @@ from modalmotion.pictures.image_overlay import overlay_figure
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
+from modalmotion.tracking.making import segment as segment_image
 from modalmotion.tracking.parameters import USUAL_MODES
 from modalmotion.tracking.reading import recorded_images
-from modalmotion.tracking.segmentation import segment as segment_image
 
 # mm^3 in one ml.
 _MM3_PER_ML = 1000.0
 
 
-@click.command(epilog=example("segment labels.nii.gz -o lv.ply"))
+@command("segment labels.nii.gz -o lv.ply")
 @click.argument("source", metavar="IN", type=click.Path(exists=True, path_type=Path))
 @output_option(
     "File to write: the surface with its deviations (.ply), the surface (.npz), or all (.h5).",

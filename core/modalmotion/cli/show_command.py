@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import click
 
-from modalmotion.cli.options import example, json_option
+from modalmotion.cli.options import command, json_option
 from modalmotion.codec.container import MAGIC
 from modalmotion.errors import InputError
 from modalmotion.hdf5.gate import SIGNATURE
@@ -19,7 +19,7 @@ from modalmotion.hdf5.sealed import SEAL_LENGTH
 _MOST_NOTES: Final = 5
 
 
-@click.command(epilog=example("show beat.h5"))
+@command("show beat.h5")
 @click.argument(
     "file", metavar="FILE", type=click.Path(exists=True, dir_okay=False, path_type=Path)
 )

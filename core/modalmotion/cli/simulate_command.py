@@ -12,7 +12,7 @@ from typing import Any, Final
 import click
 import numpy as np
 
-from modalmotion.cli.options import GridShape, example, json_option, output_option, tell
+from modalmotion.cli.options import GridShape, command, example, json_option, output_option, tell
 from modalmotion.cli.outputs import OutputFolder
 from modalmotion.formats import write_npz
 from modalmotion.formats.volumes import write_nifti_zip
@@ -68,7 +68,7 @@ def _parameter_options(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-@click.command(epilog=example("simulate -o beat.npz --ejection-fraction 0.4"))
+@command("simulate -o beat.npz --ejection-fraction 0.4")
 @output_option("File to write (.npz; .zip of images).")
 @click.option("--frames", default=25, show_default=True, help="Frames over one beat.")
 @click.option(

@@ -6,47 +6,32 @@ from typing import Any, Final
 
 import click
 
-from modalmotion.cli.options import reading_option, several
+from modalmotion.cli.options import FACTS, Grouped, options_of, several
 from modalmotion.facts import WORDS, Facts, facts_from_texts
 from modalmotion.facts.facts import stated_twice
 
-_HELP: Final = {
-    "tracking": "Whether vertices follow tissue (material) or slide over it (offset).",
-    "handedness": "Handedness of the coordinate system.",
-    "coordinates": "Which way x, y and z point in a patient.",
-    "cavity": "What the surface encloses.",
+_MANY: Final = {
+    "landmark": (
+        "NAME=PLACE",
+        "A vertex's number or a point x,y,z, such as apex=17; repeat for more.",
+    ),
+    "covariate": ("NAME=VALUE", "A number or a word, such as age=61; repeat for more."),
 }
-
-_MANY: Final = ("landmark", "covariate")
-
-
-fact_options = several(
-    *(
-        reading_option(
-            f"--{name}", type=click.Choice(words, case_sensitive=False), help=_HELP[name]
-        )
-        for name, words in WORDS.items()
-    ),
-    reading_option("--period", type=float, help="Period of a cycle, in seconds."),
-    reading_option("--modality", help="How it was recorded: MR, CT, US, simulated."),
-    reading_option(
-        "--landmark",
-        metavar="NAME=PLACE",
-        multiple=True,
-        help="A vertex's number or a point x,y,z; repeat for more. apex, base and theta_zero "
-        "place the natural coordinates.",
-    ),
-    reading_option(
-        "--covariate",
-        metavar="NAME=VALUE",
-        multiple=True,
-        help="A number or a word, such as age=61; repeat for more.",
-    ),
-)
-"""Facts, which override the file's own; `stated_facts` reads them."""
+_UNSTATED: Final = {"default": None}
 
 FACT_OPTIONS: Final = (*WORDS, "period", "modality", *_MANY)
 """Names of these options."""
+
+fact_options = several(
+    options_of(Facts, *WORDS, "period", "modality", group=FACTS, **dict.fromkeys(WORDS, _UNSTATED)),
+    *(
+        click.option(
+            f"--{name}", cls=Grouped, group=FACTS, metavar=metavar, multiple=True, help=text
+        )
+        for name, (metavar, text) in _MANY.items()
+    ),
+)
+"""Facts, which override the file's own; `stated_facts` reads them."""
 
 
 def stated_facts(options: dict[str, Any]) -> Facts:

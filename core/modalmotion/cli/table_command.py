@@ -11,20 +11,13 @@ import click
 
 from modalmotion.classification.cases import named
 from modalmotion.classification.manifest import LabelledFile, labelled_files
-from modalmotion.cli.files import read, sequence_argument
+from modalmotion.cli.files import fitted, sequence_argument
 from modalmotion.cli.options import (
-    Command,
-    components_option,
-    example,
-    kind_option,
+    command,
+    fit_options,
     list_written,
-    merge_option,
-    mode_options,
     output_option,
-    reference_option,
     signature_parameters,
-    surface_options,
-    weights_option,
 )
 from modalmotion.cli.stated_facts import stated_facts
 from modalmotion.cli.waiting import Waiting
@@ -38,7 +31,7 @@ from modalmotion.signature.making import ModalSignature, SignatureParameters, mo
 from modalmotion.tracking.recording import sequence_of
 
 
-@click.command(cls=Command, epilog=example("table beat.npz --frames -o frames.csv"))
+@command("table beat.npz --frames -o frames.csv")
 @sequence_argument
 @output_option("CSV file to write; printed by default.", ".csv", required=False)
 @click.option(
@@ -52,13 +45,7 @@ from modalmotion.tracking.recording import sequence_of
     is_flag=True,
     help="Of a manifest: go on without recordings that cannot be used; they are named.",
 )
-@mode_options
-@surface_options
-@reference_option
-@weights_option
-@merge_option
-@components_option
-@kind_option
+@fit_options
 def table(
     source: Path, output: Path | None, frames: bool, skip_unreadable: bool, **options: Any
 ) -> None:
@@ -67,16 +54,14 @@ def table(
     Where FILE is a manifest (.csv, with the column path and, where they are known, label, subject
     and facts), each of its recordings has a row: errors, volumes, ejection fraction, amplitudes.
     """
-    parameters = signature_parameters(options)
     if source.suffix.lower() in (".csv", ".tsv"):
         if frames:
             raise click.UsageError("--frames is for one sequence, and not for a manifest.")
+        parameters = signature_parameters(options)
         _write(_cohort(source, parameters, skip_unreadable, options).to_csv(), output)
         return
     with Waiting(source) as waiting:
-        with waiting.watch.stage("read"):
-            sequence = read(source, **options)
-        signature = modal_signature(sequence, parameters, watch=waiting.watch)
+        sequence, signature = fitted(source, waiting, options)
         with waiting.watch.stage("table"):
             made = _frames(signature, sequence) if frames else amplitude_table(signature)
             text = made.to_csv()

@@ -11,12 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 import numpy as np
 
-from modalmotion.cli.options import (
-    example,
-    json_option,
-    list_written,
-    output_option,
-)
+from modalmotion.cli.options import command, json_option, list_written, output_option
 from modalmotion.cli.outputs import MOVING, PICTURES, OutputFile, write_picture
 from modalmotion.cli.tracking_options import tracking_options
 from modalmotion.errors import ParameterError
@@ -32,7 +27,7 @@ from modalmotion.pictures.track import (
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
-from modalmotion.tracking.landmark_file import read_landmark_file
+from modalmotion.tracking.landmarks import read_landmark_file
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
 from modalmotion.tracking.reading import Recorded, read_observed
 
@@ -42,7 +37,7 @@ if TYPE_CHECKING:
 _PICTURES: Final = ("data", "deviations", "determined")
 
 
-@click.command(epilog=example("track frames/ -o beat.npz --landmarks apex=1,2,3 --unit mm"))
+@command("track frames/ -o beat.npz --landmarks apex=1,2,3 --unit mm")
 @click.argument("source", metavar="IN", type=click.Path(exists=True, path_type=Path))
 @output_option(
     "File to write: the sequence (.npz), or the whole track (.h5).", ".npz", ".h5", ".hdf5"
@@ -55,7 +50,6 @@ _PICTURES: Final = ("data", "deviations", "determined")
 @click.option(
     "--modes", default=USUAL_MODES, show_default=True, help="Modes, 3 amplitudes a frame each."
 )
-@click.option("--tolerance", type=float, help="What the modes may leave, in mm: takes as many.")
 @click.option(
     "--time",
     type=click.Choice(["cycle", "open"]),
@@ -63,13 +57,8 @@ _PICTURES: Final = ("data", "deviations", "determined")
     show_default=True,
     help="Whether the frames are one period, or part of a motion.",
 )
-@click.option("--frame-interval", type=float, help="Seconds from frame to frame.")
+@click.option("--frame-interval", "times", type=float, help="Seconds from frame to frame.")
 @click.option("--reference", default=0, show_default=True, help="Frame that it starts from.")
-@click.option(
-    "--dynamics",
-    is_flag=True,
-    help="Go to the estimate by oscillators that the data drive; .h5 then holds the way.",
-)
 @click.option("--unit", help="Length unit: m, cm, mm, um or nm.")
 @click.option(
     "--plot",
@@ -206,8 +195,6 @@ def _lines(result: Track) -> list[str]:
     if result.ejection_fraction is not None and result.ejection_fraction_bound is not None:
         bound = result.ejection_fraction_bound
         lines.append(f"volume change {result.ejection_fraction:.1f} % +- {bound:.1f}")
-    if result.driven is not None:
-        lines.append(f"driven to rest in {result.driven.steps[-1]} steps")
     if result.images is not None:
         both = ", ".join(
             f"{value:.1f} % ({name})" for name, value in result.ejection_fractions.items()
@@ -231,7 +218,6 @@ def _numbers(result: Track) -> dict[str, object]:
         "coverage": result.coverage.tolist(),
         "unseen": list(result.unseen),
         "gap": result.gap,
-        "driven_steps": None if result.driven is None else result.driven.steps[-1],
         "determined": result.determined.tolist(),
         "ejection_fraction": result.ejection_fraction,
         "ejection_fraction_bound": result.ejection_fraction_bound,

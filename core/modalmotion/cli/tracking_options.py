@@ -7,8 +7,8 @@ from typing import Final
 import click
 
 from modalmotion.cli.options import several
-from modalmotion.tracking.papillary import CONVENTIONS
 from modalmotion.tracking.reading import USUAL_CONTOURS
+from modalmotion.tracking.result import CONVENTIONS
 
 label_options = several(
     click.option(

@@ -9,19 +9,20 @@ from typing import Any
 
 import click
 
+from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.cli.analysis_commands import price_lines
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
-    Command,
-    GridShape,
-    Member,
-    example,
+    command,
     json_option,
     list_written,
     merge_option,
     mode_options,
-    plot_option,
+    options_of,
+    picture_option,
     signature_parameters,
+    surface_options,
+    verbose_option,
 )
 from modalmotion.cli.outputs import write_picture
 from modalmotion.cli.waiting import Waiting
@@ -31,16 +32,12 @@ from modalmotion.tradeoff import MOST_OF_FRONT, Tradeoff, measure_tradeoff
 from modalmotion.tradeoff.plain import as_plain
 
 
-@click.command(cls=Command, epilog=example("tradeoff beat.npz --tolerance 1 --plot tradeoff.png"))
+@command("tradeoff beat.npz --tolerance 1 -o tradeoff.png")
 @sequence_argument
-@mode_options
-@click.option("--topology", help="Overrides the file's own; the only topology that is measured.")
-@click.option("--grid", type=GridShape(), help="Lattice shape; over the file's own.")
-@merge_option
-@click.option(
-    "--components",
-    type=Member(Components),
-    help="The only components that are measured.  [default: all that the surface has]",
+@options_of(
+    SignatureParameters,
+    "components",
+    components={"default": None, "help": "The only components measured; all by default."},
 )
 @click.option(
     "--front-modes",
@@ -49,14 +46,19 @@ from modalmotion.tradeoff.plain import as_plain
     show_default=True,
     help="Largest number of modes on the front.",
 )
-@plot_option
+@picture_option
 @json_option
+@verbose_option
+@mode_options
+@surface_options
+@merge_option
 def tradeoff(
     source: Path,
     components: Components | None,
     front_modes: int,
     plot: Path | None,
     as_json: bool,
+    verbose: bool,
     **options: Any,
 ) -> None:
     """Measure what each choice of modes costs and loses on the sequence in FILE.
@@ -81,11 +83,11 @@ def tradeoff(
                 write_picture(tradeoff_figure(result), plot)
     price = replace(result.chosen.price, milliseconds=waiting.milliseconds())
     result = replace(result, chosen=replace(result.chosen, price=price))
-    click.echo(json.dumps(as_plain(result), indent=2) if as_json else _lines(result))
+    click.echo(json.dumps(as_plain(result), indent=2) if as_json else _lines(result, verbose))
     list_written(plot, as_json=as_json)
 
 
-def _lines(result: Tradeoff) -> str:
+def _lines(result: Tradeoff, verbose: bool) -> str:
     front, price = result.front, result.chosen.price
     unit, motion = front.unit or "length units", front.motion_rms
     lines = [
@@ -115,7 +117,7 @@ def _lines(result: Tradeoff) -> str:
         f"{numeral(price.p95_error, of=motion)} (p95) and "
         f"{numeral(price.max_error, of=motion)} (max) in the worst frame"
     )
-    lines += price_lines(price)
+    lines += price_lines(price) if verbose else []
     if result.chosen.signature is not None:
         lines += [f"note: {note}" for note in result.chosen.signature.notes]
     lines += [f"note: {note}" for note in result.chosen.notes]

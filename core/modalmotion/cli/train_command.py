@@ -12,7 +12,7 @@ import click
 from modalmotion.classification.manifest import LabelledSequence, labelled_files
 from modalmotion.cli.case_options import cases_option, labelled_sources, unit_option
 from modalmotion.cli.model_texts import card_lines, model_json
-from modalmotion.cli.options import example, json_option, plot_option, tell
+from modalmotion.cli.options import command, json_option, plot_option, tell
 from modalmotion.cli.outputs import OutputFile, write_picture
 
 _HELP: Final = {
@@ -47,7 +47,7 @@ def _training_options(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-@click.command(epilog=example("train cases.csv --name mine -o mine.h5"))
+@command("train cases.csv --name mine -o mine.h5")
 @labelled_sources
 @unit_option
 @click.option("--name", required=True, help="Name of the model: lower-case letters, digits, . _ -")

@@ -8,28 +8,15 @@ from typing import Any
 import click
 
 from modalmotion.classification.answer import Classification
-from modalmotion.cli.files import read, sequence_argument
-from modalmotion.cli.options import (
-    Command,
-    components_option,
-    example,
-    json_option,
-    kind_option,
-    merge_option,
-    mode_options,
-    output_option,
-    reference_option,
-    signature_parameters,
-    surface_options,
-    tell,
-)
+from modalmotion.cli.files import fitted, sequence_argument
+from modalmotion.cli.options import command, fit_options, json_option, output_option, tell
 from modalmotion.cli.waiting import Waiting
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP
-from modalmotion.signature.making import ModalSignature, modal_signature
+from modalmotion.signature.making import ModalSignature
 
 
-@click.command(cls=Command, epilog=example("view beat.npz -o beat.html"))
+@command("view beat.npz -o beat.html")
 @sequence_argument
 @output_option("Page to write.", ".html")
 @click.option(
@@ -44,13 +31,8 @@ from modalmotion.signature.making import ModalSignature, modal_signature
     show_default=True,
     help="Show what the shipped model says of the motion.",
 )
-@mode_options
-@surface_options
-@reference_option
-@merge_option
-@components_option
-@kind_option
 @json_option
+@fit_options
 def view(
     source: Path,
     output: Path,
@@ -68,13 +50,10 @@ def view(
     from modalmotion.tracking.hdf5 import kept_track
     from modalmotion.viewer.page import View, view_page
 
-    parameters = signature_parameters(options)
     views = []
     with Waiting(source) as waiting:
         for path in filter(None, (source, other)):
-            with waiting.watch.stage("read"):
-                sequence = read(path, **options)
-            signature = modal_signature(sequence, parameters, watch=waiting.watch)
+            sequence, signature = fitted(path, waiting, {**options})
             answer = _answer(sequence, signature) if classify else None
             tracked = kept_track(path)
             data = None if tracked is None else tracked.data

@@ -164,7 +164,7 @@ def clinical_readouts(
     Notes
     -----
     The volume is that of the triangles, with each opening closed by a fan to the mean of its
-    vertices. The bound of a frame is |V(signature) - V(frame)|, measured, plus a bound on
+    vertices. The bound of a frame is ``|V(signature) - V(frame)|``, measured, plus a bound on
     rounding; those of derived figures follow by interval arithmetic. Intervals hold two standard
     deviations besides: by the errors of a track, or by the noise of the vertices, which is what a
     smooth wall leaves of them.

@@ -239,8 +239,7 @@ def _write_times(times: NDArray[np.float64] | None) -> bytes:
         start, step = float(times[0]), float(times[1] - times[0])
         if np.array_equal(start + step * np.arange(len(times)), times):
             return b"\x01" + struct.pack("<2d", start, step)
-    packed = zlib.compress(times.astype("<f8").tobytes(), 9)
-    return b"\x02" + write_varint(len(packed)) + packed
+    return b"\x02" + times.astype("<f8").tobytes()
 
 
 def _read_times(
@@ -252,12 +251,10 @@ def _read_times(
     if kind == 1:
         start, step = struct.unpack_from("<2d", section, position)
         return start + step * np.arange(n_frames), position + 16
-    length, position = read_varint(section, position)
-    inflate = zlib.decompressobj()
-    plain = inflate.decompress(section[position : position + length], 8 * n_frames + 1)
-    if kind != 2 or len(plain) != 8 * n_frames:
+    if kind != 2:
         raise damaged("The times of the stream make no sense.")
-    return np.frombuffer(plain, "<f8").astype(np.float64), position + length
+    times = np.frombuffer(section, "<f8", n_frames, position).astype(np.float64)
+    return times, position + 8 * n_frames
 
 
 def _up(value: float) -> float:

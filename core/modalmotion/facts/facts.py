@@ -53,11 +53,11 @@ class Facts:
     tracking : {"material", "offset", "unknown"}
         Whether vertices follow tissue, or slide over it along the surface's normals.
     handedness : {"right", "left", "unknown"}
-        Of the coordinate system.
+        Handedness of the coordinate system.
     coordinates : {"LPS", "RAS", "unknown"}
         Directions of x, y and z in a patient. Both are right-handed.
     period : float or None, s
-        Of a cycle, such as a heartbeat; at least as long as the times span.
+        Period of a cycle, such as a heartbeat; at least as long as the times span.
     cavity : {"lv", "rv", "la", "ra", "other", "none", "unknown"}
         The enclosed cavity: a ventricle or an atrium, left or right.
     modality : str or None

@@ -28,7 +28,7 @@ class ReadOptions:
         Recognised by content by default; raw numbers need it, or `n_vertices`.
     limits : ReadLimits
     unit : str, optional
-        Length unit: m, cm, mm, um or nm.
+        Length unit: m, cm, mm, um or nm; over the file's own.
     times : tuple of float, s, optional
         One for each frame.
     frame_interval : float, s, optional
@@ -37,7 +37,7 @@ class ReadOptions:
     grid : tuple of int, optional
         Nodes along each axis of a lattice.
     n_vertices : int, optional
-        Of raw numbers: vertices a frame; the product of `grid` by default.
+        Of raw numbers: vertices per frame; the product of `grid` by default.
     dtype : str
         Of raw numbers: "float32" or "float64", little-endian.
     animation : str, optional

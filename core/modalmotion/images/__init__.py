@@ -1,7 +1,6 @@
 """Images in space: volumes, sets of planes, their sequences, and profiles through them."""
 
-from modalmotion.images.plane_set import Plane, PlaneSet
 from modalmotion.images.sequence import ImageSequence
-from modalmotion.images.volume import Volume
+from modalmotion.images.volume import Plane, PlaneSet, Volume
 
 __all__ = ["ImageSequence", "Plane", "PlaneSet", "Volume"]

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, Rows, json_text, write_sealed
-from modalmotion.images.plane_set import Plane, PlaneSet
 from modalmotion.images.sequence import Image, ImageSequence, parts_of
-from modalmotion.images.volume import Volume
+from modalmotion.images.volume import Plane, PlaneSet, Volume
 
 FORM: Final = Form("images", 1)
 

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ShapeError
-from modalmotion.images.plane_set import Plane, PlaneSet, slices_of
-from modalmotion.images.volume import Volume
+from modalmotion.images.volume import Plane, PlaneSet, Volume, slices_of
 from modalmotion.mesh.checks import require_times
 from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown

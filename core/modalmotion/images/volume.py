@@ -1,18 +1,142 @@
-"""Volumes: samples on an oblique lattice in space."""
+"""Volumes and planes: samples in space, and values between them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from itertools import product
+from typing import Any, Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from modalmotion.images.geometry import are_missing, require_affine, require_samples
-from modalmotion.images.interpolation import interpolated
+from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
+
+# mm: finer and coarser samples are those of a microscope or of a wrong unit.
+_FINEST: Final = 1e-3
+_COARSEST: Final = 1e3
+
+# Volume of a cell over that of the box with the same edges: less is a plane.
+_FLATTEST: Final = 1e-3
+
+
+def require_samples(values: Any, n_axes: int) -> NDArray[Any]:
+    """Check that samples are real numbers along so many axes; return them, read-only.
+
+    Raises
+    ------
+    ShapeError
+    """
+    samples = np.asarray(values)
+    if samples.ndim != n_axes or 0 in samples.shape:
+        raise ShapeError(
+            f"The samples have the shape {samples.shape}, not {n_axes} axes of one sample or more.",
+            remedy="Give one number for each voxel or pixel; colours must be one grey value.",
+        )
+    if samples.dtype.kind not in "iufb":
+        raise ShapeError(
+            f"The samples are of the type {samples.dtype}, and no real numbers.",
+            remedy="Give integers or floating-point numbers.",
+        )
+    samples = samples.astype(np.uint8) if samples.dtype.kind == "b" else samples.view()
+    samples.setflags(write=False)
+    return samples
+
+
+def require_affine(affine: Any, n_axes: int) -> NDArray[np.float64]:
+    """Check the map from indices to LPS mm, (4, n_axes + 1) or (3, n_axes + 1).
+
+    Returns
+    -------
+    (3, n_axes + 1) float64
+        A column for the step along each axis, and the place of the first sample.
+
+    Raises
+    ------
+    ParameterError
+        Where it is not finite, or its axes do not span as many directions.
+    """
+    A = np.array(affine, dtype=np.float64)
+    if A.shape not in ((3, n_axes + 1), (4, n_axes + 1)):
+        raise ShapeError(
+            f"The affine has the shape {A.shape}, not (4, {n_axes + 1}).",
+            remedy="Give columns with the step along each axis and the first sample's place, mm.",
+        )
+    A = A[:3]
+    steps = np.linalg.norm(A[:, :-1], axis=0)
+    if not np.isfinite(A).all() or not ((steps >= _FINEST) & (steps <= _COARSEST)).all():
+        raise ParameterError(
+            f"The samples are {', '.join(f'{s:.3g}' for s in steps)} mm apart.",
+            remedy=f"Give finite spacings between {_FINEST:g} and {_COARSEST:g} mm.",
+        )
+    spanned = float(np.sqrt(np.linalg.det((A[:, :-1] / steps).T @ (A[:, :-1] / steps)).clip(0.0)))
+    if spanned < _FLATTEST:
+        raise ParameterError(
+            "Two axes of the image run along one another, so that its voxels have no volume.",
+            remedy="Give axes in different directions.",
+        )
+    A.setflags(write=False)
+    return A
+
+
+def are_missing(samples: NDArray[Any]) -> bool:
+    """Tell whether any sample is not finite, looking at a slab at a time."""
+    return samples.dtype.kind == "f" and not all(np.isfinite(slab).all() for slab in samples)
+
+
+# Of the eight or four samples around a place, by weight: fewer that are there say too little.
+_LEAST_SHARE = 0.5
+
+
+def interpolated(
+    values: NDArray[Any], indices: NDArray[np.float64], *, are_missing: bool
+) -> NDArray[np.float64]:
+    """Interpolate linearly; NaN outside, and where most samples around are missing.
+
+    Parameters
+    ----------
+    values : (i, j, k) or (i, j) array
+        NaN where missing.
+    indices : (n, axes) float64
+    are_missing : bool
+        Whether any are.
+
+    Returns
+    -------
+    (n,) float64
+    """
+    if are_missing:
+        return _among_missing(values, indices)
+    places = np.ascontiguousarray(indices.T)
+    found: NDArray[np.float64] = scipy.ndimage.map_coordinates(
+        values, places, output=np.float64, order=1, cval=np.nan
+    )
+    return found
+
+
+def _among_missing(values: NDArray[Any], indices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Weigh the samples around each place that are there; no array as large as the image."""
+    last = np.array(values.shape) - 1
+    with np.errstate(invalid="ignore"):
+        inside = ((indices >= 0) & (indices <= last)).all(axis=1)
+    places = indices[inside]
+    low = np.minimum(places.astype(np.int64), np.maximum(last - 1, 0))
+    share = places - low
+    total, weight = np.zeros(len(places)), np.zeros(len(places))
+    for corner in product((0, 1), repeat=len(last)):
+        step = np.array(corner)
+        own = np.where(step, share, 1.0 - share).prod(axis=1)
+        samples = values[tuple(np.minimum(low + step, last).T)].astype(np.float64)
+        is_there = np.isfinite(samples)
+        total += np.where(is_there, own * np.where(is_there, samples, 0.0), 0.0)
+        weight += np.where(is_there, own, 0.0)
+    found = np.full(len(indices), np.nan)
+    enough = weight >= _LEAST_SHARE
+    found[inside] = np.where(enough, total / np.maximum(weight, _LEAST_SHARE), np.nan)
+    return found
 
 
 @shown("values", "spacing")
@@ -78,3 +202,108 @@ class Volume(FrozenArrays):
         along = directions @ (self.affine[:, :3] / steps)
         extents: NDArray[np.float64] = np.linalg.norm(along * steps, axis=1)
         return extents
+
+
+@shown("values", "spacing", "thickness")
+@dataclass(frozen=True, eq=False)
+class Plane(FrozenArrays):
+    """An image I[i, j] on a plane in space.
+
+    Parameters
+    ----------
+    values : (i, j) array of real numbers
+        As they are stored: not copied. NaN where nothing is known.
+    affine : (4, 3) or (3, 3) float64, mm
+        From indices to LPS coordinates of the pixels' middles.
+    thickness : float, mm
+        Of the slice, which a pixel is the mean over.
+    """
+
+    values: NDArray[Any]
+    affine: NDArray[np.float64]
+    thickness: float = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", require_samples(self.values, 2))
+        object.__setattr__(self, "affine", require_affine(self.affine, 2))
+        if not (np.isfinite(self.thickness) and self.thickness > 0):
+            raise ParameterError(
+                f"A slice is {self.thickness} mm thick.", remedy="Give a thickness above zero."
+            )
+
+    @property
+    def spacing(self) -> tuple[float, float]:
+        """Distance from pixel to pixel along each axis, mm."""
+        i, j = np.linalg.norm(self.affine[:, :2], axis=0).tolist()
+        return i, j
+
+    @property
+    def origin(self) -> NDArray[np.float64]:
+        """Middle of the first pixel, (3,) float64, mm."""
+        return self.affine[:, 2]
+
+    @cached_property
+    def normal(self) -> NDArray[np.float64]:
+        """Unit vector across the plane, (3,) float64."""
+        across = np.cross(self.affine[:, 0], self.affine[:, 1])
+        unit: NDArray[np.float64] = across / np.linalg.norm(across)
+        return unit
+
+    @cached_property
+    def _inverse(self) -> NDArray[np.float64]:
+        return np.asarray(np.linalg.pinv(self.affine[:, :2]), dtype=np.float64)
+
+    @cached_property
+    def _are_missing(self) -> bool:
+        return are_missing(self.values)
+
+    def heights(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distance of points (n, 3) above the plane, (n,) float64, mm."""
+        heights: NDArray[np.float64] = (points - self.origin) @ self.normal
+        return heights
+
+    def indices(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Turn the feet of points (n, 3), mm, to indices (n, 2)."""
+        found: NDArray[np.float64] = (points - self.origin) @ self._inverse.T
+        return found
+
+    def sample(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Interpolate at the feet of points (n, 3), mm, on the plane; NaN outside the image."""
+        return interpolated(self.values, self.indices(points), are_missing=self._are_missing)
+
+
+@shown("planes")
+@dataclass(frozen=True, eq=False)
+class PlaneSet:
+    """Planes that show one moment: short and long axis together.
+
+    Parameters
+    ----------
+    planes : tuple of Plane
+    """
+
+    planes: tuple[Plane, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "planes", tuple(self.planes))
+        if not self.planes or not all(isinstance(plane, Plane) for plane in self.planes):
+            raise ShapeError("A set of planes needs one plane or more.", remedy="Give planes.")
+
+    def __len__(self) -> int:
+        return len(self.planes)
+
+
+def slices_of(volume: Volume) -> PlaneSet:
+    """Take a volume of thick slices apart into planes, across its coarsest axis."""
+    axis = int(np.argmax(volume.spacing))
+    others = [i for i in range(3) if i != axis]
+    step, columns = volume.affine[:, axis], volume.affine[:, others]
+    normal = np.cross(columns[:, 0], columns[:, 1])
+    thickness = abs(float(step @ normal) / float(np.linalg.norm(normal)))
+    planes = []
+    # Views: nothing of the volume is copied.
+    for k, values in enumerate(np.moveaxis(volume.values, axis, 0)):
+        origin = volume.affine[:, 3] + k * step
+        affine = np.column_stack([columns, origin])
+        planes.append(Plane(values, affine, thickness))
+    return PlaneSet(tuple(planes))

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from modalmotion.mesh.multigrid import has_multigrid, solve_by_multigrid
+from modalmotion.mesh.multigrid import solve_by_multigrid
 from modalmotion.mesh.space_order import space_order
 from modalmotion.progress import ShareReport, silent
 
@@ -114,12 +114,11 @@ def solve_positive_definite(
 
     Notes
     -----
-    Large systems are solved by multigrid where the extra `large` is there and it converges, to
-    1e-10 of the largest value of the direct solution; a factor of a million unknowns takes
-    gigabytes.
+    Large systems are solved by multigrid if it converges, to 1e-10 of the largest value of the
+    direct solution; a factor of a million unknowns takes gigabytes.
     """
     entries = matrix.tocoo()
-    if len(right) >= LARGE and right.ndim == 1 and has_multigrid():
+    if len(right) >= LARGE and right.ndim == 1:
         # Each step reads the whole matrix: where its rows lie anywhere it takes four times as long.
         order = space_order(positions)
         permuted, place = _permuted(entries, order)

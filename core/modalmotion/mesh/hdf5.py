@@ -15,7 +15,7 @@ from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 FORM: Final = Form("sequence", 2)
 """Version 1 had no facts."""
 
-TRACK: Final = Form("track", 2)
+TRACK: Final = Form("track", 3)
 """Of a track, which holds its sequence in the same way."""
 
 

@@ -3,19 +3,19 @@
 Conjugate gradients, preconditioned by a V-cycle of smoothed aggregation (Vanek, Mandel and
 Brezina, Algebraic multigrid by smoothed aggregation, Computing, 1996): groups of strongly joined
 unknowns are the unknowns of the next level, whose interpolation is a step of Jacobi away from a
-constant on each group. Memory grows as the matrix; groups and sweeps are pyamg's.
+constant on each group. Memory grows as the matrix; groups and sweeps are in `native/multigrid.c`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import Any, Final
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from modalmotion.native import run
 from modalmotion.progress import ShareReport, share_fallen, silent
 
 Floats = NDArray[np.float64]
@@ -37,11 +37,6 @@ _FALLEN: Final = 1e-4
 
 # Of the time, until there are levels.
 _SET_UP: Final = 0.3
-
-
-def has_multigrid() -> bool:
-    """Whether the extra `large` is there."""
-    return find_spec("pyamg") is not None
 
 
 def solve_by_multigrid(
@@ -113,13 +108,10 @@ class _Cycle:
 
     @classmethod
     def of(cls, A: Any) -> _Cycle:
-        from pyamg.aggregation.aggregate import standard_aggregation
-        from pyamg.strength import symmetric_strength_of_connection
-
         levels: list[_Level] = []
         constant = np.ones(A.shape[0])
         while A.shape[0] > _COARSEST and len(levels) < _MOST_LEVELS:
-            groups, _ = standard_aggregation(symmetric_strength_of_connection(A, _STRONG))
+            groups = _groups(A)
             if not 0 < groups.shape[1] < A.shape[0]:
                 break
             T, constant = _tentative(groups, constant)
@@ -135,17 +127,31 @@ class _Cycle:
         return self._solve(0, residual)
 
     def _solve(self, number: int, right: Floats) -> Floats:
-        from pyamg.relaxation.relaxation import gauss_seidel
-
         if number == len(self.levels):
             solved: Floats = self.coarsest.solve(right)
             return solved
         level = self.levels[number]
         x = np.zeros(len(right))
-        gauss_seidel(level.A, x, right, sweep="forward")
+        _sweep(level.A, x, right, backward=False)
         x += level.P @ self._solve(number + 1, level.R @ (right - level.A @ x))
-        gauss_seidel(level.A, x, right, sweep="backward")
+        _sweep(level.A, x, right, backward=True)
         return x
+
+
+def _groups(A: Any) -> Any:
+    """Put strongly joined unknowns into groups, (unknowns, groups)."""
+    n, diagonal, entries = A.shape[0], A.diagonal(), A.tocoo()
+    a, b = entries.row, entries.col
+    is_strong = (entries.data**2 >= _STRONG**2 * diagonal[a] * diagonal[b]) & (a != b)
+    near = scipy.sparse.csr_matrix((np.ones(is_strong.sum()), (a[is_strong], b[is_strong])), (n, n))
+    group = np.empty(n, dtype=np.int32)
+    n_groups = run("mm_group", n, near.indptr, near.indices, group)
+    return scipy.sparse.csr_matrix((np.ones(n), group, np.arange(n + 1)), (n, n_groups))
+
+
+def _sweep(A: Any, x: Floats, right: Floats, *, backward: bool) -> None:
+    """Solve each row for its own unknown, one after the other."""
+    run("mm_sweep", len(x), A.indptr, A.indices, A.data, right, x, int(backward))
 
 
 def _tentative(groups: Any, constant: Floats) -> tuple[Any, Floats]:

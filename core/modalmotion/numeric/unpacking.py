@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import bz2
-import io
 import zlib
 from collections.abc import Iterable, Iterator
 from typing import Final, Literal
@@ -13,9 +11,9 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
 
-Packing = Literal["gzip", "zlib", "deflate", "bzip2"]
+Packing = Literal["gzip", "zlib"]
 
-_WINDOWS: Final = {"zlib": 15, "gzip": 31, "deflate": -15}
+_WINDOWS: Final = {"zlib": 15, "gzip": 31}
 _GZIP: Final = b"\x1f\x8b"
 # Sent to a decompressor at once.
 _FED: Final = 1 << 16
@@ -23,22 +21,18 @@ PIECE: Final = 1 << 20
 """Bytes that are taken from a decompressor at once."""
 
 
-def unpacked(
-    data: bytes, packing: Packing, n_bytes: int, start: int = 0, *, goes_on: bool = False
-) -> NDArray[np.uint8]:
+def unpacked(data: bytes, packing: Packing, n_bytes: int, start: int = 0) -> NDArray[np.uint8]:
     """Unpack to a declared size.
 
     Parameters
     ----------
     data : bytes
         Parallel writers leave several members of gzip behind one another: all count.
-    packing : {"gzip", "zlib", "deflate", "bzip2"}
+    packing : {"gzip", "zlib"}
     n_bytes : int
         That the header declares, checked against the limits.
     start : int
         First packed byte.
-    goes_on : bool
-        Whether something else may follow, which is left packed.
 
     Returns
     -------
@@ -49,8 +43,7 @@ def unpacked(
     MalformedFileError
         If it unpacks to more or less, or is damaged.
     """
-    pieces = _pieces(data, packing, start)
-    return filled(pieces, n_bytes, len(data) - start, goes_on=goes_on)
+    return filled(_pieces(data, packing, start), n_bytes, len(data) - start)
 
 
 def unpacked_head(data: bytes, packing: Packing, most: int, start: int = 0) -> bytes:
@@ -69,9 +62,7 @@ def unpacked_head(data: bytes, packing: Packing, most: int, start: int = 0) -> b
     return head
 
 
-def filled(
-    pieces: Iterable[bytes], n_bytes: int, n_packed: int, *, goes_on: bool = False
-) -> NDArray[np.uint8]:
+def filled(pieces: Iterable[bytes], n_bytes: int, n_packed: int) -> NDArray[np.uint8]:
     """Join pieces that a header declares the size of.
 
     Parameters
@@ -81,8 +72,6 @@ def filled(
         Declared size.
     n_packed : int
         Bytes that they were unpacked from.
-    goes_on : bool
-        As `unpacked` takes it.
 
     Raises
     ------
@@ -94,13 +83,9 @@ def filled(
     n = 0
     for piece in pieces:
         if n + len(piece) > n_bytes:
-            if not goes_on:
-                raise _other_size("more", n_bytes, n_packed)
-            piece = piece[: n_bytes - n]
+            raise _other_size("more", n_bytes, n_packed)
         plain[n : n + len(piece)] = np.frombuffer(piece, np.uint8)
         n += len(piece)
-        if goes_on and n == n_bytes:
-            break
     if n < n_bytes:
         raise _other_size(f"{n}", n_bytes, n_packed)
     # Nobody copies what cannot change.
@@ -110,15 +95,8 @@ def filled(
 
 def _pieces(data: bytes, packing: Packing, start: int) -> Iterator[bytes]:
     try:
-        if packing == "bzip2":
-            packed = io.BytesIO(data)
-            packed.seek(start)
-            with bz2.BZ2File(packed) as stream:
-                while piece := stream.read(PIECE):
-                    yield piece
-        else:
-            yield from _inflated(data, _WINDOWS[packing], start)
-    except (zlib.error, OSError, EOFError):
+        yield from _inflated(data, _WINDOWS[packing], start)
+    except zlib.error:
         raise MalformedFileError(
             f"The {len(data) - start} packed bytes are damaged.", remedy="Write the file again."
         ) from None

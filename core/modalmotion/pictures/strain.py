@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SOFT: Final = "#7a828c"
-_CURVES: Final = ("#1f5fa8", "#b5533c", "#3c7a4e")
+# Of GLS, GCS and GAS; told apart without colour too.
+_CURVES: Final = (("#1f5fa8", "-"), ("#b5533c", "--"), ("#3c7a4e", ":"))
 
 
 def strain_figure(strain: Strain) -> Figure:
@@ -40,20 +41,25 @@ def strain_figure(strain: Strain) -> Figure:
 def draw_strain(axes: Axes, strain: Strain, times: NDArray[np.float64] | None) -> None:
     """Draw the curves of strain by frame, or by time in s."""
     at = np.arange(len(strain.curves)) if times is None else times
-    for name, colour in zip(DEFINITIONS, _CURVES, strict=True):
+    for name, (colour, style) in zip(DEFINITIONS, _CURVES, strict=True):
         place = strain.names.index(name)
         curve, reach = strain.curves[:, place], 2.0 * strain.deviations[:, place]
         axes.fill_between(at, curve - reach, curve + reach, color=colour, alpha=0.22, lw=0)
-        axes.plot(at, curve, lw=1.2, color=colour)
+        axes.plot(at, curve, lw=1.2, ls=style, color=colour)
         axes.annotate(
             name, (at[-1], curve[strain.end_systole]), fontsize=7, color=colour, ha="right"
         )
-    for frame, name in ((strain.end_diastole, "ED"), (strain.end_systole, "ES")):
-        axes.axvline(at[frame], color=_SOFT, lw=0.6, ls=":")
-        axes.annotate(name, (at[frame], 1.0), xycoords=("data", "axes fraction"), fontsize=6.5)
+    mark_moments(axes, at, strain.end_diastole, strain.end_systole)
     axes.set_xlabel("frame" if times is None else "time (s)", fontsize=8)
     axes.set_ylabel("strain (%)", fontsize=8)
     axes.tick_params(labelsize=7.5)
     axes.grid(alpha=0.25)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
+
+
+def mark_moments(axes: Axes, at: NDArray[Any], start: int, end: int) -> None:
+    """Name end diastole and end systole, two frames, above curves over `at`."""
+    for frame, name in ((start, "ED"), (end, "ES")):
+        axes.axvline(at[frame], color=_SOFT, lw=0.6, ls=":")
+        axes.annotate(name, (at[frame], 1.0), xycoords=("data", "axes fraction"), fontsize=6.5)

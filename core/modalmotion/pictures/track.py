@@ -11,8 +11,7 @@ from modalmotion.errors import ParameterError, TopologyError, needs_extra
 from modalmotion.numerals import numeral
 from modalmotion.pictures.unit import shown_unit
 from modalmotion.pictures.view import size_of, tilted, upright
-from modalmotion.tracking.result import Track
-from modalmotion.tracking.sampled_data import STRAY
+from modalmotion.tracking.result import STRAY, Track
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

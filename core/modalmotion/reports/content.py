@@ -41,6 +41,8 @@ class Report:
         Time of the result, with its zone.
     absent : tuple of str
         Why something is not there.
+    name : str
+        Of the recording or its subject, for the page alone: no other form names anybody.
     """
 
     signature: ModalSignature
@@ -51,6 +53,7 @@ class Report:
     deviation: Deviation | None
     issued: datetime
     absent: tuple[str, ...]
+    name: str = ""
 
     @property
     def sequence_id(self) -> str:

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import io
-from textwrap import fill
+from textwrap import fill, shorten
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.clinical import ClinicalReadouts
+from modalmotion.clinical import ClinicalReadouts, Fraction
 from modalmotion.clinical.segments import RegionalMotion
 from modalmotion.clinical.strain import DEFINITIONS
 from modalmotion.errors import needs_extra
 from modalmotion.mesh import face_normals, oriented_faces
-from modalmotion.numerals import with_interval
-from modalmotion.pictures.strain import draw_strain
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.numerals import counted, with_interval
+from modalmotion.pictures.strain import draw_strain, mark_moments
 from modalmotion.reports.codes import OWN
 from modalmotion.reports.content import Report
 from modalmotion.reports.moments import moments_of
@@ -29,6 +30,9 @@ _INK: Final = "#22262c"
 _SOFT: Final = "#7a828c"
 _BLUE: Final = "#1f5fa8"
 _A4: Final = (8.27, 11.69)
+
+# Letters of a name in the title.
+_LONGEST_NAME: Final = 52
 
 # Letters that fit on a line of the page, and the most lines of caveats.
 _LETTERS: Final = 118
@@ -74,14 +78,21 @@ def report_figure(report: Report) -> Figure:
         from matplotlib.figure import Figure
 
     figure = Figure(figsize=_A4, dpi=110)
-    figure.text(0.07, 0.955, "Motion analysis", fontsize=18, color=_INK, weight="bold")
+    title = shorten(report.name, _LONGEST_NAME, placeholder=" ...") or "Motion analysis"
+    figure.text(0.07, 0.955, title, fontsize=18, color=_INK, weight="bold")
     facts = report.sequence.facts
     stated = [word for word in (facts.modality, _cavity(str(facts.cavity))) if word]
     figure.text(
         0.07,
         0.935,
-        f"{report.issued:%Y-%m-%d %H:%M} UTC · recording {report.sequence_id[:12]}"
-        + "".join(f" · {word}" for word in stated),
+        " · ".join(
+            [
+                f"Motion analysis, {report.issued:%Y-%m-%d %H:%M} UTC",
+                f"recording {report.sequence_id[:12]}",
+                *stated,
+                _duration(report.sequence),
+            ]
+        ),
         fontsize=9,
         color=_SOFT,
     )
@@ -103,6 +114,11 @@ def report_figure(report: Report) -> Figure:
     _write_quantities(figure, report)
     _write_words(figure, report)
     return figure
+
+
+def _duration(sequence: MeshSequence) -> str:
+    frames = counted(sequence.n_frames, "frame")
+    return frames if sequence.span is None else f"{frames} in {sequence.span:.3g} s"
 
 
 def _cavity(name: str) -> str:
@@ -201,7 +217,7 @@ def _draw_regions(figure: Figure, axes: Any, regions: RegionalMotion, frame: int
             k += 1
     axes.set(xticks=[], yticks=[], ylim=(0, 1))
     axes.spines["polar"].set_visible(False)
-    axes.set_title("inward motion, % of the radius", fontsize=9, color=_INK)
+    axes.set_title("inward motion at end systole, % of the radius", fontsize=9, color=_INK)
     bar = figure.add_axes((0.95, 0.73, 0.008, 0.14))
     figure.colorbar(ScalarMappable(scale, colours), cax=bar).ax.tick_params(labelsize=6.5)
 
@@ -213,6 +229,8 @@ def _draw_volume(axes: Axes, readouts: ClinicalReadouts) -> None:
     at = np.arange(len(v)) if times is None else times
     axes.fill_between(at, v - b, v + b, color=_BLUE, alpha=0.22, lw=0)
     axes.plot(at, v, "o-", ms=2.5, lw=1.2, color=_BLUE)
+    if readouts.stated.fraction == Fraction.EJECTION_FRACTION:
+        mark_moments(axes, at, readouts.stated.end_diastole, readouts.stated.end_systole)
     axes.set_xlabel("frame" if times is None else "time (s)", fontsize=8)
     axes.set_ylabel(f"volume ({readouts.volume_unit})", fontsize=8)
     axes.tick_params(labelsize=7.5)
@@ -272,11 +290,18 @@ def _sections(report: Report) -> list[tuple[str, list[str], str]]:
         ]
     strain = None if report.ventricle is None else report.ventricle.strain
     measured: list[str] = []
+    if report.readouts is not None and report.readouts.stated.ejection_fraction is not None:
+        measured.append(
+            "Ejection fraction: stroke volume over end-diastolic volume. End diastole and end "
+            "systole are the frames of the largest and the smallest volume."
+        )
     if strain is not None:
-        measured = [f"{name}: relative change of the {what}." for name, what in DEFINITIONS.items()]
+        measured += [
+            f"{name}: relative change of the {what}." for name, what in DEFINITIONS.items()
+        ]
         measured.append(
             f"From frame {strain.end_diastole} (end diastole, largest volume) to frame "
-            f"{strain.end_systole} (end systole, smallest volume), of {strain.source}, "
+            f"{strain.end_systole} (end systole, smallest volume), from {strain.source}, "
             f"{strain.layer}; with 95 % intervals."
         )
     compared: list[str] = []
@@ -285,6 +310,6 @@ def _sections(report: Report) -> list[tuple[str, list[str], str]]:
     return [
         ("Class of motion", said, _INK),
         ("Beside own controls", compared, _INK),
-        ("Strain", measured, _SOFT),
+        ("Definitions", measured, _SOFT),
         ("Caveats", list(report.caveats), _SOFT),
     ]

@@ -202,7 +202,7 @@ class ModalSignature(Saved, Plotted):
 
     @property
     def strain_energy(self) -> NDArray[np.float64]:
-        """w^2 |a|^2 / 2 of each mode, per unit mass, (frames, modes) float64, `unit`^2 per s^2."""
+        """Strain energy ``w^2 |a|^2 / 2`` of each mode, (frames, modes), per mass, s^-2."""
         velocities = self.angular_frequencies[:, None] * self.amplitudes
         energy: NDArray[np.float64] = 0.5 * (velocities**2).sum(axis=2)
         return energy

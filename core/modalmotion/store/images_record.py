@@ -11,7 +11,7 @@ from modalmotion.images.sequence import parts_of
 from modalmotion.representation import shown
 from modalmotion.store.disk.sealed_json import JsonForm
 
-FORM: Final = JsonForm("images-record", 1, "Delete the images, and send them again.")
+FORM: Final = JsonForm("images-record", 2, "Delete the images, and send them again.")
 
 
 @shown("kind", "n_frames", "shapes", "spacings", "is_kept", "id")
@@ -45,6 +45,10 @@ class ImagesRecord:
         Whether they were kept on purpose after tracking.
     tracks : tuple of str
         Ids of the tracks that they are kept for.
+    is_label_map : bool
+        Whether they are a segmentation.
+    apex, base : tuple of ((x, y, z) or None), mm
+        Of label maps: what they propose in each frame; empty where they propose none.
     """
 
     id: str
@@ -61,6 +65,9 @@ class ImagesRecord:
     created: str = ""
     is_kept: bool = False
     tracks: tuple[str, ...] = ()
+    is_label_map: bool = False
+    apex: tuple[tuple[float, float, float] | None, ...] = ()
+    base: tuple[tuple[float, float, float] | None, ...] = ()
 
 
 def images_record_of(images: ImageSequence) -> ImagesRecord:

@@ -128,11 +128,8 @@ def make_template(
     if notes:
         faces = first[faces]
         _require_left(faces)
-    # The nodes of a lattice and the points of a curve are in an order that says something.
-    stated = sequence.topology
-    is_mesh = sequence.grid is None and (stated is None or stated.n_axes == 2)
-    steady = steady_shape(start, middle, faces, stated)[first]
-    surface, corner, scale = _normalised(steady, faces, in_any_order=is_mesh)
+    steady = steady_shape(start, middle, faces, sequence.topology)[first]
+    surface, corner, scale = _normalised(steady, faces)
     report(_MEASURED)
     mean = _mean_surface(surface, (middle[first] - corner) / scale)
     places, mean_places = (
@@ -140,7 +137,7 @@ def make_template(
             name: (place - corner) / scale
             for name, place in resolve_places(own_landmarks, positions).items()
         }
-        for positions in (steady, mean.of_mesh(mean.vertices) * scale + corner)
+        for positions in (steady, mean.vertices * scale + corner)
     )
     at_vertices = {
         name: int(first[place])
@@ -209,11 +206,8 @@ def make_template(
     lengths: tuple[float, ...] = ()
     placed: Landmarks | None = None
     if coordinates is not None:
-        values = _carried_over(surface.of_mesh(coordinates.values)[first], start, isolated)
-        if surface.order is None:
-            lengths = axis_lengths(surface, coordinates.topology, sequence.grid, values)
-        else:
-            lengths = axis_lengths(surface, coordinates.topology, None, coordinates.values)
+        values = _carried_over(coordinates.values[first], start, isolated)
+        lengths = axis_lengths(surface, coordinates.topology, sequence.grid, values)
         notes += coordinates.notes
         if coordinates.landmarks is not None:
             placed = coordinates.landmarks.placed(corner, scale)
@@ -342,7 +336,7 @@ def _require_left(faces: NDArray[np.int64]) -> None:
 
 
 def _normalised(
-    start: NDArray[np.float64], faces: NDArray[np.int64], *, in_any_order: bool
+    start: NDArray[np.float64], faces: NDArray[np.int64]
 ) -> tuple[Surface, NDArray[np.float64], float]:
     """Bring the surface near the origin and near size 1: position = scale * result + corner.
 
@@ -357,14 +351,14 @@ def _normalised(
     vertices = np.where(used[:, None], start, corner) - corner
     largest = float(np.abs(vertices).max(initial=0.0))
     scale = power_of_two(largest)
-    surface = surface_of(vertices / scale, faces, in_any_order=in_any_order)
+    surface = surface_of(vertices / scale, faces)
     return surface, corner, scale
 
 
 def _mean_surface(surface: Surface, middle: NDArray[np.float64]) -> Surface:
     """Move the triangles to the mean of all frames, its area centroid to the reference's."""
     middle = middle.copy()
-    middle[surface.isolated] = surface.of_mesh(surface.vertices)[surface.isolated]
+    middle[surface.isolated] = surface.vertices[surface.isolated]
     mean = surface.moved_to(middle)
     if not (mean.area > 0 and surface.area > 0) or np.array_equal(mean.vertices, surface.vertices):
         return surface

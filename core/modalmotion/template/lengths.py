@@ -45,9 +45,6 @@ def axis_lengths(
 
 
 def _from_gradients(surface: Surface, coordinate: NDArray[np.float64], closed: bool) -> float:
-    if surface.sides is not None:
-        mean = surface.sides.mean_gradient(surface.vertices, coordinate, closed=closed)
-        return 1.0 / mean if mean > 0 else 0.0
     areas = face_areas(surface.vertices, surface.faces)
     values = corner_steps(coordinate, surface.faces) if closed else coordinate
     gradients = face_gradients(surface.vertices, surface.faces, values)

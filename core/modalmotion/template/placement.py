@@ -64,9 +64,9 @@ class Placement:
             # Their s is of the openings.
             origin = origin_on(surface, axes.axis, self.places)
             theta = azimuth(surface.vertices - origin, axes.axis, axes.zero)
-            return np.stack([before[:, 0], surface.of_mesh(theta)], axis=1)
+            return np.stack([before[:, 0], theta], axis=1)
         found = self.make(surface, self.places, axes)
-        return before if found is None else surface.of_mesh(found.values)
+        return before if found is None else found.values
 
     def slopes(self) -> NDArray[np.float64]:
         """Turn of the axes by errors of the mean's positions.
@@ -101,7 +101,6 @@ class Placement:
 
             turns = self._turns(changed, n=4)
             slopes += opening.slopes(mean.vertices, turns[:, :3], turns[:, 3])
-        slopes = np.stack([mean.of_mesh(one) for one in slopes])
         for name, vertex in self.vertices.items():
             slopes[:, vertex] += self._turns(lambda _: {}, name)
         return slopes / self.scale

@@ -116,11 +116,8 @@ def _is_shallow(surface: Surface) -> bool:
     wound = surface.wound_faces
     if wound is None:
         return False
-    if surface.sides is not None and wound is surface.faces:
-        twice = surface.sides.vector_area(surface.vertices)
-    else:
-        a, b, c = corners_of(surface.vertices, wound)
-        twice = np.cross(b - a, c - a).sum(axis=0)
+    a, b, c = corners_of(surface.vertices, wound)
+    twice = np.cross(b - a, c - a).sum(axis=0)
     span = float(np.linalg.norm(twice)) / 2.0
     return surface.area < 2.0 * span * (1.0 - _HEMISPHERE)
 

@@ -40,7 +40,7 @@ def shares_of(
         if len(surface.faces):
             counted[surface.isolated] = False
         return np.where(counted, 1.0 / counted.sum(), 0.0)
-    areas = surface.of_mesh(surface.areas)
+    areas = surface.areas
     if is_curve and topology is not None:
         areas = curve_weights(surface.vertices, topology)
     elif not len(surface.faces):

@@ -9,8 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.mesh import Connectivity, connectivity_of, oriented_faces, vertex_areas
-from modalmotion.mesh.near_order import near_order
-from modalmotion.mesh.sides import Sides, sides_of
 from modalmotion.numeric.products import second_moments, weighted_sum
 from modalmotion.representation import shown
 
@@ -27,31 +25,16 @@ class Surface:
         Without those that name a vertex twice or repeat another.
     areas : (vertices,) float64, scaled
     connectivity : Connectivity
-    order : (vertices,) int64, optional
-        Of a large mesh, which is numbered anew: the vertex of the mesh that each one is.
-    sides : Sides, optional
-        Of a large mesh: for compiled kernels.
-    weights : (edges,) float64, optional
-        Entry of the stiffness at each of them.
     """
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
     areas: NDArray[np.float64]
     connectivity: Connectivity
-    order: NDArray[np.int64] | None = None
-    sides: Sides | None = None
-    weights: NDArray[np.float64] | None = None
 
     def moved_to(self, vertices: NDArray[np.float64]) -> Surface:
-        """Give the same triangles at other places, (vertices, 3), in the order of the mesh."""
-        if self.order is not None:
-            vertices = np.take(vertices, self.order, axis=0)
-        if self.sides is None:
-            areas = vertex_areas(vertices, self.faces)
-            return replace(self, vertices=vertices, areas=areas, weights=None)
-        weights, areas = self.sides.stiffness(vertices)
-        return replace(self, vertices=vertices, areas=areas, weights=weights)
+        """Give the same triangles at other places, (vertices, 3)."""
+        return replace(self, vertices=vertices, areas=vertex_areas(vertices, self.faces))
 
     @property
     def area(self) -> float:
@@ -76,23 +59,12 @@ class Surface:
     @cached_property
     def wound_faces(self) -> NDArray[np.int64] | None:
         """Triangles wound the same way round: see `oriented_faces`."""
-        if self.sides is not None and self.sides.is_wound:
-            return self.faces
         return oriented_faces(self.faces, len(self.vertices))
 
     @property
     def isolated(self) -> NDArray[np.int64]:
-        """Vertices of the mesh in no triangle."""
-        isolated = self.connectivity.isolated
-        return isolated if self.order is None else np.sort(self.order[isolated])
-
-    def of_mesh(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Put values at the vertices of the surface, (vertices, ...), in the order of the mesh."""
-        if self.order is None:
-            return values
-        found = np.empty_like(values)
-        found[self.order] = values
-        return found
+        """Vertices in no triangle."""
+        return self.connectivity.isolated
 
     @cached_property
     def openings(self) -> tuple[Opening, ...]:
@@ -175,39 +147,14 @@ def mean_of(openings: tuple[Opening, ...]) -> NDArray[np.float64]:
     return weighted_sum(shares, centres)
 
 
-def surface_of(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64], *, in_any_order: bool = False
-) -> Surface:
+def surface_of(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Surface:
     """Measure a mesh.
 
     Parameters
     ----------
     vertices : (vertices, 3) float64, scaled
     faces : (faces, 3) int64
-    in_any_order : bool
-        Whether its vertices may be numbered anew, as they are on a large mesh.
     """
-    near = near_order(vertices, faces) if in_any_order else None
-    if near is not None:
-        surface = _renumbered(vertices, *near)
-        if surface is not None:
-            return surface
     connectivity = connectivity_of(faces, len(vertices))
     proper: NDArray[np.int64] = np.delete(faces, connectivity.left_out, axis=0)
     return Surface(vertices, proper, vertex_areas(vertices, proper), connectivity)
-
-
-def _renumbered(
-    vertices: NDArray[np.float64], order: NDArray[np.int64], faces: NDArray[np.int64]
-) -> Surface | None:
-    """Measure a mesh in another order; None where notes or errors would name its parts."""
-    sides = sides_of(faces, len(vertices))
-    connectivity = connectivity_of(faces, len(vertices)) if sides is None else sides.connectivity()
-    named = connectivity.left_out, connectivity.non_manifold_edges, connectivity.pinched
-    if any(len(part) for part in named):
-        return None
-    vertices = np.take(vertices, order, axis=0)
-    if sides is None:
-        return Surface(vertices, faces, vertex_areas(vertices, faces), connectivity, order)
-    weights, areas = sides.stiffness(vertices)
-    return Surface(vertices, faces, areas, connectivity, order, sides, weights)

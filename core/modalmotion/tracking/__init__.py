@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 from modalmotion.arguments.public import public_list
 
 if TYPE_CHECKING:
+    from modalmotion.tracking.making import segment as segment
     from modalmotion.tracking.observation import Observation as Observation
     from modalmotion.tracking.observation import of_surface as of_surface
     from modalmotion.tracking.recording import track as track
     from modalmotion.tracking.result import Track as Track
-    from modalmotion.tracking.segmentation import segment as segment
 
 __all__, __getattr__, __dir__ = public_list(globals())

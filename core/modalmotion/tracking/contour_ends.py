@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from modalmotion.modes.topology import CUP
 from modalmotion.template import Template
-from modalmotion.tracking.ending import lies_evenly
+from modalmotion.tracking.ends_of_data import lies_evenly
 from modalmotion.tracking.first_shape import landmarks_of
 from modalmotion.tracking.observation import Frame, Observation
 

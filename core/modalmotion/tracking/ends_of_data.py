@@ -1,10 +1,10 @@
-"""Whether the data of frames end where the surface does, and so say where its rim is."""
+"""Where the data of frames end, and whether the surface ends there."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Final
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -12,14 +12,91 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh import face_areas
 from modalmotion.mesh.connectivity import grouped_edges
-from modalmotion.tracking.closest import closest_points
-from modalmotion.tracking.cloud_end import DataEnd
+from modalmotion.tracking.closest import Matches, closest_points
+from modalmotion.tracking.cloud_end import DataEnd, end_of_cloud
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.ending import Ending, Lying, lies_evenly
-from modalmotion.tracking.noise import Noise
-from modalmotion.tracking.observation import NAMED_PLACES, Frame
-from modalmotion.tracking.places import place_on
-from modalmotion.tracking.rim import Rim, rim_at, rim_of
+from modalmotion.tracking.noise import Noise, robust_weights
+from modalmotion.tracking.observation import NAMED_PLACES, Frame, Observation
+from modalmotion.tracking.rim import NEAR_END, Rim, rim_at, rim_of
+
+# Of a sector: the border of a mesh lies along more than that of it, or does not show it.
+_LEAST: Final = 0.5
+
+
+class Lying(NamedTuple):
+    """Points that lie evenly on a surface, and their feet on it."""
+
+    part: Observation
+    found: Matches
+
+
+def lies_evenly(part: Observation) -> bool:
+    """Tell whether nothing is said of points but that they are on the surface."""
+    said = (part.weights, part.normals, part.places, part.feet, part.end)
+    return len(part) > 0 and all(value is None for value in said)
+
+
+@dataclass(frozen=True, eq=False)
+class Ending(Observation):
+    """The data of a frame end at a rim.
+
+    Parameters
+    ----------
+    points : (n, 3) float64, length unit
+        Middles of the sides of a mesh's border, their lengths as `weights`; none of a cloud, whose
+        end is found anew wherever the surface is.
+    rim : Rim
+    """
+
+    rim: Rim | None = None
+
+    def found(
+        self,
+        surface: Deformable,
+        x: NDArray[np.float64],
+        even: Sequence[Lying],
+        noise: Noise,
+    ) -> DataEnd | None:
+        """How far the data end beyond the rim of a surface with the vertices x, (vertices, 3)."""
+        if self.rim is None:
+            return None
+        if len(self):
+            return self._of_border(surface, self.rim, x, noise)
+        if not even:
+            return None
+        own = np.concatenate([np.broadcast_to(noise.own(part.sd), len(part)) for part, _ in even])
+        blur = float(np.sqrt(own.mean()))
+        points = [(part.points, found) for part, found in even]
+        beside = float(np.hypot(blur, noise.truncation))
+        return end_of_cloud(surface, self.rim, x, points, beside, blur)
+
+    def _of_border(
+        self, surface: Deformable, rim: Rim, x: NDArray[np.float64], noise: Noise
+    ) -> DataEnd | None:
+        # Holes have borders, too, and other ends.
+        feet = closest_points(self.points, x, surface.cells)
+        s = (feet.shares * surface.template.coordinates[feet.corners, 0]).sum(axis=1)
+        is_near = np.abs(s - (0.0 if rim.end == "apex" else 1.0)) < NEAR_END
+        if not is_near.any():
+            return None
+        found = closest_points(self.points, x, rim.sides)
+        there = rim.at(x)
+        place = np.searchsorted(there.vertices, found.corners)
+        outward = (found.shares[:, :, None] * there.directions[place]).sum(axis=1)
+        gap = ((self.points - found.feet) * outward).sum(axis=1)
+        weights = np.zeros(len(self))
+        weights[is_near] = robust_weights(found.distances[is_near], noise.total)
+        weights = weights * (1.0 if self.weights is None else self.weights)
+        nearest = found.corners[np.arange(len(self)), found.shares.argmax(axis=1)]
+        n, sector = rim.n_sectors, rim.sectors[nearest]
+        total = np.bincount(sector, weights, minlength=n)
+        kept = np.where(total > 0, total, 1.0)
+        beyond = np.bincount(sector, weights * gap, minlength=n) / kept
+        own = np.broadcast_to(noise.own(self.sd), len(self))
+        variances = np.bincount(sector, weights**2 * own, minlength=n) / kept**2
+        shown = np.clip(2.0 * total / there.totals - _LEAST, 0.0, 1.0)
+        return DataEnd(beyond, variances, shown, np.inf) if shown.any() else None
+
 
 # Points in a square as wide as a sector: enough to tell a hole from chance.
 _OF_SECTOR: Final = 16.0
@@ -27,9 +104,6 @@ _OF_SECTOR: Final = 16.0
 # Squared distances from places of the surface to points, over those between points: 1 where they
 # fall at random, less where they are spread, some 20 along contours.
 _MOST_UNEVEN: Final = 3.0
-
-# Frames in which the end of the data and landmarks are compared, at most: a mean is taken.
-_MOST_FRAMES: Final = 10
 
 # Part of an opening, by its width, over which points are looked for: nearer than so many deviations
 # and so much of the root of its area.
@@ -43,116 +117,42 @@ _FAR: Final = 0.5
 
 
 def with_endings(
-    surface: Deformable,
-    frames: Sequence[Frame],
-    noise: Noise,
-    pinned: int | None,
-    reference: int = 0,
+    surface: Deformable, frames: Sequence[Frame], noise: Noise, known: int | None
 ) -> tuple[Frame, ...]:
-    """Add to each frame what its data may say of where the surface ends, before it is followed.
+    """Add to each frame what its data say of where the surface ends.
 
     Parameters
     ----------
     surface : Deformable
     frames : sequence of Frame
     noise : Noise
-    pinned : int or None
-        Frame whose surface is known.
-    reference : int
-        Frame that the start is about the surface of.
+    known : int or None
+        Frame whose surface the start is: there the end of the data and the rim are compared.
 
     Notes
     -----
     Frames that state points of an end say it better. Weighted points, profiles and contours do not
     lie evenly. A cloud that lies over the opening, too, is that of a closed surface.
     """
-    x = surface.template.vertices
-    kinds: dict[str, list[str | None]] = {end: [] for end in NAMED_PLACES}
-    for frame in frames:
-        is_even = _are_even(surface, x, frame)
-        for end, own in kinds.items():
-            own.append(_kind(frame, end, is_even=is_even))
-    for end, own in kinds.items():
-        if own[reference] == "cloud" and _has_lid(surface, x, frames[reference], end, noise):
-            kinds[end] = [None if name == "cloud" else name for name in own]
-    noises, still = [noise] * len(frames), [x] * len(frames)
-    bare = [tuple(part for part in frame if part.places is None) for frame in frames]
-    ended = _with(surface, bare, kinds, still, noises, pinned, is_first=True)
-    pairs = zip(frames, ended, strict=True)
-    return tuple((*f, *(part for part in own if isinstance(part, Ending))) for f, own in pairs)
-
-
-def with_doubts(
-    surface: Deformable,
-    frames: Sequence[Frame],
-    amplitudes: NDArray[np.float64],
-    noises: Sequence[Noise],
-    pinned: int | None,
-) -> tuple[Frame, ...]:
-    """Say how doubtful it is that data end where the surface does, once it was followed.
-
-    Parameters
-    ----------
-    surface : Deformable
-    frames : sequence of Frame
-        As `with_endings` returns them.
-    amplitudes : (frames, modes, 3) float64, length unit
-        Roughly.
-    noises : sequence of Noise
-        Of each frame.
-    pinned : int or None
-        Frame whose surface is known.
-
-    Notes
-    -----
-    Where a rim is known, in the frame of the start or by landmarks, the mean square by which the
-    data end elsewhere, less what chance makes, is taken for all frames; that of the whole rim is
-    common to its sectors. Where neither says it, what the data end at is not taken for the rim.
-    """
-    kinds: dict[str, list[str | None]] = {end: [] for end in NAMED_PLACES}
-    for frame in frames:
-        before = {part.end: part for part in frame if isinstance(part, Ending)}
-        for end, own in kinds.items():
-            part = before.get(end)
-            own.append(None if part is None else "mesh" if len(part) else "cloud")
-    bare = [tuple(part for part in frame if not isinstance(part, Ending)) for frame in frames]
-    shapes = [surface.positions(a) for a in amplitudes]
-    if pinned is not None:
-        shapes[pinned] = surface.template.vertices
-    return _with(surface, bare, kinds, shapes, noises, pinned, is_first=False)
-
-
-def _with(
-    surface: Deformable,
-    frames: Sequence[Frame],
-    kinds: Mapping[str, Sequence[str | None]],
-    shapes: Sequence[NDArray[np.float64]],
-    noises: Sequence[Noise],
-    pinned: int | None,
-    *,
-    is_first: bool,
-) -> tuple[Frame, ...]:
-    full = list(frames)
-    for end, names in kinds.items():
-        counts = [
-            sum(map(len, frame))
-            for frame, name in zip(frames, names, strict=True)
-            if name == "cloud"
-        ]
-        width = (surface.area / np.mean([own.n_values for own in noises])) ** 0.5
-        if counts:
-            width = max(width, (_OF_SECTOR * surface.area / float(np.median(counts))) ** 0.5)
-        rim = rim_of(surface, end, float(width)) if any(names) else None
-        if rim is None:
+    x, full = surface.template.vertices, list(frames)
+    if known is None:
+        return tuple(full)
+    are_even = [_are_even(surface, x, frame) for frame in frames]
+    for end in NAMED_PLACES:
+        pairs = zip(frames, are_even, strict=True)
+        kinds = [_kind(frame, end, is_even=is_even) for frame, is_even in pairs]
+        kind = kinds[known]
+        if kind == "cloud" and _has_lid(surface, x, frames[known], end, noise):
             continue
-        for kind in ("cloud", "mesh"):
-            pairs = enumerate(zip(frames, names, strict=True))
-            own = {k: _ending(rim, frame) for k, (frame, name) in pairs if name == kind}
-            doubt = _doubt(surface, rim, frames, own, shapes, noises, pinned, is_first=is_first)
-            if doubt is None:
-                continue
-            for k, ending in own.items():
-                full[k] = (*full[k], replace(ending, doubt=doubt))
+        own = [k for k, name in enumerate(kinds) if kind is not None and name == kind]
+        width = (surface.area / noise.n_values) ** 0.5
+        if kind == "cloud":
+            n = float(np.median([sum(map(len, frames[k])) for k in own]))
+            width = max(width, (_OF_SECTOR * surface.area / n) ** 0.5)
+        rim = rim_of(surface, end, float(width)) if own else None
+        if rim is not None and _end_there(surface, rim, frames[known], noise):
+            for k in own:
+                full[k] = (*full[k], _ending(rim, frames[k]))
     return tuple(full)
 
 
@@ -213,90 +213,19 @@ def _ending(rim: Rim, frame: Frame) -> Ending:
     return Ending(sides.mean(axis=1), weights=lengths, end=rim.end, rim=rim)
 
 
-def _doubt(
-    surface: Deformable,
-    rim: Rim,
-    frames: Sequence[Frame],
-    own: Mapping[int, Ending],
-    shapes: Sequence[NDArray[np.float64]],
-    noises: Sequence[Noise],
-    pinned: int | None,
-    *,
-    is_first: bool,
-) -> float | None:
-    """Variance of a sector's end, by what is known of the rim; None where data end elsewhere."""
-    # Of whole rims, those of landmarks among them: squares of how far they are off, and what chance
-    # makes of these.
-    offs: list[tuple[float, float]] = []
-    of_sectors, means = 0.0, []
-    marked = [k for k in own if k != pinned and any(part.places for part in frames[k])]
-    step = -(-len(marked) // _MOST_FRAMES)
-    for k in [k for k in own if k == pinned] + marked[:: max(1, step)]:
-        ending, is_known = own[k], k == pinned
-        even = [
-            Lying(part, closest_points(part.points, shapes[k], surface.cells))
-            for part in frames[k]
-            if lies_evenly(part) and not len(ending)
-        ]
-        found = ending.found(surface, shapes[k], even, noises[k])
-        if found is None or found.shown.mean() < _MOST_OF_RIM:
-            if is_known:
-                return None
-            continue
-        kept = found.shown > 0.0
-        e, v = found.beyond[kept], found.variances[kept]
-        mean, chance = float(e.mean()), float(v.mean())
-        if is_known:
-            if abs(mean) > _FAR * found.most + 2.0 * (chance / len(e)) ** 0.5:
-                return None
-            of_sectors = max(float((e**2).mean()) - chance, 0.0)
-            offs.append((mean**2, chance / len(e)))
-            continue
-        marks = _off_landmarks(surface, shapes[k], rim, frames[k], found, noises[k])
-        offs += marks
-        means += [mean / found.most] * bool(marks)
-    if means and abs(float(np.mean(means))) > _FAR:
-        return None
-    if not offs:
-        # Landmarks may say it once it was followed; then nobody did.
-        return 0.0 if is_first else None
-    square, chance = np.mean(offs, axis=0)
-    return of_sectors + rim.n_sectors * max(float(square - chance), 0.0)
-
-
-def _off_landmarks(
-    surface: Deformable,
-    x: NDArray[np.float64],
-    rim: Rim,
-    frame: Frame,
-    found: DataEnd,
-    noise: Noise,
-) -> list[tuple[float, float]]:
-    """Squared distance of the end from each landmark of the rim, and what chance makes of it."""
-    there = rim.at(x)
-    offs = []
-    for part in frame:
-        if part.places is None or part.normals is not None:
-            continue
-        for row, name in enumerate(part.places):
-            vertices, shares = place_on(surface, name)
-            if not np.isin(vertices, there.vertices).all():
-                continue
-            place = np.searchsorted(there.vertices, vertices)
-            sector = rim.sectors[vertices]
-            if not (found.shown[sector] > 0.0).all():
-                continue
-            outward = there.directions[place]
-            axis = (shares[:, None] * outward).sum(axis=0)
-            size = float(np.linalg.norm(axis))
-            if size < _FAR:
-                continue
-            axis = axis / size
-            gap = part.points[row] - (shares[:, None] * x[vertices]).sum(axis=0)
-            parts = shares * (outward @ axis)
-            each = np.bincount(sector, parts, minlength=rim.n_sectors)
-            sd = part.sd[row] if isinstance(part.sd, np.ndarray) else None
-            variance = float(noise.own(sd)) + float((each**2 * found.variances).sum())
-            off = float(gap @ axis - (each * found.beyond).sum())
-            offs.append((off**2, variance))
-    return offs
+def _end_there(surface: Deformable, rim: Rim, frame: Frame, noise: Noise) -> bool:
+    """Tell whether the data of a frame whose rim is known end there, as far as it can be seen."""
+    x = surface.template.vertices
+    ending = _ending(rim, frame)
+    even = [
+        Lying(part, closest_points(part.points, x, surface.cells))
+        for part in frame
+        if lies_evenly(part) and not len(ending)
+    ]
+    found = ending.found(surface, x, even, noise)
+    if found is None or found.shown.mean() < _MOST_OF_RIM:
+        return False
+    kept = found.shown > 0.0
+    chance = float(found.variances[kept].mean()) / kept.sum()
+    off = abs(float(found.beyond[kept].mean()))
+    return bool(off <= _FAR * found.most + 2.0 * chance**0.5)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -17,16 +17,14 @@ from modalmotion.mesh.hdf5 import TRACK
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import Topology
+from modalmotion.template.affine_motions import affine_shapes
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
+from modalmotion.template.loose_vertices import shapes_of
 from modalmotion.template.template import Template
-from modalmotion.tracking.driven_frames import DrivenFrames
-from modalmotion.tracking.image_answer import ImageAnswer
+from modalmotion.tracking.deviations import uncertainty_of
 from modalmotion.tracking.noise import Noise
-from modalmotion.tracking.posterior import uncertainty_of
 from modalmotion.tracking.prior import Prior
-from modalmotion.tracking.result import Track
-from modalmotion.tracking.sampled_data import SampledData
-from modalmotion.tracking.shapes import track_shapes
+from modalmotion.tracking.result import ImageAnswer, SampledData, Track
 
 FORM: Final = TRACK
 
@@ -48,14 +46,16 @@ def track_to_hdf5(track: Track) -> bytes:
     """
     sequence, template = track.sequence, track.template
     unit = sequence.unit or UNKNOWN
+    square, axes = f"{unit}^2", "frame, mode direction, mode direction"
+    known = sequence.uncertainty
     datasets = [
         Dataset("vertices", sequence.vertices, unit, "frame, vertex, direction"),
         Dataset("faces", template.faces.astype("<i8", copy=False), "1", "face, corner"),
         Dataset("amplitudes", track.amplitudes, unit, "frame, mode, direction"),
+        Dataset("covariances", track.covariances, square, axes),
         Dataset(
-            "covariances", track.covariances, f"{unit}^2", "frame, mode direction, mode direction"
+            "across_covariances", track.covariances if known is None else known.across, square, axes
         ),
-        *_across(track, unit),
         Dataset("amplitude_deviations", track.amplitude_deviations, unit, "frame, mode, direction"),
         Dataset("wavenumbers", track.modes.wavenumbers, "1", "mode, axis"),
         Dataset("is_sine", track.modes.is_sine.astype(np.uint8), "1", "mode"),
@@ -80,12 +80,6 @@ def track_to_hdf5(track: Track) -> bytes:
         json_text("template_notes", template.notes),
         json_text("provenance", dict(track.provenance)),
     ]
-    if track.driven is not None:
-        path = track.driven.path.reshape(-1, *track.amplitudes.shape)
-        axes = "snapshot, frame, mode, direction"
-        datasets.append(Dataset("driven_path", path, unit, axes))
-        steps = np.array(track.driven.steps, dtype="<i8")
-        datasets.append(Dataset("driven_steps", steps, "1", "snapshot"))
     datasets += _data(track, unit)
     if template.landmarks is not None:
         datasets += landmark_datasets(template.landmarks, unit)
@@ -141,15 +135,6 @@ def kept_track(source: Path) -> Track | None:
     return track_from_hdf5(source) if is_track else None
 
 
-def _across(track: Track, unit: str) -> list[Dataset]:
-    uncertainty = track.sequence.uncertainty
-    if uncertainty is None:
-        # Files of version 1, rewritten.
-        return []
-    axes = "frame, mode direction, mode direction"
-    return [Dataset("across_covariances", uncertainty.across, f"{unit}^2", axes)]
-
-
 def _data(track: Track, unit: str) -> list[Dataset]:
     data = track.data
     if data is None:
@@ -178,17 +163,6 @@ def _data_in(contents: Contents, n_frames: int) -> SampledData | None:
     )
 
 
-def _driven(
-    contents: Contents, shape: tuple[int, int, int], estimate: dict[str, Any]
-) -> DrivenFrames | None:
-    if "driven_path" not in contents.arrays:
-        return None
-    path = contents.array("driven_path", (None, *shape))
-    steps = contents.array("driven_steps", (len(path),)).tolist()
-    flat = path.reshape(len(path), shape[0], -1)
-    return DrivenFrames(flat, tuple(steps), estimate["driven_frequency"])
-
-
 def _estimate(track: Track) -> dict[str, object]:
     return {
         "prior": asdict(track.prior),
@@ -196,7 +170,6 @@ def _estimate(track: Track) -> dict[str, object]:
         "harmonic": track.harmonic,
         "gap": track.gap,
         "reference": track.reference,
-        "driven_frequency": None if track.driven is None else track.driven.frequency,
         "images": None if track.images is None else asdict(track.images),
         "ejection_fraction_percent": track.ejection_fraction,
         "ejection_fraction_bound": track.ejection_fraction_bound,
@@ -241,18 +214,16 @@ def track_in(contents: Contents) -> Track:
         contents.array("is_sine", (m,)).astype(np.bool_),
     )
     covariances = contents.array("covariances", (f, 3 * m, 3 * m))
-    provenance = contents.json("provenance", dict)
-    if "across_covariances" in contents.arrays:
-        uncertainty = uncertainty_of(
-            template,
-            track_shapes(modes, template, provenance),
-            contents.array("across_covariances", (f, 3 * m, 3 * m)),
-            covariances,
-            contents.array("truncations", (f,)),
-            estimate["noise"]["n_values"],
-            estimate["reference"],
-        )
-        sequence = replace(sequence, uncertainty=uncertainty)
+    uncertainty = uncertainty_of(
+        template,
+        affine_shapes(shapes_of(modes, template), template),
+        contents.array("across_covariances", (f, 3 * m, 3 * m)),
+        covariances,
+        contents.array("truncations", (f,)),
+        estimate["noise"]["n_values"],
+        estimate["reference"],
+    )
+    sequence = replace(sequence, uncertainty=uncertainty)
     track = Track(
         sequence=sequence.with_facts(facts_from_json(contents.json("facts", dict))),
         template=template,
@@ -269,10 +240,9 @@ def track_in(contents: Contents) -> Track:
         unseen=tuple(contents.array("unseen", (None,)).tolist()),
         gap=estimate["gap"],
         reference=estimate["reference"],
-        driven=_driven(contents, (f, m, 3), estimate),
         data=_data_in(contents, f),
         notes=tuple(contents.json("notes", list)),
-        provenance=provenance,
-        images=None if estimate.get("images") is None else ImageAnswer(**estimate["images"]),
+        provenance=contents.json("provenance", dict),
+        images=None if estimate["images"] is None else ImageAnswer(**estimate["images"]),
     )
     return track.informed()

@@ -1,8 +1,14 @@
-"""Images become observations: edges in every frame, found from the reference on."""
+"""Images become observations: edges in every frame, found from the reference on.
+
+The apex of a ventricle hardly moves along the axis, its inner side by some mm where the wall
+thickens, and the base comes down to it. At end systole blood leaves the tip between trabeculae, and
+its edge rises by far more: edges that rise farther than walls do are not followed. Beyond the base
+the wall of an atrium goes on, which is none of the surface's.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -12,28 +18,140 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.images import ImageSequence, PlaneSet
 from modalmotion.images.sequence import Image
-from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP
 from modalmotion.template import Template, make_template
-from modalmotion.tracking.closing import has_trabeculae, with_trabeculae
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.image_doubts import doubts_of
+from modalmotion.tracking.first_shape import start_shape
+from modalmotion.tracking.image_checks import image_notes
 from modalmotion.tracking.image_levels import as_bright, first_sight
-from modalmotion.tracking.image_search import search
-from modalmotion.tracking.image_view import Facets, Sight, View, view_of
-from modalmotion.tracking.landmark_path import path_between
-from modalmotion.tracking.landmarks import Proposed
-from modalmotion.tracking.moving_base import below_base, with_base
-from modalmotion.tracking.observation import Frame
-from modalmotion.tracking.papillary import CONVENTIONS, Papillary
-from modalmotion.tracking.passes import first_guess
-from modalmotion.tracking.reference_shape import LEAST_FOUND, SHAPE, reference_shape
+from modalmotion.tracking.image_search import LEAST_FOUND, SHAPE, reference_shape, search
+from modalmotion.tracking.image_view import Facets, Sight, Tip, Valve, View, view_of
+from modalmotion.tracking.iterations import first_guess
+from modalmotion.tracking.landmarks import Proposed, path_between
+from modalmotion.tracking.observation import Frame, Observation
 from modalmotion.tracking.request import with_landmarks
-from modalmotion.tracking.start import start_shape
-from modalmotion.tracking.stated_start import begun
-from modalmotion.tracking.still_tip import held, tip_of
+from modalmotion.tracking.result import CONVENTIONS, Papillary
+from modalmotion.tracking.trabecular_correction import has_trabeculae, with_trabeculae
+
+# mm that the tip may rise (in phantoms it does by 10 at most), and more with the share of the way
+# to the base, where edges turn inward.
+_RISE: Final = 12.0
+_MORE: Final = 30.0
+
+# mm: deviation of the tip's place from that in the reference; in phantoms 5.
+_DEVIATION: Final = 6.0
+
+
+def tip_of(template: Template) -> Tip | None:
+    """Limit for edges of a cup's shape in the reference frame; None of other topologies."""
+    if template.surface != CUP:
+        return None
+    x, s = template.vertices, template.coordinates[:, 0]
+    tip = x[s <= s.min() + 1e-9].mean(axis=0)
+    axis = x[s > 0.9].mean(axis=0) - tip
+    axis /= np.linalg.norm(axis)
+    return Tip(axis, x @ axis + _RISE + _MORE * s)
+
+
+def held(marks: Sequence[Frame], template: Template, reference: int) -> tuple[Frame, ...]:
+    """Hold the tip softly in frames that state no apex.
+
+    Parameters
+    ----------
+    marks : sequence of Frame
+        Landmarks of each frame.
+    template : Template
+        Of the reference frame's shape.
+    reference : int
+    """
+    if template.surface != CUP:
+        return tuple(marks)
+    x, s = template.vertices, template.coordinates[:, 0]
+    tip = x[s <= s.min() + 1e-9].mean(axis=0)
+    own = Observation(tip[None], sd=_DEVIATION, places=("apex",))
+    full = []
+    for k, frame in enumerate(marks):
+        has = any("apex" in (part.places or ()) for part in frame)
+        full.append(frame if has or k == reference else (*frame, own))
+    return tuple(full)
+
 
 Floats = NDArray[np.float64]
+
+# Of the length of a ventricle: how far its base is towards the apex in frames other than the
+# reference, and the deviation of that. Valves descend by up to a fifth of it.
+_DESCENT: Final = 0.1
+_SPREAD: Final = 0.06
+
+# mm that a surface may leave such a place by: edges say nothing along it, and where it is held
+# softly they draw it up the atrium. How far the place is off is added to what is stated.
+_HELD: Final = 1.0
+
+# mm beyond the base that an edge may be seen at: its rim is no plane across the axis.
+_BEYOND: Final = 3.0
+
+
+def with_base(
+    marks: Sequence[Frame], stated: Sequence[Frame], template: Template, reference: int
+) -> tuple[tuple[Frame, ...], Floats]:
+    """Place the base in frames that state none.
+
+    Parameters
+    ----------
+    marks, stated : sequence of Frame
+        All landmarks of each frame, those that are stated first; and these.
+    template : Template
+        Of the reference frame's shape.
+    reference : int
+
+    Returns
+    -------
+    marks : tuple of Frame
+    variances : (frames,) float64, mm^2
+        Of the places along the axis; zero where they are stated.
+    """
+    variances = np.zeros(len(marks))
+    if template.surface != CUP:
+        return tuple(marks), variances
+    tip, base = _ends(template)
+    usual = base + _DESCENT * (tip - base), _SPREAD * float(np.linalg.norm(base - tip))
+    full: list[Frame] = []
+    for k, (frame, known) in enumerate(zip(marks, stated, strict=True)):
+        if k == reference or _base_of(known) is not None:
+            full.append(frame)
+            continue
+        place, sd = _base_of(frame) or usual
+        variances[k] = sd**2
+        others = (part for part in frame if "base" not in (part.places or ()))
+        full.append((*others, Observation(place[None], sd=_HELD, places=("base",))))
+    return tuple(full), variances
+
+
+def below_base(sight: Sight, marks: Frame, template: Template) -> Sight:
+    """Sight of one frame, to which edges beyond the base do not count."""
+    known = _base_of(marks)
+    if template.surface != CUP or known is None:
+        return sight
+    tip, base = _ends(template)
+    axis = (base - tip) / np.linalg.norm(base - tip)
+    return replace(sight, valve=Valve(axis, float(known[0] @ axis) + _BEYOND))
+
+
+def _ends(template: Template) -> tuple[Floats, Floats]:
+    x, s = template.vertices, template.coordinates[:, 0]
+    return x[s <= s.min() + 1e-9].mean(axis=0), x[s >= s.max() - 1e-9].mean(axis=0)
+
+
+def _base_of(frame: Frame) -> tuple[Floats, float] | None:
+    """Place of the base in a frame, and its deviation; None where it states none."""
+    for part in frame:
+        for row, name in enumerate(part.places or ()):
+            if name == "base" and part.normals is None:
+                sd = part.sd if part.sd is not None else np.zeros(len(part))
+                return part.points[row], float(np.broadcast_to(sd, len(part))[row])
+    return None
+
 
 # Modes and reach, mm, of each next frame.
 _NEXT: Final = ((18, 8.0), (37, 5.0))
@@ -146,8 +264,10 @@ def frames_of_images(
     sight = Sight(first.levels, np.zeros(3), middle, np.zeros((n_planes, 3)))
     if start is None:
         rough = start_shape(CUP, first.points, places)
+    elif isinstance(start, Template):
+        rough = mesh_sequence(start.vertices[None], start.faces, topology=start.topology)
     else:
-        rough = begun(start, first.points, places)
+        rough = start
     here = marks[reference]
     begin = reference_shape(rough, image, here, sight, reference, first.points)
     if has_trabeculae(image, begin.shape, begin.sight, SHAPE[1]):
@@ -186,7 +306,7 @@ def frames_of_images(
         is_seen = view is not None and share >= LEAST_FOUND
         between = own_marks[len(known) :]
         frames.append((view.observation(), *between) if view is not None and is_seen else ())
-    doubts = doubts_of(image, facets, template.vertices, sight, places["apex"], places["base"])
+    doubts = image_notes(image, facets, template.vertices, sight, places["apex"], places["base"])
     notes = (*_notes(shares, images, begin.found), *doubts)
     return ImageFrames(
         tuple(frames),

@@ -1,26 +1,163 @@
-"""A surface drawn to the edges of one image, coarse to fine."""
+"""A surface drawn to the edges of one image: coarse to fine, with levels and shifts of slices."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.errors import ShapeError
 from modalmotion.images import PlaneSet
 from modalmotion.images.sequence import Image
-from modalmotion.tracking.deformable import Deformable
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.numeric.cholesky import gram, inverse_of_cholesky
+from modalmotion.numeric.products import product
+from modalmotion.template import make_template
+from modalmotion.tracking.deformable import Deformable, require_unfolded
 from modalmotion.tracking.image_levels import renewed
 from modalmotion.tracking.image_view import Facets, Sight, View, view_of
+from modalmotion.tracking.iterations import FrameEstimate, evidence, first_guess, map_frame
 from modalmotion.tracking.noise import Noise
-from modalmotion.tracking.observation import Frame
-from modalmotion.tracking.passes import evidence
-from modalmotion.tracking.plane_shifts import with_shifts
+from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
+from modalmotion.tracking.observation import Frame, Observation
 from modalmotion.tracking.prior import Prior
-from modalmotion.tracking.settling import settle
 
 Floats = NDArray[np.float64]
+
+# mm: prior deviation of a slice's shift along each of its axes, before the shifts themselves say.
+_LEAST_SHIFT: Final = 0.3
+_MOST_SHIFT: Final = 4.0
+
+
+class _Joint(NamedTuple):
+    """Equations of the shape and of all shifts: (H, C; C', D) and what pulls at the shifts."""
+
+    info: NormalEquations
+    stiffness: Floats
+    H: Floats
+    C: Floats
+    D: Floats
+    pull: Floats
+
+
+def with_shifts(
+    surface: Deformable,
+    frame: Frame,
+    view: View,
+    a: Floats,
+    prior: Prior,
+    noise: Noise,
+    sight: Sight,
+) -> tuple[FrameEstimate, Sight]:
+    """Amplitudes and shifts of all planes in one step, for either could explain the other's part.
+
+    Parameters
+    ----------
+    surface : Deformable
+    frame : Frame
+        What the view observed first, then landmarks.
+    view : View
+    a : (modes, 3) float64, mm
+    prior : Prior
+    noise : Noise
+    sight : Sight
+
+    Notes
+    -----
+    min sum s (n . (r - dt) - (phi n) . da)^2 + a' K a + t^2 / tau^2 over da and dt, where r is the
+    way from the surface to an edge and n the surface's normal, for dt its part in the plane.
+    """
+    joint = _joint(surface, frame, view, a, prior, noise, sight)
+    info, m, p = joint.info, len(surface), len(sight.shifts)
+    now = a.ravel()
+    b = info.vector - product(info.matrix, now[:, None])[:, 0] - joint.stiffness * now
+    inverse = inverse_of_cholesky(np.block([[joint.H, joint.C], [joint.C.T, joint.D]]))
+    right = np.append(b, joint.pull)[:, None]
+    step = product(np.ascontiguousarray(inverse.T), product(inverse, right))
+    new = a + step[: 3 * m, 0].reshape(-1, 3)
+    covariance = gram(inverse)[: 3 * m, : 3 * m]
+    settled = FrameEstimate(new, info, np.ascontiguousarray(covariance))
+    shifts = sight.shifts + step[3 * m :, 0].reshape(-1, 3)
+    # What the images have set of them, of both axes of each plane; the third stays the prior's.
+    set_by = 3 * p - np.diag(gram(inverse)[3 * m :, 3 * m :]).sum() / sight.shift_sd**2
+    sd = float(np.sqrt((shifts**2).sum() / max(set_by, 1e-3 * p)))
+    sd = float(np.clip(sd, _LEAST_SHIFT, _MOST_SHIFT))
+    return settled, replace(sight, shifts=shifts, shift_sd=sd)
+
+
+def left_by_shifts(
+    surface: Deformable,
+    frame: Frame,
+    view: View,
+    a: Floats,
+    prior: Prior,
+    noise: Noise,
+    sight: Sight,
+    normals: Floats,
+) -> Floats:
+    """Deviation across the surface that shifts leave, (vertices,) mm.
+
+    Parameters
+    ----------
+    surface, frame, view, a, prior, noise, sight
+        As for `with_shifts`, where it has come to rest.
+    normals : (vertices, 3) float64
+
+    Notes
+    -----
+    An estimate of the shape that takes the shifts found for true moves by -H^-1 C dt where they
+    are wrong by dt, and no residual shows it. S, the covariance of dt whatever the shape is, is
+    the block of the inverse of (H, C; C', D), that is (D - C' H^-1 C)^-1, so that the shape has
+    H^-1 C S C' H^-1 more than the covariance H^-1 that it has for known shifts.
+    """
+    joint = _joint(surface, frame, view, a, prior, noise, sight)
+    inverse = inverse_of_cholesky(joint.H)
+    half = product(inverse, joint.C)
+    S = gram(inverse_of_cholesky(joint.D - product(np.ascontiguousarray(half.T), half)))
+    moved = product(np.ascontiguousarray(inverse.T), half)
+    rows = (surface.shapes[:, :, None] * normals[:, None, :]).reshape(len(normals), -1)
+    seen = product(rows, moved)
+    deviations: Floats = np.sqrt(np.maximum((product(seen, S) * seen).sum(axis=1), 0.0))
+    return deviations
+
+
+def _joint(
+    surface: Deformable,
+    frame: Frame,
+    view: View,
+    a: Floats,
+    prior: Prior,
+    noise: Noise,
+    sight: Sight,
+) -> _Joint:
+    info = normal_equations(surface, a, frame, noise)
+    rows = frame[0]
+    counted = info.weights * (1.0 if rows.weights is None else rows.weights)
+    strength = counted / noise.variances(rows.sd, float(counted.sum()))
+    k = view.edges.is_found
+    n = view.normals[k]
+    e = view.directions[k]
+    # Only along e a profile shows a shift in its plane; across it lies the curve itself.
+    flat = (n * e).sum(axis=1, keepdims=True) * e
+    phi = (view.shares[k][:, :, None] * surface.shapes[view.feet[k]]).sum(axis=1)
+    m, p = len(surface), len(sight.shifts)
+    C = np.zeros((3 * m, 3 * p))
+    D = np.asarray(np.kron(np.eye(p), np.eye(3)) / sight.shift_sd**2, dtype=np.float64)
+    g = -sight.shifts.ravel() / sight.shift_sd**2
+    pull = strength * (info.residuals * n).sum(axis=1)
+    for plane in range(p):
+        own = view.planes[k] == plane
+        block = slice(3 * plane, 3 * plane + 3)
+        rows_a = (phi[own][:, :, None] * n[own][:, None, :]).reshape(int(own.sum()), 3 * m)
+        C[:, block] = product(np.ascontiguousarray(rows_a.T), strength[own, None] * flat[own])
+        D[block, block] += (strength[own, None] * flat[own]).T @ flat[own]
+        g[block] += pull[own] @ flat[own]
+    stiffness = np.repeat(1.0 / prior.variances(surface.wavenumbers), 3)
+    H: Floats = info.matrix + np.diag(stiffness)
+    return _Joint(info, stiffness, H, C, D, g)
+
 
 # Steps of one stage, and RMS of the last one, mm.
 _MOST_STEPS: Final = 8
@@ -88,7 +225,7 @@ def search(
         if sights_too and isinstance(image, PlaneSet):
             own, sight = with_shifts(surface, frame, view, a, prior, noise, sight)
         else:
-            own = settle(surface, frame, a, variances, noise, most_steps=2)
+            own = map_frame(surface, frame, a, variances, noise, most_steps=2)
         change = float(np.linalg.norm(own.amplitudes - a))
         a = own.amplitudes
         if evidence_too and step:
@@ -98,3 +235,104 @@ def search(
             break
         view = view_of(image, facets, surface.positions(a), sight, reach)
     return Search(a, prior, noise, sight, view)
+
+
+# Modes and reach, mm: of a start from landmarks, and of the shape that is taken.
+_COLD: Final = ((7, 18.0), (18, 10.0), (37, 5.0))
+SHAPE: Final = (61, 4.0)
+
+# Least share of profiles with an edge. In noise alone it is about a tenth.
+LEAST_FOUND: Final = 0.25
+
+
+class ReferenceShape(NamedTuple):
+    """Shape of the reference frame, and how its images are read.
+
+    Parameters
+    ----------
+    shape : MeshSequence
+        One frame, mm.
+    sight : Sight
+    found : float
+        Share of the profiles with an edge.
+    bent : (vertices,) float64, mm
+        Deviation across the surface that shifts of slices leave; zero where there are none.
+    """
+
+    shape: MeshSequence
+    sight: Sight
+    found: float
+    bent: Floats
+
+
+def reference_shape(
+    rough: MeshSequence,
+    image: Image,
+    marks: Frame,
+    sight: Sight,
+    number: int,
+    points: Floats,
+) -> ReferenceShape:
+    """Search for it coarse to fine, with levels, bias field and shifts of slices.
+
+    Parameters
+    ----------
+    rough : MeshSequence
+        What the search begins on.
+    image : Volume or PlaneSet
+    marks : Frame
+        Landmarks of this frame.
+    sight : Sight
+    number : int
+        Of the frame.
+    points : (n, 3) float64, mm
+        Where rays from the axis first met an edge.
+
+    Raises
+    ------
+    ShapeError
+        Where hardly any profile shows an edge.
+    """
+    base = make_template(rough)
+    facets = Facets.of(base.faces, base.vertices, base.weights)
+    surface, a, found = Deformable.of(base, 1), np.zeros((1, 3)), 0.0
+    bent = np.zeros(base.n_vertices)
+    for modes, reach in (*_COLD, SHAPE):
+        surface = Deformable.of(base, modes)
+        prior, noise = first_guess(surface)
+        is_cold = len(a) == 1
+        a = np.concatenate([a, np.zeros((len(surface) - len(a), 3))])
+        if is_cold:
+            # Wherever a start lies, and however wide it is, rays from the axis met the edge there.
+            variances = prior.variances(surface.wavenumbers)
+            a = map_frame(surface, (Observation(points), *marks), a, variances, noise).amplitudes
+        state = search(
+            surface,
+            facets,
+            image,
+            marks,
+            a,
+            prior,
+            noise,
+            sight.within(reach),
+            reach,
+            sights_too=not is_cold,
+            evidence_too=not is_cold,
+        )
+        a, sight, found = state.amplitudes, state.sight, state.view.found
+    if found < LEAST_FOUND:
+        raise ShapeError(
+            f"No object is seen in frame {number}: on {found:.0%} of the profiles across the "
+            "surface there is an edge, and noise alone shows one on a tenth.",
+            remedy="Check apex and base, and that the images show an inside and an outside.",
+            frame=number,
+            details={"found": found},
+        )
+    x = surface.positions(a)
+    require_unfolded(surface, x[None])
+    fitted = mesh_sequence(x[None], rough.faces, grid=rough.grid, topology=rough.topology)
+    if isinstance(image, PlaneSet):
+        seen = (state.view.observation(), *marks)
+        own = state.prior, state.noise, state.sight
+        bent = left_by_shifts(surface, seen, state.view, a, *own, facets.normals(x))
+    return ReferenceShape(fitted, sight, found, bent)

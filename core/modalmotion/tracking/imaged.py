@@ -1,8 +1,14 @@
-"""A track from images, with what they add to it: convention, slices, and errors in common."""
+"""A track from images, with what they add to it: convention, slices, and errors in common.
+
+The surface is that of the compact wall, papillary muscles within the pool: edges nearer to the
+axis are crossed where blood lies beyond them, and are strays where none does. Muscle keeps its
+volume over the beat. So one number turns volumes of the convention `pool` into those of the
+convention `wall`, in which muscles do not count as cavity.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -10,13 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.images import ImageSequence, PlaneSet
-from modalmotion.images.sequence import is_of_labels
+from modalmotion.images.sequence import Image, is_of_labels
 from modalmotion.mesh import face_areas
 from modalmotion.mesh.cavity_gradient import volume_gradient
-from modalmotion.tracking.image_answer import ImageAnswer
 from modalmotion.tracking.image_frames import ImageFrames
-from modalmotion.tracking.papillary import papillary_volume
-from modalmotion.tracking.result import Track, cavity_in, normals_of
+from modalmotion.tracking.image_view import Facets, Sight
+from modalmotion.tracking.result import ImageAnswer, Track, cavity_in, normals_of
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +37,12 @@ _STAIRCASE: Final = 0.25
 # of it is not known.
 _OF_CLOSED: Final = 0.5
 _OF_ALL_CLOSED: Final = 0.3
+
+# Places on lines from the middle to the surface, as shares.
+_SHARES: Final = (np.arange(20) + 0.5) / 20.0
+
+# Of a voxel's longer side in the image: nearer to the surface its own edge is seen.
+_SHELL: Final = 1.4
 
 # Power of the share of the way along the axis by which a surface goes with its end.
 _NEXT_TO_END: Final = 4
@@ -168,3 +179,63 @@ def staircase(voxel: float, patch: float) -> float:
     noise of the edges, which residuals show.
     """
     return float(_STAIRCASE * voxel**2 / patch)
+
+
+def papillary_volume(
+    images: Iterable[Image | None], shapes: Floats, volumes: Floats, facets: Facets, sight: Sight
+) -> float:
+    """Volume within the surface that looks like the outside, mm^3: the median of the frames.
+
+    Parameters
+    ----------
+    images : iterable of Volume, PlaneSet or None
+    shapes : (frames, vertices, 3) float64, mm
+    volumes : (frames,) float64, mm^3
+    facets : Facets
+    sight : Sight
+    """
+    own = [
+        _share(image, x, facets, sight) * volume
+        for image, x, volume in zip(images, shapes, volumes, strict=True)
+        if image is not None
+    ]
+    return float(max(np.median(own), 0.0)) if own else 0.0
+
+
+def _side(image: Image) -> float:
+    if isinstance(image, PlaneSet):
+        return max(max(plane.spacing) for plane in image.planes)
+    return float(np.median(image.spacing))
+
+
+def _share(image: Image, x: Floats, facets: Facets, sight: Sight) -> float:
+    """Share of the cavity, weighted by volume, that is like the outside."""
+    corners = x[facets.faces]
+    middle = x.mean(axis=0)
+    centres = corners.mean(axis=1) - middle
+    # Cones from the middle: dV = 3 V t^2 dt.
+    cones = np.abs((np.cross(corners[:, 1] - middle, corners[:, 2] - middle) * centres).sum(axis=1))
+    points = (middle + _SHARES[:, None, None] * centres).reshape(-1, 3)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    heights = (normals * centres).sum(axis=1) / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)
+    depths = np.outer(1.0 - _SHARES, np.abs(heights))
+    weights = (_SHARES[:, None] ** 2 * cones).ravel()
+    is_deep = (depths > _SHELL * _side(image)).ravel()
+    if isinstance(image, PlaneSet):
+        seen, places, counted, deep = [], [], [], []
+        for plane, shift in zip(image.planes, sight.shifts, strict=True):
+            near = np.abs(plane.heights(points)) < plane.thickness / 2
+            seen.append(plane.sample(points[near] + shift))
+            places.append(points[near])
+            counted.append(weights[near])
+            deep.append(is_deep[near])
+        values, points = np.concatenate(seen), np.concatenate(places)
+        weights, is_deep = np.concatenate(counted), np.concatenate(deep)
+    else:
+        values = image.sample(points)
+    there = np.isfinite(values)
+    dark = (1.0 - sight.levels.likeness(values[there], sight.gain(points[there]))) / 2.0
+    # What noise does to blood on either side cancels in the mean.
+    muscle = (weights[there] * is_deep[there] * np.clip(dark, -0.5, 1.5)).sum()
+    total = float(weights[there].sum())
+    return float(muscle) / total if total > 0 else 0.0

@@ -1,8 +1,10 @@
-"""Landmarks of a recording: one place, or one for each frame."""
+"""Landmarks of a recording: in files, in frames, and between frames that they are known in."""
 
 from __future__ import annotations
 
+import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -10,9 +12,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import ParameterError
+from modalmotion.errors import InputError, MalformedFileError, ParameterError
 from modalmotion.facts import Facts
+from modalmotion.facts.facts import WORDS
 from modalmotion.facts.json_form import read_object
+from modalmotion.numerals import counted
+from modalmotion.representation import shown
+from modalmotion.tracking.observation import NAMED_PLACES, Frame, Observation
 
 Landmarks = Mapping[str, NDArray[np.float64]]
 """By name a place (3,), or (frames, 3) with NaN where it is unknown; in the points' unit."""
@@ -118,3 +124,216 @@ def _no_place(name: str, frame: int | None) -> ParameterError:
         frame=frame,
         details={"landmark": name[:64]},
     )
+
+
+LANDMARK_SUFFIXES: Final = (".mrk.json", "landmarks.json")
+"""Ends of the names of files of landmarks among frames."""
+
+LPS: Final = "LPS"
+"""System of points that state none: that of DICOM, in which Slicer saves models."""
+
+_LONGEST: Final = 1_000_000
+_FILE_REMEDY: Final = (
+    'Save it as .mrk.json from Slicer, or write {"coordinates": "LPS", "landmarks": {"apex": '
+    "[x, y, z], ...}}."
+)
+
+# As Slicer numbers points of one name: base-1, base_2, base 3. Their middle counts.
+_LABEL: Final = re.compile(rf"({'|'.join(NAMED_PLACES)})(?:[ _-]?[0-9]+)?", re.IGNORECASE)
+
+# x and y of the one are those of the other, turned round.
+_TURNED: Final = np.array([-1.0, -1.0, 1.0])
+
+
+@shown("coordinates", "unit", "places")
+@dataclass(frozen=True, eq=False)
+class LandmarkFile:
+    """Landmarks as a file states them.
+
+    Parameters
+    ----------
+    places : dict of str to (3,) or (frames, 3) float64
+        In the file's own coordinate system and unit; NaN where one is unknown.
+    coordinates : {"LPS", "RAS"} or None
+        The system, where the file states it.
+    unit : str or None
+    notes : tuple of str
+    """
+
+    places: dict[str, NDArray[np.float64]]
+    coordinates: str | None
+    unit: str | None
+    notes: tuple[str, ...] = ()
+
+    def for_points(
+        self, coordinates: str | None, unit: str | None
+    ) -> dict[str, NDArray[np.float64]]:
+        """Give the places in the coordinate system of points: turned round once, or as they are.
+
+        Parameters
+        ----------
+        coordinates : str or None
+            Of the points; LPS where it is unknown.
+        unit : str or None
+            Of the points.
+
+        Raises
+        ------
+        ParameterError
+            If the units are known and differ.
+        """
+        if None not in (unit, self.unit) and unit != self.unit:
+            raise ParameterError(
+                f"The landmarks are in {self.unit}, the points in {unit}.",
+                remedy="State both in one unit.",
+            )
+        if self.coordinates in (None, coordinates or LPS):
+            return self.places
+        return {name: places * _TURNED for name, places in self.places.items()}
+
+
+def read_landmark_file(data: bytes) -> LandmarkFile:
+    """Read a file of landmarks.
+
+    Parameters
+    ----------
+    data : bytes
+        Slicer's markups, whose control points are called apex and base (of base-1, base-2, ...
+        the middle counts); or ours, an object with `landmarks` by name as
+        `modalmotion.tracking.landmarks` has them, and maybe `coordinates` and `unit`.
+
+    Raises
+    ------
+    MalformedFileError
+        If it is neither.
+    ParameterError
+        If a place is not three finite numbers.
+    """
+    try:
+        if len(data) > _LONGEST:
+            raise _malformed(f"it has {len(data)} bytes, more than {_LONGEST}")
+        content = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise _malformed(str(error)[:100]) from error
+    if not isinstance(content, dict):
+        raise _malformed(f"it is a {type(content).__name__}")
+    return _of_slicer(content) if "markups" in content else _of_ours(content)
+
+
+def _of_ours(content: dict[str, Any]) -> LandmarkFile:
+    if not isinstance(content.get("landmarks"), dict):
+        raise _malformed("it has neither 'landmarks' nor 'markups'")
+    places = {
+        str(name): places_of(str(name), value) for name, value in content["landmarks"].items()
+    }
+    return LandmarkFile(places, _system(content.get("coordinates")), _unit(content.get("unit")))
+
+
+def _of_slicer(content: dict[str, Any]) -> LandmarkFile:
+    points: dict[str, list[NDArray[np.float64]]] = {}
+    others: list[str] = []
+    systems, units = set(), set()
+    try:
+        for markup in content["markups"]:
+            systems.add(_system(markup.get("coordinateSystem")))
+            units.add(_unit(markup.get("coordinateUnits")))
+            for point in markup["controlPoints"]:
+                label = str(point.get("label", "")).strip()
+                if point.get("positionStatus", "defined") != "defined":
+                    continue
+                match = _LABEL.fullmatch(label)
+                if match is None:
+                    others.append(label[:40])
+                    continue
+                name = match[1].lower()
+                points.setdefault(name, []).append(places_of(name, point["position"]))
+    except (KeyError, TypeError, AttributeError) as error:
+        raise _malformed("its markups have no control points with positions") from error
+    if len(systems) > 1 or len(units) > 1:
+        raise _malformed("its markups are in several coordinate systems or units")
+    if not points:
+        raise MalformedFileError(
+            "None of the control points is called apex or base"
+            + (f": {', '.join(map(repr, others[:5]))}." if others else "; there are none."),
+            remedy="Rename them in Slicer: apex, and base (or base-1, base-2, ... round the "
+            "opening).",
+        )
+    notes: tuple[str, ...] = ()
+    if others:
+        notes = (
+            (
+                f"{counted(len(others), 'control point')} of the landmarks are called neither apex "
+                f"nor base ({', '.join(others[:3])}) and were left out."
+            ),
+        )
+    middles = {name: np.mean(rows, axis=0) for name, rows in points.items()}
+    return LandmarkFile(middles, systems.pop(), units.pop(), notes)
+
+
+def _system(stated: Any) -> str | None:
+    if stated is None or stated == "unknown":
+        return None
+    word = str(stated).upper()
+    if word not in WORDS["coordinates"]:
+        raise ParameterError(
+            f"The landmarks are in the coordinate system {str(stated)[:40]!r}.",
+            remedy="State LPS or RAS, or none.",
+        )
+    return word
+
+
+def _unit(stated: Any) -> str | None:
+    return str(stated)[:20] if stated else None
+
+
+def _malformed(reason: str) -> MalformedFileError:
+    return MalformedFileError(f"It is no file of landmarks ({reason}).", remedy=_FILE_REMEDY)
+
+
+# Half-way between two frames, of the distance between their places: a valve does not go evenly.
+_HALF_WAY: Final = 0.3
+
+
+def path_between(
+    landmarks: Mapping[str, Any] | None, n_frames: int, *, is_closed: bool
+) -> tuple[Frame, ...]:
+    """Place landmarks that several frames state in those between, for each frame.
+
+    Parameters
+    ----------
+    landmarks : mapping of str to (frames, 3) array_like
+        Others than such are left alone.
+    n_frames : int
+    is_closed : bool
+        Whether the way goes on from the last frame to the first.
+
+    Notes
+    -----
+    Straight and even from place to place, d apart; the deviation is 0.6 d sqrt(t (1 - t)) at the
+    share t of the way.
+    """
+    marks: list[list[Observation]] = [[] for _ in range(n_frames)]
+    for name, value in (landmarks or {}).items():
+        own = value.places if isinstance(value, Proposed) else value
+        places = np.asarray(own, dtype=np.float64)
+        if places.shape != (n_frames, 3):
+            continue
+        known = np.flatnonzero(np.isfinite(places).all(axis=1))
+        if len(known) < 2:
+            continue
+        ends = zip(known, np.roll(known, -1), strict=True)
+        for start, end in ends:
+            if end <= start and not is_closed:
+                continue
+            gap = (end - start) % n_frames
+            far = float(np.linalg.norm(places[end] - places[start]))
+            for step in range(1, gap):
+                t = step / gap
+                sd = 2.0 * _HALF_WAY * far * float(np.sqrt(t * (1.0 - t))) + 1e-3
+                place = (1.0 - t) * places[start] + t * places[end]
+                marks[(start + step) % n_frames].append(
+                    Observation(place[None], sd=sd, places=(name,))
+                )
+    return tuple(map(tuple, marks))

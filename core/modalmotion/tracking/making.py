@@ -2,68 +2,57 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Final, Literal, TypeAlias, cast
+from typing import Any, Final, Literal, NamedTuple, TypeAlias, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalmotion.errors import (
     ModeCountError,
     ParameterError,
     ShapeError,
-    ToleranceError,
     TopologyError,
 )
 from modalmotion.facts import Facts
+from modalmotion.images import ImageSequence
 from modalmotion.images.sequence import Images, images_in
 from modalmotion.mesh.checks import require_times
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes import whole_count
 from modalmotion.modes.topology import Topology
-from modalmotion.numeric.kinds import truth, whole
+from modalmotion.numeric.kinds import whole
 from modalmotion.progress import Progress
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.contour_ends import with_contour_ends
-from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.doubts import doubts_of_ends, has_landmarks
-from modalmotion.tracking.ends_of_data import with_doubts, with_endings
-from modalmotion.tracking.first_shape import shape_in
-from modalmotion.tracking.folding import require_unfolded, require_volume
-from modalmotion.tracking.image_frames import frames_of_images
+from modalmotion.tracking.deformable import Deformable, require_unfolded, require_volume
+from modalmotion.tracking.deviations import across_of, stated_deviations, uncertainty_of
+from modalmotion.tracking.ends_of_data import with_endings
+from modalmotion.tracking.first_shape import FirstShape, shape_in
+from modalmotion.tracking.image_frames import ImageFrames, frames_of_images
 from modalmotion.tracking.imaged import with_images
-from modalmotion.tracking.noise import Noise
-from modalmotion.tracking.notes import notes_on
-from modalmotion.tracking.observation import Frame, observed_frames, of_surface
-from modalmotion.tracking.papillary import Papillary
-from modalmotion.tracking.passes import (
-    Pass,
+from modalmotion.tracking.iterations import (
     again,
     both_ways,
-    energy,
     evidence,
     first_guess,
     noises_of,
     steady,
 )
-from modalmotion.tracking.posterior import uncertainty_of
-from modalmotion.tracking.prior import Prior
-from modalmotion.tracking.quality import quality_of
-from modalmotion.tracking.request import in_mm, in_unit, phases_of, with_landmarks
-from modalmotion.tracking.result import Track, cavity_in
-from modalmotion.tracking.sampled_data import sample_of
-from modalmotion.tracking.shapes import EXACT_FOR_AFFINE, SHAPES
-from modalmotion.tracking.stated_deviations import across_of, stated_deviations
-from modalmotion.tracking.together import chain_of, together
+from modalmotion.tracking.label_maps import from_labels
+from modalmotion.tracking.label_values import is_label_map
+from modalmotion.tracking.map_frames import Chain, FramesEstimate, chain_of, map_frames
+from modalmotion.tracking.noise import Noise
+from modalmotion.tracking.observation import Frame, observed_frames, of_surface
+from modalmotion.tracking.quality_checks import end_notes, has_landmarks, notes_on, quality_of
+from modalmotion.tracking.request import in_mm, phases_of, with_landmarks
+from modalmotion.tracking.result import Papillary, Track, cavity_in, sample_of
 
 Time: TypeAlias = Literal["cycle", "open"]
 Start: TypeAlias = MeshSequence | Template
 
 MOST_MODES: Final = 400
-"""That a tolerance may lead to, and that a service takes."""
-
-_MOST_TRIES: Final = 6
+"""That a service takes."""
 
 
 def track(
@@ -73,13 +62,11 @@ def track(
     topology: Topology | str | None = None,
     landmarks: Mapping[str, Any] | None = None,
     modes: int = 37,
-    tolerance: float | None = None,
     time: Time = "cycle",
     times: Any = None,
     period: float | None = None,
     unit: str | None = None,
     reference: int | None = 0,
-    dynamics: bool = False,
     papillary: Papillary = "pool",
     progress: Progress | None = None,
 ) -> Track:
@@ -103,8 +90,6 @@ def track(
         many frames as can be.
     modes : int
         At least 2; rounded up so that no pair is split.
-    tolerance : float, mm, optional
-        RMS, along the normal, of what the modes may leave: as many modes are taken as needed.
     time : {"cycle", "open"}
         Whether the frames are one period, or part of a motion.
     times : (frames,) array_like, s, optional
@@ -117,10 +102,6 @@ def track(
         Frame whose surface the start is, exactly; None where it is the surface of none. Without
         a start it is the frame that the shape is taken from. Of images it is also the frame whose
         brightness counts, and a start is only where the search begins.
-    dynamics : bool
-        Go to the last estimate by oscillators that the data drive, equation (3), in steps that are
-        proved stable: `tracking.driven_frames`. It ends at the same amplitudes, to a millionth,
-        and the track has the way there as `driven`.
     papillary : {"pool", "wall"}
         Of images: whether papillary muscles count as cavity in volumes.
     progress : callable, optional
@@ -135,6 +116,90 @@ def track(
     InputError
         Naming the frame, the limit and the remedy.
     """
+    asked = _asked(
+        observed, start, landmarks, modes, time, times, period, unit, reference, papillary, progress
+    )
+    first, pinned, is_closed = asked.first, asked.pinned, asked.is_closed
+    is_exact = pinned is not None
+    # 1. What was observed, and where contours end.
+    template = None if asked.start is None else _template_of(asked.start)
+    stated, shown = asked.stated, asked.shown
+    ended = stated if shown is not None else with_contour_ends(stated, template, first)
+    # 2. The surface of the reference, and its modes.
+    shape = None
+    if template is None:
+        shape = shape_in(ended[first], first, topology)
+        template = shape.template
+    surface = Deformable.of(template, asked.modes)
+    _require_size(surface)
+    surface = surface.exact_for_affine()
+    # 3. Prior and noise before anything was seen.
+    prior, noise = first_guess(surface)
+    # 4. Where clouds and meshes end, unless the start is the surface of no frame.
+    beside = noise
+    if shape is not None:
+        beside = replace(noise, sd=shape.noise.sd, truncation=shape.noise.truncation)
+    frames = with_endings(surface, ended, beside, pinned if shape is None else first)
+    # 5. Each frame at rest by itself, from the reference on, both ways round the cycle.
+    here = both_ways(surface, frames, first, prior, noise, is_closed=is_closed, done=asked.done)
+    gap = here.gap
+    # 6. Prior and noise under which these are the most likely, and 7. the frames once more.
+    prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
+    alike = steady(noises_of(surface, here, prior, noise), noise)
+    here = again(surface, frames, here.amplitudes(len(surface)), prior, alike, asked.done)
+    prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
+    noises = noises_of(surface, here, prior, noise)
+    # 8. The chain of time, and 9. all frames at once.
+    chain = chain_of(
+        surface, here, prior, asked.phases, first, is_closed=is_closed, is_exact=is_exact
+    )
+    found = map_frames(surface, frames, here, chain, steady(noises, noise), pinned, asked.done)
+    # 10. How far they may be off, and what speaks against them.
+    result = _stated(asked, surface, shape, found, chain, noise, noises, gap)
+    if shown is not None and asked.images is not None:
+        result = with_images(result, asked.images, shown)
+        notes = (*shown.notes, *asked.notes)
+    else:
+        is_guessed = start is None and topology is None and not has_landmarks(stated)
+        notes = (*asked.notes, *end_notes(result, stated, frames, is_guessed=is_guessed))
+    return replace(result, notes=(*notes, *notes_on(result))).informed()
+
+
+class _Asked(NamedTuple):
+    """A request: frames with what was stated of them, their times, and where to begin."""
+
+    images: ImageSequence | None
+    shown: ImageFrames | None
+    start: Start | None
+    stated: tuple[Frame, ...]
+    modes: int
+    is_closed: bool
+    times: NDArray[np.float64] | None
+    phases: NDArray[np.float64]
+    period: float | None
+    unit: str | None
+    first: int  # frame that the shape is of
+    pinned: int | None  # frame whose surface the start is, exactly
+    unseen: tuple[int, ...]
+    notes: tuple[str, ...]
+    provenance: dict[str, Any]
+    done: Callable[[], None]
+
+
+def _asked(
+    observed: MeshSequence | Images | Sequence[Any],
+    start: Start | None,
+    landmarks: Mapping[str, Any] | None,
+    modes: int,
+    time: Time,
+    times: Any,
+    period: float | None,
+    unit: str | None,
+    reference: int | None,
+    papillary: Papillary,
+    progress: Progress | None,
+) -> _Asked:
+    """Check a request, and search images for edges."""
     if isinstance(observed, MeshSequence):
         times = observed.times if times is None else times
         unit = observed.unit if unit is None else unit
@@ -162,152 +227,104 @@ def track(
         )
         observed, start = shown.frames, shown.start
     seen, notes = observed_frames(cast("Sequence[Any]", observed))
-    n_frames = len(seen)
+    n = len(seen)
     modes = whole("modes", modes)
-    limit = None if tolerance is None else in_unit(tolerance, unit)
-    at = None if times is None else require_times(times, n_frames)
-    phases = phases_of(at, n_frames, period, is_closed=is_closed)
-    first = _require_reference(reference, n_frames)
+    at = None if times is None else require_times(times, n)
+    phases = phases_of(at, n, period, is_closed=is_closed)
+    first = _require_reference(reference, n)
     stated = with_landmarks(seen, landmarks, first, None if shown is None else shown.stated_sd)
     unseen = tuple(k for k, frame in enumerate(seen) if not any(map(len, frame)))
     if first in unseen and start is None:
-        first = next(k for k in range(n_frames) if k not in unseen)
+        first = next(k for k in range(n) if k not in unseen)
         notes += (f"Nothing was observed in the reference; the shape is that of frame {first}.",)
     pinned = None if start is None or reference is None or shown is not None else first
-    _require_motion(n_frames, unseen, pinned)
+    _require_motion(n, unseen, pinned)
     if modes < 2:
         raise ModeCountError(
-            f"{modes} modes are a translation at most, which no surface is tracked by.",
-            remedy="Ask for 2 modes or more; 37 are usual.",
+            f"{modes} modes are a translation at most.",
+            remedy="Ask for 2 modes or more (mode 0 is a translation); 37 are usual.",
         )
+    provenance = {
+        "requested_modes": modes,
+        "time": time,
+        "reference": None if reference is None else int(reference),
+    }
     # Searches in images have taken a third.
-    done = _counted(progress, 4 * n_frames, 0 if shown is None else 2 * n_frames)
-    template, grid = None, None
-    if start is not None:
-        template = start if isinstance(start, Template) else make_template(start)
-        _require_modes(template)
-        grid = start.grid if isinstance(start, MeshSequence) else None
-    ended = stated if shown is not None else with_contour_ends(stated, template, first)
-    shape = None
-    if template is None:
-        shape = shape_in(ended[first], first, topology)
-        template, grid = shape.template, shape.grid
-    surface = Deformable.of(template, modes)
-    _require_size(surface)
-    surface = surface.exact_for_affine()
-    is_exact = pinned is not None
-    prior, noise = first_guess(surface)
-    frames = with_endings(surface, ended, noise, pinned, first)
-    here = both_ways(surface, frames, first, prior, noise, is_closed=is_closed, done=done)
-    gap = here.gap
-    prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
-    noises = noises_of(surface, here, prior, noise)
-    frames = with_doubts(surface, frames, here.amplitudes(len(surface)), noises, pinned)
-    for attempt in range(_MOST_TRIES):
-        here = again(
-            surface,
-            frames,
-            here.amplitudes(len(surface)),
-            prior,
-            steady(noises_of(surface, here, prior, noise) if attempt else noises, noise),
-            done,
-        )
-        prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
-        left = _left(surface, here, prior, noise, pinned)
-        if limit is None or left <= limit:
-            break
-        n_modes = _modes_needed(surface, left, prior, limit, seen, attempt)
-        surface = Deformable.of(template, n_modes).exact_for_affine()
-        # What the modes leave now, until the data say so themselves.
-        beyond, n_values = prior.beyond(surface.wavenumbers, template.topology.n_axes)
-        truncation = min(noise.truncation, limit, beyond**0.5)
-        noise = replace(noise, truncation=truncation, n_values=n_values)
-    noises = noises_of(surface, here, prior, noise)
-    Q, h0, prior = chain_of(
-        surface, here, prior, phases, first, is_closed=is_closed, is_exact=is_exact
-    )
-    found = together(
-        surface,
-        frames,
-        here,
-        prior,
-        [steady(noises, noise)] * n_frames,
-        Q,
-        pinned,
-        done,
-        dynamics=truth("dynamics", dynamics),
-    )
+    done = _counted(progress, 4 * n, 0 if shown is None else 2 * n)
+    places = stated, modes, is_closed, at, phases, period, unit, first, pinned
+    return _Asked(images, shown, start, *places, unseen, notes, provenance, done)
+
+
+def _stated(
+    asked: _Asked,
+    surface: Deformable,
+    shape: FirstShape | None,
+    found: FramesEstimate,
+    chain: Chain,
+    noise: Noise,
+    noises: Sequence[Noise],
+    gap: float | None,
+) -> Track:
+    """Put the track together, with how far it may be off."""
+    template, pinned = surface.template, asked.pinned
     vertices = np.stack([surface.positions(a) for a in found.amplitudes])
     require_unfolded(surface, vertices)
     require_volume(cavity_in(template), vertices)
-    truncations = np.array([own.truncation for own in noises])
     across = across_of(found, pinned)
     deviations, volume_deviations = stated_deviations(
         surface, vertices, found, across, noises, pinned, shape
     )
+    truncations = np.array([own.truncation for own in noises])
     if pinned is not None:
         truncations[pinned] = 0.0
     quality = np.array([quality_of(surface, info) for info in found.information])
     sequence = mesh_sequence(
         vertices,
         template.faces,
-        grid=grid,
+        grid=shape.grid if shape is not None else getattr(asked.start, "grid", None),
         topology=template.topology,
-        times=at,
-        unit=unit,
-        facts=Facts(tracking="offset", period=period),
+        times=asked.times,
+        unit=asked.unit,
+        facts=Facts(tracking="offset", period=asked.period),
     )
     uncertainty = uncertainty_of(
         template, surface.shapes, across, found.lasting, truncations, noise.n_values, pinned
     )
-    result = Track(
+    provenance = {**asked.provenance, "modes": len(surface), "template_id": template.id}
+    return Track(
         sequence=replace(sequence, uncertainty=uncertainty),
         template=template,
         modes=surface.modes,
         amplitudes=found.amplitudes,
         covariances=found.lasting,
-        prior=prior,
+        prior=chain.prior,
         noise=noise,
         truncations=truncations,
         deviations=deviations,
         volume_deviations=volume_deviations,
-        harmonic=h0,
+        harmonic=chain.h0,
         residuals=np.ascontiguousarray(quality[:, :2]),
         inliers=np.ascontiguousarray(quality[:, 2]),
         coverage=np.ascontiguousarray(quality[:, 3]),
-        unseen=unseen,
+        unseen=asked.unseen,
         gap=gap,
         reference=pinned,
-        driven=found.driven,
-        data=sample_of(stated, found.information),
-        notes=notes,
-        provenance={
-            "modes": len(surface),
-            "requested_modes": modes,
-            "tolerance_mm": tolerance,
-            "time": time,
-            "reference": None if reference is None else int(reference),
-            "template_id": template.id,
-            SHAPES: EXACT_FOR_AFFINE,
-        },
+        data=sample_of(asked.stated, found.information),
+        notes=(),
+        provenance=provenance,
     )
-    if shown is not None and images is not None:
-        result = with_images(result, images, shown)
-        notes = (*shown.notes, *notes)
-    else:
-        is_guessed = start is None and topology is None and not has_landmarks(stated)
-        notes = (*notes, *doubts_of_ends(result, stated, frames, is_guessed=is_guessed))
-    return replace(result, notes=(*notes, *notes_on(result))).informed()
 
 
-def _require_modes(template: Template) -> None:
-    """Refuse a start whose modes are not known in closed form."""
+def _template_of(start: Start) -> Template:
+    """Template of a start, whose modes must be known in closed form."""
+    template = start if isinstance(start, Template) else make_template(start)
     if template.surface is None:
         raise TopologyError(
             f"No natural coordinates are known for the start. {template.reason}",
             remedy="Give one open or closed surface as start, a lattice with grid and topology, or "
             "landmarks apex and base in place of a start.",
         )
+    return template
 
 
 def _require_motion(n_frames: int, unseen: tuple[int, ...], known: int | None) -> None:
@@ -356,39 +373,70 @@ def _require_size(surface: Deformable) -> None:
         )
 
 
-def _left(surface: Deformable, here: Pass, prior: Prior, noise: Noise, pinned: int | None) -> float:
-    """RMS over the frames of what the modes leave, a frame that is known left out."""
-    amplitudes = here.amplitudes(len(surface))
-    frames = [k for k in range(len(amplitudes)) if k != pinned]
-    own = [noise.of_frame(energy(surface, amplitudes[k], prior)).truncation for k in frames]
-    return float(np.sqrt(np.mean(np.square(own)))) if own else 0.0
+def segment(
+    images: Images,
+    *,
+    landmarks: Mapping[str, Any] | None = None,
+    labels: Sequence[int] = (),
+    wall: Sequence[int] = (),
+    frame: int = 0,
+    start: Start | None = None,
+    modes: int = 37,
+    papillary: Papillary = "pool",
+    progress: Progress | None = None,
+) -> Track:
+    """Find a surface in one image.
 
+    Parameters
+    ----------
+    images : Volume, PlaneSet or ImageSequence
+        In LPS mm; of a sequence one frame is read.
+    landmarks : mapping of "apex" and "base" to (3,) or (frames, 3) array_like, mm, optional
+        Needed of images that are no label map.
+    labels, wall : sequence of int
+        Of a label map: values of the cavity, and of the wall around it; by geometry where no label
+        is named.
+    frame : int
+    start, modes, papillary, progress : optional
+        As for `track`.
 
-def _modes_needed(
-    surface: Deformable,
-    left: float,
-    prior: Prior,
-    limit: float,
-    frames: Sequence[Frame],
-    attempt: int,
-) -> int:
-    """Modes after which the energy that the law leaves beyond them is within the limit."""
-    axes = surface.template.topology.n_axes
-    q = 2.0 * prior.power / axes
-    m = len(surface)
-    points = int(np.median([sum(map(len, frame)) for frame in frames if frame] or [0]))
-    most = min(MOST_MODES, points // 3, surface.template.n_vertices // 3)
-    if m >= most or attempt == _MOST_TRIES - 1:
-        raise ToleranceError(
-            f"{m} modes leave {left:.3g} of the length unit, more than the tolerance "
-            f"of {limit:.3g}; {points} points a frame cannot show more modes.",
-            remedy="Ask for a larger tolerance, or send more points and a finer start.",
-            details={"modes": m, "most": most, "reached": left},
+    Returns
+    -------
+    Track
+        Of one frame: its surface with a standard deviation at each vertex, and its volume.
+
+    Raises
+    ------
+    InputError
+        As `track` does, or if there is no such frame.
+    """
+    sequence = images_in(images)
+    if sequence is None:
+        raise ShapeError(
+            f"A {type(images).__name__} is no image.",
+            remedy="Give a Volume, a PlaneSet or an ImageSequence.",
         )
-    # sum_{j > m} v_j falls as m^(1 - q). Logs, for a tolerance may be next to nothing.
-    growth = math.log(1.1) + (math.log(left) - math.log(limit)) * 2.0 / (q - 1.0)
-    growth = min(max(math.log(1.2), growth), math.log(most / m))
-    needed = min(math.ceil(m * math.exp(growth)), most)
-    while whole_count(surface.template.topology, needed) > most and needed > m + 1:
-        needed -= 1
-    return needed
+    if not 0 <= frame < sequence.n_frames or sequence.frames[frame] is None:
+        raise ParameterError(
+            f"There is no image in frame {frame}: there are {sequence.n_frames} frames.",
+            remedy="Name a frame that has one, counted from 0.",
+            frame=frame,
+        )
+    one = ImageSequence((sequence.frames[frame],), notes=sequence.notes)
+    marks: dict[str, Any] = {}
+    if labels or is_label_map(one):
+        one, proposed = from_labels(one, labels, wall)
+        marks |= proposed
+    for name, value in (landmarks or {}).items():
+        places = np.asarray(value, dtype=np.float64)
+        is_listed = places.ndim == 2 and len(places) == sequence.n_frames
+        marks[name] = places[frame] if is_listed else places
+    return track(
+        one,
+        landmarks=marks,
+        start=start,
+        modes=modes,
+        time="open",
+        papillary=papillary,
+        progress=progress,
+    )

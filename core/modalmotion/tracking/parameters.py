@@ -16,9 +16,8 @@ from modalmotion.tracking.label_maps import from_labels
 from modalmotion.tracking.label_values import is_label_map
 from modalmotion.tracking.landmarks import Proposed
 from modalmotion.tracking.making import Start, Time, track
-from modalmotion.tracking.papillary import Papillary
 from modalmotion.tracking.reading import USUAL_CONTOURS, Recorded
-from modalmotion.tracking.result import Track
+from modalmotion.tracking.result import Papillary, Track
 
 USUAL_MODES: Final = 37
 
@@ -30,7 +29,7 @@ class TrackParameters:
 
     Parameters
     ----------
-    topology, modes, tolerance, time, reference, dynamics : optional
+    topology, modes, time, reference : optional
         As for `making.track`.
     contours : tuple of str
         Of typed contours: parts of the names of those to read.
@@ -43,34 +42,26 @@ class TrackParameters:
         where no label is named; apex and base are proposed from them where nobody states them. See
         `label_maps.from_labels`.
     unit : str, optional
-    times : tuple of float, s, optional
-    frame_interval : float, s, optional
-        In place of times.
+    times : tuple of float, or float, s, optional
+        Of all frames, or the interval from frame to frame.
     facts : Facts
         Of the sequence that is found; its period is that of the cycle.
     """
 
     topology: str | None = None
     modes: int = USUAL_MODES
-    tolerance: float | None = None
     time: Time = "cycle"
     reference: int | None = 0
-    dynamics: bool = False
     contours: tuple[str, ...] = USUAL_CONTOURS
     landmarks: Mapping[str, Any] = field(default_factory=dict)
     papillary: Papillary = "pool"
     labels: tuple[int, ...] = ()
     wall: tuple[int, ...] = ()
     unit: str | None = None
-    times: tuple[float, ...] | None = None
-    frame_interval: float | None = None
+    times: tuple[float, ...] | float | None = None
     facts: Facts = NO_FACTS
 
     def __post_init__(self) -> None:
-        if self.times is not None and self.frame_interval is not None:
-            raise ParameterError(
-                "Both times and an interval between frames are stated.", remedy="Keep one."
-            )
         if self.wall and not self.labels:
             raise ParameterError(
                 "The label of a wall is named, and none of the cavity.",
@@ -117,21 +108,19 @@ class TrackParameters:
         """
         recorded, proposed = self._labelled(recorded)
         times: Any = recorded.times if self.times is None else self.times
-        if self.frame_interval is not None:
-            times = self.frame_interval * np.arange(recorded.n_frames, dtype=np.float64)
+        if isinstance(times, float | int):
+            times = times * np.arange(recorded.n_frames, dtype=np.float64)
         result = track(
             recorded.frames if recorded.images is None else recorded.images,
             start=start,
             topology=self.topology,
             landmarks={**proposed, **recorded.landmarks, **self.landmarks},
             modes=self.modes,
-            tolerance=self.tolerance,
             time=self.time,
             times=times,
             period=self.facts.period,
             unit=self.unit or recorded.unit,
             reference=self.reference,
-            dynamics=self.dynamics,
             papillary=self.papillary,
             progress=progress,
         )

@@ -34,8 +34,11 @@ from modalmotion.images import ImageSequence
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
-from modalmotion.tracking.landmark_file import LANDMARK_SUFFIXES, read_landmark_file
-from modalmotion.tracking.landmarks import landmarks_from_json
+from modalmotion.tracking.landmarks import (
+    LANDMARK_SUFFIXES,
+    landmarks_from_json,
+    read_landmark_file,
+)
 from modalmotion.tracking.observation import NAMED_PLACES, Observation, of_surface
 
 Floats: TypeAlias = NDArray[np.float64]

@@ -67,8 +67,7 @@ def sequence_of(
         topology=options.topology,
         landmarks=landmarks_of(options.facts),
         unit=options.unit,
-        times=options.times,
-        frame_interval=options.frame_interval,
+        times=options.times if options.frame_interval is None else options.frame_interval,
         facts=options.facts,
     )
     recorded = read_observed(source, coordinates=parameters.coordinates, parser=parser)

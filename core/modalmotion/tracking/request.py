@@ -1,4 +1,4 @@
-"""What a request for a track means: its landmarks, its times, its tolerance."""
+"""What a request for a track means: its landmarks and its times."""
 
 from __future__ import annotations
 
@@ -9,23 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.tracking.landmarks import Proposed
 from modalmotion.tracking.observation import NAMED_PLACES, Frame, Observation
-
-
-def in_unit(tolerance: float, unit: str | None) -> float:
-    """Return a tolerance in mm in the unit of the points."""
-    if not (np.isfinite(tolerance) and tolerance > 0):
-        raise ParameterError(
-            f"The tolerance is {tolerance!r}.", remedy="Give a finite number of mm above zero."
-        )
-    if unit not in MM_PER_UNIT:
-        raise ParameterError(
-            "A tolerance in mm needs the unit of the points, which is unknown.",
-            remedy=f"State the unit: one of {', '.join(MM_PER_UNIT)}.",
-        )
-    return tolerance / MM_PER_UNIT[unit]
 
 
 def in_mm(unit: str | None) -> str:

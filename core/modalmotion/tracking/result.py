@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.arguments.tasks import Recorded
-from modalmotion.errors import ParameterError, TopologyError
+from modalmotion.errors import TopologyError
 from modalmotion.mesh.cavity import Cavity, cavity_of
 from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.sequence import MeshSequence
@@ -19,15 +19,149 @@ from modalmotion.mesh.uncertainty import difference_deviation
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import PLANE
 from modalmotion.numeric.frozen_arrays import FrozenArrays
-from modalmotion.numeric.products import product
 from modalmotion.representation import shown
+from modalmotion.template.affine_motions import affine_shapes
+from modalmotion.template.loose_vertices import shapes_of
 from modalmotion.template.template import Template
-from modalmotion.tracking.driven_frames import DrivenFrames
-from modalmotion.tracking.image_answer import ImageAnswer
 from modalmotion.tracking.noise import Noise
+from modalmotion.tracking.normal_equations import NormalEquations
+from modalmotion.tracking.observation import Frame
 from modalmotion.tracking.prior import Prior
-from modalmotion.tracking.sampled_data import SampledData
-from modalmotion.tracking.shapes import track_shapes
+
+Papillary: TypeAlias = Literal["pool", "wall"]
+"""Convention of volumes of images: papillary muscles are cavity, or not."""
+
+CONVENTIONS: Final[tuple[Papillary, ...]] = get_args(Papillary)
+
+# Points of one frame, and of all: what a picture shows apart.
+_MOST_OF_FRAME: Final = 500
+_MOST: Final = 100_000
+_LEAST_OF_FRAME: Final = 10
+
+STRAY: Final = 0.1
+"""Weight below which a point hardly counted."""
+
+# Consecutive multiples of it fall apart evenly.
+_GOLDEN: Final = 0.6180339887498949
+
+
+@shown("n_points")
+@dataclass(frozen=True, eq=False)
+class SampledData(FrozenArrays):
+    """Points of all frames, one frame after the other; landmarks last in each.
+
+    Parameters
+    ----------
+    points : (n, 3) float64, length unit
+        Of images: the edges that were found.
+    weights : (n,) float64
+        That each counted with in the estimate, from 0 of a stray to 1; 1 for landmarks.
+    are_landmarks : (n,) bool
+    counts : (frames,) int64
+        Points of each frame.
+    """
+
+    points: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    are_landmarks: NDArray[np.bool_]
+    counts: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        for array in (self.points, self.weights, self.are_landmarks, self.counts):
+            array.setflags(write=False)
+
+    @property
+    def n_points(self) -> int:
+        """Of all frames."""
+        return len(self.points)
+
+    def of_frame(self, frame: int) -> slice:
+        """Rows of a frame."""
+        stop = int(self.counts[: frame + 1].sum())
+        return slice(stop - int(self.counts[frame]), stop)
+
+
+def sample_of(frames: Sequence[Frame], informed: Sequence[NormalEquations]) -> SampledData:
+    """Take a spread sample of the points of each frame, and all landmarks.
+
+    Parameters
+    ----------
+    frames : sequence of Frame
+    informed : sequence of NormalEquations
+        Of the same frames: points and the weights that they counted with.
+
+    Returns
+    -------
+    SampledData
+        At most 500 points a frame and some 100,000 in all, beside landmarks.
+    """
+    most = min(_MOST_OF_FRAME, max(_LEAST_OF_FRAME, _MOST // max(1, len(frames))))
+    points, weights, are_landmarks, counts = [np.zeros((0, 3))], [np.zeros(0)], [], []
+    for frame, info in zip(frames, informed, strict=True):
+        n = len(info.points)
+        rows = np.sort(np.argsort(np.arange(n) * _GOLDEN % 1.0, kind="stable")[:most])
+        marks = [part.points for part in frame if part.is_landmark]
+        n_marks = sum(map(len, marks))
+        points += [info.points[rows], *marks]
+        weights += [info.weights[rows], np.ones(n_marks)]
+        are_landmarks.append(np.repeat([False, True], [len(rows), n_marks]))
+        counts.append(len(rows) + n_marks)
+    return SampledData(
+        np.concatenate(points),
+        np.concatenate(weights),
+        np.concatenate(are_landmarks),
+        np.array(counts, dtype=np.int64),
+    )
+
+
+@shown("papillary", "papillary_volume", "inside", "outside", "shift_sd")
+@dataclass(frozen=True)
+class ImageAnswer:
+    """Convention, brightness and slices of a track from images.
+
+    Parameters
+    ----------
+    papillary : {"pool", "wall"}
+        Convention of volumes: papillary muscles are cavity, or not.
+    papillary_volume : float, mm^3
+        That looks like muscle within the surface; it is taken off each volume under `wall`.
+    inside, outside, spread : float
+        Brightness on both sides in the reference frame, and the deviation of its noise.
+    slope : tuple of float, 1 / mm
+        Of the bias field.
+    shifts : tuple of (float, float, float), mm
+        By which each slice shows everything aside; none of volumes.
+    shift_sd : float, mm
+        Of a shift along one axis.
+    found : tuple of float
+        Share of the profiles with an edge in each frame.
+    localisation : float, mm
+        Deviation that all edges have in common, in volumes too.
+    bent : float, mm
+        Deviation that shifts of slices leave, RMS over the surface.
+    volume_correlation : float
+        Of the errors of the largest and the smallest volume: that of a proposed base is alike in
+        both.
+    """
+
+    papillary: Papillary
+    papillary_volume: float
+    inside: float
+    outside: float
+    spread: float
+    slope: tuple[float, ...]
+    shifts: tuple[tuple[float, ...], ...]
+    shift_sd: float
+    found: tuple[float, ...]
+    localisation: float
+    bent: float
+    volume_correlation: float = 0.0
+
+    def __post_init__(self) -> None:
+        # JSON knows lists only.
+        for name in ("slope", "found"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        object.__setattr__(self, "shifts", tuple(tuple(row) for row in self.shifts))
 
 
 @shown("sequence", "modes", "noise", "prior", "gap", "unseen")
@@ -70,8 +204,6 @@ class Track(FrozenArrays, Recorded):
         were estimated together; None where time is open.
     reference : int or None
         Frame whose surface the start is, exactly; None where it is none's.
-    driven : DrivenFrames or None
-        The way to the last estimate, where oscillators went it (`dynamics`).
     notes : tuple of str
     provenance : mapping
         Parameters and versions, for files.
@@ -98,7 +230,6 @@ class Track(FrozenArrays, Recorded):
     unseen: tuple[int, ...]
     gap: float | None
     reference: int | None
-    driven: DrivenFrames | None
     notes: tuple[str, ...]
     provenance: Mapping[str, Any]
     images: ImageAnswer | None = None
@@ -140,7 +271,7 @@ class Track(FrozenArrays, Recorded):
 
     @cached_property
     def wavenumbers(self) -> NDArray[np.float64]:
-        """|k| of each mode times the surface's length, (modes,) float64."""
+        """Wave number of each mode times the surface's length, (modes,) float64."""
         length = float(np.exp(np.log(np.array(self.template.lengths)).mean()))
         k: NDArray[np.float64] = self.modes.wavenumbers_on(self.template.lengths) * length
         return k
@@ -148,33 +279,7 @@ class Track(FrozenArrays, Recorded):
     @cached_property
     def shapes(self) -> NDArray[np.float64]:
         """What a unit of each amplitude moves the vertices by, (vertices, modes) float64."""
-        return track_shapes(self.modes, self.template, self.provenance)
-
-    def driven_vertices(self, snapshot: int) -> NDArray[np.float64]:
-        """Positions on the way to the last estimate.
-
-        Parameters
-        ----------
-        snapshot : int
-            Of `driven.steps`: 0 is the start's shape in every frame, -1 where all are at rest.
-
-        Returns
-        -------
-        (frames, vertices, 3) float64, length unit
-
-        Raises
-        ------
-        ParameterError
-            If the track was not made with `dynamics`, or has no such snapshot.
-        """
-        n = 0 if self.driven is None else len(self.driven.steps)
-        if self.driven is None or not -n <= snapshot < n:
-            raise ParameterError(
-                f"Snapshot {snapshot} was requested, and the track has {n}.",
-                remedy="Track with dynamics=True, and name a snapshot from 0 on.",
-            )
-        a = self.driven.path[snapshot].reshape(self.n_frames, -1, 3)
-        return np.stack([self.template.vertices + product(self.shapes, one) for one in a])
+        return affine_shapes(shapes_of(self.modes, self.template), self.template)
 
     @cached_property
     def mode_deviations(self) -> NDArray[np.float64]:

@@ -8,22 +8,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.errors import ParameterError
 from modalmotion.mesh.connectivity import grouped_edges
 from modalmotion.modes.topology import CLOSED, End
 from modalmotion.numeric.products import product
 from modalmotion.tracking.closest import closest_points
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.noise import robust_weights
-from modalmotion.tracking.patches import alike_over
+from modalmotion.tracking.observation import Place
 
 NEAR_END: Final = 0.25
 """Of the axis: openings this near to an end are that end's."""
-
-# Sectors of which a few may be strays, of a level and a tilt; rounds until these are found, and
-# residuals, in deviations, that count as none in them.
-_FEWEST_OF_PLANE: Final = 6
-_ROUNDS: Final = 10
-_LEAST_LEFT: Final = 0.1
 
 # Three sectors tell a level and a tilt.
 _FEWEST_SECTORS: Final = 3
@@ -76,7 +70,7 @@ class Rim:
         outward = np.stack([halves(away[:, i]) for i in range(3)], axis=1)
         sectors = self.sectors[used]
         total = np.bincount(sectors, lengths, minlength=self.n_sectors)
-        return RimThere(used, x[used], lengths, outward, sectors, total.astype(np.float64))
+        return RimThere(used, lengths, outward, sectors, total.astype(np.float64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +81,6 @@ class RimThere:
     ----------
     vertices : (n,) int64
         That it passes through.
-    x : (n, 3) float64, length unit
     lengths : (n,) float64, length unit
         That each stands for.
     outward : (n, 3) float64, length unit
@@ -98,7 +91,6 @@ class RimThere:
     """
 
     vertices: NDArray[np.int64]
-    x: NDArray[np.float64]
     lengths: NDArray[np.float64]
     outward: NDArray[np.float64]
     sectors: NDArray[np.int64]
@@ -129,34 +121,6 @@ class RimThere:
             own = self.sectors == k
             alike[k] = alike_over(surface, self.vertices[own], self.lengths[own] / total, n_values)
         return alike
-
-    def robust(
-        self, beyond: NDArray[np.float64], variances: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Weights of sectors, (sectors,), from 0 of those that do not go with the others.
-
-        Notes
-        -----
-        The whole rim may be off by a level and a tilt. What is off by more than these is a stray,
-        as where a hole is at the rim. They are those of the least sum of distances over deviations,
-        which few sectors do not move.
-        """
-        n, sd = len(self.totals), np.sqrt(variances)
-        if n < _FEWEST_OF_PLANE:
-            return robust_weights(beyond, float(np.sqrt(variances.mean())))
-        weighted = self.lengths[:, None] * self.x
-        sums = np.stack([np.bincount(self.sectors, w, minlength=n) for w in weighted.T], axis=1)
-        places = sums / self.totals[:, None]
-        places = places - places.mean(axis=0)
-        plane = np.linalg.svd(places, full_matrices=False)[0][:, :2]
-        columns = np.column_stack([np.ones(n), plane]) / sd[:, None]
-        z = beyond / sd
-        left = z
-        for _ in range(_ROUNDS):
-            weights = 1.0 / np.maximum(np.abs(left), _LEAST_LEFT)
-            normal = columns.T * weights
-            left = z - columns @ np.linalg.solve(normal @ columns, normal @ z)
-        return robust_weights(left, 1.0)
 
 
 def rim_of(surface: Deformable, end: str, width: float) -> Rim | None:
@@ -246,3 +210,83 @@ def _opposite(surface: Deformable, sides: NDArray[np.int64]) -> NDArray[np.int64
         np.searchsorted(keys[order], own[:, 0] * n + own[:, 1])
     ]
     return corners
+
+
+def alike_over(
+    surface: Deformable,
+    vertices: NDArray[np.int64],
+    shares: NDArray[np.float64],
+    n_values: float,
+) -> float:
+    """Variance of a mean over places, over that of one place, of what the modes leave.
+
+    Parameters
+    ----------
+    surface : Deformable
+    vertices : (n,) int64
+    shares : (n,) float64
+        Of each in the mean; they add up to 1.
+    n_values : float
+        Independent values of it on the whole surface.
+
+    Returns
+    -------
+    float
+        1 of one place, 1 / n_values of the whole surface: the middle of a ring is known better
+        than a point, as the ring passes through several patches.
+
+    Notes
+    -----
+    A correlation exp(-pi (d / l)^2) has the integral l^2 over a surface, and l along a curve. Of
+    a mean over the whole surface, of the area A, it leaves l^2 / A, which is 1 / n_values:
+    l^2 = A / n_values, of a curve l = L / n_values. Distances are those of the reference.
+    """
+    x = surface.template.vertices[vertices]
+    squares = ((x[:, None] - x) ** 2).sum(axis=2)
+    length = (surface.area / n_values) ** (1.0 / surface.template.topology.n_axes)
+    alike = np.exp(-np.pi * squares / length**2)
+    return float((shares[:, None] * shares * alike).sum())
+
+
+def place_on(surface: Deformable, place: Place) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Vertices of a landmark's place, and their shares in it.
+
+    Raises
+    ------
+    ParameterError
+        If the surface has no such place.
+    """
+    template = surface.template
+    if isinstance(place, str):
+        vertices, shares = _named(surface, place)
+    else:
+        vertices = np.atleast_1d(np.asarray(place, dtype=np.int64))
+        shares = np.full(len(vertices), 1.0 / max(1, len(vertices)))
+    if not len(vertices) or not 0 <= vertices.min() <= vertices.max() < template.n_vertices:
+        raise ParameterError(
+            f"The landmark {place!r:.60} is no place of the surface, which is a "
+            f"{template.topology} of {template.n_vertices} vertices.",
+            remedy="Name apex or base where the surface has such an end, or vertices of the start.",
+        )
+    return vertices, shares
+
+
+def _named(surface: Deformable, name: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Mean of the vertices at an end of the axis: of a rim by length, of a pole alike."""
+    template = surface.template
+    none = np.zeros(0, dtype=np.int64)
+    if name not in ("apex", "base") or not template.coordinates.shape[1]:
+        return none, np.zeros(0)
+    s = template.coordinates[:, 0]
+    at_end = surface.rim & (np.abs(s - (0.0 if name == "apex" else 1.0)) < NEAR_END)
+    if surface.cells.shape[1] == 3 and at_end.any():
+        sides = surface.cells[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        sides = sides[at_end[sides].all(axis=1)]
+        x = template.vertices
+        length = np.linalg.norm(x[sides[:, 0]] - x[sides[:, 1]], axis=1)
+        total = np.bincount(sides.ravel(), np.repeat(length, 2), minlength=len(x))
+        vertices = np.flatnonzero(total)
+        return vertices, total[vertices] / total.sum()
+    end = s.min() if name == "apex" else s.max()
+    vertices = np.flatnonzero(np.abs(s - end) <= 1e-9)
+    return vertices, np.full(len(vertices), 1.0 / len(vertices))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.tracking.sampled_data import SampledData
+from modalmotion.tracking.result import SampledData
 from modalmotion.viewer.container import write_container
 from modalmotion.viewer.payload import single_scale
 

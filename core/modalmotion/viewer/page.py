@@ -13,7 +13,7 @@ from modalmotion.errors import LimitError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template import Template
-from modalmotion.tracking.sampled_data import SampledData
+from modalmotion.tracking.result import SampledData
 from modalmotion.viewer.bundle_files import NOTHING, licences, script, source_hash, style
 from modalmotion.viewer.data_payload import data_payload
 from modalmotion.viewer.payload import frames_payload, view_payload

@@ -276,7 +276,13 @@ def _volume(
         readouts = clinical_readouts(signature, sequence, template=template)
     except InputError as error:
         refused = {"refused": error.message}
-        return {"volume": refused, "rates": [], "strain": refused, "segments": refused}
+        return {
+            "volume": refused,
+            "rates": [],
+            "strain": refused,
+            "segments": refused,
+            "reasons": [],
+        }
     ventricle = ventricle_readouts(signature, sequence, readouts, template=template)
     refused = {"refused": " ".join(ventricle.reasons)}
     regions, strain = ventricle.regions, ventricle.strain
@@ -286,6 +292,7 @@ def _volume(
         if ventricle.rates is None
         else _rate_words(ventricle.rates, readouts, sequence),
         "strain": refused if strain is None else _strain_words(strain, sequence, arrays),
+        "reasons": list(ventricle.reasons),
         "segments": refused if regions is None else _segment_words(regions, strain, readouts),
     }
 

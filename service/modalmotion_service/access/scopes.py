@@ -41,6 +41,7 @@ SCOPE_OF: Final[dict[tuple[str, str], Scope | None]] = {
     ("GET", "/v1/limits"): Scope.READ,
     ("GET", "/v1/audit"): Scope.ADMIN,
     ("POST", "/v1/sequences"): Scope.WRITE,
+    ("POST", "/v1/sequences/sample"): Scope.WRITE,
     ("GET", "/v1/sequences"): Scope.READ,
     ("GET", "/v1/sequences/{sequence_id}"): Scope.READ,
     ("PATCH", "/v1/sequences/{sequence_id}"): Scope.WRITE,

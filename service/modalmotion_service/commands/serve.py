@@ -10,7 +10,7 @@ import click
 
 from modalmotion.cli.options import example
 from modalmotion_service.commands.options import DATA_DIR
-from modalmotion_service.work.fork_server import begin_fork_server
+from modalmotion_service.work.forks import FORKS, take_one_thread
 
 
 class _WithSettings(click.Command):
@@ -49,11 +49,12 @@ def serve(
     gc.disable()
     # What workers write is as much its users' data.
     os.umask(0o077)
-    begin_fork_server()
+    take_one_thread()
     # Here, so that the help of all commands need not import the service.
     from modalmotion_service.commands.server import run
     from modalmotion_service.environment import read_settings
 
     stated = {"data_dir": data_dir, "stateless": stateless or None, "read_only_dir": read_only_dir}
     settings = read_settings(**{name: one for name, one in stated.items() if one is not None})
+    FORKS.split_off()
     run(settings, host, port)

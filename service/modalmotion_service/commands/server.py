@@ -26,7 +26,7 @@ from modalmotion_service.log_lines import log_config
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.allocation import keep_freed_memory
 from modalmotion_service.work.engine import open_engine
-from modalmotion_service.work.temporary import claim_temporary_folder
+from modalmotion_service.work.temporary import temporary_folder
 
 KEPT_BYTES: Final = 4 << 20
 """Freed memory that the server keeps: an upload comes in pieces of 256 KiB, each copied twice."""
@@ -78,7 +78,7 @@ def without_store(settings: Settings) -> Settings:
             "is set.",
             remedy="Start more services with --stateless, or this one without.",
         )
-    folder = claim_temporary_folder() / "work"
+    folder = temporary_folder() / "work"
     return settings.model_copy(update={"data_dir": folder})
 
 

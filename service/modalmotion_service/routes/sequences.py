@@ -136,6 +136,12 @@ def list_sequences(
     )
 
 
+@router.post("/sample", response_model=SequenceSummary, include_in_schema=False)
+async def sample(state: StateDependency) -> Response:
+    """Simulate a heart and keep it, for the first page."""
+    return _answer(SequenceSummary.of(await state.analysis.sample()), 200)
+
+
 @router.get("/{sequence_id}", response_model=SequenceSummary)
 def summary(sequence_id: SequenceId, store: StoreDependency, request: Request) -> Response:
     """Give the summary of a stored sequence."""

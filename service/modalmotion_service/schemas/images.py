@@ -30,6 +30,11 @@ class ImagesSummary(BaseModel):
     created: str = Field(description="When they were first received, UTC, ISO 8601.")
     is_kept: bool = Field(description="Whether they stay after they were tracked.")
     tracks: list[str] = Field(description="Ids of the tracks that they are kept for.")
+    is_label_map: bool = Field(description="Whether they are a segmentation.")
+    apex: list[list[float] | None] = Field(
+        description="Of a segmentation: proposed in each frame, LPS mm; empty where it is not."
+    )
+    base: list[list[float] | None]
     links: dict[str, str]
 
     @staticmethod

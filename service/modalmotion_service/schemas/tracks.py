@@ -16,9 +16,9 @@ from modalmotion.store import SequenceRecord
 from modalmotion.tracking import Track
 from modalmotion.tracking.landmarks import landmarks_from_json, landmarks_of
 from modalmotion.tracking.making import MOST_MODES
-from modalmotion.tracking.papillary import Papillary
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
 from modalmotion.tracking.reading import USUAL_CONTOURS
+from modalmotion.tracking.result import Papillary
 from modalmotion_service.schemas.facts import FactsQuery
 from modalmotion_service.schemas.fields import POINT, SequenceId, parse_times
 from modalmotion_service.schemas.sequences import SequenceSummary
@@ -52,12 +52,6 @@ class TrackQuery(FactsQuery):
     modes: int = Field(
         USUAL_MODES, ge=2, le=MOST_MODES, description="Three amplitudes a frame each."
     )
-    tolerance: float | None = Field(
-        None,
-        gt=0,
-        allow_inf_nan=False,
-        description="What the modes may leave along the normal, in mm: takes as many as needed.",
-    )
     time: Literal["cycle", "open"] = Field(
         "cycle", description="Whether the frames are one period, or part of a motion."
     )
@@ -66,11 +60,6 @@ class TrackQuery(FactsQuery):
         pattern="^([0-9]{1,9}|none)$",
         description="Frame that it starts from, whose surface a start is; none where it is the "
         "surface of none.",
-    )
-    dynamics: bool = Field(
-        False,
-        description="Go to the estimate by oscillators that the data drive, in stable steps; it "
-        "ends at the same place, and the HDF5 file has the way there.",
     )
     contours: str = Field(
         ",".join(USUAL_CONTOURS),
@@ -123,6 +112,10 @@ class TrackQuery(FactsQuery):
                 "Images are to be kept, and none are named.",
                 remedy="Send them to POST /v1/images first, and name them: images=ID&keep=true.",
             )
+        if self.times is not None and self.frame_interval is not None:
+            raise ParameterError(
+                "Both times and an interval between frames are stated.", remedy="Keep one."
+            )
         landmarks: dict[str, NDArray[np.float64]] = landmarks_of(form)
         if self.landmarks is not None:
             landmarks |= landmarks_from_json(self.landmarks)
@@ -132,18 +125,15 @@ class TrackQuery(FactsQuery):
         return TrackParameters(
             topology=self.topology,
             modes=self.modes,
-            tolerance=self.tolerance,
             time=self.time,
             reference=None if self.reference == "none" else int(self.reference),
-            dynamics=self.dynamics,
             contours=tuple(part for part in self.contours.split(",") if part),
             landmarks=landmarks,
             papillary=self.papillary,
             labels=_labels("labels", self.labels),
             wall=_labels("wall", self.wall),
             unit=self.unit,
-            times=None if self.times is None else tuple(parse_times(self.times)),
-            frame_interval=self.frame_interval,
+            times=self.frame_interval if self.times is None else tuple(parse_times(self.times)),
             facts=self.facts().over(replace(form, landmarks={})),
         )
 
@@ -236,9 +226,6 @@ class TrackEstimate(BaseModel):
         description="Distance of the shapes that both ways round the cycle end at; null of an "
         "open recording."
     )
-    driven_steps: int | None = Field(
-        description="Steps in which oscillators came to rest; null without dynamics."
-    )
     volumes: list[float] | None = Field(description="Cubed unit; null of what encloses none.")
     volume_deviations: list[float] | None
     ejection_fraction: float | None = Field(
@@ -270,7 +257,6 @@ class TrackEstimate(BaseModel):
             truncations=track.truncations.tolist(),
             determined=track.determined.tolist(),
             gap=track.gap,
-            driven_steps=None if track.driven is None else track.driven.steps[-1],
             volumes=_plain(track.volumes),
             volume_deviations=_plain(track.volume_deviations),
             ejection_fraction=track.ejection_fraction,

@@ -14,7 +14,6 @@ from typing import Any, Final
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.work.answers import AnswerError, from_bytes, result_type
 from modalmotion_service.work.lanes import LANE_SECONDS, Lanes, Task
-from modalmotion_service.work.payload import payload_of
 from modalmotion_service.work.process import (
     DeadlineError,
     ProcessLostError,
@@ -39,11 +38,14 @@ class Rules:
         Says what the error of a task means to whoever sent it.
     is_batch : bool
         Whether workers leave a core to what wakes up: the lane's own process, and the service.
+    is_eager : bool
+        Whether processes are begun before there is a task.
     """
 
     memory_bytes: int
     explain: Callable[[BaseException, Task], BaseException]
     is_batch: bool = False
+    is_eager: bool = True
 
 
 class Keeper:
@@ -89,8 +91,7 @@ class Keeper:
             at_work.set_result(None)
             return at_work
         if question is None or question.future.done():
-            request = payload_of(os.getpid, (), {})
-            self._question = question = Task(Future(), os.getpid, request, 1, seconds)
+            self._question = question = Task(Future(), os.getpid, b"", 1, seconds)
         return question.future
 
     def _next_question(self) -> Task | None:
@@ -106,9 +107,10 @@ class Keeper:
 
     def _keep(self) -> None:
         try:
-            # The first process imports everything that tasks need, before there is one.
-            with contextlib.suppress(ProcessLostError):
-                self._require_process()
+            if self._rules.is_eager:
+                # The first one waits for all imports, before there is a task.
+                with contextlib.suppress(ProcessLostError):
+                    self._require_process()
             while (task := self._next_task()) is not None:
                 self._do(task)
                 self._task = None

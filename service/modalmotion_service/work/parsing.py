@@ -35,10 +35,9 @@ class _ConfinedParser:
             os._exit(_LOST)
 
 
-def begin_parsers() -> int:
-    """Begin the process that forks parsers; gives its number. For a worker that is new."""
+def begin_parsers() -> None:
+    """Begin the process that forks parsers. For a worker that is new."""
     _forks[:] = [ParserForks()]
-    return _forks[0].pid
 
 
 def parser_for(limits: ReadLimits) -> Parser:

@@ -54,6 +54,8 @@ class WorkerPool(Engine):
         What errors call the limit on time.
     has_lane : bool
         Whether there is one process more, for short work alone.
+    is_eager : bool
+        Whether processes are begun before there is a task.
     """
 
     def __init__(
@@ -65,13 +67,16 @@ class WorkerPool(Engine):
         seconds_limit: str = "task_seconds",
         *,
         has_lane: bool = False,
+        is_eager: bool = True,
     ) -> None:
         self._task_seconds = task_seconds
         self._attempts = attempts
         self._seconds_limit = seconds_limit
         self._n_workers = n_workers
         self._lanes = Lanes()
-        self._rules = rules = Rules(memory_bytes, self._explain, is_batch=has_lane)
+        self._rules = rules = Rules(
+            memory_bytes, self._explain, is_batch=has_lane, is_eager=is_eager
+        )
         self._keepers = [Keeper(self._lanes, rules) for _ in range(n_workers)]
         if has_lane:
             self._keepers.append(Keeper(self._lanes, rules, is_lane=True))

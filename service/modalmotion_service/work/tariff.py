@@ -70,8 +70,6 @@ _COMPARED: Final = 1e-2
 # and the square of that in more.
 _OF_POINTS: Final = 5e-6
 _OF_TRACKED_MODES: Final = 1e-5 / 37**2
-# Modes that a tolerance may end at.
-_MODES_OF_TOLERANCE: Final = 150
 _TRACK: Final = 1.0
 
 # s for a byte of images that are read, at most packed ones, and of small ones that are tracked.
@@ -205,7 +203,7 @@ def _recording(one: KeptRecording) -> float:
 
 def _tracking(args: Sequence[Any]) -> float:
     parameters = next(one for one in args if isinstance(one, TrackParameters))
-    modes = max(parameters.modes, 0 if parameters.tolerance is None else _MODES_OF_TOLERANCE)
+    modes = parameters.modes
     of_byte = _OF_POINTS + _OF_TRACKED_MODES * modes**2
     if isinstance(args[0], Path):
         return _TRACK + _TRACKED_IMAGES * (1.0 + (modes / USUAL_MODES) ** 2) * _bytes(args[:1])
@@ -215,6 +213,7 @@ def _tracking(args: Sequence[Any]) -> float:
 _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     sequences.ingest: _reading,
     sequences.restated: _reading,
+    sequences.sample: _reading,
     signatures.sign: _signature,
     signatures.sign_upload: _signature,
     signatures.signature_as_json: _reading,

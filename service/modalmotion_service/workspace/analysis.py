@@ -84,6 +84,7 @@ class Analysis(UploadWork, TemplateWork, SignatureWork):
                 classification,
                 record.created,
                 track,
+                record.name or record.subject or "",
             )
 
     async def dicom(
@@ -113,10 +114,13 @@ class Analysis(UploadWork, TemplateWork, SignatureWork):
         """Write what a page shows of a sequence into a file, which the caller removes."""
         sequence, signature = await self._with_sequence(sequence_id, parameters)
         template = self.template_path(parameters)
-        facts = self._store.sequence_record(sequence_id).facts
+        record = self._store.sequence_record(sequence_id)
+        title = record.name or record.subject or ""
         with self.output() as output, stage("view"):
             how = as_page, await asyncio.to_thread(self._track_path, sequence_id)
-            await self.work(views.make_view, sequence, signature, template, facts, *how, output)
+            await self.work(
+                views.make_view, sequence, signature, template, record.facts, *how, title, output
+            )
         return output
 
     async def view_frames(

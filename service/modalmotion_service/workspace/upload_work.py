@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass
+from typing import Final
 
 from modalmotion.errors import ParameterError
 from modalmotion.facts import Facts
@@ -16,6 +17,9 @@ from modalmotion_service.work.tasks import sequences
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.owner_work import OwnerWork
 from modalmotion_service.workspace.shared_work import unheard
+
+SAMPLE: Final = "Sample heart (simulated)"
+"""Name of the simulated heart."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,15 @@ class UploadWork(OwnerWork):
             return KeptUpload(record, reading, is_new, filled)
 
         return await self._shared_work.join(upload.path, make, report)
+
+    async def sample(self) -> SequenceRecord:
+        """Store a simulated heart, for who has none at hand."""
+        with self.image() as image, stage("worker"):
+            made = await self.work(sequences.sample, image)
+            record, is_new = await asyncio.to_thread(self._store.put_sequence_image, image, made)
+        if not is_new:
+            return record
+        return await asyncio.to_thread(self._store.update_sequence, record.id, name=SAMPLE)
 
     def completed(
         self,

@@ -24,7 +24,6 @@ LONG = {
     "features",
     "track",
     "segment",
-    "compile-codec",
 }
 CHEAP = {
     "audit": "verify --data-dir {store}",
@@ -35,6 +34,7 @@ CHEAP = {
     "animate": "cup --mode 1,1,cos=0.1 -o {out}.glb",
     "card": "ventricle-simulated",
     "classify": "{beat}",
+    "convert": "{beat} {out}.vtkhdf",
     "decode": "{stream} -o {out}.npz",
     "dicom": "{beat} --study {study} --coordinates LPS -o {out}",
     "encode": "{beat} -o {out}.stream --max-error 1",

@@ -13,8 +13,8 @@ from modalmotion.modes.topology import CUP, SPHERE
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation, Track, track
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.information import information
 from modalmotion.tracking.noise import Noise
+from modalmotion.tracking.normal_equations import normal_equations
 from modalmotion.tracking.rim import rim_at
 
 BASE = standard_surface(Lattice(CUP, (12, 20)))
@@ -88,7 +88,7 @@ def test_where_nothing_is_open_their_middle_is_the_end() -> None:
     for sd in (None, 2.0):
         points = Observation(ring, sd=sd, end="base")
         middle = Observation(ring.mean(axis=0)[None], sd=sd, places=("base",))
-        own, expected = (information(surface, still, (x,), noise) for x in (points, middle))
+        own, expected = (normal_equations(surface, still, (x,), noise) for x in (points, middle))
         assert own.matrix == pytest.approx(expected.matrix)
         assert own.vector == pytest.approx(expected.vector)
         assert np.abs(own.vector).max() > 0

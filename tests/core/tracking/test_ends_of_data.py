@@ -16,12 +16,10 @@ from modalmotion.modes.topology import CUP, CYLINDER, PLANE
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation, Track, of_surface, track
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.ending import Ending
-from modalmotion.tracking.ends_of_data import with_doubts, with_endings
+from modalmotion.tracking.ends_of_data import Ending, with_endings
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.observation import Frame, observed_frames
 from modalmotion.tracking.rim import rim_at
-from modalmotion.tracking.rim import rim_of as rim_in_sectors
 
 BASE = standard_surface(Lattice(CUP, (16, 28)))
 SHAPE = BASE.vertices[0] * np.array([25.0, 25.0, 40.0])
@@ -47,7 +45,6 @@ def tilting() -> Floats:
 
 TRUE = tilting()
 NOISE = Noise(0.5, 0.2, 40.0)
-STILL = np.zeros((len(TRUE), len(SURFACE), 3))
 
 
 def clouds(seed: int = 0, noise: float = 0.5, n: int = N) -> list[Floats]:
@@ -68,7 +65,6 @@ def endings(observed: Sequence[Any], pinned: int | None = 0) -> list[list[Ending
     """What is made of frames that do not move."""
     frames, _ = observed_frames(observed)
     given = with_endings(SURFACE, frames, NOISE, pinned)
-    given = with_doubts(SURFACE, given, STILL[: len(frames)], [NOISE] * len(frames), pinned)
     return [[part for part in frame if isinstance(part, Ending)] for frame in given]
 
 
@@ -102,14 +98,6 @@ def test_the_rim_is_off_by_what_is_stated() -> None:
     assert np.sqrt(np.mean(np.square(z))) < 1.6
 
 
-def test_a_patch_missing_at_the_rim_does_not_draw_it() -> None:
-    whole, full = clouds(), clouds()
-    full[2] = full[2][np.linalg.norm(full[2] - TRUE[2][RIM[0]], axis=1) > 12.0]
-    assert len(full[2]) < N - 40
-    usual, found = (follow(marked(own)) for own in (whole, full))
-    assert far_from_rim(found) < far_from_rim(usual) + 0.4
-
-
 def test_strays_do_not_draw_it() -> None:
     rng = np.random.default_rng(3)
     more = [
@@ -117,19 +105,6 @@ def test_strays_do_not_draw_it() -> None:
         for own in clouds()
     ]
     assert far_from_rim(follow(more)) < 1.5
-
-
-def test_a_sector_that_leaves_the_level_and_tilt_of_the_others_is_a_stray() -> None:
-    rim = rim_in_sectors(SURFACE, "base", 10.0)
-    assert rim is not None
-    there = rim.at(SHAPE)
-    own = there.sectors
-    tilt = np.array([SHAPE[there.vertices][own == k, 0].mean() for k in range(rim.n_sectors)])
-    beyond = 2.0 + 0.1 * tilt
-    beyond[3] += 8.0
-    weights = there.robust(beyond, np.full(rim.n_sectors, 0.5**2))
-    assert weights[3] == 0.0
-    assert (np.delete(weights, 3) > 0.8).all()
 
 
 def test_clouds_may_have_any_number_of_points() -> None:
@@ -188,10 +163,9 @@ def contour(x: Floats, step: float = 12.0) -> Floats:
     return np.concatenate(rows)
 
 
-def test_an_even_cloud_is_used_and_its_doubt_is_small() -> None:
+def test_an_even_cloud_is_used() -> None:
     for own in endings(still()):
         assert [part.end for part in own] == ["base"]
-        assert own[0].doubt < 1.5**2
 
 
 def lid() -> Floats:
@@ -228,36 +202,16 @@ def test_the_gate_is_shut(frames: Callable[[], list[Any]]) -> None:
 
 
 @pytest.mark.parametrize("step", [6.0, 9.0, 12.0, 15.0])
-def test_points_along_contours_are_told_from_a_cloud_without_anything_known(step: float) -> None:
+def test_points_along_contours_are_told_from_a_cloud(step: float) -> None:
     for points, is_used in ((contour(SHAPE, step), False), (still(1)[0], True)):
         frames, _ = observed_frames([points])
-        (given,) = with_endings(SURFACE, frames, NOISE, None)
+        (given,) = with_endings(SURFACE, frames, NOISE, 0)
         assert any(isinstance(part, Ending) for part in given) == is_used
 
 
 def test_without_anything_known_of_a_rim_the_gate_is_shut() -> None:
     assert all(endings(still(), pinned=0))
     assert not any(endings(still(), pinned=None))
-
-
-def test_landmarks_that_disagree_make_it_doubtful() -> None:
-    rng = np.random.default_rng(6)
-    base = SHAPE[RIM].mean(axis=0)
-    up = base - SHAPE[S.argmin()]
-    up /= np.linalg.norm(up)
-    agree, apart = [], []
-    for k, points in enumerate(still(6)):
-        mark = Observation(base[None], sd=0.2, places=("base",))
-        off = rng.normal(0.0, 2.0) if k else 0.0
-        other = Observation((base + off * up)[None], sd=0.2, places=("base",))
-        agree.append((Observation(points), mark))
-        apart.append((Observation(points), other))
-    frames = {}
-    for name, observed in (("agree", agree), ("apart", apart)):
-        given = with_endings(SURFACE, observed, NOISE, 0)
-        given = with_doubts(SURFACE, given, np.zeros((6, 18, 3)), [NOISE] * 6, 0)
-        frames[name] = next(part.doubt for part in given[1] if isinstance(part, Ending))
-    assert frames["apart"] > frames["agree"] + 1.0
 
 
 def test_closed_surfaces_and_sheets_have_no_such_end() -> None:

@@ -16,7 +16,7 @@ from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation, Track, track
-from modalmotion.tracking.folding import require_volume
+from modalmotion.tracking.deformable import require_volume
 from modalmotion.tracking.result import cavity_in
 
 N_FRAMES = 5

@@ -11,7 +11,7 @@ import pytest
 
 from modalmotion.errors import InputError, MalformedFileError, ParameterError, ShapeError
 from modalmotion.formats.ply.ply import write_ply
-from modalmotion.tracking.landmark_file import read_landmark_file
+from modalmotion.tracking.landmarks import read_landmark_file
 from modalmotion.tracking.parameters import TrackParameters
 from modalmotion.tracking.reading import read_observed
 

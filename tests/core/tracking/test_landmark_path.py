@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from modalmotion.tracking.landmark_path import path_between
+from modalmotion.tracking.landmarks import path_between
 
 NOWHERE = np.full(3, np.nan)
 ROWS = np.stack([np.zeros(3), NOWHERE, np.array([0.0, 0.0, 8.0]), NOWHERE, NOWHERE, NOWHERE])

@@ -14,7 +14,6 @@ from modalmotion.errors import (
     InputError,
     ParameterError,
     ShapeError,
-    ToleranceError,
     TopologyError,
 )
 from modalmotion.mesh import cavity_of
@@ -23,8 +22,7 @@ from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation, Track, of_surface, track
-from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.folding import require_unfolded
+from modalmotion.tracking.deformable import Deformable, require_unfolded
 
 BEAT = simulate_ventricle(
     VentricleParameters(shape_variation=1.0, motion_variation=0.5),
@@ -263,23 +261,6 @@ def test_a_jump_is_followed() -> None:
     assert off(track(clouds, modes=18), x) < 0.6
 
 
-@pytest.mark.thorough
-def test_a_tolerance_takes_as_many_modes_as_it_needs() -> None:
-    frames = seen(400, noise=0.0)
-    few = track(frames, start=START, unit="mm", modes=7)
-    more = track(frames, start=START, unit="mm", modes=7, tolerance=0.4 * few.noise.truncation)
-    assert len(more.modes) > 7
-    assert more.noise.truncation <= 0.4 * few.noise.truncation
-    assert off(more) < off(few)
-    with pytest.raises(ToleranceError, match="larger tolerance"):
-        track(seen(60), start=START, unit="mm", modes=7, tolerance=1e-6)
-    # Next to nothing: more modes than a number holds would be needed.
-    with pytest.raises(ToleranceError, match="larger tolerance"):
-        track(seen(60), start=START, unit="mm", modes=7, tolerance=5e-324)
-    with pytest.raises(ParameterError, match="State the unit"):
-        track(frames, start=START, tolerance=0.1)
-
-
 def test_curves_are_tracked_too() -> None:
     rng = np.random.default_rng(0)
     t = 2 * np.pi * rng.random((5, 120))
@@ -313,7 +294,6 @@ def test_curves_are_tracked_too() -> None:
         ({"topology": "cup"}, "apex=x,y,z"),
         ({"topology": "torus"}, "surface as start"),
         ({"topology": "nothing"}, "names no topology"),
-        ({"tolerance": -1.0, "unit": "mm"}, "above zero"),
     ],
 )
 def test_what_cannot_be_asked_is_refused_with_a_remedy(

@@ -9,8 +9,8 @@ from ellipsoid_images import AXES, BASE, CUT, LANDMARKS, LENGTH, MIDDLE, enclose
 from modalmotion.images import ImageSequence
 from modalmotion.images.edges import Levels
 from modalmotion.tracking import Observation, track
+from modalmotion.tracking.image_frames import below_base, with_base
 from modalmotion.tracking.image_view import Sight
-from modalmotion.tracking.moving_base import below_base, with_base
 
 TEMPLATE = spheroid()
 HEIGHT = CUT + LENGTH

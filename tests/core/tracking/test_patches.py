@@ -11,7 +11,7 @@ from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CLOSED_CURVE, SPHERE
 from modalmotion.template import make_template
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.patches import alike_over
+from modalmotion.tracking.rim import alike_over
 
 
 def ball() -> Deformable:

@@ -11,12 +11,12 @@ from ellipsoid_images import AXES, BASE, LANDMARKS, MIDDLE, Look, off_surface, p
 from modalmotion.images.edges import Levels
 from modalmotion.tracking import track
 from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.image_search import left_by_shifts
 from modalmotion.tracking.image_view import Facets, Floats, Sight, view_of
-from modalmotion.tracking.information import information
+from modalmotion.tracking.iterations import first_guess
 from modalmotion.tracking.noise import Noise
+from modalmotion.tracking.normal_equations import normal_equations
 from modalmotion.tracking.observation import Frame, Observation
-from modalmotion.tracking.passes import first_guess
-from modalmotion.tracking.plane_shifts import left_by_shifts
 
 TEMPLATE = spheroid()
 FACETS = Facets.of(TEMPLATE.faces, TEMPLATE.vertices, TEMPLATE.weights)
@@ -37,7 +37,7 @@ def left(sd: float, frame: Frame = SEEN) -> Floats:
 
 
 def test_shifts_leave_what_the_whole_covariance_has_beyond_that_of_known_shifts() -> None:
-    info = information(SURFACE, START, SEEN, NOISE)
+    info = normal_equations(SURFACE, START, SEEN, NOISE)
     weights = info.weights * np.asarray(SEEN[0].weights)
     strength = weights / NOISE.variances(None, float(weights.sum()))
     k = VIEW.edges.is_found

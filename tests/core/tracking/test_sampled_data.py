@@ -7,14 +7,14 @@ from clouds import breathing_spheroid, sampled
 from numpy.typing import NDArray
 
 from modalmotion.tracking import Observation, track
-from modalmotion.tracking.information import Information
-from modalmotion.tracking.sampled_data import STRAY, sample_of
+from modalmotion.tracking.normal_equations import NormalEquations
+from modalmotion.tracking.result import STRAY, sample_of
 
 
-def informed(n: int) -> Information:
+def informed(n: int) -> NormalEquations:
     points: NDArray[np.float64] = np.arange(3 * n, dtype=np.float64).reshape(n, 3)
     none = np.zeros((n, 3), dtype=np.int64)
-    return Information(
+    return NormalEquations(
         np.eye(3), np.zeros(3), points, points, np.linspace(0, 1, n), none, np.eye(3)
     )
 

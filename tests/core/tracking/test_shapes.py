@@ -1,8 +1,6 @@
-"""Shapes of a track: exact for affine motions, and of tracks of before those of the modes."""
+"""Shapes of a track: exact for affine motions."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,10 +12,8 @@ from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP
 from modalmotion.template import make_template
-from modalmotion.template.loose_vertices import shapes_of
 from modalmotion.tracking import Observation, Track, track
 from modalmotion.tracking.hdf5 import track_from_hdf5, track_to_hdf5
-from modalmotion.tracking.shapes import SHAPES
 
 BASE = standard_surface(Lattice(CUP, (12, 20)))
 X = BASE.vertices[0] * np.array([25.0, 25.0, 40.0])
@@ -52,12 +48,3 @@ def test_positions_are_the_shapes_times_the_amplitudes(even: tuple[float, Track]
     assert found == pytest.approx(result.sequence.vertices[2], abs=1e-4)
     again = track_from_hdf5(track_to_hdf5(result))
     assert np.array_equal(again.shapes, result.shapes)
-
-
-def test_tracks_of_before_have_the_shapes_of_the_modes(even: tuple[float, Track]) -> None:
-    _, result = even
-    facts = {name: value for name, value in result.provenance.items() if name != SHAPES}
-    before = track_from_hdf5(track_to_hdf5(replace(result, provenance=facts)))
-    assert np.array_equal(before.shapes, shapes_of(result.modes, result.template))
-    assert before.sequence.uncertainty is not None
-    assert np.array_equal(before.sequence.uncertainty.shapes, before.shapes)

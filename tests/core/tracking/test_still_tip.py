@@ -22,7 +22,7 @@ from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation, image_frames, track
-from modalmotion.tracking.still_tip import held, tip_of
+from modalmotion.tracking.image_frames import held, tip_of
 
 SHAPE = (27, 27, 35)
 AFFINE = np.column_stack([3.0 * np.eye(3), MIDDLE - 1.5 * (np.array(SHAPE) - 1)])

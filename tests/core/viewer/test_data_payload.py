@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from modalmotion.tracking.sampled_data import SampledData
+from modalmotion.tracking.result import SampledData
 from modalmotion.viewer.container import read_container
 from modalmotion.viewer.data_payload import data_payload
 

@@ -95,7 +95,7 @@ def test_the_first_payload_of_a_real_ventricle_is_light(
     real_sequence: Callable[[str], MeshSequence],
 ) -> None:
     sequence = real_sequence("heart/lv_endocardium")
-    for modes, most in ((7, 60_000), (54, 80_000)):
+    for modes, most in ((7, 65_000), (54, 80_000)):
         signature = modal_signature(sequence, SignatureParameters(modes=modes))
         assert len(view_payload(signature, sequence)) <= most
 

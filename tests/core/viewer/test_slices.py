@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.tracking import track
-from modalmotion.tracking.image_answer import ImageAnswer
+from modalmotion.tracking.result import ImageAnswer
 from modalmotion.viewer.container import read_container
 from modalmotion.viewer.slices import slices_payload
 

@@ -13,7 +13,7 @@ from browser import Browser, Opened, browser
 from ellipsoid_images import LANDMARKS, MIDDLE, volume
 from running import RunningService
 
-from modalmotion.formats.volumes.writing import write_nifti
+from modalmotion.formats.volumes.nifti import write_nifti
 from modalmotion.images import ImageSequence
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import Scope
@@ -47,13 +47,15 @@ def test_from_a_dropped_file_to_a_page_of_one_file(
             assert token not in page.url
             kept = "JSON.stringify([localStorage, sessionStorage, document.cookie])"
             assert page.evaluate(kept) == '[{},{},""]'
+            # The file's name is kept, in a change and in no address.
+            assert page.locator("h1").text_content() == "beat.npz"
             page.focus(".modes input")
             page.keyboard.press("Home")
             opened.wait("location.search.includes('gains=0')")
             assert "%" in page.locator(".readouts .big").text_content()
             page.get_by_role("button", name="Classify").click()
-            opened.wait("document.querySelector('.class .big') !== null")
-            for button, name in (("Table (CSV)", "table.csv"), ("Save as one file", "beat.html")):
+            opened.wait("document.querySelector('.class .sentence') !== null")
+            for button, name in (("Table (CSV)", "table.csv"), ("One-file page", "beat.html")):
                 with page.expect_download() as started:
                     page.get_by_role("button", name=button).click()
                 started.value.save_as(tmp_path / name)
@@ -65,6 +67,9 @@ def test_from_a_dropped_file_to_a_page_of_one_file(
             assert refused == []
             # The list on the first page leads here too.
             page.go_back()
+            opened.wait("document.querySelector('.model-class')?.title.length > 3")
+            heads = page.locator("thead th").all_text_contents()
+            assert heads[2:4] == ["Class (model)", "Stated label"]
             page.locator("table a").click()
             opened.wait("location.pathname.startsWith('/view/')")
             address = page.url
@@ -78,12 +83,13 @@ def test_from_a_dropped_file_to_a_page_of_one_file(
             from_images(opened, tmp_path)
     finally:
         service.stop()
-    assert (tmp_path / "table.csv").read_text().startswith("frame,time_s,mode,label")
+    assert (tmp_path / "table.csv").read_text().startswith("frame,time_s,volume_ml")
     # The service is gone, and so is the network.
     with chromium.open((tmp_path / "beat.html").as_uri(), offline=True) as opened:
         opened.shown()
         assert opened.said == []
         assert opened.page.locator(".window").count() == 2
+        assert opened.page.locator("h1").text_content() == "beat.npz"
 
 
 def from_images(opened: Opened, folder: Path) -> None:
@@ -136,7 +142,7 @@ def from_images(opened: Opened, folder: Path) -> None:
     assert "/view/" in page.url
     opened.wait("document.querySelector('.track .figures') !== null")
     assert "mm" in page.locator(".track .figures td").first.text_content()
-    page.get_by_role("button", name="Stated error").click()
+    page.get_by_role("button", name="Estimated error").click()
     opened.wait("document.querySelector('dialog.picture[open] canvas')?.width > 200")
     page.keyboard.press("Escape")
     # Edges lie over the surface, and the surface crosses every slice of the kept images.

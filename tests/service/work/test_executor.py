@@ -9,7 +9,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, wait
-from multiprocessing import popen_forkserver
 from pathlib import Path
 
 import pytest
@@ -30,6 +29,7 @@ from modalmotion.errors import LimitError, NonFiniteError
 from modalmotion_service.errors import ClusterError, CostError, WorkerDiedError
 from modalmotion_service.http.problems import problem_body
 from modalmotion_service.work.engine import Engine, Terms
+from modalmotion_service.work.forks import FORKS
 from modalmotion_service.work.keeper import MOST_STARTS
 from modalmotion_service.work.pool import WorkerPool
 
@@ -139,7 +139,7 @@ def test_a_machine_that_starts_no_process_is_told_and_may_recover(
         raise OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
 
     with monkeypatch.context() as broken:
-        broken.setattr(popen_forkserver.Popen, "_launch", refuse_to_start)
+        broken.setattr(FORKS, "fork", refuse_to_start)
         pool = WorkerPool(1, 20.0, MEMORY)
         waiting = [pool.submit(abs, -n) for n in range(3)]
         for future in waiting:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import multiprocessing
 import os
 import random
 import signal
@@ -13,7 +12,6 @@ import threading
 import time
 from collections import Counter
 from concurrent.futures import Future, wait
-from multiprocessing import forkserver, resource_tracker
 from pathlib import Path
 from typing import Any
 
@@ -23,22 +21,21 @@ from worker_tasks import hang, short, slow_mark
 
 from modalmotion.errors import LimitError
 from modalmotion_service.errors import ClusterError, NoWorkerError, WorkerDiedError
+from modalmotion_service.work.forks import FORKS
 from modalmotion_service.work.pool import WorkerPool
-from modalmotion_service.work.process import ProcessLostError, WorkerProcess, _answer
+from modalmotion_service.work.process import ProcessLostError, WorkerProcess
+from modalmotion_service.work.worker import answer as send_answer
 
 MEMORY = 3_000_000_000
 N_WORKERS = 3
 # Of one task; a future that has not settled in a few times of it never will.
 TASK_SECONDS = 5.0
-WHAT = ("all workers", "a worker", "fork server", "resource tracker")
 
 
 def victims(pool: WorkerPool, what: str) -> list[int]:
     """Give the numbers of the processes that may be killed."""
     if what == "fork server":
-        return [forkserver._forkserver._forkserver_pid or 0]  # type: ignore[attr-defined]
-    if what == "resource tracker":
-        return [resource_tracker._resource_tracker._pid or 0]  # type: ignore[attr-defined]
+        return [FORKS.pid]
     processes = [keeper._process for keeper in pool._keepers]
     return [process.pid for process in processes if process is not None]
 
@@ -60,9 +57,7 @@ def kill_and_count(n_kills: int, seed: int) -> Counter[str]:
         if rng.random() < 0.5:
             # All at rest: what is killed now is idle.
             wait(futures, timeout=20 * TASK_SECONDS)
-        what = rng.choices(
-            ["all workers", "a worker", "fork server", "resource tracker"], [4, 4, 1, 1]
-        )[0]
+        what = rng.choices(["all workers", "a worker", "fork server"], [4, 4, 2])[0]
         pids = victims(pool, what)
         if what == "a worker":
             pids = [rng.choice(pids)] if pids else []
@@ -90,7 +85,6 @@ def count(futures: list[Future[Any]], ends: Counter[str]) -> None:
             ends["done"] += 1
 
 
-@pytest.mark.filterwarnings("ignore:resource_tracker")
 def test_a_few_dozen_kills_leave_no_future_unsettled() -> None:
     ends = kill_and_count(10, seed=1)
     assert ends.keys() <= {"done", "failed by name"}, ends
@@ -99,7 +93,6 @@ def test_a_few_dozen_kills_leave_no_future_unsettled() -> None:
 
 @pytest.mark.soak
 @pytest.mark.alone
-@pytest.mark.filterwarnings("ignore:resource_tracker")
 def test_three_thousand_kills_on_a_busy_machine_leave_no_future_unsettled(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -125,14 +118,6 @@ def test_workers_live_on_without_their_fork_server() -> None:
         pid = pool.submit(os.getpid).result(timeout=60)
         kill(victims(pool, "fork server"), signal.SIGKILL)
         assert pool.submit(os.getpid).result(timeout=60) == pid
-
-
-def test_the_end_of_the_interpreter_waits_for_no_worker() -> None:
-    with WorkerPool(1, 20.0, MEMORY) as pool:
-        assert pool.submit(abs, -1).result(timeout=60) == 1
-        # Other tests of this process may have begun some of other libraries.
-        ours = {process.pid for process in multiprocessing.active_children()}
-        assert not ours & set(victims(pool, "all workers"))
 
 
 def is_ready(pool: WorkerPool) -> bool:
@@ -190,12 +175,12 @@ def test_a_process_that_says_more_than_it_is_asked_is_not_believed() -> None:
     waker, wake = os.pipe()
     process = WorkerProcess.__new__(WorkerProcess)
     process._socket, process._waker, process._polls = ours, waker, {}
-    process._process, process._forks, process._most_clock = None, 0, math.inf
+    process.pid, process._most_clock = 0, math.inf
     ours.setblocking(False)
     long = bytes(300_000)
     answers = [b"", b"one", long]
     for answer in answers:
-        sender = threading.Thread(target=_answer, args=(theirs, answer))
+        sender = threading.Thread(target=send_answer, args=(theirs, answer))
         sender.start()
         assert process._receive(time.monotonic() + 5.0) == answer
         sender.join()

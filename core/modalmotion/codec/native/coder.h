@@ -226,18 +226,22 @@ static void code_list(Coder *c, int64_t n, int64_t *values) {
     }
 }
 
-/* Room that a caller gave, all zeros: pages that nothing touches cost nothing. What has no place in
- * it is counted, so that the caller knows. */
+/* Room that a caller gave: zeros beyond what is `touched`, where pages that nothing touches cost
+ * nothing. What has no place in it is counted, so that the caller knows. */
 typedef struct {
     uint8_t *start;
-    int64_t size, used;
+    int64_t size, used, touched;
 } Room;
 
 /* Take n zeros of so many bytes; null if there is no place for them. */
 static void *take(Room *room, int64_t n, int64_t width) {
-    const int64_t from = room->used, n_bytes = n * width;
-    room->used += (n_bytes + 15) & ~INT64_C(15);
-    return room->used > room->size ? 0 : room->start + from;
+    const int64_t from = room->used;
+    room->used += (n * width + 15) & ~INT64_C(15);
+    if (room->used > room->size) return 0;
+    const int64_t stale = least(room->used, room->touched) - from;
+    if (stale > 0) memset(room->start + from, 0, (size_t)stale);
+    room->touched = most(room->touched, room->used);
+    return room->start + from;
 }
 
 #define TAKE(room, type, n) ((type *)take(room, n, (int64_t)sizeof(type)))

@@ -1,8 +1,8 @@
 """Files of images: NIfTI, NRRD, MetaImage, DICOM."""
 
 from modalmotion.arguments.checking import check_arguments
+from modalmotion.formats.volumes.nifti import write_nifti_zip
 from modalmotion.formats.volumes.reading import read_images
-from modalmotion.formats.volumes.writing import write_nifti_zip
 
 __all__ = ["read_images", "write_nifti_zip"]
 

@@ -20,7 +20,7 @@ from modalmotion.formats.volumes.stack import (
     unheard,
 )
 from modalmotion.limits import ReadLimits
-from modalmotion.numeric.unpacking import PIECE, Packing, unpacked
+from modalmotion.numeric.unpacking import unpacked
 
 # Signs that turn a space's coordinates to LPS.
 _SPACES: Final = {
@@ -52,11 +52,10 @@ _MM: Final = {
 # Names of the field of samples that lie elsewhere.
 _DETACHED: Final = ("data file", "datafile")
 
-_PACKINGS: Final[dict[str, Packing]] = {
-    **dict.fromkeys(("gzip", "gz"), "gzip"),
-    **dict.fromkeys(("bzip2", "bz2"), "bzip2"),
-}
-_TEXTS: Final = ("ascii", "text", "txt")
+_GZIP: Final = ("gzip", "gz")
+
+# Lines or bytes to be left out before the samples.
+_SKIPS: Final = ("line skip", "lineskip", "byte skip", "byteskip")
 
 _TYPES: Final = {
     **dict.fromkeys(("signed char", "int8", "int8_t"), "i1"),
@@ -117,75 +116,24 @@ def _samples(header: Any, data: bytes, start: int, limits: ReadLimits) -> NDArra
     if any(name in header for name in _DETACHED):
         raise MalformedFileError("The samples lie in another file.", remedy=_REMEDY)
     encoding, name = (str(header[key]).lower() for key in ("encoding", "type"))
-    if encoding not in ("raw", *_PACKINGS, *_TEXTS):
+    if encoding not in ("raw", *_GZIP) or any(int(header.get(skip, 0)) for skip in _SKIPS):
         raise MalformedFileError(
-            "The samples of the NRRD file are encoded in a way that is not read.",
-            remedy="Write it with encoding: raw, or gzip.",
+            "The samples of the NRRD file are encoded, or begin, in a way that is not read.",
+            remedy="Write it with encoding: raw or gzip, and skip nothing before them.",
         )
     kind = np.dtype(_TYPES[name])
-    if encoding not in _TEXTS and kind.itemsize > 1:
+    if kind.itemsize > 1:
         kind = np.dtype(_ORDERS[str(header["endian"]).lower()] + _TYPES[name])
     sizes = [int(n) for n in header["sizes"]]
     if len(sizes) != int(header["dimension"]):
         raise MalformedFileError("The NRRD file has other 'sizes' than axes.", remedy=_REMEDY)
     n_bytes = declared_bytes(sizes, kind.itemsize, limits)
-    n, before = n_bytes // kind.itemsize, _skipped(header, "byte")
-    start = _behind_lines(data, start, _skipped(header, "line"))
-    if before < (-1 if encoding == "raw" else 0):
-        raise _skips_too_much("byte", before)
-    if encoding in _TEXTS:
-        values = _numbers_in(data, start + before, n, kind)
-    elif encoding == "raw":
-        start = len(data) - n_bytes if before < 0 else start + before
-        if start < 0 or len(data) - start < n_bytes:
-            raise _other_count(n, "fewer")
-        values = np.frombuffer(data, kind, n, start)
-    else:
-        limits.require("decompressed_bytes", before + n_bytes)
-        plain = unpacked(data, _PACKINGS[encoding], before + n_bytes, start)
-        values = np.frombuffer(plain, kind, n, before)
+    if encoding in _GZIP:
+        data, start = unpacked(data, "gzip", n_bytes, start).tobytes(), 0
+    if len(data) - start < n_bytes:
+        raise MalformedFileError("The NRRD file ends before its samples do.", remedy=_REMEDY)
+    values = np.frombuffer(data, kind, n_bytes // kind.itemsize, start)
     return values.reshape(sizes, order="F")
-
-
-def _numbers_in(data: bytes, start: int, n: int, kind: np.dtype[Any]) -> NDArray[Any]:
-    """Read so many numbers from text, a piece at a time."""
-    values, n_read, stream = np.empty(n, kind), 0, io.BytesIO(data)
-    stream.seek(start)
-    while piece := stream.read(PIECE):
-        while not piece[-1:].isspace() and (letter := stream.read(1)):
-            piece += letter
-        numbers = np.fromstring(piece, kind, sep=" ") if piece.strip() else values[:0]
-        if n_read + len(numbers) > n:
-            raise _other_count(n, "more")
-        values[n_read : n_read + len(numbers)] = numbers
-        n_read += len(numbers)
-    if n_read < n:
-        raise _other_count(n, f"{n_read}")
-    return values
-
-
-def _skipped(header: Any, what: str) -> int:
-    return int(header.get(f"{what} skip", header.get(f"{what}skip", 0)))
-
-
-def _behind_lines(data: bytes, start: int, n: int) -> int:
-    if not 0 <= n <= data.count(b"\n", start):
-        raise _skips_too_much("line", n)
-    for _ in range(n):
-        start = data.index(b"\n", start) + 1
-    return start
-
-
-def _skips_too_much(what: str, n: int) -> MalformedFileError:
-    return MalformedFileError(
-        f"The NRRD file's '{what} skip' is {n}, which is not there to be skipped.", remedy=_REMEDY
-    )
-
-
-def _other_count(n: int, held: str) -> MalformedFileError:
-    return MalformedFileError(
-        f"The NRRD file declares {n} samples and holds {held}.", remedy=_REMEDY
-    )
 
 
 def _of(header: Any, values: NDArray[Any], limits: ReadLimits) -> Parsed:

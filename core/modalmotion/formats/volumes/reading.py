@@ -21,7 +21,7 @@ from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.formats.volumes.grouping import Slice, grouped
 from modalmotion.formats.zip_member import UNREADABLE
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
-from modalmotion.images.plane_set import slices_of
+from modalmotion.images.volume import slices_of
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.numerals import counted
 from modalmotion.progress import Progress

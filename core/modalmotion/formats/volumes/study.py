@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from modalmotion.errors import InputError, MalformedFileError, needs_extra
 from modalmotion.formats.parser.answer import Parsed
-from modalmotion.formats.volumes.dicom_stream import read_dicom
+from modalmotion.formats.volumes.dicom import read_dicom
 from modalmotion.formats.volumes.stack import BROKEN, unheard
 from modalmotion.limits import ReadLimits
 
@@ -25,7 +25,7 @@ _MOMENTS: Final = ("PatientBirthDate", "StudyDate", "StudyTime")
 _SEXES: Final = ("", "F", "M", "O")
 
 
-def parse_study(data: bytes, limits: ReadLimits) -> Parsed:
+def parse_study(data: bytes, _: ReadLimits) -> Parsed:
     """Read whose an instance is, and of which study: text by DICOM's keywords.
 
     Raises
@@ -38,7 +38,7 @@ def parse_study(data: bytes, limits: ReadLimits) -> Parsed:
     names = (*_NEEDED, *_KEPT, *_MOMENTS, "SpecificCharacterSet")
     try:
         with unheard("pydicom"):
-            dataset = read_dicom(data, names, limits, has_pixels=False)
+            dataset = read_dicom(data, names, has_pixels=False)
             return {"header": _header(dataset)}, {}
     except InputError:
         raise

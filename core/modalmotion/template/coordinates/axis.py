@@ -231,10 +231,6 @@ def degree(surface: Surface, coordinates: NDArray[np.float64], topology: Topolog
     faces = surface.wound_faces
     if faces is None:
         return 0.0
-    if surface.sides is not None and faces is surface.faces:
-        s, t = coordinates.T
-        first, second = (ends == CLOSED for ends in topology.ends)
-        return abs(surface.sides.covered(s, t, closed=(first, second)))
     x, y = (
         corner_steps(column, faces) if ends == CLOSED else column[faces] - column[faces][:, :1]
         for column, ends in zip(coordinates.T, topology.ends, strict=True)

@@ -7,7 +7,6 @@ import scipy
 from numpy.typing import NDArray
 
 from modalmotion.mesh import cotangent_laplacian, graph_laplacian, solve_positive_definite
-from modalmotion.mesh.half_matrix import HalfMatrix, solve_half
 from modalmotion.progress import ShareReport, silent
 from modalmotion.template.surface import Surface
 
@@ -54,9 +53,7 @@ def potential(
         # taken off afterwards.
         free = free[1:]
     if len(free):
-        found = _solved_at_once(surface, sources, u, free, report)
-        if found is None:
-            found = _solved(surface, sources, u, free, report)
+        found = _solved(surface, sources, u, free, report)
         if found is None:
             return None
         u[free] = found
@@ -65,25 +62,6 @@ def potential(
     if not len(held):
         u -= (surface.areas * u).sum() / surface.area
     return u
-
-
-def _solved_at_once(
-    surface: Surface,
-    sources: NDArray[np.float64],
-    u: NDArray[np.float64],
-    free: NDArray[np.int64],
-    report: ShareReport,
-) -> NDArray[np.float64] | None:
-    """Solve on a large mesh by compiled kernels, if these are there and it converges."""
-    if surface.sides is None or surface.weights is None or not _has_area_everywhere(surface):
-        return None
-    stiffness = HalfMatrix.of(surface.sides, surface.weights)
-    right = sources[free]
-    if u.any():
-        right -= stiffness.times(u)[free]
-    number = np.full(len(u), len(free), dtype=np.uint32)
-    number[free] = np.arange(len(free))
-    return solve_half(stiffness.free(number, len(free)), right, report)
 
 
 def _solved(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -26,11 +27,12 @@ def make_report(
     classification: Path | None,
     issued: str,
     track: Path | None,
+    name: str,
 ) -> bytes:
     """Report on a kept signature, as FHIR, PDF or a table; the same bytes every time."""
     report = _report(sequence, signature, template, facts, classification, issued, track)
     if media_type == PDF:
-        return report_pdf(report)
+        return report_pdf(replace(report, name=name))
     if media_type == CSV:
         table = frame_table(report.signature, report.readouts, report.ventricle)
         return table.to_csv().encode()

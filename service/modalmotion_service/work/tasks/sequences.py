@@ -7,7 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from modalmotion.facts import Facts
+from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import (
     SequenceRecord,
@@ -49,6 +52,15 @@ def ingest(
         record = record_of(reading.sequence, created="", has_upload=True)
         write_whole(image, upload_image(reading.sequence))
     return record, ReadingAnswer.of(reading), watch.milliseconds
+
+
+def sample(image: Path) -> SequenceRecord:
+    """Simulate a healthy left ventricle and write it as a sequence's HDF5 image."""
+    beat = simulate_ventricle(
+        grid=(24, 48), acquisition=Acquisition(noise=0.3), rng=np.random.default_rng(1994)
+    )
+    write_whole(image, upload_image(beat))
+    return record_of(beat, created="", has_upload=True)
 
 
 def restated(

@@ -30,13 +30,14 @@ def make_view(
     facts: Facts,
     as_page: bool,
     track: Path | None,
+    title: str,
     output: Path,
 ) -> None:
     """Write what a page needs first of a kept signature; or the whole page, as one file.
 
     A page of one file is shown without a service: it holds the data of a track itself.
     """
-    view = _view(sequence, signature, template, facts, track)
+    view = replace(_view(sequence, signature, template, facts, track), title=title)
     if not as_page:
         write_whole(output, replace(view, is_tracked=track is not None).payload())
         return

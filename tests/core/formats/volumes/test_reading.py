@@ -17,8 +17,8 @@ from image_files import metaimage
 from modalmotion.errors import LimitError, MalformedFileError, ShapeError
 from modalmotion.formats import ParserHere
 from modalmotion.formats.volumes import read_images, write_nifti_zip
+from modalmotion.formats.volumes.nifti import write_nifti
 from modalmotion.formats.volumes.stack import scaled
-from modalmotion.formats.volumes.writing import write_nifti
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.limits import DEFAULT_LIMITS
 

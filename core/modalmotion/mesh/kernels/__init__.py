@@ -1,1 +1,0 @@
-"""Sources of the kernels of large meshes, which numba compiles: see `numeric.machine`."""

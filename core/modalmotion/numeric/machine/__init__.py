@@ -1,1 +1,0 @@
-"""Machine code of kernels: compiled once, kept in files, mapped and called."""

@@ -1,0 +1,253 @@
+"""Iterations: each frame at rest by itself, and what the frames say of prior and noise.
+
+a = argmin sum w (n . (y - x(a)))^2 / s^2 + a' K a: the place where the oscillators of (3), driven
+by the force that the data exert, come to rest. Gauss-Newton goes there in a few steps, each of
+which matches points and surface anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.numeric.cholesky import gram, inverse_of_cholesky
+from modalmotion.numeric.products import product
+from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.noise import Noise, Residuals, noise_of
+from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
+from modalmotion.tracking.observation import Frame
+from modalmotion.tracking.prior import Prior, most_likely_prior
+
+_MOST_STEPS: Final = 12
+
+# A step of a tenth of the standard deviation in each amplitude, squared.
+_SMALL: Final = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class FrameEstimate:
+    """A frame at rest.
+
+    Parameters
+    ----------
+    amplitudes : (modes, 3) float64, length unit
+    information : NormalEquations
+        About the shape before the last step.
+    covariance : (3 modes, 3 modes) float64, length unit squared
+        (A + K)^-1.
+    """
+
+    amplitudes: NDArray[np.float64]
+    information: NormalEquations
+    covariance: NDArray[np.float64]
+
+
+def map_frame(
+    surface: Deformable,
+    frame: Frame,
+    start: NDArray[np.float64],
+    variances: NDArray[np.float64],
+    noise: Noise,
+    most_steps: int = _MOST_STEPS,
+) -> FrameEstimate:
+    """Find the equilibrium of one frame by Gauss-Newton.
+
+    Parameters
+    ----------
+    surface : Deformable
+    frame : Frame
+    start : (modes, 3) float64, length unit
+    variances : (modes,) float64, length unit squared
+        K^-1.
+    noise : Noise
+    most_steps : int
+    """
+    stiffness = np.repeat(1.0 / variances, 3)
+    a = start
+    for _ in range(most_steps):
+        found = normal_equations(surface, a, frame, noise)
+        H = found.matrix + np.diag(stiffness)
+        inverse = inverse_of_cholesky(H)
+        new = product(
+            np.ascontiguousarray(inverse.T), product(inverse, found.vector[:, None])
+        ).reshape(-1, 3)
+        change = (new - a).ravel()
+        a = new
+        if float(change @ product(H, change[:, None])[:, 0]) <= _SMALL * len(change):
+            break
+    return FrameEstimate(a, found, gram(inverse))
+
+
+# Of the size: no prior is narrower. No noise is either: one point that fits exactly would weigh as
+# many digits more than the prior as there are.
+LEAST: Final = 1e-9
+_LEAST_NOISE: Final = 1e-6
+
+# Of the size: what points may be off the start by at first.
+_FIRST_NOISE: Final = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Iteration:
+    """All frames at rest, each by itself.
+
+    Parameters
+    ----------
+    frames : list of FrameEstimate or None
+        None where nothing was observed.
+    gap : float or None, length unit
+        RMS distance between the two shapes of the frame at which both ways round meet.
+    """
+
+    frames: list[FrameEstimate | None]
+    gap: float | None
+
+    def amplitudes(self, n_modes: int) -> NDArray[np.float64]:
+        """Amplitudes, (frames, n_modes, 3); those of a missing frame are its neighbour's."""
+        full = np.zeros((len(self.frames), n_modes, 3))
+        for k, settled in enumerate(self.frames):
+            if settled is not None:
+                full[k, : len(settled.amplitudes)] = settled.amplitudes
+            elif k:
+                full[k] = full[k - 1]
+        return full
+
+
+def both_ways(
+    surface: Deformable,
+    frames: Sequence[Frame],
+    reference: int,
+    prior: Prior,
+    noise: Noise,
+    *,
+    is_closed: bool,
+    done: Callable[[], None],
+) -> Iteration:
+    """Settle frame after frame from the reference on, round a cycle in both ways until they meet.
+
+    Parameters
+    ----------
+    surface : Deformable
+    frames : sequence of Frame
+    reference : int
+    prior : Prior
+    noise : Noise
+    is_closed : bool
+    done : callable
+        Called after each frame.
+    """
+    n = len(frames)
+    variances = prior.variances(surface.wavenumbers)
+    settled: list[FrameEstimate | None] = [None] * n
+
+    def walk(path: Sequence[int], a: NDArray[np.float64]) -> NDArray[np.float64]:
+        for k in path:
+            if any(len(part) for part in frames[k]):
+                settled[k] = own = map_frame(surface, frames[k], a, variances, noise)
+                a = own.amplitudes
+            done()
+        return a
+
+    first = walk([reference], np.zeros((len(surface), 3)))
+    if not is_closed:
+        walk(range(reference + 1, n), first)
+        walk(range(reference - 1, -1, -1), first)
+        return Iteration(settled, None)
+    half = n // 2
+    there = walk([(reference + i) % n for i in range(1, half + 1)], first)
+    back = walk([(reference - i) % n for i in range(1, n - half)], first)
+    meeting = frames[(reference + half) % n]
+    gap = None
+    if n > 2 and any(len(part) for part in meeting):
+        other = map_frame(surface, meeting, back, variances, noise).amplitudes
+        # The shapes have mean square 1.
+        gap = float(np.linalg.norm(other - there))
+    return Iteration(settled, gap)
+
+
+def again(
+    surface: Deformable,
+    frames: Sequence[Frame],
+    before: NDArray[np.float64],
+    prior: Prior,
+    noise: Noise,
+    done: Callable[[], None],
+) -> Iteration:
+    """Settle all frames from where they are, amplitudes (frames, modes, 3)."""
+    variances = prior.variances(surface.wavenumbers)
+    settled: list[FrameEstimate | None] = []
+    for frame, a in zip(frames, before, strict=True):
+        seen = any(len(part) for part in frame)
+        settled.append(map_frame(surface, frame, a, variances, noise) if seen else None)
+        done()
+    return Iteration(settled, None)
+
+
+def evidence(
+    surface: Deformable,
+    settled: Sequence[FrameEstimate | None],
+    prior: Prior,
+    *,
+    is_exact: bool = True,
+) -> tuple[Prior, Noise]:
+    """Find the prior and the noise under which frames at rest are the most likely.
+
+    Where the start is exact, as that of a single frame, nothing is left where nothing moves.
+    """
+    n = len(surface)
+    energies, determined = np.zeros(n), np.zeros(n)
+    v = prior.variances(surface.wavenumbers)
+    kept = [own for own in settled if own is not None]
+    for own in kept:
+        energies += (own.amplitudes**2).sum(axis=1)
+        share = 1.0 - np.diag(own.covariance).reshape(-1, 3) / v[:, None]
+        determined += np.maximum(share, 0.0).sum(axis=1)
+    least = LEAST * surface.size
+    found = most_likely_prior(surface.wavenumbers, energies, determined, least)
+    _, n_values = found.beyond(surface.wavenumbers, surface.template.topology.n_axes)
+    left = [
+        Residuals(
+            own.information.points,
+            own.information.residuals,
+            own.information.weights,
+            # tr (A C): the amplitudes that the data have set.
+            float((own.information.matrix * own.covariance).sum()),
+            energy(surface, own.amplitudes, found),
+        )
+        for own in kept
+    ]
+    noise = noise_of(left, n_values, surface.template.topology.n_axes, is_exact=is_exact)
+    return found, replace(noise, sd=max(noise.sd, _LEAST_NOISE * surface.size))
+
+
+def energy(surface: Deformable, amplitudes: NDArray[np.float64], prior: Prior) -> float:
+    """Mean over modes and directions of a^2 over its prior variance, translation left out."""
+    moves = surface.wavenumbers > 0
+    v = prior.variances(surface.wavenumbers)[moves]
+    return float((amplitudes[moves] ** 2 / v[:, None]).mean())
+
+
+def noises_of(surface: Deformable, here: Iteration, prior: Prior, noise: Noise) -> list[Noise]:
+    """Noise of each frame, from that of all."""
+    return [noise.of_frame(energy(surface, a, prior)) for a in here.amplitudes(len(surface))]
+
+
+def steady(noises: Sequence[Noise], noise: Noise) -> Noise:
+    """Noise of all frames alike.
+
+    Estimated with what grows with the motion, a frame would be drawn to the start the more the
+    farther it moves.
+    """
+    mean = float(np.sqrt(np.mean([own.truncation**2 for own in noises])))
+    return replace(noise, truncation=mean, bending=0.0, lasting=0.0)
+
+
+def first_guess(surface: Deformable) -> tuple[Prior, Noise]:
+    """Prior and noise before anything was seen."""
+    prior = Prior.broad(surface.size)
+    beyond, n_values = prior.beyond(surface.wavenumbers, surface.template.topology.n_axes)
+    return prior, Noise(_FIRST_NOISE * surface.size, float(np.sqrt(beyond)), n_values)

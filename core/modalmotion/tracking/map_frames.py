@@ -1,0 +1,355 @@
+"""All frames estimated at once, joined by a chain of time, closed over a cycle or open.
+
+Frames differ from the one that the shape is taken from by a motion whose harmonic h of the cycle is
+as stiff as (1 + (h / h0)^2)^2 - 1, as of a bent rod that nothing holds in its place; what this one
+itself is off the shape, as far as the modes show it, all frames have in common. On frames at any
+times the chain has springs of unequal length, and h^2 becomes its stiffness matrix. The chain joins
+neighbours only, so the work grows as the number of frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.numeric.cholesky import gram, inverse_of_cholesky
+from modalmotion.numeric.products import product
+from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.iterations import LEAST, Iteration
+from modalmotion.tracking.noise import Noise
+from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
+from modalmotion.tracking.observation import Frame
+from modalmotion.tracking.prior import Prior
+
+# Harmonics that are tried.
+_STIFFEST: Final = 0.25
+_N_TRIED: Final = 24
+
+# Frames from which on there is something to try, and the harmonic of fewer.
+_FEW: Final = 4
+_USUAL: Final = 2.0
+
+
+def chain_precision(
+    phases: NDArray[np.float64],
+    h0: float,
+    anchor: int,
+    offset: float = 1.0,
+    *,
+    is_closed: bool,
+) -> NDArray[np.float64]:
+    """Precision of a chain of frames.
+
+    Parameters
+    ----------
+    phases : (frames,) float64
+        In cycles, increasing, from 0 to less than 1; of an open chain in lengths of it.
+    h0 : float
+        Harmonic from which on amplitudes are held down more.
+    anchor : int
+        Frame that the shape is of. By how much others differ from it has a mean variance of 1.
+    offset : float
+        Variance of this frame, which all others have in common.
+    is_closed : bool
+
+    Returns
+    -------
+    (frames, frames) float64
+        Each frame joined to the two before and after it.
+    """
+    n = len(phases)
+    if n == 1:
+        return np.eye(1) / offset
+    start = np.arange(n if is_closed and n > 2 else n - 1)
+    end = (start + 1) % n
+    gaps = np.diff(phases, append=phases[0] + 1.0)[: len(start)]
+    share, L = np.zeros(n), np.zeros((n, n))
+    np.add.at(share, start, gaps / 2)
+    np.add.at(share, end, gaps / 2)
+    # L of springs 1 / gap between masses M of a frame's share of time.
+    np.add.at(L, (start, start), 1.0 / gaps)
+    np.add.at(L, (end, end), 1.0 / gaps)
+    np.add.at(L, (start, end), -1.0 / gaps)
+    np.add.at(L, (end, start), -1.0 / gaps)
+    L /= (2.0 * np.pi * h0) ** 2
+    # (M + L) M^-1 (M + L) - M.
+    Q = 2.0 * L + product(L / share, L)
+    Q = (Q + Q.T) / 2
+    others = np.delete(np.arange(n), anchor)
+    inverse = inverse_of_cholesky(Q[np.ix_(others, others)])
+    Q *= float((inverse**2).sum()) / (n - 1)
+    Q[anchor, anchor] += 1.0 / offset
+    return Q
+
+
+def most_likely_h0(
+    trajectories: NDArray[np.float64],
+    shares: NDArray[np.float64],
+    phases: NDArray[np.float64],
+    anchor: int,
+    *,
+    is_closed: bool,
+) -> tuple[float, float]:
+    """Harmonic h0, and variance of trajectories, under which these are the most likely.
+
+    Parameters
+    ----------
+    trajectories : (frames, n) float64
+        Amplitudes over the standard deviations that the prior gives them.
+    shares : (n,) float64
+        How far the data have set each.
+    phases : (frames,) float64
+    anchor : int
+        Row of the frame that the shape is of.
+
+    Returns
+    -------
+    h0 : float
+    variance : float
+        By which the others differ from it, instead of 1.
+    """
+    n = len(phases)
+    free = np.delete(np.arange(n), anchor)
+    x, total = trajectories[free] - trajectories[anchor], float(shares.sum())
+    if not len(free) or not total > 0:
+        return _USUAL, 1.0
+    best, variance, least = _USUAL, 1.0, np.inf
+    # Few frames do not tell.
+    for h0 in np.geomspace(_STIFFEST, n / 4.0, _N_TRIED) if n >= _FEW else [_USUAL]:
+        Q = chain_precision(phases, float(h0), anchor, is_closed=is_closed)[np.ix_(free, free)]
+        logarithm = -2.0 * float(np.log(np.diag(inverse_of_cholesky(Q))).sum())
+        energy = float((shares * (x * product(Q, x)).sum(axis=0)).sum()) / total / len(free)
+        unlikely = len(free) * np.log(max(energy, 1e-300)) - logarithm
+        if unlikely < least:
+            best, variance, least = float(h0), energy, unlikely
+    return best, variance
+
+
+def joined(
+    matrices: NDArray[np.float64],
+    vectors: NDArray[np.float64],
+    stiffness: NDArray[np.float64],
+    Q: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Estimate all frames together: (Q (x) K + A) a = b.
+
+    Parameters
+    ----------
+    matrices : (frames, n, n) float64
+        A, what the data of each frame say.
+    vectors : (frames, n) float64
+        b.
+    stiffness : (n,) float64
+        Diagonal of K.
+    Q : (frames, frames) float64
+        As `chain_precision` returns it.
+
+    Returns
+    -------
+    amplitudes : (frames, n) float64
+    covariances : (frames, n, n) float64
+        Of each frame.
+
+    Notes
+    -----
+    Folded at its middle, a closed chain joins frames at most four places apart, so blocks of
+    four frames form a tridiagonal system: S_i = D_i - E_i S_(i-1)^-1 E_i' forward, and
+    C_i = S_i^-1 + G C_(i+1) G', G = S_i^-1 E_(i+1)', backward.
+    """
+    n_frames, n = vectors.shape
+    order = _folded(n_frames)
+    blocks = [order[i : i + 4] for i in range(0, n_frames, 4)]
+    amplitudes, covariances = np.empty((n_frames, n)), np.empty((n_frames, n, n))
+    inverses: list[NDArray[np.float64]] = []
+    sums: list[NDArray[np.float64]] = []
+    for i, block in enumerate(blocks):
+        D = _kron(Q[np.ix_(block, block)], stiffness)
+        for k, frame in enumerate(block):
+            D[k * n : (k + 1) * n, k * n : (k + 1) * n] += matrices[frame]
+        b = vectors[block].ravel()
+        if i:
+            E = Q[np.ix_(block, blocks[i - 1])]
+            D -= _framed(inverses[-1], E, stiffness)
+            b = b - _times(E, stiffness, product(inverses[-1], sums[-1][:, None])[:, 0])
+        inverses.append(gram(inverse_of_cholesky(D)))
+        sums.append(b)
+    a, C = np.zeros(0), np.zeros((0, 0))
+    for i in range(len(blocks) - 1, -1, -1):
+        block, inverse, b = blocks[i], inverses[i], sums[i]
+        if i == len(blocks) - 1:
+            C = inverse
+        else:
+            E = Q[np.ix_(block, blocks[i + 1])]
+            b = b - _times(E, stiffness, a)
+            C = inverse + _between(inverse, E, stiffness, C)
+        a = product(inverse, b[:, None])[:, 0]
+        for k, frame in enumerate(block):
+            rows = slice(k * n, (k + 1) * n)
+            amplitudes[frame], covariances[frame] = a[rows], C[rows, rows]
+    return amplitudes, covariances
+
+
+def _folded(n: int) -> list[int]:
+    """Frames both ways round from the first: 0, 1, n - 1, 2, n - 2, ..."""
+    return [0, *(k for i in range(1, n // 2 + 1) for k in dict.fromkeys((i, n - i)))]
+
+
+def _kron(Q: NDArray[np.float64], stiffness: NDArray[np.float64]) -> NDArray[np.float64]:
+    n, k = len(stiffness), len(Q)
+    full = np.zeros((k, n, k, n))
+    rows = np.arange(n)
+    full[:, rows, :, rows] = Q[None] * stiffness[:, None, None]
+    return full.reshape(k * n, k * n)
+
+
+def _times(
+    E: NDArray[np.float64], stiffness: NDArray[np.float64], a: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(E (x) K) a."""
+    n = len(stiffness)
+    return ((E @ a.reshape(-1, n)) * stiffness).ravel()
+
+
+def _framed(
+    inverse: NDArray[np.float64], E: NDArray[np.float64], stiffness: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(E (x) K) S^-1 (E (x) K)'."""
+    n, (rows, columns) = len(stiffness), E.shape
+    S = inverse.reshape(columns, n, columns, n)
+    framed = np.einsum("aidj,bd->aibj", np.einsum("ac,cidj->aidj", E, S), E)
+    framed *= stiffness[None, :, None, None] * stiffness
+    return np.asarray(framed.reshape(rows * n, rows * n), dtype=np.float64)
+
+
+def _between(
+    inverse: NDArray[np.float64],
+    E: NDArray[np.float64],
+    stiffness: NDArray[np.float64],
+    C: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """S^-1 (E (x) K) C (E (x) K)' S^-1."""
+    middle = _framed(C, E, stiffness)
+    half = product(inverse, middle)
+    full = product(half, inverse)
+    return (full + full.T) / 2
+
+
+# Prior variances over that of a frame whose surface is known.
+_PINNED: Final = 1e8
+
+# Of the variance of the motion: no shape is known better.
+_LEAST_OFFSET: Final = 1e-3
+
+
+class Chain(NamedTuple):
+    """Frames joined by time: their precision (frames, frames), its harmonic, and the prior."""
+
+    Q: NDArray[np.float64]
+    h0: float
+    prior: Prior
+
+
+def chain_of(
+    surface: Deformable,
+    here: Iteration,
+    prior: Prior,
+    phases: NDArray[np.float64],
+    reference: int,
+    *,
+    is_closed: bool,
+    is_exact: bool,
+) -> Chain:
+    """Find the chain of frames, and the prior along it.
+
+    Frames differ from the reference by their motion. What the shape is off, unless it is exact, the
+    reference shows, and all frames have it.
+    """
+    sds = np.sqrt(prior.variances(surface.wavenumbers))[:, None]
+    seen = [k for k, own in enumerate(here.frames) if own is not None]
+    kept = [own for own in here.frames if own is not None]
+    scaled = np.stack([(own.amplitudes / sds).ravel() for own in kept])
+    covariance = np.mean([np.diag(own.covariance).reshape(-1, 3) for own in kept], axis=0)
+    shares = np.clip(1.0 - covariance / sds**2, 0.0, 1.0).ravel()
+    offset, total = 1.0, float(shares.sum())
+    if is_exact:
+        # It is at rest, with data or without.
+        rest = np.zeros((len(here.frames), scaled.shape[1]))
+        rest[seen] = scaled
+        rest[reference] = 0.0
+        seen = sorted({*seen, reference})
+        scaled = rest[seen]
+    row = seen.index(reference) if reference in seen else 0
+    h0, variance = most_likely_h0(scaled, shares, phases[seen], row, is_closed=is_closed)
+    if not is_exact and reference in seen and len(seen) > 1 and total > 0:
+        offset = float((shares * scaled[row] ** 2).sum()) / total / max(variance, 1e-300)
+    wide, least = float(np.sqrt(variance)), LEAST * surface.size
+    # Where nothing moves at all a variance of zero would have no inverse.
+    scale, drift = max(prior.scale * wide, least), max(prior.drift * wide, least)
+    along = replace(prior, scale=scale, drift=drift)
+    offset = max(offset, _LEAST_OFFSET)
+    return Chain(chain_precision(phases, h0, reference, offset, is_closed=is_closed), h0, along)
+
+
+class FramesEstimate(NamedTuple):
+    """All frames estimated at once."""
+
+    amplitudes: NDArray[np.float64]
+    seen: NDArray[np.float64]
+    information: list[NormalEquations]
+    lasting: NDArray[np.float64]
+
+
+def map_frames(
+    surface: Deformable,
+    frames: Sequence[Frame],
+    here: Iteration,
+    chain: Chain,
+    noise: Noise,
+    pinned: int | None,
+    done: Callable[[], None],
+) -> FramesEstimate:
+    """Estimate all frames at once, twice, the second time about the first result."""
+    n_frames, m = len(frames), len(surface)
+    Q, prior = chain.Q, chain.prior
+    stiffness = np.repeat(1.0 / prior.variances(surface.wavenumbers), 3)
+    a = here.amplitudes(m)
+    seen, last = np.empty(0), list[NormalEquations]()
+    for _ in range(2):
+        last = []
+        for k, frame in enumerate(frames):
+            last.append(normal_equations(surface, a[k], frame, noise))
+            done()
+        matrices, vectors = _stacked(last, stiffness, pinned)
+        flat, seen = joined(matrices, vectors, stiffness, Q)
+        a = flat.reshape(n_frames, m, 3)
+    # What the modes leave lasts: frames nearer than the chain is long see the same of it, and do
+    # not count as often as there are frames. What looks like sliding is what lies next beyond the
+    # modes, where the most of it is.
+    covariance = gram(inverse_of_cholesky(Q))
+    spread = np.sqrt(np.diag(covariance))
+    correlation = covariance / spread / spread[:, None]
+    lasting = max(1.0, float((correlation**2).sum()) / n_frames)
+    lasting *= prior.concentration(surface.template.topology.n_axes)
+    # Squares add up, whatever most of them are.
+    lasting *= noise.peak**2
+    longer = noise.longer(lasting)
+    slow = [normal_equations(surface, a[k], frame, longer) for k, frame in enumerate(frames)]
+    matrices, vectors = _stacked(slow, stiffness, pinned)
+    _, covariances = joined(matrices, vectors, stiffness, Q)
+    return FramesEstimate(a, seen, last, covariances)
+
+
+def _stacked(
+    infos: Sequence[NormalEquations], stiffness: NDArray[np.float64], pinned: int | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Matrices and vectors of all frames; a pinned one holds all of its amplitudes at zero."""
+    matrices = np.stack([info.matrix for info in infos])
+    vectors = np.stack([info.vector for info in infos])
+    if pinned is not None:
+        matrices[pinned] = np.diag(_PINNED * stiffness)
+        vectors[pinned] = 0.0
+    return matrices, vectors

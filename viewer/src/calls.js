@@ -1,0 +1,73 @@
+// Every call of the service that the pages make: addresses stand here and nowhere else.
+
+import { Service } from "./api.js";
+
+const VIEW = "application/vnd.modalmotion.view";
+// Of one piece of frames as sent.
+const PIECE_BYTES = 4_000_000;
+
+const json = (method, body) => ({ method, body: JSON.stringify(body), type: "application/json" });
+
+export class Calls {
+  constructor(askKey) {
+    this.service = new Service(askKey);
+  }
+
+  // Tells of jobs that are waited for.
+  set onJob(tell) {
+    this.service.onJob = tell;
+  }
+
+  async blob(path, accept, options) {
+    return (await this.service.call(path, { accept, ...options })).blob();
+  }
+
+  async buffer(path, options) {
+    return (await this.service.call(path, { accept: VIEW, ...options })).arrayBuffer();
+  }
+
+  // Recordings.
+  sequences = () => this.service.json("/v1/sequences?limit=50");
+  sequence = (id) => this.service.json(`/v1/sequences/${id}`);
+  send = (file, tell) => this.service.upload(file, tell, "/v1/sequences");
+  change = (id, stated) => this.service.json(`/v1/sequences/${id}`, json("PATCH", stated));
+  remove = (id) => this.service.call(`/v1/sequences/${id}`, { method: "DELETE" });
+  sample = () => this.service.json("/v1/sequences/sample", { method: "POST" });
+
+  // Of a signature: `query` are its parameters, as the page's address has them.
+  view = (id, query) => this.buffer(`/v1/sequences/${id}/view${asked(query)}`);
+  page = (id, query) => this.blob(`/v1/sequences/${id}/view${asked(query)}`, "text/html");
+  report = (id, query, type) => this.blob(`/v1/sequences/${id}/report${asked(query)}`, type);
+  dicom = (id, query, instance) =>
+    this.blob(`/v1/sequences/${id}/dicom${asked(query)}`, "application/zip", { method: "POST", body: instance, type: "application/octet-stream" });
+
+  async frames(motion, query, add) {
+    const n = Math.max(1, Math.floor(PIECE_BYTES / (6 * motion.nVertices)));
+    for (let first = 0; first < motion.nFrames; first += n) {
+      const part = new URLSearchParams(query);
+      part.set("first", first);
+      part.set("stop", Math.min(first + n, motion.nFrames));
+      add(await this.buffer(`/v1/sequences/${motion.header.sequence_id}/view/frames?${part}`));
+    }
+  }
+
+  // Classes and norms.
+  classify = (id) => this.service.json(`/v1/sequences/${id}/classifications`, json("POST", {}));
+  classes = (id) => this.service.json(`/v1/sequences/${id}/classifications`);
+  norms = () => this.service.json("/v1/norms");
+  deviations = (id, norm) => this.service.json(`/v1/sequences/${id}/deviations?${new URLSearchParams({ norm })}`, { method: "POST" });
+
+  // Tracks.
+  track = (id) => this.service.json(`/v1/tracks/${id}`);
+  trackData = (id) => this.buffer(`/v1/tracks/${id}`);
+  trackPicture = (id, name) => this.blob(`/v1/tracks/${id}?picture=${name}`, "image/png");
+  follow = (query) =>
+    this.service.json(`/v1/tracks?${new URLSearchParams(query)}`, { method: "POST", body: "", type: "application/octet-stream", isJob: true });
+
+  // Images.
+  sendImages = (file, tell) => this.service.upload(file, tell, "/v1/images");
+  images = (id) => this.service.json(`/v1/images/${id}`);
+  slices = (id, frame, track) => this.buffer(`/v1/images/${id}/frames/${frame}${track ? `?track=${track}` : ""}`);
+}
+
+const asked = (query) => (query && query.size ? `?${query}` : "");
