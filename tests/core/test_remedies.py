@@ -155,7 +155,7 @@ def on_lattice(topology: str) -> ModalSignature:
     return modal_signature(mesh_sequence(LATTICE, grid=(6, 10), topology=topology))
 
 
-QUICK = TrainingOptions(estimator="linear", repetitions=1, card="quick")
+QUICK = TrainingOptions(repetitions=1)
 
 TRIED = (
     Try(

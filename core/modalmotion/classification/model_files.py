@@ -346,7 +346,7 @@ def load_model(which: str | Path = DEFAULT_MODEL) -> Model:
     ------
     NotFoundError
         If there is no such model.
-    OlderFileError, CorruptFileError, ModelNotReproducedError
+    OlderFileError, CorruptFileError
         As `model_from_hdf5` does.
     """
     if isinstance(which, Path):

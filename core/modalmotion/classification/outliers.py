@@ -216,8 +216,8 @@ class OutlierDetector:
         beside = np.take_along_axis(apart, np.abs(apart).argmin(axis=1)[:, None], axis=1)[:, 0]
         # What is no nearer to a class turned round is as it should be.
         for k, signs in enumerate(self.signs):
-            turned = self.distances(inputs.kinds * signs).min(axis=1)
-            beside[turned >= nearest, k] = 0.0
+            is_upright = self.distances(inputs.kinds * signs).min(axis=1) >= nearest
+            beside[is_upright, k] = np.maximum(beside[is_upright, k], 0.0)
         gaps = (inputs.gaps - self.course[0]) / self.course[1]
         return np.stack([nearest, self._from_places(inputs.places), gaps, *-beside.T], axis=1)
 
@@ -402,6 +402,8 @@ def with_limits(detector: OutlierDetector, scores: Array, groups: Labels) -> Out
         limits[varies] += max(0.0, _limit(beyond)) * widths[varies]
     if not detector.reader.is_cycle:
         limits[CHECKS.index("gap")] = np.inf
+    turned = slice(CHECKS.index("mirrored"), None)
+    limits[turned] = np.maximum(limits[turned], 0.0)
     return replace(detector, limits=limits)
 
 

@@ -199,8 +199,8 @@ def model_named(which: str) -> Model:
     ------
     NotFoundError
         If neither exists.
-    CorruptFileError, ModelNotReproducedError
-        If it is damaged, or its answers differ from those where it was trained.
+    CorruptFileError
+        If it is damaged.
     """
     from modalmotion.classification import load_model
 

@@ -43,7 +43,7 @@ class FeatureCalls(Calls):
         progress : callable, optional
             Called with the share that is done where a job of the service makes the table.
         **options
-            modes, topology, kind, timing, harmonics, walls, and on_error: "leave out" goes on
+            modes, topology, kind, timing, and on_error: "leave out" goes on
             without sequences that do not fit.
 
         Raises

@@ -186,8 +186,6 @@ class ModelStore(Opening):
             If there is none.
         CorruptFileError
             If its file is damaged or missing.
-        ModelNotReproducedError
-            If it does not answer here as where it was made.
         """
         record = self.model_record(name, version)
         return model_from_hdf5(self._folder.model(record.reference))

@@ -67,8 +67,6 @@ class Models(ModelVersions):
         ------
         CorruptFileError
             If its file is damaged.
-        ModelNotReproducedError
-            If it no longer gives the answers that it gave when it was trained.
         """
         await self._analysis.work(classification.require_loads, model.source)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from classify_samples import cohort, curves
@@ -22,7 +23,7 @@ def collected(cases: list[TrainingCase]) -> Cohort:
     return collect_cohorts(cases, None, KIND)[0]
 
 
-def hearts(cavity: str = "lv") -> list[TrainingCase]:
+def hearts(cavity: Any = "lv") -> list[TrainingCase]:
     asked = SignatureParameters(modes=12, reference=MEAN, volumes=True)
     classes = (MotionClass.NORMAL, MotionClass.HYPOKINESIA)
     drawn = simulate_cohort(8, rng=np.random.default_rng(5), classes=classes)
