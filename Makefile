@@ -18,7 +18,7 @@ SPREAD := -n 3 --dist loadfile --no-loadscope-reorder
 # processes, each of which would compile all modules anew where bytecode is not kept.
 LEAN := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: site demo serve view viewer wasm wheels test check format truth mutants bench soak openapi clean
+.PHONY: site demo serve aarch64 view viewer wasm wheels test check format truth mutants bench soak openapi clean
 .DEFAULT_GOAL := test
 
 $(BIN)/python:
@@ -87,6 +87,10 @@ viewer:
 # For five kinds of machines from this one, in dist/.
 wheels: $(VENV)/.wheels
 	$(VENV)/wheels/bin/python tools/wheels.py
+
+# The wheel for aarch64 in an aarch64 Python, emulated: the same bits. Needs Debian.
+aarch64: $(VENV)/.run $(VENV)/.wheels
+	tools/aarch64.sh
 
 # The decoder that pages hold, from the library's sources.
 wasm: $(VENV)/.wheels

@@ -18,6 +18,8 @@ def test_every_cell_runs_and_shows_what_it_is_for() -> None:
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     nbformat.validate(notebook)
     assert not any(cell.get("outputs") for cell in notebook.cells), "commit it without outputs"
+    tasks = "".join(cell.source for cell in notebook.cells if cell.cell_type == "markdown")
+    assert all(f"**{number}. " in tasks for number in range(1, 11))
     nbclient.NotebookClient(notebook, timeout=120, kernel_name="python3").execute()
     shown = [
         set(output.get("data", {})) for cell in notebook.cells for output in cell.get("outputs", [])

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 from ellipsoid_images import labels
-from modalmotion.formats.volumes.writing import write_nifti
 
 import modalmotion as mm
+from modalmotion.formats.volumes.nifti import write_nifti
 from modalmotion.images import ImageSequence
 
 LINES = re.findall(r"^(\w+) +``(.+?)``", mm.__doc__ or "", flags=re.MULTILINE)
@@ -50,6 +50,10 @@ def test_the_lines_of_the_help_run(
         # Training has a test of its own below; the viewer of notebooks needs a notebook.
         if task not in ("train", "view"):
             exec(line, space)  # noqa: S102 (our own help)
+    # A report of a label map has no word of the command line.
+    of_labels = mm.report("map.nii.gz", "map.csv")  # type: ignore[arg-type]
+    assert any("Label " in note for note in of_labels.caveats)
+    assert not [note for note in of_labels.caveats if " --" in note]
     assert space["beat"].id == beat.id
     assert space["signature"].amplitudes.shape == (8, 7, 3)
     assert space["answer"].label in mm.load_model().classes

@@ -19,7 +19,7 @@ const withoutMaterials = {
   },
 };
 
-const common = { bundle: true, minify: true, charset: "utf8", legalComments: "none", plugins: [withoutMaterials], target: "es2022" };
+const common = { bundle: true, minify: true, charset: "utf8", legalComments: "none", external: ["node:*"], plugins: [withoutMaterials], target: "es2022" };
 
 await build({ ...common, entryPoints: ["src/page.js"], format: "esm", outfile: `${out}/viewer.js` });
 await build({ ...common, entryPoints: ["src/style.css"], outfile: `${out}/viewer.css` });

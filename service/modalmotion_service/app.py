@@ -15,12 +15,11 @@ from fastapi.middleware.cors import CORSMiddleware
 from starlette.routing import BaseRoute
 
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion_service.access.key_snapshot import KeySnapshot
-from modalmotion_service.access.keys import KeyRing
+from modalmotion_service.access.keys import KeyRing, KeySnapshot
 from modalmotion_service.access.logins import logins_of
 from modalmotion_service.access.rates import Rates
-from modalmotion_service.audit.log import AuditLog, Notes
-from modalmotion_service.audit.stream import AuditStream, Lines
+from modalmotion_service.audit.log import AuditLog, AuditStream, Notes
+from modalmotion_service.audit.stream import Lines
 from modalmotion_service.contract.access import with_access
 from modalmotion_service.http import problems
 from modalmotion_service.http.admission import BodyLimits, Concurrency, WholeAnswers
@@ -64,9 +63,8 @@ from modalmotion_service.routes import (
 from modalmotion_service.routes.parts.stateless import stateless_routes
 from modalmotion_service.schemas import Problem
 from modalmotion_service.settings import Settings
-from modalmotion_service.work.engine import open_engine
 from modalmotion_service.work.parsing import say_whether_confined
-from modalmotion_service.work.pool import WorkerPool
+from modalmotion_service.work.pool import WorkerPool, open_engine
 from modalmotion_service.workspace.job_kinds import trainings_at_once
 from modalmotion_service.workspace.owners import Owners
 from modalmotion_service.workspace.perseverance import for_ever

@@ -14,7 +14,6 @@ from text_of_modes import (
     edges_of,
     fourier,
     lattice_modes,
-    pair_modes,
     patches_of,
     spring_modes,
 )
@@ -59,11 +58,11 @@ def block(data: bytes, f: int, N: int, modes: Array, edges: Edges, form: str) ->
     origin = np.array([source.zigzag() for _ in range(3)])
     width, rows, n_modes, n_components = (source.varint() for _ in range(4))
     read_matrix = mixed_matrix if source.byte() else matrix
-    largest, P = (source.varint(), source.varint()) if kind == 4 else (0, 0)
+    largest, P = (source.varint(), source.varint()) if kind == 3 else (0, 0)
     coded = Coded(source.data[source.at :])
-    if kind == 4:
+    if kind == 3:
         members = parts_of(coded, patches_of(set(range(N)), edges, largest), P)
-    components = read_matrix(coded, n_components, (0, 0, f, 3 * f, 3 * f)[kind])
+    components = read_matrix(coded, n_components, (0, 0, 3 * f, 3 * f)[kind])
     coefficients = read_matrix(coded, rows, n_modes)
     maps = read_matrix(coded, n_components, 4 * P)
 
@@ -73,7 +72,7 @@ def block(data: bytes, f: int, N: int, modes: Array, edges: Edges, form: str) ->
         return found
 
     over_space = values(coefficients) @ modes[:n_modes]
-    if kind == 4:
+    if kind == 3:
         over_space[3:] += mapped(values(maps), over_space[:3] / np.sqrt(f), members)
     positions = np.zeros((f, 3, N))
     fixed = (dct2 if kind != 1 else fourier)(f)[: rows // 3 if kind < 2 else 1]
@@ -84,10 +83,7 @@ def block(data: bytes, f: int, N: int, modes: Array, edges: Edges, form: str) ->
         norm = math.sqrt((component**2).sum())
         component = component / (norm or 1.0)
         turned = dct2(f).T @ component.reshape(f, -1)
-        if kind == 2:
-            positions += turned[:, :, None] * over_space[3 + 3 * c : 6 + 3 * c]
-        else:
-            positions += turned[:, :, None] * over_space[3 + c]
+        positions += turned[:, :, None] * over_space[3 + c]
     n_values = positions.size
     whole = np.rint(positions).astype(np.int64).ravel()
     n_guards = number_list(coded, 1)[0]
@@ -110,7 +106,7 @@ def block(data: bytes, f: int, N: int, modes: Array, edges: Edges, form: str) ->
 def decode_from_the_text(data: bytes) -> tuple[Any, list[list[int]]]:
     """Vertices and faces of a stream."""
     source = Bytes(data)
-    assert source.take(5) in (b"MMSQ\x02", b"MMSQ\x04", b"MMSQ\x07", b"MMSQ\x08")
+    assert source.take(5) == b"MMSQ\x01"
     header = Bytes(source.section())
     F, N, M = (header.varint() for _ in range(3))
     form = "<f8" if header.byte() else "<f4"
@@ -127,11 +123,7 @@ def decode_from_the_text(data: bytes) -> tuple[Any, list[list[int]]]:
     faces: list[list[int]] = []
     if M:
         faces = cells(section, ends, grid) if section[0] else walk(section, M, N)
-    kind = named.byte()
-    if kind == 4:
-        modes = pair_modes(named, N, faces)
-    else:
-        modes = lattice_modes(named) if kind == 1 else spring_modes(named, N, faces, kind == 3)
+    modes = lattice_modes(named) if named.byte() == 1 else spring_modes(named, N, faces)
     edges = edges_of(faces)
     parts = [block(source.section(), f, N, modes, edges, form) for f in frames]
     assert source.at == len(data)

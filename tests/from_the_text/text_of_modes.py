@@ -90,20 +90,20 @@ def patches_of(vertices: set[int], edges: Edges, P: int) -> list[list[int]]:
     return sorted(found)
 
 
-def stiffness_matrix(vertices: list[int], edges: Edges, seed: int) -> Array:
+def stiffness_matrix(vertices: list[int], edges: Edges) -> Array:
     where = {v: i for i, v in enumerate(vertices)}
     K = np.zeros((len(vertices), len(vertices)))
     for a, b in edges:
         if a in where and b in where:
-            k = 1 + g(a * 2**20 + b, seed) / 8
+            k = 1 + g(a * 2**20 + b, 0) / 8
             K[where[a], where[b]] -= k
             K[where[b], where[a]] -= k
     K -= np.diag(K.sum(axis=1))
     return K
 
 
-def signed(V: Array, vertices: list[int], seed: int) -> Array:
-    turned: Array = V * np.sign(np.array([g(v, seed + 1) - 0.5 for v in vertices]) @ V)
+def signed(V: Array, vertices: list[int]) -> Array:
+    turned: Array = V * np.sign(np.array([g(v, 1) - 0.5 for v in vertices]) @ V)
     return turned
 
 
@@ -111,24 +111,24 @@ def key(k: int, n: int) -> int:
     return -1 if k == 0 else (2 * k + 1) * 2**30 // n
 
 
-def joined(patch: list[int], edges: Edges, seed: int, Q: int, share: int) -> Array:
+def joined(patch: list[int], edges: Edges, Q: int, share: int) -> Array:
     """Modes of a patch in the columns, from those of its leaves."""
     within = {(a, b) for a, b in edges if a in patch and b in patch}
     leaves = patches_of(set(patch), within, Q)
     n, entries = len(patch), []
     for number, leaf in enumerate(leaves):
-        s, V = np.linalg.eigh(stiffness_matrix(leaf, within, seed))
+        s, V = np.linalg.eigh(stiffness_matrix(leaf, within))
         for k in range(len(leaf)):
             mode = np.zeros(n)
-            mode[[patch.index(v) for v in leaf]] = signed(V, leaf, seed)[:, k]
+            mode[[patch.index(v) for v in leaf]] = signed(V, leaf)[:, k]
             entries.append(((key(k, len(leaf)), number, k), mode))
     basis = np.array([mode for _, mode in sorted(entries, key=lambda entry: entry[0])]).T
     if len(leaves) == 1:
         return basis
     m = max(len(leaves), n * share // 256)
-    K = stiffness_matrix(patch, within, seed)
+    K = stiffness_matrix(patch, within)
     w, C = np.linalg.eigh(basis[:, :m].T @ K @ basis[:, :m])
-    low, high = signed(basis[:, :m] @ C, patch, seed), basis[:, m:]
+    low, high = signed(basis[:, :m] @ C, patch), basis[:, m:]
     t = m // 2
     if not t or m == n:
         return np.concatenate([low, high], axis=1)
@@ -151,16 +151,15 @@ def edges_of(faces: list[list[int]]) -> Edges:
     }
 
 
-def spring_modes(source: Bytes, N: int, faces: list[list[int]], in_leaves: bool) -> Array:
-    """Section 4, kinds 2 and 3: (modes, vertices)."""
-    seed, P = source.byte(), source.varint()
-    Q, share = (source.varint(), source.byte()) if in_leaves else (P, 0)
+def spring_modes(source: Bytes, N: int, faces: list[list[int]]) -> Array:
+    """Section 4, kind 2: (modes, vertices)."""
+    P, Q, share = source.varint(), source.varint(), source.byte()
     probe = source.unpack("8h")
     edges = edges_of(faces)
     entries, largest = [], np.zeros((0, 0))
     for number, patch in enumerate(patches_of(set(range(N)), edges, P)):
         n = len(patch)
-        V = joined(patch, edges, seed, Q, share)
+        V = joined(patch, edges, Q, share)
         if n > len(largest):
             largest = V
         for k in range(n):
@@ -171,66 +170,3 @@ def spring_modes(source: Bytes, N: int, faces: list[list[int]], in_leaves: bool)
     for j, value in enumerate(probe):
         assert abs(largest[(7919 * j + 11) % n, n * j // 8] * 4096 - value) <= 1.5
     return np.array([mode for _, mode in sorted(entries, key=lambda entry: entry[0])])
-
-
-def pairs_of(
-    nodes: int, neighbours: list[set[int]], weights: list[int]
-) -> tuple[list[tuple[int, int]], list[int]]:
-    mate: dict[int, int] = {}
-    for u in range(nodes):
-        free = [(weights[v], v) for v in neighbours[u] if v not in mate]
-        if u not in mate:
-            v = min(free)[1] if free else u
-            mate[u], mate[v] = v, u
-    parent: dict[int, int] = {}
-    for u in range(nodes):
-        if u not in parent:
-            parent[u] = parent[mate[u]] = len(set(parent.values()))
-    return [(u, mate[u]) for u in range(nodes) if u < mate[u]], [parent[u] for u in range(nodes)]
-
-
-def pair_modes(source: Bytes, N: int, faces: list[list[int]]) -> Array:
-    """Section 4, kind 4: (modes, vertices)."""
-    neighbours: list[set[int]] = [set() for _ in range(N)]
-    for face in faces:
-        for a in face:
-            neighbours[a] |= set(face) - {a}
-    weights, levels = [1] * N, []
-    while any(neighbours):
-        pairs, parent = pairs_of(len(weights), neighbours, weights)
-        if 16 * len(pairs) < len(weights):
-            break
-        levels.append((pairs, parent, weights, neighbours, source.byte()))
-        above: list[set[int]] = [set() for _ in range(max(parent) + 1)]
-        summed = [0] * len(above)
-        for u, near in enumerate(neighbours):
-            above[parent[u]] |= {parent[v] for v in near} - {parent[u]}
-            summed[parent[u]] += weights[u]
-        weights, neighbours = summed, above
-    values = np.zeros((len(weights), N))
-    for i, weight in enumerate(weights):
-        values[i, i] = 1 / np.sqrt(weight)
-    at = len(weights)
-    for pairs, parent, weights, neighbours, k in reversed(levels):
-        new = values[parent]
-
-        def around(
-            v: int,
-            neighbours: list[set[int]] = neighbours,
-            parent: list[int] = parent,
-            values: Array = values,
-        ) -> Array:
-            others = [values[parent[u]] for u in neighbours[v] if parent[u] != parent[v]]
-            mean: Array = np.mean(others, axis=0) if others else values[parent[v]]
-            return mean
-
-        for a, b in pairs:
-            p, q = weights[a], weights[b]
-            d = k / 128 * (around(b) - around(a))
-            d[at] += np.sqrt((p + q) / (p * q))
-            at += 1
-            new[a] -= q / (p + q) * d
-            new[b] += p / (p + q) * d
-        values = new
-    assert source.at == len(source.data)
-    return values.T

@@ -18,7 +18,7 @@ from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.store import KeptModel, ModelRecord, ResultStore, SequencePage
-from modalmotion.store.tombstones import TOMBSTONES
+from modalmotion.store.deletion import TOMBSTONES
 from modalmotion.template import Template
 
 KEY = SignatureParameters().key

@@ -9,11 +9,12 @@ const CAVITIES = [
 ];
 const FOLLOWS = [["unknown", "not stated"], ["material", "the tissue"], ["offset", "the shape only"]];
 const SYSTEMS = [["unknown", "not stated"], ["LPS", "LPS (DICOM)"], ["RAS", "RAS (NIfTI)"]];
-export const LANDMARKS = [["anterior", "Anterior wall"], ["apex", "Apex"], ["base", "Base"]];
+export const LANDMARKS = [["anterior", "Anterior wall"], ["apex", "Apex"], ["base", "Base"], ["theta_zero", "Zero of theta"]];
 
 // What a note asks for, by its words: the field that it is stated in.
 const ASKED = [
-  [/anterior|walls? are not told apart|assigned to a wall/i, "anterior", "Place the anterior wall"],
+  [/theta_zero|zero of theta/i, "theta_zero", "Place the zero of theta"],
+  [/anterior|assigned to a wall/i, "anterior", "Place the anterior wall"],
   [/length unit|unit of the sequence|check the unit/i, "unit", "State the unit"],
   [/\btimes\b|interval of frames|in seconds/i, "seconds", "State the seconds per frame"],
   [/cavity \(lv/i, "cavity", "State the cavity"],

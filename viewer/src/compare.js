@@ -62,7 +62,7 @@ export function differenceCharts(motions, names, seek) {
     const most = gap.reduce((best, v) => (Math.abs(v) > Math.abs(best) ? v : best), 0);
     charts.push(new CurveChart({
       title, at, xLabel: "share of the motion (%)", yLabel: unit, seek: (share) => seek(share / 100),
-      note: `${names[1]} less ${names[0]}: at most ${numeral(most).replace("-", "−")} ${unit} apart.`,
+      note: `Difference: ${names[1]} less ${names[0]}, at most ${numeral(Math.abs(most))} ${unit}.`,
       curves: [{ points: own, ...kind, dash: [] }, { points: other, ...kind, dash: [6, 3] }, { points: gap, className: "difference", dash: [1.5, 2.5] }],
       legend: [[{ ...kind, dash: [] }, names[0]], [{ ...kind, dash: [6, 3] }, names[1]], [{ className: "difference", dash: [1.5, 2.5] }, "difference"]],
     }));

@@ -49,9 +49,8 @@ export class Home {
       h(
         "div",
         { class: "home" },
-        h("header", {}, h("p", { class: "brand" }, "modalmotion"),
-          h("h1", {}, "How a surface deforms over time"),
-          h("p", { class: "lead" }, "A beating ventricle, a tongue, any mesh sequence: a few amplitudes per frame, volumes and strain with intervals, the class of the motion, and a report.")),
+        // As the service writes it into the first page, where it stands before the script is there.
+        document.getElementById("welcome").content.cloneNode(true),
         this.drop,
         this.listBox,
         h("footer", {}, h("a", { href: "/docs" }, "All calls of this service"), " · ", h("a", { href: "/openapi.json" }, "OpenAPI document"),

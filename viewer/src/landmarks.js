@@ -41,7 +41,7 @@ export class Landmarks {
     this.time = h("input", { type: "range", class: "time", min: 0, value: 0, step: 1, id: "frame", oninput: () => this.show(Number(this.time.value)) });
     this.moment = h("output", { for: "frame", class: "moment" });
     this.seconds = h("input", { type: "number", id: "seconds", min: 0, step: "any" });
-    const label = (id) => h("input", { type: "text", id, maxlength: 60, autocomplete: "off", placeholder: "by its place", oninput: () => this.tell() });
+    const label = (id) => h("input", { type: "text", id, maxlength: 60, autocomplete: "off", placeholder: "automatic", oninput: () => this.tell() });
     [this.cavity, this.wall] = [label("cavity-label"), label("wall-label")];
     this.segmentation = h("section", { class: "card", hidden: true }, h("h2", {}, "It is a segmentation"),
       h("p", { class: "note" }, "Apex and base are proposed from it; what you place goes before. Labels are numbers, such as 3 or 1, 3."),

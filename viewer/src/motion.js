@@ -16,19 +16,19 @@ export class Motion {
     this.translations = arrays.translations.values;
     this.times = arrays.times ? arrays.times.values : null;
     this.arrays = arrays;
-    this.shapes = arrays.shapes
-      ? arrays.shapes.values
-      : closedShapes(
-          header.ends,
-          header.wavenumbers,
-          header.sines,
-          arrays.coordinates.values,
-          this.nVertices,
-        );
     this.closes = header.cycle === "closes";
     this.waveOf = new Int32Array(this.nModes);
     header.waves.forEach((wave, w) => wave.modes.forEach((mode) => (this.waveOf[mode] = w)));
     this.sent = new Frames(this);
+  }
+
+  // Evaluated when they are first needed: what is said of a motion stands before it is drawn.
+  get shapes() {
+    const { header, arrays } = this;
+    this._shapes ||= arrays.shapes
+      ? arrays.shapes.values
+      : closedShapes(header.ends, header.wavenumbers, header.sines, arrays.coordinates.values, this.nVertices);
+    return this._shapes;
   }
 
   // Seconds from the first frame to the end of the cycle; frames where there are no times.

@@ -7,7 +7,12 @@ const SOFTWARE = "Software rendering: this browser has no graphics card to draw 
 
 // Whoever reads a page has no command line.
 export const plain = (note) =>
-  note.replace(/ ?\(--[^)]*\)/g, "").replace(/--label( VALUE)?/g, "the label of the cavity").replace(/--wall( VALUE)?/g, "that of the wall").replace(/--landmarks/g, "placing them");
+  note
+    .replace(/ ?\(--[^)]*\)/g, "")
+    .replace(/[;,] state [^.;]*--[^.;]*/g, "")
+    .replace(/ by --[a-z-]+( [A-Z]+)?/g, "")
+    .replace(/State the fact tracking=material where they do/, "State that they do, where it is so")
+    .replace(/the landmark '?(\w+)'?/g, (_, name) => `the landmark ${name.replace("_", " ")}`);
 
 // A note, with a button that leads to the field that it asks for.
 export function noteOf(note, lead) {

@@ -6,9 +6,14 @@ import { comparePicker, normCard } from "./compare.js";
 import { h } from "./dom.js";
 import { Home } from "./home.js";
 import { Landmarks } from "./landmarks.js";
+import { framesOf } from "./stream.js";
 import { nameOf, Viewer } from "./viewer.js";
 
-const bufferOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+// What an element of the page holds: base64 of gzip.
+const bufferOf = (holder) => {
+  const packed = Uint8Array.from(atob(holder.textContent), (c) => c.charCodeAt(0));
+  return new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
+};
 
 // Of a view's address, what the service reads; the rest is the page's own.
 const OF_PAGE = ["with", "frame", "colour", "gains", "sent", "data", "draw", "play", "speed"];
@@ -183,15 +188,21 @@ function chosenFile() {
   });
 }
 
-// A single file: everything stands in the page as base64.
-function fromPage(root, holders) {
-  const payloads = [...holders].map((holder) => bufferOf(holder.textContent.trim()));
+// A single file: everything stands in the page.
+async function fromPage(root, holders) {
+  const payloads = await Promise.all([...holders].map(bufferOf));
   let viewer = null;
   viewer = new Viewer(root, payloads, {
     frames: async (motion, add) => {
       const number = viewer ? viewer.motions.indexOf(motion) : 0;
+      const stream = document.querySelector(`script[data-stream="${number}"]`);
+      if (stream) {
+        const code = document.querySelector("script[data-decoder]");
+        add(await framesOf(await bufferOf(stream), await bufferOf(code), motion));
+        return;
+      }
       for (const piece of document.querySelectorAll(`script[data-frames="${number}"]`)) {
-        add(bufferOf(piece.textContent.trim()));
+        add(await bufferOf(piece));
         piece.remove();
         await new Promise((done) => setTimeout(done));
       }
@@ -199,7 +210,7 @@ function fromPage(root, holders) {
     data: async (motion) => {
       const number = viewer ? viewer.motions.indexOf(motion) : 0;
       const held = document.querySelector(`script[data-points="${number}"]`);
-      return held && bufferOf(held.textContent.trim());
+      return held && bufferOf(held);
     },
   });
   window.modalmotion = viewer;
@@ -227,7 +238,7 @@ function render({ model, el }) {
     );
   };
   const rest = () => {
-    if (!viewer) return;
+    if (!viewer || !viewer.isBuilt) return;
     viewer.show();
     const picture = h("img", { src: viewer.canvas.toDataURL(), alt: "The surface, at rest while out of sight" });
     root.style.minHeight = `${root.offsetHeight}px`;

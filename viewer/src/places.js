@@ -89,7 +89,7 @@ export class Places {
     for (const { element } of this.marks) element.remove();
     this.marks = this.panels().flatMap((panel) =>
       Object.entries(landmarks).filter(([, value]) => Number.isInteger(value)).map(([name, vertex]) => {
-        const element = h("span", { class: `place-mark ${name}`, "aria-hidden": "true" }, h("span", {}, name));
+        const element = h("span", { class: `place-mark ${name}`, "aria-hidden": "true" }, h("span", {}, name.replace("_", " ")));
         panel.element.append(element);
         return { element, vertex, panel };
       }));

@@ -41,7 +41,26 @@ export class Viewer {
     this.isPlaying = false;
     this.clouds = this.motions.map(() => null);
     this.root = root;
-    root.replaceChildren(this.build());
+    root.replaceChildren(this.sketch());
+    // What is read stands before anything is drawn, which takes longer.
+    requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(() => this.start())));
+  }
+
+  // Head and read-outs, as `build` has them.
+  sketch() {
+    const titles = this.motions.map(({ header }) => (this.motions.length > 1 ? nameOf(header) : ""));
+    return h("div", { class: "viewer" },
+      headOf(this.motions[0], { isServed: this.actions.isServed }, this.isEmbedded),
+      h("div", { class: "work" },
+        h("section", { class: "left" }, h("div", { class: "stage" })),
+        h("aside", { class: "right" }, this.motions.map(({ header }, number) => readoutCard(header, titles[number])), classCard(this.header))),
+      notesOf(this.header));
+  }
+
+  start() {
+    if (this.isDisposed) return;
+    this.root.replaceChildren(this.build());
+    this.isBuilt = true;
     this.applyAddress();
     this.loadFrames();
     this.loadData();
@@ -179,7 +198,7 @@ export class Viewer {
       if (!this.actions.frames) continue;
       try {
         await this.actions.frames(motion, (piece) => {
-          motion.sent.add(readContainer(piece));
+          motion.sent.add(piece instanceof ArrayBuffer ? readContainer(piece) : piece);
           this.wish();
         });
       } catch (error) {
@@ -329,7 +348,7 @@ export class Viewer {
     const isWhole = this.gains[0].every((gain) => gain === 1);
     if (this.colour === "inward") {
       const ranges = this.motions.map(({ inwardRange }) => inwardRange);
-      return [[Math.min(...ranges.map(([low]) => low)), Math.max(...ranges.map(([, high]) => high))], "inward since end diastole"];
+      return [[Math.min(...ranges.map(([low]) => low)), Math.max(...ranges.map(([, high]) => high))], "since end diastole"];
     }
     const moved = Math.max(...this.motions.map(({ arrays }) => 2 * Math.max(...arrays.motion_rms.values)));
     if (this.colour === "motion") return [[0, moved], "displacement"];
@@ -384,6 +403,8 @@ export class Viewer {
   }
 
   dispose() {
+    this.isDisposed = true;
+    if (!this.isBuilt) return;
     cancelAnimationFrame(this.wished);
     document.removeEventListener("keydown", this.onKey);
     removeEventListener("resize", this.onResize);

@@ -36,7 +36,7 @@ COMMANDS: Final = {
     "resample": ("resample_command", "Write the surface in FILE at any phase of its cycle."),
     "score": ("score_command", "Compare the motion in ANSWER with the true one in TRUTH."),
     "segment": ("segment_command", "Find a surface in one image of IN, with its stated error."),
-    "show": ("show_command", "Say what FILE holds."),
+    "show": ("show_command", "Show what is in FILE."),
     "signature": ("analysis_commands", "Fit the modal signature of the sequence in FILE."),
     "simulate": ("simulate_command", "Simulate one heartbeat of a left ventricle."),
     "simulate-cohort": (

@@ -93,7 +93,8 @@ FIT: Final = "Fit"
 READING: Final = "Reading FILE"
 FACTS: Final = "Facts of FILE"
 TRACKING: Final = "Tracking"
-_GROUPS: Final = ("", FIT, TRACKING, READING, FACTS)
+VENTRICLE: Final = "Ventricle"
+_GROUPS: Final = ("", FIT, TRACKING, READING, FACTS, VENTRICLE)
 """Headings of options, in their order."""
 
 
@@ -121,10 +122,11 @@ def options_of(kind: type, *names: str, group: str = "", **own: Mapping[str, Any
     group : str
         Heading in the help.
     **own
-        Settings of click for a field, over these.
+        Settings of click for a field, over these; `flag` is another name of the option.
     """
     helps, taken = helps_of(kind), inspect.signature(kind).parameters
     hints = get_type_hints(kind)
+    ranges = {one.name: one.metadata["range"] for one in fields(kind) if "range" in one.metadata}
     made = []
     for name in names:
         hint = getattr(hints[name], "type", hints[name])
@@ -134,18 +136,24 @@ def options_of(kind: type, *names: str, group: str = "", **own: Mapping[str, Any
             "default": default.value if isinstance(default, Enum) else default,
             "help": helps.get(name),
             **_kind_of(hint),
+            **({"type": click.FloatRange(*ranges[name])} if name in ranges else {}),
             **dict(own.get(name) or {}),
         }
-        flag = name.replace("_", "-")
+        flag = str(settings.pop("flag", name)).replace("_", "-")
+        if isinstance(default, tuple):
+            (inner, _) = get_args(hint)
+            settings |= {"type": inner, "multiple": True, "show_default": bool(default)}
         if settings.get("default") is True:
             flag = f"{flag}/--no-{flag}"
-        settings.setdefault("show_default", settings["default"] not in (None, False))
+        settings.setdefault(
+            "show_default", not (settings["default"] is None or settings["default"] is False)
+        )
         made.append(click.option(f"--{flag}", name, cls=Grouped, group=group, **settings))
     return several(*made)
 
 
 _ENTRY: Final = re.compile(r"^ {4}(\w[\w, ]*) : (.*)\n((?:(?: {8}.*)?\n)*)", re.MULTILINE)
-_UNITS: Final = re.compile(r", (mm|s)\b")
+_UNITS: Final = re.compile(r", (mm|s|degrees)\b")
 
 
 def helps_of(kind: type) -> dict[str, str]:

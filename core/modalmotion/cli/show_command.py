@@ -1,9 +1,9 @@
-"""Command that says what a file holds."""
+"""Command that shows what is in a file."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,12 +11,36 @@ import click
 
 from modalmotion.cli.options import command, json_option
 from modalmotion.codec.container import MAGIC
-from modalmotion.errors import InputError
+from modalmotion.errors import InputError, StoreError
+from modalmotion.hdf5.form import form_of
 from modalmotion.hdf5.gate import SIGNATURE
-from modalmotion.hdf5.sealed import SEAL_LENGTH
 
-# Of texts that a file holds any number of.
+# Of texts of which a file may have any number.
 _MOST_NOTES: Final = 5
+
+_SEQUENCE: Final = (
+    "n_frames as frames",
+    "n_vertices as vertices",
+    "faces as triangles",
+    *("topology", "grid", "span as seconds", "unit", "facts", "id"),
+)
+_SHOWN: Final = {
+    "sequence": _SEQUENCE,
+    "track": tuple(f"sequence.{one}" for one in _SEQUENCE),
+    "signature": (
+        *("surface", "n_frames as frames", "n_vertices as vertices", "modes"),
+        *("n_amplitudes as amplitudes_per_frame", "parameters.components", "unit", "rms_error"),
+        *("max_error", "sequence_id", "template_id", "notes"),
+    ),
+    "template": ("topology as surface", "n_vertices as vertices", "lengths", "id", "notes"),
+    "model": ("name", "classes", "card.n_cases as cases", "card.accuracy", "readable.n_modes"),
+    "classification": ("label", "probability", "class_set", "model", "sequence_id", "notes"),
+    "norm": ("name", "n_controls", "readable.n_modes", "id", "notes"),
+    "compressed sequence": (
+        *("n_frames", "n_vertices", "n_faces", "topology", "grid", "unit", "rms", "max_error"),
+    ),
+}
+"""Attributes by kind of file, and their names where these are others."""
 
 
 @command("show beat.h5")
@@ -25,7 +49,7 @@ _MOST_NOTES: Final = 5
 )
 @json_option
 def show(file: Path, as_json: bool) -> None:
-    """Say what FILE holds.
+    """Show what is in FILE.
 
     A signature, sequence, track, template, class, model or stream of modalmotion's, or a moving
     surface in any known format.
@@ -36,152 +60,68 @@ def show(file: Path, as_json: bool) -> None:
         return
     width = max(map(len, content))
     for name, value in content.items():
-        if isinstance(value, list):
-            for one in value[:_MOST_NOTES]:
-                click.echo(f"{name:>{width}}  {one}")
-        elif value is not None:
-            click.echo(f"{name:>{width}}  {value}")
+        many = value[:_MOST_NOTES] if name in ("notes", "ignored") else [value]
+        for one in many:
+            if one is not None:
+                text = ", ".join(map(str, one)) if isinstance(one, list) else one
+                click.echo(f"{name:>{width}}  {text}")
 
 
 def _content(file: Path) -> dict[str, Any]:
     with file.open("rb") as opened:
         head = opened.read(len(SIGNATURE))
-        opened.seek(max(0, file.stat().st_size - SEAL_LENGTH))
-        is_ours = head == SIGNATURE and b"modalmotion sha256" in opened.read()
     if head.startswith(MAGIC):
-        return _stream(file)
-    if is_ours:
-        from modalmotion.hdf5.form import form_of
+        from modalmotion.codec.decoder import inspect
 
-        kind = form_of(file).kind
-        return {"holds": kind, **_READERS.get(kind, _nothing_more)(file)}
-    return {"holds": "moving surface", **_sequence_in(file)}
+        header = inspect(file.read_bytes())
+        return {**_shown("compressed sequence", header), "bytes": file.stat().st_size}
+    if head == SIGNATURE:
+        kind = _kind(file)
+        if kind in _SHOWN:
+            from modalmotion.exports.files import load
 
-
-def _stream(file: Path) -> dict[str, Any]:
-    from modalmotion.codec.decoder import inspect
-
-    header = inspect(file.read_bytes())
-    names = ("n_frames", "n_vertices", "n_faces", "topology", "grid", "unit", "rms", "max_error")
-    stated = {name: _plain(getattr(header, name)) for name in names}
-    return {"holds": "compressed sequence", **stated, "bytes": file.stat().st_size}
-
-
-def _signature(file: Path) -> dict[str, Any]:
-    from modalmotion.store import signature_from_hdf5
-
-    value = signature_from_hdf5(file)
-    return {
-        "surface": value.surface,
-        "frames": value.n_frames,
-        "vertices": value.n_vertices,
-        "modes": len(value.modes),
-        "amplitudes_per_frame": value.n_amplitudes,
-        "components": value.parameters.components.value,
-        "unit": value.unit,
-        "rms_error": value.rms_error,
-        "max_error": value.max_error,
-        "sequence_id": value.sequence_id,
-        "template_id": value.template_id,
-        "made_by": f"modalmotion {value.provenance.get('modalmotion', '')}".strip(),
-        "note": list(value.notes),
-    }
-
-
-def _sequence(file: Path) -> dict[str, Any]:
-    from modalmotion.store import sequence_from_hdf5
-
-    return _of_sequence(sequence_from_hdf5(file))
-
-
-def _sequence_in(file: Path) -> dict[str, Any]:
-    from modalmotion.formats import ReadOptions, read_sequence
+            return _shown(kind, load(file))
+        if kind:
+            return {"holds": kind, "bytes": file.stat().st_size}
+    from modalmotion.formats import read_sequence
 
     try:
-        reading = read_sequence(file, ReadOptions())
+        reading = read_sequence(file)
     except InputError as error:
         raise click.ClickException(
             f"{file.name} is neither a file of modalmotion's nor a moving surface: {error}"
         ) from error
     return {
+        **_shown("sequence", reading.sequence),
+        "holds": "moving surface",
         "format": reading.format,
-        **_of_sequence(reading.sequence),
-        "not_used": list(reading.ignored),
-        "note": list(reading.notes),
+        "ignored": list(reading.ignored),
+        "notes": list(reading.notes),
     }
 
 
-def _of_sequence(sequence: Any) -> dict[str, Any]:
-    return {
-        "frames": sequence.n_frames,
-        "vertices": sequence.n_vertices,
-        "triangles": len(sequence.faces),
-        "topology": _plain(sequence.topology),
-        "grid": _plain(sequence.grid),
-        "seconds": None
-        if sequence.times is None
-        else float(sequence.times[-1] - sequence.times[0]),
-        "unit": sequence.unit,
-        "facts": repr(sequence.facts)[6:-1],
-        "id": sequence.id,
-    }
+def _kind(file: Path) -> str:
+    try:
+        return form_of(file).kind
+    except StoreError:
+        # HDF5 of other programs.
+        return ""
 
 
-def _template(file: Path) -> dict[str, Any]:
-    from modalmotion.store import template_from_hdf5
-
-    value = template_from_hdf5(file)
-    return {
-        "surface": "mesh" if value.surface is None else value.surface.name,
-        "vertices": value.n_vertices,
-        "lengths": list(value.lengths),
-        "id": value.id,
-        "note": list(value.notes),
-    }
-
-
-def _model(file: Path) -> dict[str, Any]:
-    from modalmotion.classification import load_model
-
-    value = load_model(file)
-    return {
-        "name": value.name,
-        "classes": ", ".join(value.classes),
-        "cases": sum(value.card.n_cases.values()),
-        "accuracy": value.card.accuracy,
-        "reads": f"{value.signature_parameters.modes} modes, "
-        f"{value.signature_parameters.components.value}",
-    }
-
-
-def _class(file: Path) -> dict[str, Any]:
-    from modalmotion.store import classification_from_hdf5
-
-    value = classification_from_hdf5(file)
-    return {
-        "label": value.label or "no class",
-        "probability": value.probability,
-        "class_set": ", ".join(value.class_set),
-        "model": value.model,
-        "sequence_id": value.sequence_id,
-        "note": list(value.notes),
-    }
-
-
-def _nothing_more(file: Path) -> dict[str, Any]:
-    return {"bytes": file.stat().st_size}
-
-
-_READERS: Final[dict[str, Callable[[Path], dict[str, Any]]]] = {
-    "signature": _signature,
-    "sequence": _sequence,
-    "template": _template,
-    "model": _model,
-    "classification": _class,
-}
+def _shown(kind: str, value: Any) -> dict[str, Any]:
+    content: dict[str, Any] = {"holds": kind}
+    for one in _SHOWN[kind]:
+        path, _, name = one.partition(" as ")
+        content[name or path.rpartition(".")[2]] = _plain(attrgetter(path)(value))
+    return content
 
 
 def _plain(value: Any) -> Any:
+    """Give a value as JSON has it; of sets of modes and of arrays their number."""
     if value is None or isinstance(value, int | float | str):
         return value
-    return list(value) if isinstance(value, tuple) else str(value)
+    if isinstance(value, tuple):
+        return list(value)
+    if isinstance(value, dict):
+        return sum(value.values())
+    return len(value) if hasattr(value, "__len__") else str(value)

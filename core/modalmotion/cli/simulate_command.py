@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +11,16 @@ from typing import Any, Final
 import click
 import numpy as np
 
-from modalmotion.cli.options import GridShape, command, example, json_option, output_option, tell
+from modalmotion.cli.options import (
+    VENTRICLE,
+    GridShape,
+    command,
+    example,
+    json_option,
+    options_of,
+    output_option,
+    tell,
+)
 from modalmotion.cli.outputs import OutputFolder
 from modalmotion.formats import write_npz
 from modalmotion.formats.volumes import write_nifti_zip
@@ -31,42 +39,6 @@ from modalmotion.store import write_atomic
 _STATED: Final = ("tracking", "handedness", "period", "cavity", "modality")
 """Facts that the simulator knows."""
 
-_HELP: Final = {
-    "length": "Length of the cavity from apex to base at end diastole, mm.",
-    "radius": "Radius of the widest short-axis section at end diastole, mm.",
-    "truncation": "Polar angle at which the base cuts the spheroid, degrees.",
-    "ejection_fraction": "Share of the end-diastolic volume that is ejected.",
-    "longitudinal_shortening": "Shortening of the wall along the axis at end systole, as a share.",
-    "apex_share": "Share of the shortening that raises the apex, not lowers the base.",
-    "apex_rotation": "Of the apex at end systole, degrees; counterclockwise seen from the apex.",
-    "base_rotation": "Of the base at end systole, degrees; counterclockwise seen from the apex.",
-    "period": "Duration of one heartbeat, s.",
-    "early_filling": "Share of the filling before the atrial kick.",
-    "akinesia": "Share of the contraction lost at the centre of a region.",
-    "akinesia_azimuth": "Azimuth of the region's centre, degrees; 0 lateral, 90 inferior.",
-    "akinesia_height": "Height of the region's centre, 0 apex to 1 base.",
-    "akinesia_extent": "From the region's centre to its edge, degrees.",
-    "delay": "Delay of the late wall's contraction behind the opposite wall's, s.",
-    "delay_azimuth": "Azimuth of the late wall, degrees; 0 lateral.",
-    "septal_flash": "Early contraction of the early wall, as a share of a full one.",
-    "shape_variation": "RMS of random fields added to the surface, mm.",
-    "motion_variation": "RMS of random fields added to the motion at end systole, mm.",
-}
-
-
-def _parameter_options(command: Callable[..., None]) -> Callable[..., None]:
-    for parameter in reversed(fields(VentricleParameters)):
-        low, high = parameter.metadata["range"]
-        command = click.option(
-            f"--{parameter.name.replace('_', '-')}",
-            parameter.name,
-            type=click.FloatRange(low, high),
-            default=parameter.default,
-            show_default=True,
-            help=_HELP[parameter.name],
-        )(command)
-    return command
-
 
 @command("simulate -o beat.npz --ejection-fraction 0.4")
 @output_option("File to write (.npz; .zip of images).")
@@ -83,7 +55,9 @@ def _parameter_options(command: Callable[..., None]) -> Callable[..., None]:
     help="Images in place of a surface: a zip of NIfTI, with the true surface and landmarks.",
 )
 @json_option
-@_parameter_options
+@options_of(
+    VentricleParameters, *(one.name for one in fields(VentricleParameters)), group=VENTRICLE
+)
 def simulate(
     output: Path,
     frames: int,

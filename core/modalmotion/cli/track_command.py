@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 import numpy as np
 
-from modalmotion.cli.options import command, json_option, list_written, output_option
+from modalmotion.cli.options import command, json_option, list_written, options_of, output_option
 from modalmotion.cli.outputs import MOVING, PICTURES, OutputFile, write_picture
 from modalmotion.cli.tracking_options import tracking_options
 from modalmotion.errors import ParameterError
@@ -28,7 +28,7 @@ from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
 from modalmotion.tracking.landmarks import read_landmark_file
-from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
+from modalmotion.tracking.parameters import TrackParameters
 from modalmotion.tracking.reading import Recorded, read_observed
 
 if TYPE_CHECKING:
@@ -46,20 +46,8 @@ _PICTURES: Final = ("data", "deviations", "determined")
 @click.option(
     "--start", type=click.Path(exists=True, path_type=Path), help="A surface to start from."
 )
-@click.option("--topology", help="Of a start without a surface: cup, sphere, cylinder, ...")
-@click.option(
-    "--modes", default=USUAL_MODES, show_default=True, help="Modes, 3 amplitudes a frame each."
-)
-@click.option(
-    "--time",
-    type=click.Choice(["cycle", "open"]),
-    default="cycle",
-    show_default=True,
-    help="Whether the frames are one period, or part of a motion.",
-)
+@options_of(TrackParameters, "topology", "modes", "time", "reference", "unit")
 @click.option("--frame-interval", "times", type=float, help="Seconds from frame to frame.")
-@click.option("--reference", default=0, show_default=True, help="Frame that it starts from.")
-@click.option("--unit", help="Length unit: m, cm, mm, um or nm.")
 @click.option(
     "--plot",
     type=OutputFile(*PICTURES, MOVING),
@@ -201,7 +189,7 @@ def _lines(result: Track) -> list[str]:
         )
         lines.append(f"papillary muscles counted as {result.images.papillary}: {both}")
     if result.gap is not None:
-        lines.append(f"both ways round the cycle end {result.gap:.2g} {unit} apart")
+        lines.append(f"forward and backward tracking agree to {result.gap:.2g} {unit}")
     return lines
 
 

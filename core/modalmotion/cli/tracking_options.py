@@ -6,30 +6,17 @@ from typing import Final
 
 import click
 
-from modalmotion.cli.options import several
-from modalmotion.tracking.reading import USUAL_CONTOURS
-from modalmotion.tracking.result import CONVENTIONS
+from modalmotion.cli.options import TRACKING, Grouped, options_of, several
+from modalmotion.tracking.parameters import TrackParameters
 
-label_options = several(
-    click.option(
-        "--label",
-        "labels",
-        type=int,
-        multiple=True,
-        help="Of a label map: value of the cavity. By default that which another label encloses.",
-    ),
-    click.option("--wall", type=int, multiple=True, help="Of a label map: value of the wall."),
-    click.option(
-        "--papillary",
-        type=click.Choice(CONVENTIONS),
-        default="pool",
-        show_default=True,
-        help="Of images: whether papillary muscles count as cavity.",
-    ),
+label_options = options_of(
+    TrackParameters, "labels", "wall", "papillary", group=TRACKING, labels={"flag": "label"}
 )
 tracking_options = several(
     click.option(
         "--landmarks",
+        cls=Grouped,
+        group=TRACKING,
         multiple=True,
         metavar="NAME[@FRAME]=X,Y,Z|FILE",
         help="Of images, points or contours: place of the apex or the base, in the reference frame "
@@ -37,13 +24,7 @@ tracking_options = several(
         "more. Label maps need none.",
     ),
     label_options,
-    click.option(
-        "--contours",
-        multiple=True,
-        default=USUAL_CONTOURS,
-        show_default=True,
-        help="Of typed contours: parts of the names to read.",
-    ),
+    options_of(TrackParameters, "contours", group=TRACKING),
 )
 """How what has no corresponding vertices is tracked."""
 

@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from modalmotion.classification.answer import Classification
 from modalmotion.cli.files import fitted, sequence_argument
 from modalmotion.cli.options import command, fit_options, json_option, output_option, tell
 from modalmotion.cli.waiting import Waiting
+from modalmotion.exports.reading import stream_at
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP
 from modalmotion.signature.making import ModalSignature
@@ -44,7 +46,8 @@ def view(
     """Write a page on which the surface in FILE moves, beside its reconstruction.
 
     The page is one file: it opens from disk in any browser and needs no network. Of a track's .h5
-    the data that it was tracked through are drawn over the surface.
+    the data that it was tracked through are drawn over the surface. If FILE is a compressed
+    stream, the page contains it and decodes it.
     """
     from modalmotion.store import write_atomic
     from modalmotion.tracking.hdf5 import kept_track
@@ -57,7 +60,10 @@ def view(
             answer = _answer(sequence, signature) if classify else None
             tracked = kept_track(path)
             data = None if tracked is None else tracked.data
-            views.append(View(signature, sequence, path.name, classification=answer, data=data))
+            stream = _stream(path, sequence)
+            views.append(
+                View(signature, sequence, path.name, None, answer, data=data, stream=stream)
+            )
         with waiting.watch.stage("write"):
             write_atomic(output, view_page(views).encode())
     tell({"titles": [view.title for view in views]}, [], output, as_json=as_json)
@@ -68,3 +74,15 @@ def _answer(sequence: MeshSequence, signature: ModalSignature) -> Classification
     from modalmotion.classification import classify
 
     return classify(sequence) if signature.topology == CUP else None
+
+
+def _stream(path: Path, sequence: MeshSequence) -> bytes | None:
+    """Give the bytes of a compressed file, if a page can decode them to this sequence."""
+    from modalmotion.codec import decode, inspect
+    from modalmotion.codec.modes.modes_section import STORED
+
+    data = stream_at(path)
+    if data is None or inspect(data).modes == STORED:
+        return None
+    # Options of reading may have changed the order of frames.
+    return data if np.array_equal(decode(data).vertices, sequence.vertices) else None

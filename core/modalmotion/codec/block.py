@@ -49,7 +49,7 @@ class Block:
     ----------
     kind : Temporal
     quantiser : Quantiser
-    basis : (components, frames x directions) int64
+    basis : (components, frames x 3) int64
         Learned components; none for a basis in closed form.
     coefficients : (rows, modes) int64
         Without the modes after the last one used.
@@ -237,8 +237,8 @@ def _parse_head(data: bytes, n_frames: int, n_vertices: int) -> tuple[Block, int
     origin = np.array([unzigzag(n) for n in numbers[1:4]], dtype=np.int64)
     width, n_rows, n_modes, n_components = numbers[4:]
     closed_form = kind in CLOSED_FORM
-    rows = n_rows if closed_form else 3 + kind.rows_each * n_components
-    columns = n_frames * kind.directions
+    rows = n_rows if closed_form else 3 + n_components
+    columns = 3 * n_frames
     if (
         not (np.isfinite(step) and step > 0)
         or not -1074 <= exponent <= 1023

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +49,6 @@ class ModalBlock:
     offsets: Floats | None = None
     modes: OrthonormalModes | None = None
     _projected: dict[Temporal, Floats] = field(default_factory=dict)
-    _components: dict[Temporal, Floats] = field(default_factory=dict)
     _articulated: list[Articulated | None] = field(default_factory=list)
 
     def projected(self, kind: Temporal) -> Floats:
@@ -58,11 +58,10 @@ class ModalBlock:
             self._projected[kind] = basis.project(self.amplitudes)
         return self._projected[kind]
 
-    def components(self, kind: Temporal) -> Floats:
-        """Numbers of the learned components, unrounded, (components, frames x directions)."""
-        if kind not in self._components:
-            self._components[kind] = basis_numbers(learned_components(self.amplitudes, kind))
-        return self._components[kind]
+    @cached_property
+    def components(self) -> Floats:
+        """Numbers of the learned components, unrounded, (components, frames x 3)."""
+        return basis_numbers(learned_components(self.amplitudes))
 
     def articulated(self, step: float) -> Articulated | None:
         """Parts that move as one, found at the first step asked for; None where there are none."""
@@ -113,15 +112,13 @@ def attempt(
         error += (exact[n_rows:] ** 2).sum()
         empty = np.zeros((0, 0), dtype=np.int64)
         return Trial(kind, quantiser, empty, numbers[:n_rows], float(error))
-    return _attempt_learned(motion, kind, step, price, alike)
+    return _attempt_trajectories(motion, step, price, alike)
 
 
-def _attempt_learned(
-    motion: ModalBlock, kind: Temporal, step: float, price: float, alike: float | None
+def _attempt_trajectories(
+    motion: ModalBlock, step: float, price: float, alike: float | None
 ) -> Trial | None:
-    n_frames = len(motion.amplitudes)
-    each = kind.rows_each
-    exact_basis = motion.components(kind)
+    kind, n_frames, exact_basis = Temporal.TRAJECTORY, len(motion.amplitudes), motion.components
     if not is_countable(exact_basis, step):
         return None
     exact_basis = exact_basis[: int(np.count_nonzero(np.abs(exact_basis).max(axis=1) > step / 2))]
@@ -138,9 +135,9 @@ def _attempt_learned(
         if last or not len(basis):
             break
         restored = Quantiser(step, (0, 0, 0)).restore(numbers[3:])
-        gain = (exact[3:] ** 2 - (exact[3:] - restored) ** 2).sum(axis=1).reshape(-1, each)
-        bits = rough_bits(numbers[3:]).reshape(-1, each).sum(axis=1) + rough_bits(basis)
-        worth = np.cumsum(gain.sum(axis=1) / step**2 - price * bits)
+        gain = (exact[3:] ** 2 - (exact[3:] - restored) ** 2).sum(axis=1)
+        bits = rough_bits(numbers[3:]) + rough_bits(basis)
+        worth = np.cumsum(gain / step**2 - price * bits)
         n_worth = int(np.argmax(worth)) + 1 if worth.max() > 0 else 0
         if n_worth == len(basis):
             break

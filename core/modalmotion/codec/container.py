@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import struct
 import zlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -23,12 +22,7 @@ LARGEST_BLOCK: Final = 2**26
 """Coordinates of the largest block, unless a single frame has more."""
 
 MAGIC: Final = b"MMSQ"
-VERSION: Final = 8
-
-# Version 7 knew no parts, version 4 fewer modes. Version 2 differs in one number of the header:
-# its largest error is of one coordinate. No flipped bit turns one version into another.
-_OF_COORDINATES: Final = 2
-_VERSIONS: Final = (_OF_COORDINATES, 4, 7, VERSION)
+VERSION: Final = 1
 
 _NONSENSE: Final = "The header of the stream makes no sense."
 _UNITS: Final = (None, *MM_PER_UNIT)
@@ -54,7 +48,6 @@ class Header:
         Section that names the modes of the stream.
     rms, max_error : float, length unit
         Measured after decoding: root mean square of the distances of vertices, and the largest.
-        Of a stream of version 2 the latter is a bound.
     kg_error : float, percent
         100 |A - A'| / |A - E|, E the centroid of each frame.
     block_frames : tuple of int
@@ -112,17 +105,13 @@ def read_header(data: bytes, limits: ReadLimits) -> tuple[Header, int]:
             remedy="Send a stream that `modalmotion encode` wrote.",
         )
     version = data[4] if len(data) > 4 else None
-    if version not in _VERSIONS:
+    if version != VERSION:
         raise MalformedFileError(
-            f"The stream has the version {version}; this decoder reads versions "
-            f"{', '.join(map(str, _VERSIONS))}.",
+            f"The stream has the version {version}; this decoder reads version {VERSION}.",
             remedy="Decode it with the release that wrote it, or a later one.",
         )
     section, position = read_section(data, 5)
-    header = _read_header(section, limits)
-    if version == _OF_COORDINATES:
-        header = replace(header, max_error=math.sqrt(3.0) * header.max_error)
-    return header, position
+    return _read_header(section, limits), position
 
 
 def read_section(data: bytes, position: int) -> tuple[bytes, int]:

@@ -22,13 +22,8 @@ from modalmotion.progress import ShareReport, part_of, silent
 
 LONGEST_BLOCK: Final = 512
 
-RELATIONS: Final = {
-    Effort.REALTIME: 0,
-    Effort.FAST: 2,
-    Effort.BALANCED: MOST_RELATIONS,
-    Effort.THOROUGH: MOST_RELATIONS,
-}
-"""Relations in the numbering of the vertices: six take three times as long as none."""
+RELATIONS: Final = {Effort.FAST: (2,), Effort.BALANCED: (MOST_RELATIONS, 2)}
+"""Numbers of relations to try in the numbering of the vertices: six take twice as long as none."""
 
 # Connectivity beside the motion, roughly.
 SHARE_OF_FACES: Final = 0.1
@@ -56,10 +51,10 @@ def encode(
         Distance from its original that no vertex in any frame exceeds.
     n_bytes : int, optional
         Bytes that the stream does not exceed.
-    effort : {"realtime", "fast", "balanced", "thorough"}
+    effort : {"fast", "balanced"}
         How many transforms are tried, and for meshes without a lattice how large the
-        eigenproblems of a decoder are. "realtime" has none: more bits, and decoding takes
-        a few sums and products for each number.
+        eigenproblems of a decoder are: "fast" takes a third of the time, and on surfaces a sixth
+        more bits.
     keep_face_order : bool
         Vertices keep their order and triangles their orientation in any case. The order of the
         triangles means nothing to a surface, and keeping it can cost more than its motion.
@@ -178,7 +173,7 @@ def _require_fit(best: Encoded | None, smallest: int, n_bytes: int) -> Encoded:
     return best
 
 
-def _faces_section(sequence: MeshSequence, keep_order: bool, n_relations: int) -> bytes:
+def _faces_section(sequence: MeshSequence, keep_order: bool, n_relations: tuple[int, ...]) -> bytes:
     if not len(sequence.faces):
         return b""
     lattice = None

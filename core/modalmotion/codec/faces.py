@@ -34,7 +34,7 @@ def write_faces(
     faces: Ints,
     *,
     keep_order: bool,
-    n_relations: int = MOST_RELATIONS,
+    n_relations: tuple[int, ...] = (MOST_RELATIONS,),
 ) -> bytes:
     """Write triangles by the cheapest of a few rules.
 
@@ -47,23 +47,24 @@ def write_faces(
     keep_order : bool
         Whether to keep the order of the triangles, and the first corner of each;
         otherwise they come fan by fan, in the same orientation.
-    n_relations : int, optional
-        Relations that the numbering of the vertices uses, at most: smaller, but slower.
+    n_relations : tuple of int, optional
+        Numbers of relations that the numbering of the vertices may use: the smallest wins.
     """
     cells = None if grid is None else _cells_of(grid, faces)
     if cells is not None:
         return bytes([_CELLS]) + np.packbits(cells).tobytes()
-    n_relations = n_relations if n_vertices <= LARGEST_RELATED else 0
 
-    def coded(period: int, *, walk_only: bool) -> bytes:
+    def coded(period: int, n_relations: int, *, walk_only: bool) -> bytes:
         coder, shape = Coder(), (n_vertices, len(faces), period, n_relations)
         coder.faces(shape, faces, keep_order=keep_order, walk_only=walk_only)
-        return coder.finish()
+        return bytes([_WALK, period, n_relations]) + coder.finish()
 
     period = 1
     if keep_order:
-        period = min(_PERIODS, key=lambda period: len(coded(period, walk_only=True)))
-    return bytes([_WALK, period, n_relations]) + coded(period, walk_only=False)
+        period = min(_PERIODS, key=lambda period: len(coded(period, 0, walk_only=True)))
+    if n_vertices > LARGEST_RELATED:
+        n_relations = (0,)
+    return min((coded(period, n, walk_only=False) for n in n_relations), key=len)
 
 
 def read_faces(data: bytes, n_faces: int, n_vertices: int, grid: Grid | None) -> Ints:

@@ -39,14 +39,13 @@ SHARE_OF_MODES: Final = 0.3
 # Answers that coefficients coded one by one may take: a fifth of a microsecond each compiled, ten
 # in Python, for the decoder too. A zero takes one; magnitudes of an error that is fine take twenty
 # and gain next to nothing.
-MOST_TIGHTENED: Final = {
-    Effort.REALTIME: 0,
-    Effort.FAST: 0,
-    Effort.BALANCED: 2**19,
-    Effort.THOROUGH: 2**20,
-}
+MOST_TIGHTENED: Final = {Effort.FAST: 0, Effort.BALANCED: 2**19}
 N_STEPS: Final = 14
 """Answers that a magnitude takes before it is a number."""
+
+MOST_STEPS: Final = {Effort.FAST: 1, Effort.BALANCED: 5}
+STEP_RATIO: Final = 1.35
+"""Steps that are tried under a largest error, and how far apart they are."""
 
 FIRST_STEP: Final = {Measure.RMS: 7.0, Measure.MAX_ERROR: 3.0}
 
@@ -176,8 +175,7 @@ def _at_max_error(
     blocks: dict[float, EncodedBlock | None] = {}
     best: EncodedBlock | None = None
     start = FIRST_STEP[Measure.MAX_ERROR] * error
-    most = {Effort.BALANCED: 5, Effort.THOROUGH: 9}.get(choice.effort, 1)
-    ratio = 1.2 if choice.effort == Effort.THOROUGH else 1.35
+    most = MOST_STEPS[choice.effort]
     for number, kind in enumerate(choice.kinds, start=1):
         if kind == Temporal.PARTS and not _is_promising(frames.motion, start):
             continue
@@ -188,7 +186,7 @@ def _at_max_error(
             blocks[step] = done
             return 2**62 if done is None else len(done.data)
 
-        start = least(size, start, ratio, most)
+        start = least(size, start, STEP_RATIO, most)
         for done in blocks.values():
             if done is None or measure(frames.vertices, done.positions).max_error > target.value:
                 continue

@@ -11,12 +11,10 @@ from modalmotion.numeric.kinds import real, whole
 
 
 class Effort(StrEnum):
-    """How much time the encoder may spend on trials, and how little the decoder on modes."""
+    """How much time the encoder may spend on trials, and the decoder on modes."""
 
-    REALTIME = "realtime"
     FAST = "fast"
     BALANCED = "balanced"
-    THOROUGH = "thorough"
 
 
 class Measure(StrEnum):

@@ -22,19 +22,8 @@ class Temporal(IntEnum):
 
     DCT = 0
     FOURIER = 1
-    KLT = 2
-    TRAJECTORY = 3
-    PARTS = 4
-
-    @property
-    def rows_each(self) -> int:
-        """Rows of coefficients for each learned component."""
-        return 3 // self.directions
-
-    @property
-    def directions(self) -> int:
-        """Directions that a learned component holds: all three at once, or one for each alike."""
-        return 3 if self in (Temporal.TRAJECTORY, Temporal.PARTS) else 1
+    TRAJECTORY = 2
+    PARTS = 3
 
 
 CLOSED_FORM: Final = (Temporal.DCT, Temporal.FOURIER)
@@ -48,9 +37,8 @@ class TimeBasis:
     ----------
     kind : Temporal
     n_frames : int
-    learned : (frames, components) or (frames, 3, components) float64
-        Components that were sent, besides the constant: for each direction alike, or for all
-        three at once. None for a basis in closed form.
+    learned : (frames, 3, components) float64
+        Components that were sent, besides the constant; none for a basis in closed form.
     """
 
     kind: Temporal
@@ -105,34 +93,32 @@ def closed_form_basis(kind: Temporal, n_frames: int) -> TimeBasis:
     return TimeBasis(kind, n_frames, np.zeros((n_frames, 0)))
 
 
-def learned_components(motion: Floats, kind: Temporal) -> Floats:
+def learned_components(motion: Floats) -> Floats:
     """Principal components of the motion about its mean, strongest first.
 
     Parameters
     ----------
     motion : (frames, 3, n) float64
-    kind : Temporal
 
     Returns
     -------
-    (components, frames, directions) float64
-        Each times its strength, so that one step suits basis and coefficients alike;
-        directions is 1 or 3.
+    (components, frames, 3) float64
+        Each times its strength, so that one step suits basis and coefficients alike.
     """
     n_frames = len(motion)
     centred = motion - motion.mean(axis=0)
-    flat = centred.reshape(kind.directions * n_frames, -1)
+    flat = centred.reshape(3 * n_frames, -1)
     if flat.shape[0] <= flat.shape[1]:
         squares, U = scipy.linalg.eigh(flat @ flat.T)
         scaled = U * np.sqrt(np.maximum(squares, 0.0))
     else:
         U, strengths, _ = scipy.linalg.svd(flat, full_matrices=False)
         scaled = (U * strengths)[:, ::-1]
-    return np.ascontiguousarray(scaled[:, ::-1].T).reshape(-1, n_frames, kind.directions)
+    return np.ascontiguousarray(scaled[:, ::-1].T).reshape(-1, n_frames, 3)
 
 
 def basis_numbers(components: Floats) -> Floats:
-    """Components as a matrix to be quantised: (components, frames x directions), slow first."""
+    """Components as a matrix to be quantised: (components, frames x 3), slow first."""
     return cosines(components, 1).reshape(len(components), -1)
 
 
@@ -142,16 +128,12 @@ def restore_basis(kind: Temporal, numbers: Ints, n_frames: int, quantiser: Quant
     Parameters
     ----------
     kind : Temporal
-    numbers : (components, frames x directions) int64
+    numbers : (components, frames x 3) int64
     n_frames : int
     quantiser : Quantiser
     """
-    directions = numbers.shape[1] // n_frames
-    components = quantiser.restore(numbers).reshape(len(numbers), n_frames, directions)
+    components = quantiser.restore(numbers).reshape(len(numbers), n_frames, 3)
     norms = np.sqrt((components**2).sum(axis=(1, 2), keepdims=True))
     components = components / np.where(norms > 0, norms, 1.0)
     components = from_cosines(components, 1)
-    learned = np.ascontiguousarray(np.moveaxis(components, 0, -1))
-    if kind == Temporal.KLT:
-        learned = learned[:, 0, :]
-    return TimeBasis(kind, n_frames, learned)
+    return TimeBasis(kind, n_frames, np.ascontiguousarray(np.moveaxis(components, 0, -1)))

@@ -9,7 +9,6 @@ import numpy as np
 from modalmotion.codec.modes.graph import edges_of
 from modalmotion.codec.modes.lattice_modes import LatticeModes
 from modalmotion.codec.modes.modes_section import OrthonormalModes
-from modalmotion.codec.modes.pairs import PairModes, fitted_pairs
 from modalmotion.codec.modes.patch_modes import LARGEST_PATCH, MOST_WORK, Cut, PatchModes
 from modalmotion.codec.target import Effort
 from modalmotion.codec.temporal import Temporal
@@ -20,12 +19,8 @@ from modalmotion.numerals import with_article
 CUTS = {
     Effort.FAST: Cut(patch=2048, leaf=128, share=50),
     Effort.BALANCED: Cut(patch=LARGEST_PATCH, leaf=256, share=96),
-    Effort.THOROUGH: Cut(patch=LARGEST_PATCH, leaf=512, share=128),
 }
 """How meshes are cut for their spring modes."""
-
-MOST_FITTED = 16
-"""Frames that say how much of an expected difference is taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,20 +49,14 @@ def choose(sequence: MeshSequence, effort: Effort) -> Choice:
         lattice = _lattice_modes(sequence)
         modes: OrthonormalModes = lattice
         name = f"closed-form modes of {with_article(str(lattice.topology))}"
-    elif effort == Effort.REALTIME:
-        modes = _pair_modes(sequence)
-        name = "modes of pairs"
     else:
         springs = _spring_modes(sequence, CUTS[effort])
         modes = springs
         name = f"spring modes, patches: {len(springs.patches)}"
-    is_quick = effort in (Effort.REALTIME, Effort.FAST)
+    is_quick = effort == Effort.FAST
+    kinds: tuple[Temporal, ...] = (Temporal.DCT, Temporal.TRAJECTORY)
     if is_quick:
-        kinds: tuple[Temporal, ...] = (Temporal.DCT if on_lattice else Temporal.TRAJECTORY,)
-    elif effort == Effort.BALANCED:
-        kinds = (Temporal.DCT, Temporal.TRAJECTORY)
-    else:
-        kinds = (Temporal.DCT, Temporal.KLT, Temporal.TRAJECTORY)
+        kinds = (Temporal.DCT if on_lattice else Temporal.TRAJECTORY,)
     if not on_lattice and not is_quick:
         kinds = (*kinds, Temporal.PARTS)
     if _is_cycle(sequence) and not (is_quick and not on_lattice):
@@ -102,14 +91,7 @@ def _spring_modes(sequence: MeshSequence, cut: Cut) -> PatchModes:
     while cut.work(n) > MOST_WORK and cut.patch > 1:
         patch = cut.patch // 2
         cut = replace(cut, patch=patch, leaf=min(cut.leaf, patch))
-    return PatchModes(edges_of(sequence.faces), n, cut, 0)
-
-
-def _pair_modes(sequence: MeshSequence) -> PairModes:
-    frames = np.unique(np.linspace(0, sequence.n_frames - 1, MOST_FITTED).astype(np.int64))
-    some = sequence.vertices[frames].astype(np.float64)
-    some -= some.mean(axis=(0, 1))
-    return fitted_pairs(sequence.faces, some.transpose(0, 2, 1).reshape(-1, sequence.n_vertices))
+    return PatchModes(edges_of(sequence.faces), n, cut)
 
 
 def _is_cycle(sequence: MeshSequence) -> bool:

@@ -28,7 +28,7 @@ class Trial:
     ----------
     kind : Temporal
     quantiser : Quantiser
-    basis : (components, frames x directions) int64
+    basis : (components, frames x 3) int64
     coefficients : (rows, modes) int64
     squared_error : float, quanta squared
         Summed over frames and vertices.

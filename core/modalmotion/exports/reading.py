@@ -5,6 +5,8 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
+from modalmotion.codec import decode
+from modalmotion.codec.container import MAGIC
 from modalmotion.formats import ReadOptions, read_sequence
 from modalmotion.formats.result import Reading
 from modalmotion.mesh.sequence import MeshSequence
@@ -45,8 +47,14 @@ def read(path: str | Path, options: ReadOptions | None = None) -> MeshSequence:
 def read_recording(
     path: Path, options: ReadOptions | None = None, *, progress: Progress | None = None
 ) -> Reading:
-    """Read a moving surface with its notes; of the file of a track its sequence and errors."""
+    """Read a moving surface with its notes; of the file of a track its sequence and errors.
+
+    A compressed stream is decoded.
+    """
     options = ReadOptions() if options is None else options
+    stream = stream_at(path)
+    if stream is not None:
+        return options.apply(Reading(decode(stream, limits=options.limits), format="stream"))
     if path.suffix.lower() in (".h5", ".hdf5"):
         # Tracking is imported for these alone.
         from modalmotion.tracking.hdf5 import kept_track
@@ -55,3 +63,12 @@ def read_recording(
         if track is not None:
             return options.apply(Reading(track.sequence, format="hdf5"))
     return read_sequence(path, options, progress=progress)
+
+
+def stream_at(path: Path) -> bytes | None:
+    """Give the bytes of a compressed stream, or None if the file is something else."""
+    if not path.is_file():
+        return None
+    with path.open("rb") as file:
+        start = file.read(len(MAGIC))
+        return start + file.read() if start == MAGIC else None

@@ -20,9 +20,9 @@ from modalmotion.modes import Modes
 from modalmotion.progress import Progress
 from modalmotion.signature.hdf5 import mode_datasets
 from modalmotion.signature.making import ModalSignature
-from modalmotion.store.care.recovery import existing_store
 from modalmotion.store.disk.atomic import cannot_write, sync_folder, temporary_beside
 from modalmotion.store.record import SequenceRecord
+from modalmotion.store.recovery import existing_store
 from modalmotion.store.results import ResultStore
 
 FORM: Final = Form("export", 3)

@@ -19,7 +19,7 @@ from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template import Template
 
-_OF_COMMANDS: Final = re.compile(r" \(--[^)]*\)")
+_OF_COMMANDS: Final = re.compile(r" \(--[^)]*\)|[;,] state [^.;]*--[^.;]*| by --[a-z-]+")
 
 
 @shown("sequence_id", "readouts", "classification", "deviation")

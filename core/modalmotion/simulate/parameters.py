@@ -50,9 +50,9 @@ class VentricleParameters:
     Parameters
     ----------
     length : float, mm
-        Of the cavity from apex to base at end diastole.
+        Length of the cavity from apex to base at end diastole.
     radius : float, mm
-        Of the widest short-axis section at end diastole.
+        Radius of the widest short-axis section at end diastole.
     truncation : float, degrees
         Polar angle at which the spheroid is cut for the base; 90 cuts at its widest.
     ejection_fraction : float
@@ -64,29 +64,30 @@ class VentricleParameters:
     apex_share : float
         Share of that shortening which shows as the apex rising, not the base descending.
     apex_rotation, base_rotation : float, degrees
-        At end systole, linear in height between.
+        Rotation at end systole, counterclockwise seen from the apex. Linear in height between.
     period : float, s
-        Of one heartbeat.
+        Duration of one heartbeat.
     early_filling : float
         Share of the filling before the atrial kick.
     akinesia : float
         Share of the contraction that is lost at the centre of a region: 1 for akinetic, above
         for dyskinetic.
     akinesia_azimuth : float, degrees
+        Azimuth of the region's centre, 0 lateral, 90 inferior, 180 septal, 270 anterior.
     akinesia_height : float
-        Of the region's centre, 0 apex to 1 base.
+        Height of the region's centre, 0 apex to 1 base.
     akinesia_extent : float, degrees
-        From the region's centre to its edge, seen from the middle of the spheroid.
+        Angle from the region's centre to its edge, seen from the middle of the spheroid.
     delay : float, s
-        By which the late wall's contraction lags behind the opposite wall's.
+        Delay of the late wall's contraction behind the opposite wall's.
     delay_azimuth : float, degrees
-        Of the late wall; 0 (lateral) in left bundle branch block.
+        Azimuth of the late wall; 0 (lateral) in left bundle branch block.
     septal_flash : float
         Short early contraction of the early wall, as a share of a full one, which it then
         lacks in ejection.
     shape_variation, motion_variation : float, mm
-        RMS size of smooth random fields that make one individual: added to the surface, and
-        to the displacements at end systole.
+        RMS of smooth random fields that make one individual, added to the surface or to the
+        displacements at end systole.
 
     Raises
     ------

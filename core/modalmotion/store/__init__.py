@@ -26,30 +26,30 @@ if TYPE_CHECKING:
     from modalmotion.mesh.hdf5 import sequence_to_hdf5 as sequence_to_hdf5
     from modalmotion.signature.hdf5 import signature_from_hdf5 as signature_from_hdf5
     from modalmotion.signature.hdf5 import signature_to_hdf5 as signature_to_hdf5
-    from modalmotion.store.care.backup import BackupReport as BackupReport
-    from modalmotion.store.care.backup import RestoreReport as RestoreReport
-    from modalmotion.store.care.backup import backup as backup
-    from modalmotion.store.care.backup import backup_time as backup_time
-    from modalmotion.store.care.backup import restore as restore
-    from modalmotion.store.care.recovery import Reconciliation as Reconciliation
-    from modalmotion.store.care.recovery import rebuild as rebuild
-    from modalmotion.store.care.verification import Fault as Fault
-    from modalmotion.store.care.verification import VerifyReport as VerifyReport
-    from modalmotion.store.care.verification import verify as verify
+    from modalmotion.store.backups import BackupReport as BackupReport
+    from modalmotion.store.backups import RestoreReport as RestoreReport
+    from modalmotion.store.backups import backup as backup
+    from modalmotion.store.backups import backup_time as backup_time
+    from modalmotion.store.backups import restore as restore
     from modalmotion.store.disk.atomic import write_atomic as write_atomic
     from modalmotion.store.images import ImagesPage as ImagesPage
-    from modalmotion.store.images_record import ImagesRecord as ImagesRecord
-    from modalmotion.store.images_record import images_record_of as images_record_of
+    from modalmotion.store.images import ImagesRecord as ImagesRecord
+    from modalmotion.store.images import images_record_of as images_record_of
     from modalmotion.store.index.index import SequencePage as SequencePage
     from modalmotion.store.record import UNSET as UNSET
     from modalmotion.store.record import SequenceRecord as SequenceRecord
     from modalmotion.store.record import Unset as Unset
     from modalmotion.store.record import record_of as record_of
     from modalmotion.store.record import record_to_json as record_to_json
+    from modalmotion.store.recovery import Reconciliation as Reconciliation
+    from modalmotion.store.recovery import rebuild as rebuild
     from modalmotion.store.results import ResultStore as ResultStore
     from modalmotion.store.results import signature_image as signature_image
     from modalmotion.store.sequences import upload_image as upload_image
     from modalmotion.store.tracks import track_image as track_image
+    from modalmotion.store.verification import Fault as Fault
+    from modalmotion.store.verification import VerifyReport as VerifyReport
+    from modalmotion.store.verification import verify as verify
     from modalmotion.template.hdf5 import template_from_hdf5 as template_from_hdf5
     from modalmotion.template.hdf5 import template_to_hdf5 as template_to_hdf5
     from modalmotion.tracking.hdf5 import track_from_hdf5 as track_from_hdf5

@@ -1,16 +1,169 @@
-"""Deleting a sequence with all that derives from it, in steps that a crash may part.
+"""Deletions, in steps that a crash may part, and the tombstones that they leave.
 
-The record is renamed first: from then on the sequence is gone, and the next `open` of
-the store takes any remaining steps.
+The record of a sequence is renamed first: from then on it is gone, and the next `open` of the store
+takes any remaining steps. A tombstone tells that a thing was deleted on purpose, by its digest and
+the time alone: a file that is missing is either deleted or lost, and nothing else tells which.
+Backups read it, and `rebuild` and `restore`, which bring nothing back that was deleted.
 """
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
+import re
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePath
+from typing import Final
+
+from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
+from modalmotion.classification.record import ModelRecord, ModelReference
 from modalmotion.errors import StoreError
-from modalmotion.store.disk.atomic import cannot_write, remove_durably, sync_folder, write_atomic
+from modalmotion.store.disk.atomic import (
+    cannot_write,
+    make_folder,
+    remove_durably,
+    sync_folder,
+    write_atomic,
+)
+from modalmotion.store.disk.sealed_json import JsonForm
 from modalmotion.store.folder import Folder
+from modalmotion.store.index.cursor import now, to_text
 from modalmotion.store.index.index import Index
-from modalmotion.store.tombstones import bury
+
+TOMBSTONES: Final = "deleted"
+"""Folder of a store that they lie in."""
+TOMBSTONE_DAYS: Final = 90
+"""How long they are kept: a backup that is older than this no longer learns of a deletion."""
+
+# Times of files come from a clock that moves in steps, and may lag by one.
+_STEP_SECONDS: Final = 0.01
+
+_OWNERS: Final = "owners"
+_NORMS: Final = "norms"
+_BY_ID: Final = (
+    *("sequences", "signatures", "classifications", "tracks"),
+    *("templates", "images"),
+)
+_ID: Final = re.compile(r"[0-9a-f]{64}")
+
+
+def bury(root: Path, digest: str) -> None:
+    """Note durably that the thing of a digest is deleted.
+
+    Raises
+    ------
+    StoreError
+        If it cannot be written.
+    """
+    path = _path(root, digest)
+    make_folder(path.parent)
+    write_atomic(path, now().encode())
+
+
+def bury_and_remove(root: Path, digest: str, *files: Path) -> None:
+    """Note that a thing is deleted, and remove its files.
+
+    Raises
+    ------
+    StoreError
+        If either fails; some files may be gone.
+    """
+    try:
+        bury(root, digest)
+    except StoreError:
+        # On a full disk the files themselves make room for it.
+        remove_durably(*files)
+        bury(root, digest)
+    else:
+        remove_durably(*files)
+
+
+def buried(root: Path, digest: str) -> str | None:
+    """When a thing was deleted last, as `now` writes it; None where nothing is known of that."""
+    with contextlib.suppress(OSError, UnicodeDecodeError):
+        return _path(root, digest).read_text("ascii")
+    return None
+
+
+def is_older(written: float, deletion: str) -> bool:
+    """Whether a file that was written then, s since 1970, was there when a thing was deleted."""
+    return to_text(written + _STEP_SECONDS) <= deletion
+
+
+def forget_tombstones(root: Path, days: float = TOMBSTONE_DAYS) -> int:
+    """Remove tombstones that are older, and tell how many.
+
+    Raises
+    ------
+    StoreError
+        If one cannot be removed.
+    """
+    past = time.time() - days * 86400
+    old = [path for path in (root / TOMBSTONES).glob("*/*") if path.stat().st_mtime < past]
+    remove_durably(*old)
+    return len(old)
+
+
+def digest_of_owner(owner: str) -> str:
+    """Digest that an owner's whole store is known by among deleted things."""
+    return hashlib.sha256(f"{_OWNERS}/{owner}".encode()).hexdigest()
+
+
+def digest_of_norm(name: str) -> str:
+    """Digest that a norm is known by among deleted things."""
+    return hashlib.sha256(f"{_NORMS}/{name}".encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Deletions:
+    """Deletions that a folder of one store, or of a service, knows of.
+
+    Parameters
+    ----------
+    root : Path
+    """
+
+    root: Path
+
+    def cover(self, name: PurePath, written: float) -> bool:
+        """Whether a file was deleted on purpose.
+
+        Parameters
+        ----------
+        name : PurePath
+            Within the folder.
+        written : float, s
+            When the file was written, since 1970: what is newer than the deletion came after it.
+        """
+        for root, digest in _things(self.root, name):
+            time_of = buried(root, digest)
+            if time_of is not None and is_older(written, time_of):
+                return True
+            # A deletion that is under way: its record lies under another name.
+            if (root / "sequences" / digest[:2] / f"{digest}.deleted").exists():
+                return True
+        is_model = name.suffix == ".h5" and name.parent.parent.name == "models"
+        return is_model and (self.root / name).with_suffix(".deleted").exists()
+
+
+def _things(root: Path, name: PurePath) -> Iterator[tuple[Path, str]]:
+    """List the things that a file belongs to, each with the store that would know of its end."""
+    parts = name.parts
+    if parts[0] == _OWNERS and len(parts) > 2:
+        yield root, digest_of_owner(parts[1])
+        yield from _things(root / _OWNERS / parts[1], PurePath(*parts[2:]))
+    elif parts[0] in _BY_ID and _ID.match(name.name):
+        yield root, name.name[:64]
+    elif parts[0] == _NORMS:
+        yield root, digest_of_norm(name.stem)
+
+
+def _path(root: Path, digest: str) -> Path:
+    # Once more: after a deletion not even the id is found in the folder.
+    name = hashlib.sha256(f"deleted {digest}".encode()).hexdigest()
+    return root / TOMBSTONES / name[:2] / name
 
 
 def begin_deletion(folder: Folder, sequence_id: str) -> None:
@@ -60,3 +213,68 @@ def finish_deletion(folder: Folder, index: Index, sequence_id: str) -> None:
             f"{error.remedy}",
             details=error.details,
         ) from error
+
+
+FORM: Final = JsonForm(
+    "deleted-model",
+    1,
+    "Restore it from a copy. Keep the file in any case: it says that the version's number is "
+    "taken.",
+)
+
+
+def begin_model_deletion(folder: Folder, record: ModelRecord) -> ModelRecord:
+    """Note durably that a version is deleted, and give its record from then on.
+
+    Raises
+    ------
+    StoreError
+        If that fails; nothing is changed then.
+    """
+    gone = replace(record, deleted=now())
+    fields = {
+        "name": gone.name,
+        "version": gone.version,
+        "id": gone.id,
+        "classes": list(gone.classes),
+        "parameters": parameters_as_json(gone.parameters),
+        "created": gone.created,
+        "training": gone.training,
+        "deleted": gone.deleted,
+    }
+    write_atomic(folder.deleted_model(record.reference), FORM.write(fields))
+    return gone
+
+
+def finish_model_deletion(folder: Folder, reference: ModelReference) -> None:
+    """Remove the file of a version that is noted as deleted.
+
+    Raises
+    ------
+    StoreError
+        If that fails; the note stays, and the next `open` calls this again.
+    """
+    remove_durably(folder.model(reference))
+
+
+def deleted_record(path: Path, reference: ModelReference) -> ModelRecord:
+    """Read what is known of a deleted version.
+
+    Raises
+    ------
+    CorruptFileError
+        If the file is damaged, or is another version's.
+    StoreError
+        If it was written by another version.
+    """
+    values = FORM.read(path)
+    record = ModelRecord(
+        **{
+            **values,
+            "classes": tuple(values["classes"]),
+            "parameters": parameters_from_json(values["parameters"]),
+        }
+    )
+    if record.reference != reference:
+        raise FORM.damaged(path, "it is another version's")
+    return record

@@ -22,9 +22,9 @@ from modalmotion.classification.record import (
 )
 from modalmotion.errors import NotFoundError
 from modalmotion.hdf5.contents import require_match
+from modalmotion.store.deletion import begin_model_deletion, finish_model_deletion
 from modalmotion.store.index.cursor import now
-from modalmotion.store.index.model_index import ModelIndex
-from modalmotion.store.model_deletion import begin_model_deletion, finish_model_deletion
+from modalmotion.store.index.index import ModelIndex
 from modalmotion.store.opening import Opening, lost_file
 
 

@@ -11,8 +11,7 @@ from typing import Final, Self, TypeVar
 
 from modalmotion.errors import LostFileError, NotFoundError, StoreError
 from modalmotion.hdf5.contents import Contents, require_match
-from modalmotion.store.care.recovery import reconcile
-from modalmotion.store.deletion import finish_deletion
+from modalmotion.store.deletion import finish_deletion, forget_tombstones
 from modalmotion.store.disk.atomic import (
     cannot_write,
     content_of,
@@ -26,7 +25,7 @@ from modalmotion.store.disk.lock import FolderLock
 from modalmotion.store.folder import Folder
 from modalmotion.store.index.database import Database
 from modalmotion.store.index.index import Index
-from modalmotion.store.tombstones import forget_tombstones
+from modalmotion.store.recovery import reconcile
 
 _N_STRIPES: Final = 64
 

@@ -16,8 +16,7 @@ from modalmotion.signature.making import ModalSignature
 from modalmotion.store.folder import ResultKind, ResultName, is_id, is_key
 from modalmotion.store.images import ImageStore
 from modalmotion.store.models import ModelStore
-from modalmotion.store.norms import NormStore
-from modalmotion.store.templates import TemplateStore
+from modalmotion.store.templates import NormStore, TemplateStore
 from modalmotion.store.tracks import TrackStore
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -46,9 +46,13 @@ class Ending(Observation):
         Middles of the sides of a mesh's border, their lengths as `weights`; none of a cloud, whose
         end is found anew wherever the surface is.
     rim : Rim
+    offset : float, length unit
+        How far beyond the rim they end where it is known: points that stand for what is around
+        them, such as the vertices of a mesh, end farther out.
     """
 
     rim: Rim | None = None
+    offset: float = 0.0
 
     def found(
         self,
@@ -58,6 +62,16 @@ class Ending(Observation):
         noise: Noise,
     ) -> DataEnd | None:
         """How far the data end beyond the rim of a surface with the vertices x, (vertices, 3)."""
+        end = self._seen(surface, x, even, noise)
+        return None if end is None else end._replace(beyond=end.beyond - self.offset)
+
+    def _seen(
+        self,
+        surface: Deformable,
+        x: NDArray[np.float64],
+        even: Sequence[Lying],
+        noise: Noise,
+    ) -> DataEnd | None:
         if self.rim is None:
             return None
         if len(self):
@@ -111,9 +125,8 @@ _OF_LID: Final = 0.5
 _LYING: Final = 3.0
 _BULGE: Final = 0.1
 
-# Of the rim, that the data show in the reference; and of what can be found, that they are off by.
+# Of the rim, that the data show in the reference.
 _MOST_OF_RIM: Final = 0.5
-_FAR: Final = 0.5
 
 
 def with_endings(
@@ -150,9 +163,10 @@ def with_endings(
             n = float(np.median([sum(map(len, frames[k])) for k in own]))
             width = max(width, (_OF_SECTOR * surface.area / n) ** 0.5)
         rim = rim_of(surface, end, float(width)) if own else None
-        if rim is not None and _end_there(surface, rim, frames[known], noise):
+        offset = None if rim is None else _offset(surface, rim, frames[known], noise)
+        if rim is not None and offset is not None:
             for k in own:
-                full[k] = (*full[k], _ending(rim, frames[k]))
+                full[k] = (*full[k], replace(_ending(rim, frames[k]), offset=offset))
     return tuple(full)
 
 
@@ -174,11 +188,13 @@ def _are_even(surface: Deformable, x: NDArray[np.float64], frame: Frame) -> bool
         return False
     feet = closest_points(np.concatenate(even), x, surface.cells).feet
     tree = scipy.spatial.cKDTree(feet)
-    between = float(np.median(tree.query(feet, k=2)[0][:, 1]))
-    away = tree.query(x[surface.cells].mean(axis=1))[0]
-    order, areas = np.argsort(away, kind="stable"), face_areas(x, surface.cells)
+    between = tree.query(feet, k=2)[0][:, 1]
+    away, nearest = tree.query(x[surface.cells].mean(axis=1))
+    # Beside the points of the same place: they may be denser here than there.
+    ratios = away / np.maximum(between[nearest], 1e-6 * away.max())
+    order, areas = np.argsort(ratios, kind="stable"), face_areas(x, surface.cells)
     middle = order[np.searchsorted(np.cumsum(areas[order]), areas.sum() / 2.0)]
-    return float(away[middle]) ** 2 <= _MOST_UNEVEN * between**2
+    return float(ratios[middle]) ** 2 <= _MOST_UNEVEN
 
 
 def _has_lid(
@@ -213,8 +229,11 @@ def _ending(rim: Rim, frame: Frame) -> Ending:
     return Ending(sides.mean(axis=1), weights=lengths, end=rim.end, rim=rim)
 
 
-def _end_there(surface: Deformable, rim: Rim, frame: Frame, noise: Noise) -> bool:
-    """Tell whether the data of a frame whose rim is known end there, as far as it can be seen."""
+def _offset(surface: Deformable, rim: Rim, frame: Frame, noise: Noise) -> float | None:
+    """Measure how far beyond a rim that is known the data end; None where it cannot be seen.
+
+    As far as it is more than chance: mean squares are shared between both.
+    """
     x = surface.template.vertices
     ending = _ending(rim, frame)
     even = [
@@ -224,8 +243,11 @@ def _end_there(surface: Deformable, rim: Rim, frame: Frame, noise: Noise) -> boo
     ]
     found = ending.found(surface, x, even, noise)
     if found is None or found.shown.mean() < _MOST_OF_RIM:
-        return False
+        return None
     kept = found.shown > 0.0
     chance = float(found.variances[kept].mean()) / kept.sum()
-    off = abs(float(found.beyond[kept].mean()))
-    return bool(off <= _FAR * found.most + 2.0 * chance**0.5)
+    mean = float(found.beyond[kept].mean())
+    # Outward points are looked for twice as far as inward.
+    if not -found.most <= mean - np.sign(mean) * 2.0 * chance**0.5 <= 2.0 * found.most:
+        return None
+    return mean * max(1.0 - chance / mean**2, 0.0) if mean else 0.0

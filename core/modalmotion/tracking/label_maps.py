@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -43,6 +43,9 @@ _SECTION: Final = (6.0, 3.0)
 
 # Of a face of an opening, cosine to the long axis.
 _LOOKS_OUT: Final = 0.5
+
+# mm: a landmark so far outside is noted.
+_OUTSIDE: Final = 2.0
 
 # Fewer voxels have no axis.
 _FEWEST: Final = 30
@@ -123,6 +126,45 @@ def from_labels(
     note = "Apex and base were proposed from the labels."
     own = (*images.notes, *decided, note, *notes)
     return Labelled(ImageSequence(tuple(frames), images.times, images.period, own), marks)
+
+
+def doubts_of_places(
+    images: ImageSequence, landmarks: Mapping[str, Floats], reference: int
+) -> tuple[str, ...]:
+    """Note stated landmarks that lie more than 2 mm outside all that is labelled.
+
+    Parameters
+    ----------
+    images : ImageSequence
+        The label map.
+    landmarks : mapping of str to (3,) or (frames, 3) float64, mm
+        A place in the reference frame, or one for each frame, NaN where it is unknown.
+    reference : int
+    """
+    notes = []
+    for name, stated in landmarks.items():
+        places = {reference: stated} if stated.ndim == 1 else dict(enumerate(stated))
+        away = {
+            k: _away(images.frames[k], place)
+            for k, place in places.items()
+            if k < images.n_frames and np.isfinite(place).all()
+        }
+        far = max(away, key=lambda k: away[k], default=None)
+        if far is not None and away[far] > _OUTSIDE:
+            notes.append(
+                f"The landmark {name} lies {away[far]:.0f} mm outside what is labelled in frame "
+                f"{far}: check its place, and the system of its coordinates."
+            )
+    return tuple(notes)
+
+
+def _away(frame: Volume | PlaneSet | None, place: Floats) -> float:
+    """How far a place lies outside the labelled voxels, mm."""
+    if not isinstance(frame, Volume):
+        return 0.0
+    points = np.argwhere(frame.values != 0) @ frame.affine[:, :3].T + frame.affine[:, 3]
+    nearest = float(np.linalg.norm(points - place, axis=1).min(initial=np.inf))
+    return max(0.0, nearest - float(max(frame.spacing)) / 2.0)
 
 
 def _shown(frame: Volume, cavity: NDArray[np.bool_], wall: NDArray[np.bool_] | None) -> Volume:

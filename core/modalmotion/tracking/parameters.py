@@ -12,7 +12,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.facts import NO_FACTS, UNKNOWN, Facts, facts_patched
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
-from modalmotion.tracking.label_maps import from_labels
+from modalmotion.tracking.label_maps import doubts_of_places, from_labels
 from modalmotion.tracking.label_values import is_label_map
 from modalmotion.tracking.landmarks import Proposed
 from modalmotion.tracking.making import Start, Time, track
@@ -29,19 +29,27 @@ class TrackParameters:
 
     Parameters
     ----------
-    topology, modes, time, reference : optional
-        As for `making.track`.
+    topology : str, optional
+        Topology of a start without a surface, such as cup, sphere or cylinder.
+    modes : int
+        Modes, three amplitudes per frame each.
+    time : {"cycle", "open"}
+        Whether the frames are one period, or part of a motion.
+    reference : int or None
+        Frame that it starts from.
     contours : tuple of str
         Of typed contours: parts of the names of those to read.
     landmarks : mapping of str to array
-        As for `track`; they override those of the files by name.
+        As for `making.track`; they override those of the files by name.
     papillary : {"pool", "wall"}
-        Of images, as for `track`.
-    labels, wall : tuple of int
-        Of label maps: values of the cavity, and of the wall around it, which are found by geometry
-        where no label is named; apex and base are proposed from them where nobody states them. See
-        `label_maps.from_labels`.
+        Of images: whether papillary muscles count as cavity.
+    labels : tuple of int
+        Of label maps: value of the cavity, by default that which another label encloses. Apex and
+        base are proposed from it where nobody states them: `label_maps.from_labels`.
+    wall : tuple of int
+        Of label maps: value of the wall around the cavity.
     unit : str, optional
+        Length unit: m, cm, mm, um or nm.
     times : tuple of float, or float, s, optional
         Of all frames, or the interval from frame to frame.
     facts : Facts
@@ -145,4 +153,7 @@ class TrackParameters:
                 remedy="Leave the label out, or give a label map as NIfTI, NRRD or MetaImage.",
             )
         made = from_labels(images, self.labels, self.wall)
-        return replace(recorded, images=made.images, notes=made.images.notes), made.landmarks
+        stated = {**recorded.landmarks, **self.landmarks}
+        doubts = doubts_of_places(images, stated, self.reference or 0)
+        notes = (*made.images.notes, *doubts)
+        return replace(recorded, images=made.images, notes=notes), made.landmarks

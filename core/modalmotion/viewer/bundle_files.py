@@ -36,6 +36,12 @@ def licences() -> str:
     return (_FOLDER / "LICENSES.txt").read_text(encoding="utf-8")
 
 
+@cache
+def decoder() -> bytes:
+    """Give the WebAssembly that decodes compressed streams."""
+    return (_FOLDER / "decode.wasm").read_bytes()
+
+
 def source_hash(text: str) -> str:
     """Name a script or style sheet in a policy by its content."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"

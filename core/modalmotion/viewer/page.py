@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import gzip
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -14,7 +15,14 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template import Template
 from modalmotion.tracking.result import SampledData
-from modalmotion.viewer.bundle_files import NOTHING, licences, script, source_hash, style
+from modalmotion.viewer.bundle_files import (
+    NOTHING,
+    decoder,
+    licences,
+    script,
+    source_hash,
+    style,
+)
 from modalmotion.viewer.data_payload import data_payload
 from modalmotion.viewer.payload import frames_payload, view_payload
 
@@ -41,6 +49,9 @@ class View:
         Whether the service that shows it has a track of it.
     data : SampledData or None
         Points that it was tracked through, for a page of one file.
+    stream : bytes or None
+        The compressed stream that the sequence was decoded from: a page of one file holds it and
+        its decoder instead of the frames.
     """
 
     signature: ModalSignature
@@ -50,6 +61,7 @@ class View:
     classification: Classification | None = None
     is_tracked: bool = False
     data: SampledData | None = None
+    stream: bytes | None = None
 
     def payload(self) -> bytes:
         """Write what the page needs first."""
@@ -105,10 +117,18 @@ def view_page(views: Sequence[View]) -> str:
     held = []
     for number, view in enumerate(views):
         held.append(_held(f'data-payload="{number}"', view.payload()))
-        held += [_held(f'data-frames="{number}"', piece) for piece in view.pieces()]
+        if view.stream is None:
+            held += [_held(f'data-frames="{number}"', piece) for piece in view.pieces()]
+        else:
+            held.append(_held(f'data-stream="{number}"', view.stream))
         if view.data is not None:
             held.append(_held(f'data-points="{number}"', data_payload(view.data)))
-    policy = f"{NOTHING}; script-src {source_hash(script())}; style-src {source_hash(style())}"
+    sources = source_hash(script())
+    if any(view.stream is not None for view in views):
+        held.append(_held("data-decoder", decoder()))
+        # Lets WebAssembly be compiled, and nothing else.
+        sources += " 'wasm-unsafe-eval'"
+    policy = f"{NOTHING}; script-src {sources}; style-src {source_hash(style())}"
     title = " and ".join(view.title for view in views if view.title) or "A moving surface"
     return "\n".join(
         [
@@ -127,5 +147,5 @@ def view_page(views: Sequence[View]) -> str:
 
 
 def _held(name: str, data: bytes) -> str:
-    text = base64.b64encode(data).decode()
+    text = base64.b64encode(gzip.compress(data, 6, mtime=0)).decode()
     return f'<script type="application/octet-stream" {name}>{text}</script>'

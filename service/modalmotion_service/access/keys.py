@@ -1,25 +1,111 @@
-"""Keys: created, shown once, stored as a hash, revoked."""
+"""Keys: created, shown once, stored as a hash, revoked; in a file of several processes."""
 
 from __future__ import annotations
 
 import abc
+import contextlib
 import hashlib
 import hmac
+import os
 import re
 import secrets
+import sqlite3
 import threading
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Final, Self
+from urllib.parse import quote
 
-from modalmotion.errors import NotFoundError, ParameterError
+from modalmotion.errors import CorruptFileError, NotFoundError, ParameterError, StoreError
+from modalmotion.store.disk.atomic import sync_folder
 from modalmotion.store.index.cursor import now, to_text
-from modalmotion_service.access.database import explained, open_database
 from modalmotion_service.access.principal import Principal, require_owner
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.errors import AuthenticationError
+
+
+def open_database(path: Path, tables: Sequence[str], version: int) -> sqlite3.Connection:
+    """Open a SQLite file that only its owner may read, made with its tables where it is missing.
+
+    Parameters
+    ----------
+    path : Path
+    tables : sequence of str
+        Statements that make them.
+    version : int
+        Of the tables.
+
+    Raises
+    ------
+    CorruptFileError
+        If it is damaged.
+    StoreError
+        If it was written by another version, or cannot be opened.
+    """
+    with explained(path.name):
+        try:
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            # SQLite gives its log and its shared memory the rights of the file itself.
+            is_new = not path.exists()
+            os.close(os.open(path, os.O_CREAT | os.O_RDWR, 0o600))
+            if is_new:
+                sync_folder(path.parent)
+                sync_folder(path.parent.parent)
+            # Restored from a backup they may have others.
+            with suppress(PermissionError):
+                path.parent.chmod(0o700)
+                path.chmod(0o600)
+        except OSError as error:
+            raise StoreError(
+                f"{path.name} cannot be opened: {error.strerror}.",
+                remedy="Check the data folder, and that this user may write to it.",
+            ) from error
+        connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+        try:
+            _prepare(connection, path.name, tables, version)
+        except BaseException:
+            connection.close()
+            raise
+    return connection
+
+
+def _prepare(
+    connection: sqlite3.Connection, name: str, tables: Sequence[str], version: int
+) -> None:
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute("PRAGMA synchronous = FULL")
+    connection.execute("BEGIN IMMEDIATE")
+    (current,) = connection.execute("PRAGMA user_version").fetchone()
+    if current == 0:
+        for statement in tables:
+            connection.execute(statement)
+        connection.execute(f"PRAGMA user_version = {version}")
+    connection.execute("COMMIT")
+    if current not in (0, version):
+        raise StoreError(
+            f"{name} has version {current} of its tables; this program knows {version}.",
+            remedy="Use the modalmotion that wrote it, or a newer one.",
+        )
+
+
+@contextmanager
+def explained(name: str) -> Iterator[None]:
+    """Raise what SQLite says of a file as an error of ours."""
+    try:
+        yield
+    except sqlite3.OperationalError as error:
+        raise StoreError(
+            f"{name} could not be read or written ({error}).",
+            remedy="Check that the disk is not full and may be written to, and try again.",
+        ) from error
+    except sqlite3.DatabaseError as error:
+        raise CorruptFileError(
+            f"{name} is damaged ({error}).", remedy="Restore it from a backup."
+        ) from error
+
 
 _VERSION: Final = 1
 _TABLES: Final = (
@@ -240,3 +326,59 @@ def _key(row: tuple[Any, ...]) -> Key:
     key_id, owner, scopes, _, note, created, expires, revoked = row
     named = frozenset(Scope(name) for name in scopes.split(","))
     return Key(key_id, owner, named, note, created, expires, revoked)
+
+
+class KeySnapshot(Authenticator):
+    """Keys as they stand in a file, which is read anew when another one takes its place.
+
+    Nothing is written, not even beside it: the folder may be one that nobody can write to. While
+    the file is away or damaged every key is refused with an error of the store.
+
+    Parameters
+    ----------
+    data_dir : Path or None
+        None knows no key.
+    """
+
+    def __init__(self, data_dir: Path | None) -> None:
+        self._path = None if data_dir is None else data_dir / "access" / "keys.sqlite"
+        self._lock = threading.Lock()
+        self._seen: tuple[int, ...] = ()
+        self._rows: dict[str, tuple[Any, ...]] = {}
+        if self._path is not None and self._path.exists():
+            self._row("")
+
+    def __len__(self) -> int:
+        """Give how many keys are known, whether they are active or not."""
+        return len(self._rows)
+
+    def _row(self, key_id: str) -> tuple[Any, ...] | None:
+        if self._path is None:
+            return None
+        with self._lock, explained(self._path.name):
+            log = self._path.with_name(f"{self._path.name}-wal")
+            try:
+                status = self._path.stat()
+            except OSError as error:
+                raise sqlite3.OperationalError(error.strerror) from error
+            seen = [status]
+            with contextlib.suppress(OSError):
+                seen.append(log.stat())
+            marks = tuple(
+                mark for one in seen for mark in (one.st_ino, one.st_mtime_ns, one.st_size)
+            )
+            if marks != self._seen:
+                is_live = len(seen) > 1 and seen[1].st_size > 0
+                self._rows, self._seen = _rows_of(self._path, is_live=is_live), marks
+        return self._rows.get(key_id)
+
+
+def _rows_of(path: Path, *, is_live: bool) -> dict[str, tuple[Any, ...]]:
+    # Immutable, unless a service has it open whose newest rows lie beside it: else SQLite would
+    # make files there, to share it with writers.
+    address = f"file:{quote(str(path.absolute()))}?mode=ro{'' if is_live else '&immutable=1'}"
+    connection = sqlite3.connect(address, uri=True)
+    try:
+        return {row[0]: row for row in connection.execute("SELECT * FROM keys")}
+    finally:
+        connection.close()

@@ -9,6 +9,7 @@ from __future__ import annotations
 import abc
 import asyncio
 import contextlib
+import secrets
 import sqlite3
 import threading
 from collections.abc import Iterable, Iterator, Mapping
@@ -16,14 +17,12 @@ from contextlib import closing, contextmanager
 from dataclasses import astuple
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import Any, Final, Self
 
 from modalmotion.store.index.cursor import now, to_text
-from modalmotion_service.access.database import explained, open_database
+from modalmotion_service.access.keys import explained, open_database
 from modalmotion_service.audit.entry import BEGUN, GENESIS, AuditEntry, Event, chained
-
-if TYPE_CHECKING:
-    from modalmotion_service.audit.stream import Lines
+from modalmotion_service.audit.stream import Lines
 
 _VERSION: Final = 3
 _TABLES: Final = (
@@ -196,6 +195,37 @@ class AuditLog(Notes):
                 with contextlib.suppress(sqlite3.Error):
                     file.execute("ROLLBACK")
                 raise
+
+
+class AuditStream(Notes):
+    """The audit log of a service that keeps nothing: lines alone, which others collect.
+
+    Each line ends a chain of its own replica: its digest covers the one before, so that a line
+    that is lost on the way shows. A start begins another chain, of another `replica`.
+
+    Parameters
+    ----------
+    lines : Lines
+    """
+
+    def __init__(self, lines: Lines) -> None:
+        super().__init__()
+        self.replica = secrets.token_hex(8)
+        self._lines = lines
+        self._number, self._before = 0, GENESIS
+        self._lock = threading.Lock()
+
+    def close(self) -> None:
+        """Let go of the lines."""
+        self._lines.close()
+
+    def append(self, events: list[Event]) -> None:
+        """Write a line for each event; lines that were written before an error stay."""
+        with self._lock:
+            for event in events:
+                entry = chained(self._number + 1, self._before, now(), event)
+                self._lines.write(entry, self.replica)
+                self._number, self._before = entry.number, entry.sha256
 
 
 def audit_path(data_dir: Path) -> Path:

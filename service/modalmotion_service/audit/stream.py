@@ -6,16 +6,12 @@ import contextlib
 import io
 import json
 import os
-import secrets
 import socket
-import threading
 from typing import Final
 from urllib.parse import urlsplit
 
 from modalmotion.errors import StoreError
-from modalmotion.store.index.cursor import now
-from modalmotion_service.audit.entry import GENESIS, AuditEntry, Event, chained
-from modalmotion_service.audit.log import Notes
+from modalmotion_service.audit.entry import AuditEntry
 
 _DESCRIPTORS: Final = {"stdout": 1, "stderr": 2}
 # Facility "log audit" (13), severity "informational" (6), RFC 5424.
@@ -107,34 +103,3 @@ class Lines:
             remedy="Name a stream, a log host or a file that this user may write to as "
             "MODALMOTION_AUDIT_STREAM.",
         )
-
-
-class AuditStream(Notes):
-    """The audit log of a service that keeps nothing: lines alone, which others collect.
-
-    Each line ends a chain of its own replica: its digest covers the one before, so that a line
-    that is lost on the way shows. A start begins another chain, of another `replica`.
-
-    Parameters
-    ----------
-    lines : Lines
-    """
-
-    def __init__(self, lines: Lines) -> None:
-        super().__init__()
-        self.replica = secrets.token_hex(8)
-        self._lines = lines
-        self._number, self._before = 0, GENESIS
-        self._lock = threading.Lock()
-
-    def close(self) -> None:
-        """Let go of the lines."""
-        self._lines.close()
-
-    def append(self, events: list[Event]) -> None:
-        """Write a line for each event; lines that were written before an error stay."""
-        with self._lock:
-            for event in events:
-                entry = chained(self._number + 1, self._before, now(), event)
-                self._lines.write(entry, self.replica)
-                self._number, self._before = entry.number, entry.sha256

@@ -53,6 +53,8 @@ def main(file: Path | None, output: Path, stays: bool) -> None:
         click.echo(f"           ready after {time.perf_counter() - started:.1f} s")
         click.echo(f"sequence   {name}, {len(body)} bytes")
         sequence = client.upload(body)
+        name = file.name if file else "Sample heart (simulated)"
+        client.request("PATCH", f"/v1/sequences/{sequence.id}", json={"name": name})
         click.echo(
             f"           {sequence.n_frames} frames of {sequence.n_vertices} vertices, "
             f"id {sequence.id[:12]}..."
@@ -70,6 +72,8 @@ def main(file: Path | None, output: Path, stays: bool) -> None:
         until = "Ctrl-C ends the service" if stays else "while it runs: make demo OPEN=1"
         click.echo(f"look at    {base}/view/{sequence.id} ({until})")
         if stays:
+            # Where there is no browser, the address above is for one elsewhere.
+            click.launch(f"{base}/view/{sequence.id}")
             _wait()
     signature = signature_from_hdf5(image)
     path = output / "results" / file

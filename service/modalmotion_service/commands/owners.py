@@ -13,10 +13,10 @@ import click
 
 from modalmotion.cli.options import aligned, example, json_option, tell
 from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
+from modalmotion.store.deletion import bury, digest_of_owner
 from modalmotion.store.disk.atomic import cannot_write, sync_folder
 from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.folder import ResultKind
-from modalmotion.store.tombstones import bury, digest_of_owner
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.principal import LOCAL
 from modalmotion_service.audit.entry import BEGUN

@@ -25,7 +25,7 @@ from modalmotion_service.routes.parts.openapi_parts import (
 from modalmotion_service.schemas import UploadClassificationAnswer
 from modalmotion_service.schemas.batches import ClassificationResults
 from modalmotion_service.schemas.request_queries import ClassifyQuery
-from modalmotion_service.work.part import parts_as_json
+from modalmotion_service.work.upload import parts_as_json
 
 router = JudgedRouter(prefix="/v1", tags=["classifications"], responses=PROBLEMS)
 

@@ -7,7 +7,7 @@ from importlib.metadata import version
 from fastapi import Request
 
 from modalmotion_service.http.judged_router import JudgedRouter
-from modalmotion_service.monitoring.readiness import require_ready
+from modalmotion_service.monitoring.metrics import require_ready
 from modalmotion_service.schemas import Health, Readiness
 
 router = JudgedRouter(prefix="/health", tags=["health"])

@@ -30,7 +30,7 @@ from modalmotion_service.routes.parts.signature_types import SIGNATURE_CONTENT, 
 from modalmotion_service.schemas import SignatureAnswer
 from modalmotion_service.schemas.batches import SignatureResults
 from modalmotion_service.schemas.request_queries import TemplateQuery
-from modalmotion_service.work.part import parts_as_json
+from modalmotion_service.work.upload import parts_as_json
 from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.state import State
 

@@ -25,13 +25,18 @@ router = JudgedRouter(prefix="/v1/sequences", tags=["views"], responses=PROBLEMS
 _POLICY: Final = (
     f"{NOTHING}; script-src 'self'; style-src 'self'; connect-src 'self'; frame-ancestors 'none'"
 )
+_WELCOME: Final = (
+    '<header><p class="brand">modalmotion</p><h1>How a surface deforms over time</h1>'
+    '<p class="lead">A beating ventricle, a tongue, any mesh sequence: a few amplitudes per frame, '
+    "volumes and strain with intervals, the class of the motion, and a report.</p></header>"
+)
 _FOR_EVER: Final = "public, max-age=31536000, immutable"
 
 
 @pages.get("/", response_class=HTMLResponse)
 @pages.get("/view/{sequence_id}", response_class=HTMLResponse)
 @pages.get("/images/{images_id}", response_class=HTMLResponse)
-def page() -> HTMLResponse:
+def page(request: Request) -> HTMLResponse:
     """Give the page that lists sequences, and shows what its address names."""
     head = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
@@ -40,7 +45,12 @@ def page() -> HTMLResponse:
         f'<link rel="stylesheet" href="/viewer/{content_name(style())}.css">'
         f'<script type="module" src="/viewer/{content_name(script())}.js"></script></head>'
     )
-    body = '<body><main id="modalmotion" class="modalmotion"></main></body></html>'
+    is_first = request.url.path.endswith("/")
+    shown = f'<div class="home">{_WELCOME}</div>' if is_first else ""
+    body = (
+        f'<body><main id="modalmotion" class="modalmotion">{shown}</main>'
+        f'<template id="welcome">{_WELCOME}</template></body></html>'
+    )
     return HTMLResponse(head + body, headers={"Content-Security-Policy": _POLICY})
 
 

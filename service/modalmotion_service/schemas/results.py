@@ -29,7 +29,7 @@ class EncodingTarget(BaseModel):
     bytes: int | None = Field(None, gt=0, description="Size of the stream, not exceeded.")
     effort: Effort = Field(
         Effort.BALANCED,
-        description="How many transforms are tried; realtime decodes without eigenproblems.",
+        description="How many transforms are tried: fast takes a third of the time, in more bits.",
     )
 
 

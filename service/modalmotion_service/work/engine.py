@@ -1,8 +1,4 @@
-"""Where work is done, behind the standard `Executor`: callers see no difference.
-
-Engines are found by name as entry points `modalmotion.engines`, each a callable that takes the
-settings and gives an `Engine`.
-"""
+"""Where work is done, behind the standard `Executor`: callers see no difference."""
 
 from __future__ import annotations
 
@@ -11,11 +7,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from typing import Final, ParamSpec, TypeVar
-
-from modalmotion.errors import ParameterError
-from modalmotion_service.settings import Settings
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -81,28 +73,3 @@ class Engine(Executor):
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Run a task of nobody's in particular; cancelling the future gives it up."""
         return self.submit_for(NO_TERMS, fn, *args, **kwargs)
-
-
-def open_engine(settings: Settings) -> Engine:
-    """Start the engine that the settings name: processes of this machine by default.
-
-    Raises
-    ------
-    ParameterError
-        If there is none of that name.
-    ClusterError
-        If it cannot be reached.
-    """
-    if settings.engine == "processes":
-        from modalmotion_service.work.pool import WorkerPool
-
-        limits = (settings.task_seconds, settings.task_memory_bytes)
-        return WorkerPool(settings.workers, *limits, has_lane=True)
-    for entry in entry_points(group="modalmotion.engines", name=settings.engine):
-        engine: Engine = entry.load()(settings)
-        return engine
-    known = sorted(entry.name for entry in entry_points(group="modalmotion.engines"))
-    raise ParameterError(
-        f"MODALMOTION_ENGINE is {settings.engine!r}, and there is no such engine.",
-        remedy=f"Set it to one of: {', '.join(['processes', *known])}.",
-    )

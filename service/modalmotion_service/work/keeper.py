@@ -1,11 +1,20 @@
-"""A keeper: the thread that keeps one worker process, and one task at a time."""
+"""A worker process and the thread that keeps it, with one task at a time.
+
+It is begun with a deadline, spoken to with a deadline, and ended for certain. Of a process nothing
+is believed but its end of a socket: it is alive while that is open.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import os
+import select
+import signal
+import socket
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future, InvalidStateError
 from dataclasses import dataclass
@@ -13,13 +22,221 @@ from typing import Any, Final
 
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.work.answers import AnswerError, from_bytes, result_type
+from modalmotion_service.work.forks import FORKS, is_stopped, told
 from modalmotion_service.work.lanes import LANE_SECONDS, Lanes, Task
-from modalmotion_service.work.process import (
-    DeadlineError,
-    ProcessLostError,
-    WokenError,
-    WorkerProcess,
-)
+from modalmotion_service.work.worker import FIRST_PIECE, PREFIX
+
+# For a process to say that it is there.
+_START_SECONDS: Final = 60.0
+
+# Between two looks at a process that is waited for: whether it has been stopped, and what it has
+# taken; and between two when it has little left.
+_LOOK_SECONDS: Final = 0.5
+_LEAST_LOOK_SECONDS: Final = 0.02
+
+# Of a long answer at a time.
+_PIECE: Final = 1 << 20
+
+
+class ProcessLostError(Exception):
+    """A process ended, or could not be begun."""
+
+
+class DeadlineError(Exception):
+    """A process was not done in time."""
+
+
+class SpentError(Exception):
+    """A process has taken the processor time that it may take."""
+
+
+class WokenError(Exception):
+    """Somebody wants what is waited for no more."""
+
+
+# What a process that cannot be begun, or says nothing of sense, may raise.
+_NO_PROCESS: Final = (OSError, DeadlineError, ProcessLostError, ValueError)
+
+
+class WorkerProcess:
+    """One worker process, and the socket that leads to it.
+
+    Parameters
+    ----------
+    memory_bytes : int
+        Its address space.
+    waker : int
+        File descriptor that becomes readable when whoever waits is to look up.
+    is_batch : bool
+        Whether it leaves a core to what wakes up.
+
+    Raises
+    ------
+    ProcessLostError
+        If it cannot be begun.
+    """
+
+    def __init__(self, memory_bytes: int, waker: int, *, is_batch: bool = False) -> None:
+        self._waker = waker
+        self._most_clock = math.inf
+        ours, theirs = socket.socketpair()
+        self._socket = ours
+        self._polls: dict[tuple[int, bool], select.poll] = {}
+        self.pid = 0
+        try:
+            with theirs:
+                self.pid = FORKS.fork(theirs, memory_bytes, is_batch)
+            ours.setblocking(False)
+            self._receive(time.monotonic() + _START_SECONDS, wakes=False)
+        except BaseException as error:
+            self.end()
+            if isinstance(error, _NO_PROCESS):
+                raise ProcessLostError(f"no process: {type(error).__name__}: {error}") from error
+            raise
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether its end of the socket is open."""
+        try:
+            return self._socket.recv(1, socket.MSG_PEEK) != b""
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+
+    @property
+    def is_stopped(self) -> bool:
+        """Whether a signal has stopped it or its parser: it will do nothing until another one."""
+        return any(map(is_stopped, (self.pid, *self._parsers())))
+
+    def exchange(
+        self, request: bytes, seconds: float, processor_seconds: float = math.inf
+    ) -> bytes:
+        """Send a request and wait for the answer.
+
+        Raises
+        ------
+        ProcessLostError
+            If the process ends before it has answered, or is stopped.
+        DeadlineError
+            If it has not answered in time.
+        SpentError
+            If it has taken so much processor time before it has answered.
+        WokenError
+            If the waker becomes readable first.
+        """
+        deadline = time.monotonic() + seconds
+        self._most_clock = self._spent() + processor_seconds
+        self._send(request, deadline)
+        return self._receive(deadline)
+
+    def exit_code(self) -> int | None:
+        """Code that it ended with, negative for a signal; None where nobody knows."""
+        return FORKS.exit_code(self.pid)
+
+    def end(self) -> None:
+        """End it, whatever it does."""
+        # While its end of the socket is open the number is its own and nobody else's.
+        if self.pid and self.is_alive:
+            with contextlib.suppress(OSError):
+                os.kill(self.pid, signal.SIGKILL)
+        self._socket.close()
+
+    def _parsers(self) -> list[int]:
+        """Give the process that forks its parsers, and the one parser that lives."""
+        forks = _children(self.pid)
+        return [*forks, *(parser for fork in forks for parser in _children(fork))]
+
+    def _spent(self) -> float:
+        """Processor time that it and its parsers have taken so far, in s."""
+        forks = _children(self.pid)
+        processes = (self.pid, *forks, *(parser for fork in forks for parser in _children(fork)))
+        return sum(map(_processor_clock, processes)) + sum(map(_spent_by_children, forks))
+
+    def _send(self, request: bytes, deadline: float) -> None:
+        left = memoryview(len(request).to_bytes(PREFIX, "little") + request)
+        while left:
+            self._wait(select.POLLOUT, deadline, wakes=True)
+            try:
+                left = left[self._socket.send(left) :]
+            except BlockingIOError:
+                continue
+            except OSError as error:
+                raise ProcessLostError("it ended while it was sent a task") from error
+
+    def _receive(self, deadline: float, *, wakes: bool = True) -> bytes:
+        data = bytearray()
+        while len(data) < PREFIX:
+            data += self._piece(FIRST_PIECE, deadline, wakes=wakes)
+        length = PREFIX + int.from_bytes(data[:PREFIX], "little")
+        while len(data) < length:
+            data += self._piece(min(_PIECE, length - len(data)), deadline, wakes=wakes)
+        if len(data) > length:
+            # It would be taken for the answer to the next question.
+            raise ProcessLostError("it said more than it was asked")
+        return bytes(memoryview(data)[PREFIX:])
+
+    def _piece(self, most: int, deadline: float, *, wakes: bool) -> bytes:
+        """Wait for the next bytes of an answer."""
+        while True:
+            self._wait(select.POLLIN, deadline, wakes=wakes)
+            try:
+                piece = self._socket.recv(most)
+            except BlockingIOError:
+                continue
+            except OSError as error:
+                raise ProcessLostError("its connection broke") from error
+            if not piece:
+                raise ProcessLostError("it ended")
+            return piece
+
+    def _poll(self, event: int, *, wakes: bool) -> select.poll:
+        if (event, wakes) not in self._polls:
+            self._polls[event, wakes] = poll = select.poll()
+            poll.register(self._socket, event)
+            if wakes:
+                poll.register(self._waker, select.POLLIN)
+        return self._polls[event, wakes]
+
+    def _wait(self, event: int, deadline: float, *, wakes: bool) -> None:
+        poll = self._poll(event, wakes=wakes)
+        was_stopped = False
+        next_look = _LOOK_SECONDS
+        while (left := deadline - time.monotonic()) > 0:
+            ready = dict(poll.poll(1e3 * min(left, next_look)))
+            if self._waker in ready:
+                raise WokenError
+            if ready:
+                return
+            # Seen twice: whoever stops a process for a moment only looks at it.
+            if (is_stopped_now := self.pid > 0 and self.is_stopped) and was_stopped:
+                raise ProcessLostError("it was stopped")
+            was_stopped = is_stopped_now
+            if self._most_clock < math.inf:
+                if (means := self._most_clock - self._spent()) <= 0:
+                    raise SpentError
+                next_look = min(_LOOK_SECONDS, max(means, _LEAST_LOOK_SECONDS))
+        raise DeadlineError
+
+
+def _children(pid: int) -> list[int]:
+    return [*map(int, told(pid, f"task/{pid}/children").split())] if pid else []
+
+
+def _spent_by_children(pid: int) -> float:
+    """Processor time of the children of a process that have ended, in s."""
+    fields = told(pid, "stat").rpartition(b")")[2].split()
+    return (int(fields[13]) + int(fields[14])) / os.sysconf("SC_CLK_TCK") if fields else 0.0
+
+
+def _processor_clock(pid: int) -> float:
+    """Processor time of a process so far, in s; 0 where the system does not tell."""
+    try:
+        # As clock_getcpuclockid(3) of Linux makes the number of a process's clock.
+        return time.clock_gettime((~pid << 3) | 2)
+    except OSError:
+        return 0.0
+
 
 logger = logging.getLogger(__name__)
 

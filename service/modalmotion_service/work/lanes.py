@@ -1,17 +1,17 @@
-"""The tasks that wait for a process, in two lanes: short work, and all other."""
+"""The tasks that wait for a process, in two lanes, short work and all other; owners take turns."""
 
 from __future__ import annotations
 
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, Generic, TypeVar
 
 from modalmotion_service.work.engine import NO_TERMS, Terms
-from modalmotion_service.work.fair_queue import FairQueue
 
 SHORT_SECONDS: Final = 0.1
 """Price of the dearest task that is short work."""
@@ -176,3 +176,75 @@ class Lanes:
 
 def _is_wanted(task: Task) -> bool:
     return not task.future.cancelled()
+
+
+T = TypeVar("T")
+
+# A task costs a turn however short it is, and no more than the longest that there may be.
+_LEAST: Final = 1e-3
+_MOST: Final = 300.0
+
+
+class FairQueue(Generic[T]):
+    """First come, first served for each owner; between owners, whoever has had least.
+
+    Each owner has a clock, which their tasks advance by their prices as they are taken, and the
+    owner whose clock is furthest behind is next (start-time fair queueing: Goyal, Vin and Cheng,
+    1996). With equal prices this is round robin. Whoever was away starts with the others' time:
+    nobody saves turns up.
+
+    Parameters
+    ----------
+    is_wanted : callable
+        Of an item whose turn has come: one that is not is dropped, and costs its owner nothing.
+    """
+
+    def __init__(self, is_wanted: Callable[[T], bool]) -> None:
+        self._is_wanted = is_wanted
+        self._waiting: dict[str, deque[tuple[float, T]]] = {}
+        self._clocks: dict[str, float] = {}
+        self._now = 0.0
+        self._length = 0
+
+    def put(self, item: T, owner: str, price: float) -> None:
+        """Append an item to those of its owner; `price` in s."""
+        if owner not in self._waiting:
+            self._waiting[owner] = deque()
+            self._clocks[owner] = max(self._clocks.get(owner, 0.0), self._now)
+        self._waiting[owner].append((min(max(price, _LEAST), _MOST), item))
+        self._length += 1
+
+    def take(self) -> T | None:
+        """Take the next item that is wanted; None if there is none."""
+        while self._waiting:
+            owner = min(self._waiting, key=self._clocks.__getitem__)
+            price, item = self._waiting[owner].popleft()
+            self._length -= 1
+            is_wanted = self._is_wanted(item)
+            if is_wanted:
+                self._now = self._clocks[owner]
+                self._clocks[owner] += price
+            if not self._waiting[owner]:
+                del self._waiting[owner]
+                self._forget()
+            if is_wanted:
+                return item
+        return None
+
+    def clear(self) -> list[T]:
+        """Take all that is left, wanted or not."""
+        left = [item for queue in self._waiting.values() for _, item in queue]
+        self._waiting.clear()
+        self._length = 0
+        return left
+
+    def __len__(self) -> int:
+        return self._length
+
+    def _forget(self) -> None:
+        # Those who have nothing here and are not ahead start anew as anybody does.
+        self._clocks = {
+            owner: clock
+            for owner, clock in self._clocks.items()
+            if owner in self._waiting or clock > self._now
+        }

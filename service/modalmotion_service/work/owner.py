@@ -7,11 +7,14 @@ the time of an answer one could tell whether another had sent the same surface.
 from __future__ import annotations
 
 import inspect
+import pickle
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, Final
+
+from modalmotion_service.work.answers import to_bytes
 
 # Of the program itself, or by paths, which lie in one owner's folder.
 _OF_NOBODY: Final = frozenset({"_load_shipped", "_loaded", "_hints", "result_type"})
@@ -69,3 +72,20 @@ def _is_ours(module: str) -> bool:
 def _depends(cache: Any) -> bool:
     function = cache.__wrapped__
     return bool(inspect.signature(function).parameters) and function.__name__ not in _OF_NOBODY
+
+
+def payload_of(function: Callable[..., Any], args: Any, kwargs: Any) -> bytes:
+    """Write a task, as the work of whoever it is done for."""
+    return pickle.dumps((*attributed(function, args), kwargs))
+
+
+def run_payload(payload: bytes) -> bytes:
+    """Run a task in a disposable process, which imports no more than the task needs.
+
+    Returns
+    -------
+    bytes
+        The result, as `modalmotion_service.work.answers` writes it.
+    """
+    function, args, kwargs = pickle.loads(payload)  # noqa: S301 (sent by our own service)
+    return to_bytes(function(*args, **kwargs))

@@ -11,20 +11,26 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, as_completed
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
-from modalmotion.errors import LimitError
-from modalmotion.store.disk.atomic import cannot_write
-from modalmotion.store.disk.faults import is_of_the_machine
+from modalmotion.errors import LimitError, ParameterError
+from modalmotion.store.disk.atomic import cannot_write, is_of_the_machine
 from modalmotion_service.errors import CostError, NoWorkerError, WorkerDiedError
+from modalmotion_service.settings import Settings
 from modalmotion_service.work.answers import AnswerError
 from modalmotion_service.work.engine import READY_SECONDS, Engine, Terms
-from modalmotion_service.work.keeper import Keeper, Rules
+from modalmotion_service.work.keeper import (
+    DeadlineError,
+    Keeper,
+    ProcessLostError,
+    Rules,
+    SpentError,
+)
 from modalmotion_service.work.lanes import Lanes, Task
+from modalmotion_service.work.owner import payload_of
 from modalmotion_service.work.parsing import are_confined
-from modalmotion_service.work.payload import payload_of
-from modalmotion_service.work.process import DeadlineError, ProcessLostError, SpentError
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -183,3 +189,29 @@ class WorkerPool(Engine):
         if isinstance(error, OSError) and is_of_the_machine(error):
             return cannot_write(Path(error.filename or "a file of the work"), error)
         return error
+
+
+def open_engine(settings: Settings) -> Engine:
+    """Start the engine that the settings name: processes of this machine by default.
+
+    Others are found as entry points `modalmotion.engines`, each a callable that takes the settings
+    and gives an `Engine`.
+
+    Raises
+    ------
+    ParameterError
+        If there is none of that name.
+    ClusterError
+        If it cannot be reached.
+    """
+    if settings.engine == "processes":
+        limits = (settings.task_seconds, settings.task_memory_bytes)
+        return WorkerPool(settings.workers, *limits, has_lane=True)
+    for entry in entry_points(group="modalmotion.engines", name=settings.engine):
+        engine: Engine = entry.load()(settings)
+        return engine
+    known = sorted(entry.name for entry in entry_points(group="modalmotion.engines"))
+    raise ParameterError(
+        f"MODALMOTION_ENGINE is {settings.engine!r}, and there is no such engine.",
+        remedy=f"Set it to one of: {', '.join(['processes', *known])}.",
+    )

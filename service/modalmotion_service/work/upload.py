@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from modalmotion.errors import InputError, LimitError
+from modalmotion.facts import NO_FACTS, Facts, facts_as_json, facts_from_json
 from modalmotion.formats import Reading, ReadOptions, read_sequence
 from modalmotion.formats.frames.frame import SIGNATURE, TRACK
 from modalmotion.formats.volumes import read_images
@@ -15,7 +16,6 @@ from modalmotion.images import ImageSequence
 from modalmotion.progress import Progress
 from modalmotion.tracking.reading import Recorded, read_observed
 from modalmotion_service.work.parsing import parser_for
-from modalmotion_service.work.part import Part
 
 # Commands that remedies name, as their doors are called here.
 _DOORS: Final = {TRACK: "POST /v1/tracks", SIGNATURE: "POST /v1/sequences"}
@@ -141,3 +141,34 @@ class Upload:
 def _name_doors(error: InputError) -> None:
     for command, door in _DOORS.items():
         error.remedy = error.remedy.replace(command, door)
+
+
+@dataclass(frozen=True)
+class Part:
+    """One file of many that lie in one, one after the other.
+
+    Parameters
+    ----------
+    name : str
+        As the sender calls it.
+    start, length : int, bytes
+    subject, label : str or None
+    facts : Facts
+    """
+
+    name: str
+    start: int
+    length: int
+    subject: str | None = None
+    label: str | None = None
+    facts: Facts = NO_FACTS
+
+
+def parts_as_json(parts: Iterable[Part]) -> list[dict[str, Any]]:
+    """Write parts as a job remembers them."""
+    return [{**vars(part), "facts": facts_as_json(part.facts)} for part in parts]
+
+
+def parts_from_json(values: Iterable[Mapping[str, Any]]) -> tuple[Part, ...]:
+    """Read what `parts_as_json` gave."""
+    return tuple(Part(**{**one, "facts": facts_from_json(one["facts"])}) for one in values)

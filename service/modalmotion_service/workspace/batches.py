@@ -21,10 +21,9 @@ from modalmotion_service.http.timing import stage
 from modalmotion_service.schemas import ClassificationAnswer, UploadClassificationAnswer
 from modalmotion_service.schemas.request_queries import ClassifyQuery, TemplateQuery
 from modalmotion_service.settings import Settings
-from modalmotion_service.work.part import Part
 from modalmotion_service.work.tasks import batches
 from modalmotion_service.work.tasks.batches import RESULTS
-from modalmotion_service.work.upload import Upload
+from modalmotion_service.work.upload import Part, Upload
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.model_versions import ChosenModel

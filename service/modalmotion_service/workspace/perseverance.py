@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable, Iterator
 from typing import Final
 
 from modalmotion.errors import StoreError
-from modalmotion.store.disk.faults import is_of_the_machine
+from modalmotion.store.disk.atomic import is_of_the_machine
 from modalmotion_service.errors import ClusterError
 
 logger = logging.getLogger(__name__)

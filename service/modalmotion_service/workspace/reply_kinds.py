@@ -50,8 +50,7 @@ from modalmotion_service.schemas.request_queries import (
 from modalmotion_service.schemas.tracks import TrackViewQuery
 from modalmotion_service.schemas.tradeoff_query import TradeoffQuery
 from modalmotion_service.settings import Settings
-from modalmotion_service.work.part import parts_from_json
-from modalmotion_service.work.upload import Upload
+from modalmotion_service.work.upload import Upload, parts_from_json
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.batches import Batches
 from modalmotion_service.workspace.evaluations import Evaluations

@@ -7,8 +7,8 @@ from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 
+from modalmotion.store.deletion import forget_tombstones
 from modalmotion.store.index.cursor import to_text
-from modalmotion.store.tombstones import forget_tombstones
 from modalmotion_service.workspace.idempotency import IdempotencyKeys
 from modalmotion_service.workspace.jobs import Job, Jobs
 from modalmotion_service.workspace.perseverance import for_ever

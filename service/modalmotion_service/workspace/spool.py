@@ -18,7 +18,7 @@ from modalmotion.store.disk.atomic import (
     remove_durably,
     sync_folder,
 )
-from modalmotion_service.work.part import Part
+from modalmotion_service.work.upload import Part
 from modalmotion_service.workspace.disk import require_reserve
 
 

@@ -69,7 +69,7 @@ def streams(packed: Path) -> dict[str, bytes]:
     found = {
         f"{name}-{effort.value}": encode(sequence, rms=0.05, effort=effort).data
         for name, sequence in made.items()
-        for effort in (Effort.REALTIME, Effort.FAST, Effort.BALANCED)
+        for effort in Effort
     }
     for name, data in found.items():
         (packed / f"{name}.mmsq").write_bytes(data)

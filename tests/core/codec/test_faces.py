@@ -112,7 +112,7 @@ def test_vertices_in_any_order_take_many_bits_and_no_more_memory(rng: np.random.
     scattered = rng.permutation(1200)[faces]
     tracemalloc.start()
     try:
-        data = write_faces(1200, None, scattered, keep_order=False, n_relations=0)
+        data = write_faces(1200, None, scattered, keep_order=False, n_relations=(0,))
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

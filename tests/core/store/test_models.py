@@ -254,7 +254,7 @@ def test_a_full_disk_leaves_no_half_version(
 
 
 def test_a_failing_index_takes_the_file_back(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from modalmotion.store.index.model_index import ModelIndex
+    from modalmotion.store.index.index import ModelIndex
 
     def fail(*_: object) -> None:
         raise StoreError("The index could not be written.")

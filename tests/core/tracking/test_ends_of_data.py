@@ -98,6 +98,15 @@ def test_the_rim_is_off_by_what_is_stated() -> None:
     assert np.sqrt(np.mean(np.square(z))) < 1.6
 
 
+def test_vertices_of_a_mesh_as_a_cloud_end_farther_out_by_as_much_in_all_frames() -> None:
+    # They are denser at the apex, and those of the rim stand for half a row beyond it.
+    rng = np.random.default_rng(3)
+    frames = [x + rng.normal(0.0, 0.3, x.shape) for x in TRUE]
+    (first,), *_ = endings([frames[0]] * 2)
+    assert first.offset > 0.5
+    assert far_from_rim(follow(frames)) < 1.0
+
+
 def test_strays_do_not_draw_it() -> None:
     rng = np.random.default_rng(3)
     more = [

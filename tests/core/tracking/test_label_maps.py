@@ -23,7 +23,7 @@ from modalmotion.images import ImageSequence, Volume
 from modalmotion.images.sequence import is_of_labels
 from modalmotion.tracking import track
 from modalmotion.tracking.imaged import staircase
-from modalmotion.tracking.label_maps import from_labels
+from modalmotion.tracking.label_maps import doubts_of_places, from_labels
 
 
 @pytest.mark.every(2)
@@ -134,3 +134,18 @@ def test_labels_that_are_nowhere_are_named() -> None:
     assert "ml" in error.value.remedy
     with pytest.raises(ShapeError, match="planes"):
         from_labels(ImageSequence((planes(),)), (3,))
+
+
+def test_a_stated_landmark_outside_all_labels_is_noted() -> None:
+    images = ImageSequence((labels(), labels(18.0)))
+    away = BASE + 15.0 * AXES[:, 2]
+    assert doubts_of_places(images, {"apex": APEX, "base": BASE}, 0) == ()
+    (note,) = doubts_of_places(images, {"base": away}, 1)
+    assert "base lies" in note
+    assert "frame 1" in note
+    each = np.stack([APEX, APEX - 30.0 * AXES[:, 2]])
+    (note,) = doubts_of_places(images, {"apex": each}, 0)
+    assert "apex lies" in note
+    assert "frame 1" in note
+    # Where it is not known nothing is said.
+    assert doubts_of_places(images, {"apex": np.full(3, np.nan)}, 0) == ()

@@ -18,6 +18,7 @@ from viewed_surfaces import VIEWED, scaled, viewed
 
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.classification import classify
+from modalmotion.codec import decode, encode
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
@@ -58,6 +59,17 @@ def page_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., str]:
 def beat_page(page_of: Callable[..., str]) -> str:
     beat = simulate_ventricle(grid=(12, 24), acquisition=Acquisition(n_frames=12))
     return page_of(View(modal_signature(beat), beat, "a beat", classification=classify(beat)))
+
+
+def test_a_compressed_stream_plays(chromium: Browser, page_of: Callable[..., str]) -> None:
+    sequence, _ = viewed("cup")
+    stream = encode(sequence, rms=0.01).data
+    decoded = decode(stream)
+    view = View(modal_signature(decoded), decoded, stream=stream)
+    with chromium.open(page_of(view)) as opened:
+        opened.shown()
+        require_drawn(opened, 0, view)
+        assert opened.said == []
 
 
 @pytest.mark.every(4)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -12,10 +13,12 @@ from click.testing import CliRunner
 from viewed_surfaces import viewed
 
 from modalmotion.cli import main
+from modalmotion.codec import decode, encode
 from modalmotion.errors import LimitError
 from modalmotion.formats import write_npz
+from modalmotion.signature.making import modal_signature
 from modalmotion.viewer import page
-from modalmotion.viewer.bundle_files import script, source_hash, style
+from modalmotion.viewer.bundle_files import decoder, script, source_hash, style
 from modalmotion.viewer.container import read_container
 from modalmotion.viewer.page import View, view_page
 
@@ -59,7 +62,7 @@ def test_a_page_holds_all_and_may_ask_for_nothing() -> None:
     assert source_hash(script()) in policy
     assert source_hash(style()) in policy
     held = [body for _, attributes, body in scripts if "data-payload" in attributes]
-    assert read_container(base64.b64decode(held[0]))[0]["title"] == 'a <b> & "c"'
+    assert read_container(gzip.decompress(base64.b64decode(held[0])))[0]["title"] == 'a <b> & "c"'
     assert "a &lt;b&gt; &amp;" in text
     assert not any(a.get("src") or a.get("href") for _, a, _ in elements)
 
@@ -83,7 +86,7 @@ def test_the_bundle_is_small_and_its_licences_are_beside_it() -> None:
 
     folder = Path(page.__file__).parent / "bundle"
     assert len(script().encode()) <= 600_000
-    assert len(zlib.compress(script().encode(), 6)) <= 150_000
+    assert len(zlib.compress(script().encode(), 6)) <= 155_000
     assert "MIT" in (folder / "LICENSES.txt").read_text()
     # Neither ends a script in the middle, nor names a host that it could ask.
     assert "</script" not in script().lower()
@@ -103,3 +106,32 @@ def test_the_command_writes_a_page_of_one_file_or_of_two(tmp_path: Path) -> None
     text = out.read_text()
     assert "<title>first.npz and second.npz · modalmotion</title>" in text
     assert text.count("data-payload=") == script().count("data-payload=") + 2
+
+
+def test_a_page_of_a_stream_holds_it_and_its_decoder() -> None:
+    sequence, signature = viewed("cup")
+    stream = encode(sequence, rms=0.01).data
+    decoded = decode(stream)
+    of_stream = View(modal_signature(decoded), decoded, stream=stream)
+    text = view_page([of_stream, View(signature, sequence)])
+    held = {
+        next(iter(set(attributes) - {"type"})): body
+        for tag, attributes, body in parts_of(text)
+        if attributes.get("type") == "application/octet-stream"
+    }
+    assert gzip.decompress(base64.b64decode(held["data-stream"])) == stream
+    assert gzip.decompress(base64.b64decode(held["data-decoder"])) == decoder()
+    assert 'data-frames="0"' not in text
+    assert "'wasm-unsafe-eval'" in text.split("</head>")[0]
+    assert "wasm-unsafe-eval" not in view_page([View(signature, sequence)]).split("</head>")[0]
+
+
+def test_a_compressed_file_is_viewed_as_it_is(tmp_path: Path) -> None:
+    sequence, _ = viewed("cup")
+    for name, rms, is_held in (("coarse", 0.01, True), ("whole", 1e-12, False)):
+        stream = tmp_path / f"{name}.mms"
+        stream.write_bytes(encode(sequence, rms=rms).data)
+        page = tmp_path / f"{name}.html"
+        run = CliRunner().invoke(main, ["view", str(stream), "-o", str(page), "--no-classify"])
+        assert run.exit_code == 0, run.output
+        assert ('data-stream="0"' in page.read_text()) == is_held

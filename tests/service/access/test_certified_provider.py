@@ -19,7 +19,7 @@ from urllib.parse import urlencode
 import pytest
 from fastapi.testclient import TestClient
 
-from modalmotion_service.access import provider as provider_module
+from modalmotion_service.access import logins as provider_module
 from modalmotion_service.app import create_app
 from modalmotion_service.settings import Settings
 

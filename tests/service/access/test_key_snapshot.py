@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from modalmotion.errors import CorruptFileError, StoreError
-from modalmotion_service.access.key_snapshot import KeySnapshot
-from modalmotion_service.access.keys import KeyRing
+from modalmotion_service.access.keys import KeyRing, KeySnapshot
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.errors import AuthenticationError
 

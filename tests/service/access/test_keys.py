@@ -20,7 +20,7 @@ from modalmotion_service.access.scopes import Scope
 from modalmotion_service.access.site import is_loopback
 from modalmotion_service.app import create_app
 from modalmotion_service.audit.log import AuditLog
-from modalmotion_service.commands.first_key import offer_first_key, secured, stated_key
+from modalmotion_service.commands.server import offer_first_key, secured, stated_key
 from modalmotion_service.errors import AuthenticationError
 from modalmotion_service.settings import Settings
 

@@ -17,9 +17,8 @@ from fastapi.testclient import TestClient
 from identity_provider import IdentityProvider
 
 from modalmotion.errors import ParameterError
-from modalmotion_service.access import provider as provider_module
-from modalmotion_service.access.logins import is_login, logins_of
-from modalmotion_service.access.provider import Provider
+from modalmotion_service.access import logins as provider_module
+from modalmotion_service.access.logins import Provider, is_login, logins_of
 from modalmotion_service.app import create_app
 from modalmotion_service.errors import AuthenticationError, ProviderError
 from modalmotion_service.settings import Settings

@@ -13,8 +13,8 @@ import pytest
 
 from modalmotion.errors import StoreError
 from modalmotion_service.audit.entry import GENESIS, Event, chained
-from modalmotion_service.audit.log import AuditLog
-from modalmotion_service.audit.stream import AuditStream, Lines
+from modalmotion_service.audit.log import AuditLog, AuditStream
+from modalmotion_service.audit.stream import Lines
 
 
 def event(number: int) -> Event:

@@ -15,7 +15,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from modalmotion.store import ResultStore
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.app import create_app
-from modalmotion_service.monitoring import readiness
+from modalmotion_service.monitoring import metrics as readiness
 from modalmotion_service.settings import Settings
 
 DEPLOY = ROOT / "deploy"

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from browser import Browser, Opened, browser
 from ellipsoid_images import AXES, CUT, LANDMARKS, MIDDLE, Look, volume
-from modalmotion.formats.volumes.writing import write_nifti
 from numpy.typing import NDArray
 from project import ROOT
 from running import RunningService
 
+from modalmotion.formats.volumes.nifti import write_nifti
 from modalmotion.images import ImageSequence, Volume
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.simulate import Acquisition, simulate_ventricle

@@ -23,7 +23,7 @@ from pydantic import BaseModel
 
 from modalmotion.errors import LimitError, NonFiniteError
 from modalmotion_service.errors import ClusterError, WorkerDiedError
-from modalmotion_service.work import process as process_module
+from modalmotion_service.work import keeper as process_module
 from modalmotion_service.work.answers import (
     AnswerError,
     TaskError,

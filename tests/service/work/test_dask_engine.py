@@ -16,7 +16,8 @@ from modalmotion.errors import LimitError, NonFiniteError, ParameterError
 from modalmotion_service.errors import ClusterError, WorkerDiedError
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.dask_engine import DaskEngine
-from modalmotion_service.work.engine import Engine, open_engine
+from modalmotion_service.work.engine import Engine
+from modalmotion_service.work.pool import open_engine
 
 
 def settings_for(address: str, folder: Path, **stated: object) -> Settings:

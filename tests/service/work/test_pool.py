@@ -22,8 +22,8 @@ from worker_tasks import hang, short, slow_mark
 from modalmotion.errors import LimitError
 from modalmotion_service.errors import ClusterError, NoWorkerError, WorkerDiedError
 from modalmotion_service.work.forks import FORKS
+from modalmotion_service.work.keeper import ProcessLostError, WorkerProcess
 from modalmotion_service.work.pool import WorkerPool
-from modalmotion_service.work.process import ProcessLostError, WorkerProcess
 from modalmotion_service.work.worker import answer as send_answer
 
 MEMORY = 3_000_000_000
@@ -57,7 +57,7 @@ def kill_and_count(n_kills: int, seed: int) -> Counter[str]:
         if rng.random() < 0.5:
             # All at rest: what is killed now is idle.
             wait(futures, timeout=20 * TASK_SECONDS)
-        what = rng.choices(["all workers", "a worker", "fork server"], [4, 4, 2])[0]
+        what = rng.choices(["all workers", "a worker", "fork server"], [4, 4, 1])[0]
         pids = victims(pool, what)
         if what == "a worker":
             pids = [rng.choice(pids)] if pids else []

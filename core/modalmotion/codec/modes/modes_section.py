@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from modalmotion.codec.coder import damaged, parsing
 from modalmotion.codec.modes.lattice_modes import LATTICE, read_lattice_modes
-from modalmotion.codec.modes.pairs import PAIRS, read_pair_modes
-from modalmotion.codec.modes.patch_modes import JOINED, SPRINGS, read_patch_modes
+from modalmotion.codec.modes.patch_modes import SPRINGS, read_patch_modes
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -58,8 +57,6 @@ def read_modes(
     with parsing(_UNKNOWN):
         if data[0] == LATTICE:
             return read_lattice_modes(data, n_vertices)
-        if data[0] in (SPRINGS, JOINED):
+        if data[0] == SPRINGS:
             return read_patch_modes(data, n_vertices, faces, n_threads, whole=whole)
-        if data[0] == PAIRS:
-            return read_pair_modes(data, n_vertices, faces)
     raise damaged(_UNKNOWN)

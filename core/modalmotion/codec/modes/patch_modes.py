@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.coder import read_varint, write_varint
+from modalmotion.codec.coder import read_varints, write_varint
 from modalmotion.codec.modes.graph import edges_of, patches_of, scatter, stiffness_of
 from modalmotion.codec.modes.joined import Each, PatchBasis, Shaken, Springs, by_rank, solve_patch
 from modalmotion.errors import LimitError, MalformedFileError
@@ -28,8 +28,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SPRINGS: Final = 2
-JOINED: Final = 3
-"""First byte of the section of these modes: each patch solved as it is, or joined from leaves."""
+"""First byte of the section of these modes."""
 
 LARGEST_PATCH: Final = 4096
 # Numbers in proportion to the time to decode, for each vertex: of the leaves, and of joining.
@@ -80,8 +79,6 @@ class PatchModes:
         Pairs of vertices joined by a spring, each once, smaller first, sorted.
     n_vertices : int
     cut : Cut
-    seed : int
-        Decides how springs are stiffened.
     errors : Shaken, optional
         Errors to add to each eigenproblem.
     n_threads : int, optional
@@ -91,7 +88,6 @@ class PatchModes:
     edges: Ints
     n_vertices: int
     cut: Cut
-    seed: int
     errors: Shaken | None = None
     n_threads: int = 1
 
@@ -128,7 +124,7 @@ class PatchModes:
         order = np.argsort(owner[edges[:, 0]], kind="stable")
         edges = edges[order]
         cuts = np.searchsorted(owner[edges[:, 0]], np.arange(len(self.patches) + 1)).tolist()
-        stiffness = stiffness_of(edges, self.seed)
+        stiffness = stiffness_of(edges)
         leaves: list[list[Ints]] = [[] for _ in self.patches]
         parts = self.patches
         if self.cut.leaf < self.cut.patch:
@@ -141,7 +137,7 @@ class PatchModes:
             patch = self.patches[number]
             some = slice(cuts[number], cuts[number + 1])
             springs = Springs(where[edges[some, 0]], where[edges[some, 1]], stiffness[some])
-            signs = scatter(patch, self.seed + 1) - 0.5
+            signs = scatter(patch, 1) - 0.5
             n_joined = self.cut.n_joined(len(patch), len(leaves[number]))
             return solve_patch(leaves[number], springs, signs, n_joined, self.errors, each)
 
@@ -211,12 +207,8 @@ class PatchModes:
     def write(self) -> bytes:
         """Write which modes these are, and a probe of them."""
         cut = self.cut
-        if cut.leaf >= cut.patch:
-            head = bytes([SPRINGS, self.seed]) + write_varint(cut.patch)
-        else:
-            head = bytes([JOINED, self.seed]) + write_varint(cut.patch)
-            head += write_varint(cut.leaf) + bytes([cut.share])
-        return head + struct.pack(f"<{PROBES}h", *self.probe().tolist())
+        head = bytes([SPRINGS]) + write_varint(cut.patch) + write_varint(cut.leaf)
+        return head + bytes([cut.share]) + struct.pack(f"<{PROBES}h", *self.probe().tolist())
 
 
 def read_patch_modes(
@@ -233,14 +225,10 @@ def read_patch_modes(
     LimitError
         If solving for them would take too long.
     """
-    patch, position = read_varint(data, 2)
-    leaf, share = patch, 0
-    if data[0] == JOINED:
-        leaf, position = read_varint(data, position)
-        share = data[position]
-        position += 1
-    probe = np.array(struct.unpack_from(f"<{PROBES}h", data, position), dtype=np.int64)
-    if not 1 <= leaf <= patch or position + 2 * PROBES != len(data):
+    (patch, leaf), position = read_varints(data, 1, 2)
+    share = data[position]
+    probe = np.array(struct.unpack_from(f"<{PROBES}h", data, position + 1), dtype=np.int64)
+    if not 1 <= leaf <= patch or position + 1 + 2 * PROBES != len(data):
         raise ValueError
     cut = Cut(min(patch, n_vertices), min(leaf, n_vertices), share)
     if cut.patch > LARGEST_PATCH or cut.work(n_vertices) > MOST_WORK:
@@ -249,7 +237,7 @@ def read_patch_modes(
             remedy="No encoder of this project writes such a stream: refuse its sender.",
             limit="spring_modes",
         )
-    modes = PatchModes(edges_of(faces), n_vertices, cut, data[1], n_threads=n_threads)
+    modes = PatchModes(edges_of(faces), n_vertices, cut, n_threads=n_threads)
     if whole:
         modes.bases(range(len(modes.patches)))
     if np.abs(modes.probe() - probe).max() > 1:

@@ -7,8 +7,8 @@
 #include "sha256.h"
 #include "springs.h"
 
-enum { BY_COSINES, BY_TURNS, BY_COMPONENTS, BY_TRAJECTORIES, BY_PARTS, N_KINDS };
-enum { LATTICE_MODES = 1, PAIR_MODES = 4, N_FUNCTIONS = 4, MOST_PARTS = 256, HASH_BYTES = 8 };
+enum { BY_COSINES, BY_TURNS, BY_TRAJECTORIES, BY_PARTS, N_KINDS };
+enum { LATTICE_MODES = 1, SPRING_MODES = 2, N_FUNCTIONS = 4, MOST_PARTS = 256, HASH_BYTES = 8 };
 
 static const double MOST_QUANTA = 0x1p51;
 
@@ -17,16 +17,13 @@ typedef struct {
     const Graph *mesh;
     Lattice lattice;
     Springs springs;
-    Pairs pairs;
 } Modes;
 
 static int read_modes(Modes *m, Bytes b, const Graph *mesh, Room *room) {
     m->mesh = mesh;
     m->kind = (int)next_number(&b, 1);
     if (m->kind == LATTICE_MODES) return read_lattice(&m->lattice, &b, mesh->n, room);
-    if (m->kind == PAIR_MODES) return read_pairs(&m->pairs, &b, mesh, room);
-    if (m->kind == SPRING_MODES || m->kind == JOINED_MODES)
-        return read_springs(&m->springs, &b, m->kind == JOINED_MODES, mesh, room);
+    if (m->kind == SPRING_MODES) return read_springs(&m->springs, &b, mesh, room);
     return m->kind ? NONSENSE : STORED_WHOLE;
 }
 
@@ -35,8 +32,6 @@ static int values_of(const Modes *m, const double *numbers, int64_t n_rows, int6
                      double *values, Room *room) {
     if (m->kind == LATTICE_MODES)
         return lattice_values(&m->lattice, numbers, n_rows, n_modes, values, room);
-    if (m->kind == PAIR_MODES)
-        return pair_values(&m->pairs, numbers, n_rows, n_modes, values, m->mesh->n, room);
     return spring_values(&m->springs, numbers, n_rows, n_modes, values, room);
 }
 
@@ -46,8 +41,6 @@ typedef struct {
     int64_t largest, n_parts;
     double step, shifts[4];
 } Block;
-
-static int64_t directions(const Block *b) { return b->kind >= BY_TRAJECTORIES ? 3 : 1; }
 
 static Block read_block_head(Bytes *s, int64_t n_frames, int64_t n_vertices) {
     Block b = {.n_frames = n_frames, .n_vertices = n_vertices};
@@ -71,8 +64,7 @@ static Block read_block_head(Bytes *s, int64_t n_frames, int64_t n_vertices) {
     if (is_closed)
         is_wrong |= b.n_rows % 3 != 0 || b.n_components || b.n_rows > 3 * n_frames;
     else
-        is_wrong |= b.n_components > n_frames * directions(&b) ||
-                    b.n_rows != 3 + b.n_components * 3 / directions(&b);
+        is_wrong |= b.n_components > 3 * n_frames || b.n_rows != 3 + b.n_components;
     if (b.kind == BY_PARTS) {
         b.largest = next_varint(s);
         b.n_parts = next_varint(s);
@@ -136,9 +128,9 @@ static double *restored(const Block *b, const int64_t *numbers, int64_t n, Room 
     return values;
 }
 
-/* Learned components over time, (frames x directions, components). */
+/* Learned components over time, (frames x 3, components). */
 static double *learned_basis(const Block *b, const int64_t *numbers, Room *room) {
-    const int64_t d = directions(b), n = b->n_frames * d, k = b->n_components;
+    const int64_t n = 3 * b->n_frames, k = b->n_components;
     double *basis = TAKE(room, double, n * k);
     const int64_t used = room->used;
     double *components = restored(b, numbers, n * k, room), *spare = TAKE(room, double, n);
@@ -149,7 +141,7 @@ static double *learned_basis(const Block *b, const int64_t *numbers, Room *room)
         for (int64_t i = 0; i < n; i++) square += component[i] * component[i];
         const double norm = square > 0.0 ? __builtin_sqrt(square) : 1.0;
         for (int64_t i = 0; i < n; i++) component[i] /= norm;
-        transform(&t, component, d, 0, d, spare);
+        transform(&t, component, 3, 0, 3, spare);
         for (int64_t i = 0; i < n; i++) basis[i * k + c] = component[i];
     }
     room->used = used;
@@ -194,7 +186,7 @@ static void orthonormal(const int64_t *part, int64_t n, const double *shape, int
 static int read_parts(Coder *c, const Block *b, const Modes *modes, int64_t *part_of, Room *room) {
     Parting pieces = {0};
     const int64_t largest = least(b->largest, b->n_vertices);
-    if (modes->kind != SPRING_MODES && modes->kind != JOINED_MODES) return NONSENSE;
+    if (modes->kind != SPRING_MODES) return NONSENSE;
     if (part_graph(&pieces, modes->mesh, 0, largest, room)) return ROOM;
     int64_t *labels = TAKE(room, int64_t, pieces.n), latest[MOST_PARTS];
     if (room->used > room->size) return ROOM;
@@ -261,15 +253,15 @@ static int superpose(const Block *b, const int64_t *numbers, const double *rows,
         return FINE;
     }
     const double *basis = learned_basis(b, numbers, room);
-    const int64_t d = directions(b), k = b->n_components, width = 3 * n / d;
+    const int64_t k = b->n_components;
     if (room->used > room->size) return ROOM;
     memset(scaled, 0, (size_t)(n_frames * 3 * n) * sizeof *scaled);
-    for (int64_t i = 0; i < n_frames * d; i++) {
-        double *to = scaled + i * width;
+    for (int64_t i = 0; i < 3 * n_frames; i++) {
+        double *to = scaled + i * n;
         for (int64_t c = 0; c < k; c++) {
             const double share = basis[i * k + c];
-            const double *from = rows + 3 * n + c * width;
-            for (int64_t j = 0; j < width; j++) to[j] += share * from[j];
+            const double *from = rows + (3 + c) * n;
+            for (int64_t j = 0; j < n; j++) to[j] += share * from[j];
         }
     }
     const double length = __builtin_sqrt((double)n_frames);
@@ -345,7 +337,7 @@ static int read_block(Bytes s, int64_t n_frames, const Modes *modes, int is_doub
     int64_t *part_of = TAKE(room, int64_t, b.n_parts ? n : 0), *maps = 0, *basis = 0;
     if (room->used > room->size) return ROOM;
     if (b.n_parts && (status = read_parts(&c, &b, modes, part_of, room))) return status;
-    const int64_t columns = n_frames * directions(&b), width = N_FUNCTIONS * b.n_parts;
+    const int64_t columns = 3 * n_frames, width = N_FUNCTIONS * b.n_parts;
     if (b.n_components) basis = read_matrix(&c, b.n_components, columns, b.is_mixed, room);
     const int64_t *numbers = read_matrix(&c, b.n_rows, b.n_modes, b.is_mixed, room);
     if (b.n_parts) maps = read_matrix(&c, b.n_components, width, b.is_mixed, room);

@@ -67,7 +67,7 @@ MM_EXPORT(mm_matrix)
 int32_t mm_matrix(State *state, uint32_t *words, uint8_t *bits, int64_t n_rows, int64_t n_columns,
                   int64_t *values, int64_t mixed, int64_t grow, uint8_t *room, int64_t n_room) {
     Coder c = {*state, words, bits};
-    Room left = {room, n_room, 0};
+    Room left = {room, n_room, 0, 0};
     Matrix m = {n_rows, n_columns, band_edges(n_columns, 0), 0, 0, values};
     if (!n_rows || !n_columns) return FINE;
     m.edges = TAKE(&left, int64_t, m.n_bands + 1);
@@ -93,7 +93,7 @@ int32_t mm_faces(State *state, uint32_t *words, uint8_t *bits, int64_t n_vertice
                  int64_t period, int64_t n_relations, int64_t keep_order, int64_t walk_only,
                  int32_t *faces, int64_t grow, uint8_t *room, int64_t n_room) {
     Coder c = {*state, words, bits};
-    Room left = {room, n_room, 0};
+    Room left = {room, n_room, 0, 0};
     const Shape shape = {(int32_t)n_vertices,  (int32_t)n_faces,    (int32_t)period,
                          (int32_t)n_relations, (int32_t)keep_order, (int32_t)walk_only};
     if (n_vertices < 1 || n_vertices >= 1 << 28 || n_faces < 0 || n_faces >= 1 << 28 ||
@@ -111,12 +111,4 @@ void mm_halve(int64_t n, const int64_t *offsets, const int64_t *neighbours, int6
     const Graph g = {n, offsets, neighbours};
     room[3 * n] = room[4 * n + 1] = 0;
     halve(&g, largest, label, room, room + n, room + 2 * n, room + 3 * n, room + 4 * n + 1);
-}
-
-/* Give each of n nodes its mate. */
-MM_EXPORT(mm_pair)
-void mm_pair(int64_t n, const int64_t *offsets, const int64_t *neighbours, const int64_t *weight,
-             int64_t *mate) {
-    const Graph g = {n, offsets, neighbours};
-    pair(&g, weight, mate);
 }

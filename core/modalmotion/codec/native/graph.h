@@ -1,4 +1,4 @@
-/* Patches and pairs of the vertices of a mesh: docs/format.md, section 4.
+/* Patches of the vertices of a mesh: docs/format.md, section 4.
  *
  * A graph is where the neighbours of each vertex begin, and all neighbours, ascending. */
 #ifndef MM_GRAPH_H
@@ -57,23 +57,6 @@ static void halve(const Graph *g, int64_t largest, int64_t *label, int64_t *orde
             }
             n_labels += 3;
         }
-    }
-}
-
-/* Give each node as its mate the lightest neighbour that has none, itself if there is none. */
-static void pair(const Graph *g, const int64_t *weight, int64_t *mate) {
-    for (int64_t u = 0; u < g->n; u++) mate[u] = -1;
-    for (int64_t u = 0; u < g->n; u++) {
-        if (mate[u] >= 0) continue;
-        int64_t found = u, lightest = -1;
-        for (int64_t at = g->offsets[u]; at < g->offsets[u + 1]; at++) {
-            const int64_t v = g->neighbours[at];
-            if (mate[v] >= 0 || (lightest >= 0 && weight[v] >= lightest)) continue;
-            found = v;
-            lightest = weight[v];
-        }
-        mate[u] = found;
-        mate[found] = u;
     }
 }
 

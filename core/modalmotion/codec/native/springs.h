@@ -3,9 +3,9 @@
 #define MM_SPRINGS_H
 
 #include "eigen.h"
-#include "pairs.h"
+#include "mesh.h"
 
-enum { SPRING_MODES = 2, JOINED_MODES = 3, LARGEST_PATCH = 4096, PROBE_BYTES = 16 };
+enum { LARGEST_PATCH = 4096, PROBE_BYTES = 16 };
 
 static const double MOST_WORK = 2.0e11, NEAREST = 0.3;
 
@@ -150,7 +150,6 @@ typedef struct {
     const Graph *g;
     Parting patches, leaves;
     int64_t *order, share;
-    uint64_t seed;
     Patch *solved;
 } Springs;
 
@@ -300,12 +299,12 @@ static int solve_patch(const Springs *s, int64_t number, Room *room) {
         const int64_t *own = s->leaves.vertices + s->leaves.starts[names[i]];
         for (int64_t j = 0; j < leaf->n; j++) {
             const int64_t a = own[j];
-            signs[j] = scattered((uint64_t)a, s->seed + 1) - 0.5;
+            signs[j] = scattered((uint64_t)a, 1) - 0.5;
             for (int64_t at = g->offsets[a]; at < g->offsets[a + 1]; at++) {
                 const int64_t b = g->neighbours[at];
                 if (b < a || s->patches.owner[b] != number) continue;
                 const uint64_t both = (uint64_t)a << 20;
-                const double k = 1.0 + scattered(both + (uint64_t)b, s->seed) / 8.0;
+                const double k = 1.0 + scattered(both + (uint64_t)b, 0) / 8.0;
                 if (leaf_of[b] != i) {
                     across[n_across++] = (Spring){{i, leaf_of[b]}, {j, place[b]}, k};
                     continue;
@@ -327,15 +326,11 @@ static int solve_patch(const Springs *s, int64_t number, Room *room) {
     return p->n_leaves > 1 ? join_leaves(p, across, n_across, sums, room) : FINE;
 }
 
-static int read_springs(Springs *s, Bytes *b, int is_joined, const Graph *g, Room *room) {
+static int read_springs(Springs *s, Bytes *b, const Graph *g, Room *room) {
     const int64_t n = g->n;
     s->g = g;
-    s->seed = next_number(b, 1);
-    int64_t patch = next_varint(b), leaf = patch;
-    if (is_joined) {
-        leaf = next_varint(b);
-        s->share = (int64_t)next_number(b, 1);
-    }
+    int64_t patch = next_varint(b), leaf = next_varint(b);
+    s->share = (int64_t)next_number(b, 1);
     next_bytes(b, PROBE_BYTES);
     if (b->status || b->at != b->end || leaf < 1 || leaf > patch) return NONSENSE;
     patch = least(patch, n);

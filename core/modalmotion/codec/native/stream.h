@@ -15,7 +15,7 @@ enum {
     STORED_WHOLE,     /* positions without loss, which this decoder does not unpack */
 };
 
-enum { MAGIC = 0x51534D4D /* MMSQ */, VERSION = 8, MOST_AXES = 8, LARGEST_BLOCK = 1 << 26 };
+enum { MAGIC = 0x51534D4D /* MMSQ */, VERSION = 1, MOST_AXES = 8, LARGEST_BLOCK = 1 << 26 };
 
 static const int64_t MOST_NUMBERS = INT64_C(1) << 40;
 
@@ -156,7 +156,8 @@ static Header read_header(Bytes *b) {
     if (s.at != s.end || h.is_double > 1 || h.times > 2 || !h.n_frames || !h.n_vertices ||
         n_frames != h.n_frames)
         refuse(&s, NONSENSE);
-    if (h.n_vertices >= 1 << 28 || h.n_faces >= 1 << 28 || h.n_frames > MOST_NUMBERS / h.n_vertices)
+    if (!s.status &&
+        (h.n_vertices >= 1 << 28 || h.n_faces >= 1 << 28 || h.n_frames > MOST_NUMBERS / h.n_vertices))
         refuse(&s, TOO_MANY);
     if (s.status) refuse(b, s.status);
     return h;

@@ -12,7 +12,7 @@ from modalmotion.errors import LimitError, MalformedFileError, ParameterError
 from modalmotion.facts import column_of, facts_from_texts, is_fact
 from modalmotion_service.http.manifest import MANIFEST, entries_by_name
 from modalmotion_service.http.many_files import FILES, ManyFiles, SentPart
-from modalmotion_service.work.part import Part
+from modalmotion_service.work.upload import Part
 from modalmotion_service.workspace.spool import SpoolFile
 
 _MOST_BYTES: Final = 4_000_000

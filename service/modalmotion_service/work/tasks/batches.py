@@ -14,8 +14,8 @@ from modalmotion.exports.signature_pack import write_pack
 from modalmotion.exports.table import Recording, Table, cohort_table
 from modalmotion.signature.making import ModalSignature
 from modalmotion.store import SequenceRecord, signature_from_hdf5
-from modalmotion_service.work.part import Part
 from modalmotion_service.work.tasks.files import whole_file
+from modalmotion_service.work.upload import Part
 
 RESULTS: Final = "results.json"
 """Member of an archive that says which file, or which problem, each result is."""

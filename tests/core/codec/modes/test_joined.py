@@ -24,13 +24,13 @@ CUTS = (Cut(200, 200), Cut(200, 30, 80), Cut(70, 16, 50), Cut(200, 10, 0), Cut(2
 
 def modes_of(cut: Cut) -> PatchModes:
     """Modes of a tube, and of one vertex that no triangle has."""
-    return PatchModes(edges_of(FACES), N, cut, 0)
+    return PatchModes(edges_of(FACES), N, cut)
 
 
 def stiffness() -> Floats:
     edges = edges_of(FACES)
     K = np.zeros((N, N))
-    K[edges[:, 0], edges[:, 1]] = K[edges[:, 1], edges[:, 0]] = -stiffness_of(edges, 0)
+    K[edges[:, 0], edges[:, 1]] = K[edges[:, 1], edges[:, 0]] = -stiffness_of(edges)
     K -= np.diag(K.sum(axis=1))
     return K
 
@@ -83,13 +83,13 @@ def test_sections_that_make_no_sense_are_refused() -> None:
         read_modes(good, N, FACES).synthesise(np.eye(N)[:3]),
         modes_of(CUTS[1]).synthesise(np.eye(N)[:3]),
     )
-    # Seed, patch (two bytes), leaf, share, probe.
-    for data in (good[:4] + b"\0" + good[5:], good[:4] + b"\xc9\x01" + good[5:], good + b"\0"):
+    # Kind, patch (two bytes), leaf, share, probe.
+    for data in (good[:3] + b"\0" + good[4:], good[:3] + b"\xc9\x01" + good[4:], good + b"\0"):
         with pytest.raises(MalformedFileError):
             read_modes(data, N, FACES)
     with pytest.raises(MalformedFileError, match="other spring modes"):
-        read_modes(good[:5] + b"\x60" + good[6:], N, FACES)
+        read_modes(good[:4] + b"\x60" + good[5:], N, FACES)
     # Half of a large patch joined.
-    costly = b"\x03\0\x80\x20\x10\x80" + bytes(16)
+    costly = b"\x02\x80\x20\x10\x80" + bytes(16)
     with pytest.raises(LimitError):
         read_modes(costly, 2_000_000, FACES)

@@ -15,7 +15,7 @@ from typing import Final
 from modalmotion.errors import ParameterError, StoreError
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
-from modalmotion.store.care.recovery import existing_store
+from modalmotion.store.deletion import TOMBSTONES, Deletions
 from modalmotion.store.disk.atomic import (
     cannot_write,
     is_temporary,
@@ -27,7 +27,7 @@ from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.disk.sealed_json import JsonForm
 from modalmotion.store.folder import FOLDERS, RESULT_FOLDERS, Folder
 from modalmotion.store.index.cursor import now
-from modalmotion.store.tombstones import TOMBSTONES, Deletions
+from modalmotion.store.recovery import existing_store
 
 FORM: Final = JsonForm("backup", 1, "Make a backup to the same folder once more.")
 

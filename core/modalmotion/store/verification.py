@@ -20,15 +20,14 @@ from modalmotion.norm.norm import norm_from_hdf5
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.signature.hdf5 import read_signature
-from modalmotion.store.care.recovery import existing_store
+from modalmotion.store.deletion import deleted_record
 from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.folder import Folder, ResultName, Scan
-from modalmotion.store.images_record import read_images_record
+from modalmotion.store.images import read_images_record
 from modalmotion.store.index.database import Database
-from modalmotion.store.index.index import Index
-from modalmotion.store.index.model_index import ModelIndex
-from modalmotion.store.model_deletion import deleted_record
+from modalmotion.store.index.index import Index, ModelIndex
 from modalmotion.store.record import read_record
+from modalmotion.store.recovery import existing_store
 from modalmotion.template.hdf5 import read_template
 from modalmotion.tracking.hdf5 import read_track
 

@@ -24,9 +24,9 @@ from modalmotion.errors import NotFoundError, ParameterError, StoreError
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature.making import modal_signature
 from modalmotion.store import ResultStore, backup, rebuild, template_to_hdf5, verify
-from modalmotion.store.care import backup as backup_module
+from modalmotion.store import backups as backup_module
+from modalmotion.store.deletion import TOMBSTONE_DAYS, Deletions, buried
 from modalmotion.store.disk.atomic import sync_paths
-from modalmotion.store.tombstones import TOMBSTONE_DAYS, Deletions, buried
 from modalmotion.template import make_template
 
 

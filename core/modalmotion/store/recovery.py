@@ -19,18 +19,21 @@ from modalmotion.mesh.hdf5 import read_sequence
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.signature import hdf5 as signature_hdf5
-from modalmotion.store.deletion import finish_deletion
+from modalmotion.store.deletion import (
+    buried,
+    deleted_record,
+    digest_of_norm,
+    finish_deletion,
+    finish_model_deletion,
+    is_older,
+)
 from modalmotion.store.disk.atomic import remove_durably, write_atomic
 from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.folder import Folder, ResultKind, ResultName, Scan
 from modalmotion.store.index.cursor import to_text
-from modalmotion.store.index.database import Database, GuestTable
-from modalmotion.store.index.index import Index, put_records, put_results
-from modalmotion.store.index.model_index import ModelIndex, put_models
-from modalmotion.store.index.schema import recount
-from modalmotion.store.model_deletion import deleted_record, finish_model_deletion
+from modalmotion.store.index.database import Database, GuestTable, recount
+from modalmotion.store.index.index import Index, ModelIndex, put_models, put_records, put_results
 from modalmotion.store.record import SequenceRecord, read_record, record_of, record_to_json
-from modalmotion.store.tombstones import buried, digest_of_norm, is_older
 from modalmotion.tracking import hdf5 as track_hdf5
 
 _FORMS: Final[dict[ResultKind, Form]] = {

@@ -1,1 +1,0 @@
-"""Care of a store: backup, rebuild, recovery, verification."""
