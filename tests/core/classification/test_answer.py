@@ -77,13 +77,11 @@ def test_ranges_of_shares_are_wider_for_few_and_unknown_for_fewer() -> None:
 def test_what_cannot_be_read_is_refused_by_name() -> None:
     model, signature = small_model(), cohort(6)[0].signature
     curve_ = curves(1)[0].signature
+    uniform = replace(signature.parameters, weights=Weights.UNIFORM)
     for other, words in (
         (curve_, "topology"),
         (replace(signature, amplitudes=signature.amplitudes[:1]), "one frame"),
-        (
-            replace(signature, parameters=replace(signature.parameters, weights=Weights.UNIFORM)),
-            "weights",
-        ),
+        (replace(signature, parameters=uniform), "weights"),
     ):
         found = classify(other, model)
         assert found.label is None
