@@ -9,7 +9,7 @@ from modalmotion.classification.cases import CaseFile, TrainingCase
 from modalmotion.classification.comparison import Comparison, compare_models
 from modalmotion.classification.evaluation import Evaluation, evaluate
 from modalmotion.classification.explanation import ModeContribution, only_modes
-from modalmotion.classification.feature_table import FeatureTable, feature_table
+from modalmotion.classification.feature_tables import FeatureTable, feature_table
 from modalmotion.classification.markdown import card_markdown
 from modalmotion.classification.model import Model
 from modalmotion.classification.model_files import (
