@@ -49,6 +49,14 @@ def shapes(seed: int) -> tuple[float, ...]:
     return standard_figures(judged(seen, has_start=False))
 
 
+@experiment(*standard_rows("tracking.clouds_once", "clouds, ends at ED", 0.2, 0.5, cover=False))
+def clouds_once(seed: int) -> tuple[float, ...]:
+    seen = list(seen_clouds(ventricles(seed, 5), 1.0, has_start=False))
+    for _, frames in seen:
+        frames[1:] = [frame[:1] for frame in frames[1:]]
+    return standard_figures(judged(seen, has_start=False), cover=False)
+
+
 @experiment(
     Row("tracking.dents.rms", "RMS error of EF, motion finer than modes", "points", goal=0.2),
     Row("tracking.dents_known.rms", "the same, first surface known", "points", goal=0.2),

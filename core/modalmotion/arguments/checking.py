@@ -13,6 +13,7 @@ import types
 import typing
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import MISSING, fields, is_dataclass
+from difflib import get_close_matches
 from enum import Enum
 from numbers import Integral, Real
 from pathlib import Path
@@ -28,8 +29,11 @@ _MADE: Final = {
     "ImageSequence": "Read one: read_images(path).",
     "Template": "Make one: make_template(sequence).",
     "Model": "Load one: load_model(name or path).",
+    "TrainingCase": "Name a table: train('cases.csv', 'mine'), with the columns path, label and "
+    "subject; or give [TrainingCase(sequence, label), ...].",
     "Track": "Make one: track(path) of images, clouds or contours, or load(path).",
     "Path": "Name a file: pathlib.Path('...').",
+    "bytes": "Give bytes, what encode made, or the path of a file that is there.",
 }
 # Of an array of positions: frames, vertices, directions.
 _AXES: Final = 3
@@ -110,7 +114,8 @@ def _bound(
         bound = signature.bind(*args, **kwargs)
     except TypeError as error:
         raise ParameterError(
-            f"{name}() cannot be called so: {error}.", remedy=f"Write {name}{_shown(signature)}."
+            f"{name}() cannot be called so: {error}.",
+            remedy=f"Write {name}{_shown(signature)}.{_nearest(unknown, hints)}",
         ) from None
     for key, value in bound.arguments.items():
         hint, is_variable = hints.get(key, Any), "VAR" in signature.parameters[key].kind.name
@@ -121,6 +126,14 @@ def _bound(
             raise _unfit(name, key, value, hint)
         bound.arguments[key] = meant
     return bound
+
+
+def _nearest(unknown: Iterable[str], hints: dict[str, Any]) -> str:
+    """Name the options that a mistyped keyword is near to, if there are any."""
+    kinds = [_class_of(hint) for hint in hints.values() if _has_fields(hint, ())]
+    known = [one.name for kind in kinds if is_dataclass(kind) for one in fields(kind)]
+    near = [match for name in unknown for match in get_close_matches(name, known, n=1)]
+    return f" Did you mean {' and '.join(near)}?" if near else ""
 
 
 def _is_told_within(value: Any, hint: Any) -> bool:
@@ -260,7 +273,12 @@ def _unfit(function: str, key: str, value: Any, hint: Any) -> InputError:
     kinds = [one for one in _alternatives(hint) if one is not types.NoneType]
     names = [getattr(one, "__name__", str(one)) for one in kinds]
     meant = " or ".join(dict.fromkeys(names)).replace("ndarray", _array_of(hint))
-    remedy = next((_MADE[name] for name in names if name in _MADE), f"Give {with_article(meant)}.")
+    if "TrainingCase" in str(hint):
+        meant = "table or several cases"
+        names = ["TrainingCase"]
+    # A path is what most have.
+    of = sorted((name for name in names if name in _MADE), key="bytes".__eq__)
+    remedy = _MADE[of[0]] if of else f"Give {with_article(meant)}."
     options = _class_of(hint)
     if remedy.startswith("Give") and is_dataclass(options) and isinstance(value, (int, float)):
         first = fields(options)[0].name

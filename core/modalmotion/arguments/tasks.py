@@ -86,8 +86,8 @@ class Recorded(Saved, Plotted):
 
         return modalmotion.view(self, **options)
 
-    def report(self: Any, path: str | Path, **options: Any) -> Report:
+    def report(self: Any, path: Any, **options: Any) -> Report:
         """Write a report, a folder or one file of it: see `modalmotion.report`."""
         import modalmotion
 
-        return modalmotion.report(self, Path(path), **options)
+        return modalmotion.report(self, path, **options)

@@ -79,8 +79,8 @@ def read_faces(data: bytes, n_faces: int, n_vertices: int, grid: Grid | None) ->
         raise damaged(_NONSENSE)
     if data[0] == _CELLS and grid is not None:
         pattern = np.unpackbits(np.frombuffer(data[1:], np.uint8))
-        faces = _faces_of(grid, pattern[:_PATTERN_BITS]) if len(pattern) == 16 else None
-        if faces is None or len(faces) != n_faces:
+        faces = _faces_of(grid, pattern[:_PATTERN_BITS], n_faces) if len(pattern) == 16 else None
+        if faces is None:
             raise damaged(_NONSENSE)
         return faces
     if len(data) < 3 or not data[1] or data[2] > MOST_RELATIONS:
@@ -109,21 +109,23 @@ def _cells_of(grid: Grid, faces: Ints) -> NDArray[np.uint8] | None:
                 row, column = divmod(vertex, columns)
                 bits += [min(row, 1), min(column, 1)]
         pattern = np.array(bits, dtype=np.uint8)
-        rebuilt = _faces_of(grid, pattern)
+        rebuilt = _faces_of(grid, pattern, len(faces))
         if rebuilt is not None and np.array_equal(rebuilt, faces):
             return pattern
     return None
 
 
-def _faces_of(grid: Grid, pattern: NDArray[np.uint8]) -> Ints | None:
+def _faces_of(grid: Grid, pattern: NDArray[np.uint8], n_faces: int) -> Ints | None:
     topology, shape = grid
-    if len(shape) != 2:
+    if len(shape) != 2 or len(topology.ends) != 2:
         return None
     # A closed axis has one cell more, from its last node to its first.
     n_cells = [
         n if ends == CLOSED and n > 2 else n - 1
         for n, ends in zip(shape, topology.ends, strict=True)
     ]
+    if min(n_cells) < 1 or 2 * n_cells[0] * n_cells[1] != n_faces:
+        return None
     row, column = (i.reshape(-1, 1, 1) for i in np.indices(n_cells))
     steps = pattern[1:].astype(np.int64).reshape(1, 2, 3, 2)
     rows = (row + steps[..., 0]) % shape[0]

@@ -215,6 +215,21 @@ def _finish(
 
     Only vertices farther off than `room`, in quanta, are corrected, in steps of `width`.
     """
+    done = _written(frames, choice, trial, width, room)
+    if done is None:
+        # A coarse step rounds some components to the same one, and a difference between them
+        # takes huge numbers of opposite signs: let them share what they describe.
+        shared = attempt(frames.motion, trial.kind, trial.quantiser.step, alike=ALIKE)
+        done = None if shared is None else _written(frames, choice, shared, width, room)
+    return done
+
+
+def _written(
+    frames: _Frames, choice: Choice, trial: Trial, width: int, room: float
+) -> EncodedBlock | None:
+    """Write a trial; None where its numbers are too large, or other machines may round them."""
+    if trial.largest > LARGEST_MAGNITUDE:
+        return None
     block = trial.block(len(frames.vertices), frames.exponent, frames.origin, width)
     scaled = block.scaled(choice.modes)
     if not np.abs(scaled).max() < MOST_QUANTA / 4:
@@ -223,15 +238,6 @@ def _finish(
     uncertainty = _uncertainty(scaled, None if shaken is None else block.scaled(shaken))
     if uncertainty > MOST_UNCERTAIN:
         return None
-    if trial.largest > LARGEST_MAGNITUDE:
-        # A coarse step rounds some components to the same one, and a difference between them
-        # takes huge numbers of opposite signs: let them share what they describe.
-        shared = attempt(frames.motion, trial.kind, trial.quantiser.step, alike=ALIKE)
-        return (
-            None
-            if shared is None or shared.largest > LARGEST_MAGNITUDE
-            else _finish(frames, choice, shared, width, room)
-        )
     guards = find_guards(scaled, uncertainty)
     whole = guards.round(scaled)
     corrections = None

@@ -43,7 +43,8 @@ _VTK_XML: Final = re.compile(rb"<VTKFile[^>]{0,2000}?\stype=[\"'](\w{1,60})[\"']
 _VTK_XML_TYPES: Final = {b"PolyData": Format.VTP, b"UnstructuredGrid": Format.VTU}
 
 _IMAGES: Final = (
-    "Track a surface through it first: `modalmotion track`, or POST /v1/images and POST /v1/tracks."
+    "Track a surface through it: `modalmotion report` for a segmentation, `modalmotion track`, "
+    "track(path) in Python, or POST /v1/images and POST /v1/tracks."
 )
 
 CONVERT: Final = (
@@ -88,7 +89,7 @@ _OTHERS: Final = (
     (
         rb"\x1f\x8b|BZh|7z\xbc\xaf|Rar!|\xfd7zXZ",
         "a compressed file",
-        f"Send .zip instead. If it is an image (.nii.gz): {_IMAGES[0].lower()}{_IMAGES[1:]}",
+        f"If it is an image (.nii.gz): {_IMAGES[0].lower()}{_IMAGES[1:]} Else send .zip.",
     ),
 )
 

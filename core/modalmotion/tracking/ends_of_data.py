@@ -11,13 +11,12 @@ import scipy
 from numpy.typing import NDArray
 
 from modalmotion.mesh import face_areas
-from modalmotion.mesh.connectivity import grouped_edges
 from modalmotion.tracking.closest import Matches, closest_points
 from modalmotion.tracking.cloud_end import DataEnd, end_of_cloud
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.noise import Noise, robust_weights
 from modalmotion.tracking.observation import NAMED_PLACES, Frame, Observation
-from modalmotion.tracking.rim import NEAR_END, Rim, rim_at, rim_of
+from modalmotion.tracking.rim import NEAR_END, Rim, rim_of
 
 # Of a sector: the border of a mesh lies along more than that of it, or does not show it.
 _LEAST: Final = 0.5
@@ -119,12 +118,6 @@ _OF_SECTOR: Final = 16.0
 # fall at random, less where they are spread, some 20 along contours.
 _MOST_UNEVEN: Final = 3.0
 
-# Part of an opening, by its width, over which points are looked for: nearer than so many deviations
-# and so much of the root of its area.
-_OF_LID: Final = 0.5
-_LYING: Final = 3.0
-_BULGE: Final = 0.1
-
 # Of the rim, that the data show in the reference.
 _MOST_OF_RIM: Final = 0.5
 
@@ -145,7 +138,7 @@ def with_endings(
     Notes
     -----
     Frames that state points of an end say it better. Weighted points, profiles and contours do not
-    lie evenly. A cloud that lies over the opening, too, is that of a closed surface.
+    lie evenly.
     """
     x, full = surface.template.vertices, list(frames)
     if known is None:
@@ -155,8 +148,6 @@ def with_endings(
         pairs = zip(frames, are_even, strict=True)
         kinds = [_kind(frame, end, is_even=is_even) for frame, is_even in pairs]
         kind = kinds[known]
-        if kind == "cloud" and _has_lid(surface, x, frames[known], end, noise):
-            continue
         own = [k for k, name in enumerate(kinds) if kind is not None and name == kind]
         width = (surface.area / noise.n_values) ** 0.5
         if kind == "cloud":
@@ -195,28 +186,6 @@ def _are_even(surface: Deformable, x: NDArray[np.float64], frame: Frame) -> bool
     order, areas = np.argsort(ratios, kind="stable"), face_areas(x, surface.cells)
     middle = order[np.searchsorted(np.cumsum(areas[order]), areas.sum() / 2.0)]
     return float(ratios[middle]) ** 2 <= _MOST_UNEVEN
-
-
-def _has_lid(
-    surface: Deformable, x: NDArray[np.float64], frame: Frame, end: str, noise: Noise
-) -> bool:
-    """Tell whether points lie over an opening as densely as on the surface."""
-    points = np.concatenate([part.points for part in frame if lies_evenly(part)])
-    for sides in grouped_edges(rim_at(surface, end), len(x)):
-        middle = x[sides].mean(axis=(0, 1))
-        # Away from the rim, next to which the wall is.
-        ends = middle + _OF_LID * (x[sides] - middle)
-        corners = np.concatenate([ends, np.broadcast_to(middle, (len(ends), 1, 3))], axis=1)
-        cells = np.arange(3 * len(ends)).reshape(-1, 3)
-        lid = corners.reshape(-1, 3)
-        area = float(face_areas(lid, cells).sum())
-        near = closest_points(points, lid, cells).distances
-        # Half-way to the wall at most, whose points are not over a small opening.
-        apart = float(np.linalg.norm(x[sides] - middle, axis=2).min()) * (1.0 - _OF_LID) / 2.0
-        n = int((near < min(_LYING * noise.sd + _BULGE * area**0.5, apart)).sum())
-        if area > 0 and n * surface.area > _MOST_OF_RIM * len(points) * area:
-            return True
-    return False
 
 
 def _ending(rim: Rim, frame: Frame) -> Ending:

@@ -28,7 +28,7 @@ from modalmotion.tracking.image_levels import as_bright, first_sight
 from modalmotion.tracking.image_search import LEAST_FOUND, SHAPE, reference_shape, search
 from modalmotion.tracking.image_view import Facets, Sight, Tip, Valve, View, view_of
 from modalmotion.tracking.iterations import first_guess
-from modalmotion.tracking.landmarks import Proposed, path_between
+from modalmotion.tracking.landmarks import Proposed
 from modalmotion.tracking.observation import Frame, Observation
 from modalmotion.tracking.request import with_landmarks
 from modalmotion.tracking.result import CONVENTIONS, Papillary
@@ -84,23 +84,23 @@ Floats = NDArray[np.float64]
 _DESCENT: Final = 0.1
 _SPREAD: Final = 0.06
 
+# mm beyond the base that an edge may be seen at: its rim is no plane across the axis.
+_BEYOND: Final = 3.0
+
 # mm that a surface may leave such a place by: edges say nothing along it, and where it is held
 # softly they draw it up the atrium. How far the place is off is added to what is stated.
 _HELD: Final = 1.0
 
-# mm beyond the base that an edge may be seen at: its rim is no plane across the axis.
-_BEYOND: Final = 3.0
-
 
 def with_base(
-    marks: Sequence[Frame], stated: Sequence[Frame], template: Template, reference: int
+    stated: Sequence[Frame], template: Template, reference: int
 ) -> tuple[tuple[Frame, ...], Floats]:
     """Place the base in frames that state none.
 
     Parameters
     ----------
-    marks, stated : sequence of Frame
-        All landmarks of each frame, those that are stated first; and these.
+    stated : sequence of Frame
+        Landmarks of each frame.
     template : Template
         Of the reference frame's shape.
     reference : int
@@ -111,20 +111,17 @@ def with_base(
     variances : (frames,) float64, mm^2
         Of the places along the axis; zero where they are stated.
     """
-    variances = np.zeros(len(marks))
+    variances = np.zeros(len(stated))
     if template.surface != CUP:
-        return tuple(marks), variances
+        return tuple(stated), variances
     tip, base = _ends(template)
-    usual = base + _DESCENT * (tip - base), _SPREAD * float(np.linalg.norm(base - tip))
-    full: list[Frame] = []
-    for k, (frame, known) in enumerate(zip(marks, stated, strict=True)):
-        if k == reference or _base_of(known) is not None:
-            full.append(frame)
-            continue
-        place, sd = _base_of(frame) or usual
-        variances[k] = sd**2
-        others = (part for part in frame if "base" not in (part.places or ()))
-        full.append((*others, Observation(place[None], sd=_HELD, places=("base",))))
+    place, sd = base + _DESCENT * (tip - base), _SPREAD * float(np.linalg.norm(base - tip))
+    full = []
+    for k, frame in enumerate(stated):
+        if k != reference and _base_of(frame) is None:
+            variances[k] = sd**2
+            frame = (*frame, Observation(place[None], sd=_HELD, places=("base",)))
+        full.append(frame)
     return tuple(full), variances
 
 
@@ -135,7 +132,7 @@ def below_base(sight: Sight, marks: Frame, template: Template) -> Sight:
         return sight
     tip, base = _ends(template)
     axis = (base - tip) / np.linalg.norm(base - tip)
-    return replace(sight, valve=Valve(axis, float(known[0] @ axis) + _BEYOND))
+    return replace(sight, valve=Valve(axis, float(known @ axis) + _BEYOND))
 
 
 def _ends(template: Template) -> tuple[Floats, Floats]:
@@ -143,13 +140,13 @@ def _ends(template: Template) -> tuple[Floats, Floats]:
     return x[s <= s.min() + 1e-9].mean(axis=0), x[s >= s.max() - 1e-9].mean(axis=0)
 
 
-def _base_of(frame: Frame) -> tuple[Floats, float] | None:
-    """Place of the base in a frame, and its deviation; None where it states none."""
+def _base_of(frame: Frame) -> Floats | None:
+    """Place of the base in a frame; None where it states none."""
     for part in frame:
         for row, name in enumerate(part.places or ()):
             if name == "base" and part.normals is None:
-                sd = part.sd if part.sd is not None else np.zeros(len(part))
-                return part.points[row], float(np.broadcast_to(sd, len(part))[row])
+                place: Floats = part.points[row]
+                return place
     return None
 
 
@@ -238,11 +235,9 @@ def frames_of_images(
             remedy="Use pool, where they are cavity, or wall, where they are not.",
         )
     images = images.sliced()
-    soft = path_between(landmarks, images.n_frames, is_closed=is_closed)
     stated_sd = _STATED * images.finest
     stated = _marks(images, landmarks, reference, stated_sd)
-    marks = tuple((*a, *b) for a, b in zip(stated, soft, strict=True))
-    places = _places(marks[reference])
+    places = _places(stated[reference])
     image = images.frames[reference]
     if image is None:
         raise ShapeError(
@@ -268,7 +263,7 @@ def frames_of_images(
         rough = mesh_sequence(start.vertices[None], start.faces, topology=start.topology)
     else:
         rough = start
-    here = marks[reference]
+    here = stated[reference]
     begin = reference_shape(rough, image, here, sight, reference, first.points)
     if has_trabeculae(image, begin.shape, begin.sight, SHAPE[1]):
         sight = replace(sight, has_layers=True)
@@ -281,7 +276,7 @@ def frames_of_images(
     # Whoever states where the apex goes knows better.
     is_still = sum("apex" in _places(frame) for frame in stated) < 2
     still = replace(sight, tip=tip_of(template) if is_still else None)
-    marks, variances = with_base(held(marks, template, reference), stated, template, reference)
+    marks, variances = with_base(held(stated, template, reference), template, reference)
     walked = _walk(surface, facets, images, marks, still, reference, is_closed, done)
     shapes = np.stack([surface.positions(a) for a in walked])
     near = _NEXT[-1][1]

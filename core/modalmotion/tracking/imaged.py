@@ -30,9 +30,6 @@ Floats = NDArray[np.float64]
 _OF_VOXEL: Final = 0.08
 _OF_NOISE: Final = 0.4
 
-# Of a label map: see `staircase`.
-_STAIRCASE: Final = 0.25
-
 # Of muscle that is beyond the edges seen: how much of its depth at one place, and how much of all
 # of it is not known.
 _OF_CLOSED: Final = 0.5
@@ -74,10 +71,9 @@ def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Trac
     else:
         voxel = max(first.spacing)
     areas = np.array([face_areas(x, track.template.faces).sum() for x in shapes])
-    if is_of_labels(first):
-        patch = float(np.sqrt(areas.mean() / len(track.modes)))
-        localisation = staircase(voxel, patch)
-    else:
+    # Steps of a label map are noise of its edges, which residuals show.
+    localisation = 0.0
+    if not is_of_labels(first):
         localisation = float(np.hypot(_OF_VOXEL * voxel, _OF_NOISE * track.noise.sd))
     volumes = np.zeros(len(shapes)) if track.volumes is None else track.volumes
     answer = ImageAnswer(
@@ -158,27 +154,6 @@ def _mean_of_others(covariance: Floats) -> Floats:
     sums = covariance.sum(axis=1) - np.diag(covariance)
     mean: Floats = np.clip(sums / max(n - 1, 1), 0.0, np.diag(covariance))
     return mean
-
-
-def staircase(voxel: float, patch: float) -> float:
-    """Deviation that the staircase of a label map leaves where it does not average out, mm.
-
-    Parameters
-    ----------
-    voxel : float, mm
-    patch : float, mm
-        Side of the patches that modes tell apart.
-
-    Notes
-    -----
-    An edge between two voxels lies anywhere within one: h^2 / 12 is its variance. Where the surface
-    is aslant by t to the voxels' faces a step follows on the other after h / t, and the mean over a
-    patch of side L is right as soon as that is shorter than L. The rest are directions within
-    about h / L of a face's normal, or of a diagonal's: a share as (h / L)^2 of all, so that h^2 / L
-    times a number is left. It is 0.25, by simulation over all directions. Steps that are closer are
-    noise of the edges, which residuals show.
-    """
-    return float(_STAIRCASE * voxel**2 / patch)
 
 
 def papillary_volume(

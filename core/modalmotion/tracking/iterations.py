@@ -243,7 +243,7 @@ def steady(noises: Sequence[Noise], noise: Noise) -> Noise:
     farther it moves.
     """
     mean = float(np.sqrt(np.mean([own.truncation**2 for own in noises])))
-    return replace(noise, truncation=mean, bending=0.0, lasting=0.0)
+    return replace(noise, truncation=mean, lasting=0.0)
 
 
 def first_guess(surface: Deformable) -> tuple[Prior, Noise]:

@@ -58,13 +58,22 @@ class LabelValues(NamedTuple):
 
 
 def is_label_map(images: ImageSequence) -> bool:
-    """Whether images hold labels: few whole numbers, most of them beside their like."""
+    """Whether images hold labels: few whole numbers, most of them beside their like.
+
+    Raises
+    ------
+    ParameterError
+        If they are labels, and some voxels have no number.
+    """
     volumes = _volumes(images)
     if not volumes:
         return False
     values = volumes[0].values
-    if values.dtype.kind not in "biuf" or not np.isfinite(values).all():
+    if values.dtype.kind not in "biuf":
         return False
+    is_number = np.isfinite(values)
+    n_missing = values.size - int(is_number.sum())
+    values = np.where(is_number, values, 0) if n_missing else values
     low, high = float(values.min()), float(values.max())
     if low < 0 or high - low > _WIDEST or high == low or (values != np.rint(values)).any():
         return False
@@ -72,7 +81,13 @@ def is_label_map(images: ImageSequence) -> bool:
         return False
     along = int(np.argmin(volumes[0].spacing))
     pairs = np.diff(values.astype(np.int64), axis=along)
-    return bool((pairs == 0).mean() >= _ALIKE)
+    is_map = bool((pairs == 0).mean() >= _ALIKE)
+    if is_map and n_missing:
+        raise ParameterError(
+            f"{n_missing} voxels of the label map are no numbers (NaN or infinite).",
+            remedy="Write 0 where nothing is labelled.",
+        )
+    return is_map
 
 
 def cavity_and_wall(images: ImageSequence) -> LabelValues:

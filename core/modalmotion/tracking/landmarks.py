@@ -1,4 +1,4 @@
-"""Landmarks of a recording: in files, in frames, and between frames that they are known in."""
+"""Landmarks of a recording: one place, or one for each frame, in files and as JSON."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from modalmotion.facts.facts import WORDS
 from modalmotion.facts.json_form import read_object
 from modalmotion.numerals import counted
 from modalmotion.representation import shown
-from modalmotion.tracking.observation import NAMED_PLACES, Frame, Observation
+from modalmotion.tracking.observation import NAMED_PLACES
 
 Landmarks = Mapping[str, NDArray[np.float64]]
 """By name a place (3,), or (frames, 3) with NaN where it is unknown; in the points' unit."""
@@ -290,50 +290,3 @@ def _unit(stated: Any) -> str | None:
 
 def _malformed(reason: str) -> MalformedFileError:
     return MalformedFileError(f"It is no file of landmarks ({reason}).", remedy=_FILE_REMEDY)
-
-
-# Half-way between two frames, of the distance between their places: a valve does not go evenly.
-_HALF_WAY: Final = 0.3
-
-
-def path_between(
-    landmarks: Mapping[str, Any] | None, n_frames: int, *, is_closed: bool
-) -> tuple[Frame, ...]:
-    """Place landmarks that several frames state in those between, for each frame.
-
-    Parameters
-    ----------
-    landmarks : mapping of str to (frames, 3) array_like
-        Others than such are left alone.
-    n_frames : int
-    is_closed : bool
-        Whether the way goes on from the last frame to the first.
-
-    Notes
-    -----
-    Straight and even from place to place, d apart; the deviation is 0.6 d sqrt(t (1 - t)) at the
-    share t of the way.
-    """
-    marks: list[list[Observation]] = [[] for _ in range(n_frames)]
-    for name, value in (landmarks or {}).items():
-        own = value.places if isinstance(value, Proposed) else value
-        places = np.asarray(own, dtype=np.float64)
-        if places.shape != (n_frames, 3):
-            continue
-        known = np.flatnonzero(np.isfinite(places).all(axis=1))
-        if len(known) < 2:
-            continue
-        ends = zip(known, np.roll(known, -1), strict=True)
-        for start, end in ends:
-            if end <= start and not is_closed:
-                continue
-            gap = (end - start) % n_frames
-            far = float(np.linalg.norm(places[end] - places[start]))
-            for step in range(1, gap):
-                t = step / gap
-                sd = 2.0 * _HALF_WAY * far * float(np.sqrt(t * (1.0 - t))) + 1e-3
-                place = (1.0 - t) * places[start] + t * places[end]
-                marks[(start + step) % n_frames].append(
-                    Observation(place[None], sd=sd, places=(name,))
-                )
-    return tuple(map(tuple, marks))

@@ -334,8 +334,6 @@ def map_frames(
     correlation = covariance / spread / spread[:, None]
     lasting = max(1.0, float((correlation**2).sum()) / n_frames)
     lasting *= prior.concentration(surface.template.topology.n_axes)
-    # Squares add up, whatever most of them are.
-    lasting *= noise.peak**2
     longer = noise.longer(lasting)
     slow = [normal_equations(surface, a[k], frame, longer) for k, frame in enumerate(frames)]
     matrices, vectors = _stacked(slow, stiffness, pinned)

@@ -23,11 +23,6 @@ _SIZE_WITHIN: Final = {2: 1.0, 1: 1.5152}
 # Standard deviation of Gaussian residuals over their median size.
 _PER_MEDIAN: Final = 1.4826
 
-# Of the noise's variance: less of what the modes leave has no shape. Four times as much mean square
-# as its 68 % say is said by strays.
-_SHOWN: Final = 0.05
-_HIGHEST_PEAK: Final = 4.0
-
 # Of the whole residual: clean data would let the noise vanish, and weights with it.
 _LEAST_SHARE: Final = 0.05
 
@@ -50,21 +45,14 @@ class Noise:
         prior says; afterwards that of one frame.
     n_values : float
         Independent values of it on the whole surface.
-    bending : float
-        Share of truncation^2 that rises as the square of the frame's energy, and not as the
-        energy: large motion bends what the modes know as straight.
     lasting : float
         Share of truncation^2 that all frames have, whatever their energy: the error of the shape
         that all are about.
-    peak : float
-        RMS of what the modes leave over the size that 68 % of it stay below.
     """
 
     sd: float
     truncation: float
     n_values: float
-    bending: float = 0.0
-    peak: float = 1.0
     lasting: float = 0.0
 
     @property
@@ -74,11 +62,8 @@ class Noise:
 
     def of_frame(self, energy: float) -> Noise:
         """Noise of a frame with so much energy, the mean of a^2 over its prior variance."""
-        rest = 1.0 - self.lasting - self.bending
-        rise = self.lasting + energy * (rest + self.bending * energy)
-        return replace(
-            self, truncation=self.truncation * float(np.sqrt(rise)), bending=0.0, lasting=0.0
-        )
+        rise = self.lasting + (1.0 - self.lasting) * energy
+        return replace(self, truncation=self.truncation * float(np.sqrt(rise)), lasting=0.0)
 
     def longer(self, lasting: float) -> Noise:
         """Noise whose truncation so many frames have in common."""
@@ -154,7 +139,6 @@ def noise_of(
     sizes = [_sizes(frame) for frame in frames]
     weights, totals, own = np.array(sizes).reshape(-1, 3).T
     totals, own = totals / _SIZE_WITHIN[n_axes] ** 2, own / _SIZE_WITHIN[n_axes] ** 2
-    squares = np.array([_mean_square(frame) for frame in frames]) / (3 - n_axes)
     n = max(float(weights.sum()), 1e-300)
     # The fit takes a part of each residual.
     spent = np.array([frame.n_spent for frame in frames])
@@ -162,26 +146,15 @@ def noise_of(
     mean = float((weights * totals).sum()) / n
     sd = max(min(float((weights * own).sum()) / n, mean), _LEAST_SHARE**2 * mean)
     energies = np.array([frame.energy for frame in frames])
-    # truncation^2 = c + alpha e + beta e^2, none below zero, weighted by points.
+    # truncation^2 = c + alpha e, none below zero, weighted by points.
     root = np.sqrt(weights / n)
     still = 0.0 if is_exact else 1.0
-    rises = np.stack([still + 0.0 * energies, energies, energies**2], axis=1) * root[:, None]
+    rises = np.stack([still + 0.0 * energies, energies], axis=1) * root[:, None]
     unit = mean if mean > 0 else 1.0
-    (still, alpha, beta), _ = scipy.optimize.nnls(rises, np.maximum(totals - sd, 0.0) / unit * root)
-    rise = float(still + alpha + beta) * unit
-    bending = float(beta) * unit / rise if rise > 0 else 0.0
+    (still, alpha), _ = scipy.optimize.nnls(rises, np.maximum(totals - sd, 0.0) / unit * root)
+    rise = float(still + alpha) * unit
     lasting = float(still) * unit / rise if rise > 0 else 0.0
-    peak = 1.0
-    smooth = float((weights * (totals - sd)).sum()) / n
-    if smooth > _SHOWN * sd:
-        peak = float((weights * (squares - sd)).sum()) / n / smooth
-    peak = float(np.sqrt(np.clip(peak, 1.0, _HIGHEST_PEAK)))
-    return Noise(float(np.sqrt(sd)), float(np.sqrt(rise)), n_values, bending, peak, lasting)
-
-
-def _mean_square(frame: Residuals) -> float:
-    r = frame.residuals[frame.weights > 0]
-    return float((r * r).sum(axis=1).mean()) if len(r) else 0.0
+    return Noise(float(np.sqrt(sd)), float(np.sqrt(rise)), n_values, lasting)
 
 
 def _sizes(frame: Residuals) -> tuple[float, float, float]:

@@ -11,6 +11,7 @@ from codec_sequences import (
     KINDS,
     Make,
     errors_of,
+    jointed,
     lattice_sequence,
     mesh_of_tube,
     small_mesh_of_tube,
@@ -268,3 +269,24 @@ def test_the_least_cost_is_looked_for_between_steps_too() -> None:
     # No more than may be asked.
     least(cost, 1.0, 1.35, 3)
     assert len(asked) == 3
+
+
+@pytest.mark.parametrize("make", [lattice_sequence, mesh_of_tube, jointed])
+@pytest.mark.parametrize("bound", [{"rms": 0.3}, {"rms": 0.03}, {"max_error": 0.1}])
+def test_no_effort_takes_more_bytes_than_a_lower_one(
+    make: Make, bound: dict[str, float], rng: np.random.Generator
+) -> None:
+    sequence = make(rng)
+    asked: dict[str, Any] = bound
+    sizes = [encode(sequence, effort=effort, **asked).n_bytes for effort in Effort]
+    assert sizes == sorted(sizes, reverse=True)
+
+
+@pytest.mark.parametrize(("seed", "share"), [(36, 0.03), (62, 0.01), (75, 0.01)])
+def test_components_that_a_coarse_step_makes_alike_are_shared(seed: int, share: float) -> None:
+    """Else their difference takes numbers so large that the block would be stored as it is."""
+    sequence = jointed(np.random.default_rng(seed), n_links=9, n_frames=30)
+    bound = share * float(np.ptp(sequence.vertices, axis=(0, 1)).max())
+    encoded = encode(sequence, max_error=bound, effort="fast")
+    assert "stored" not in encoded.transform
+    assert errors_of(sequence, decode(encoded.data))[1] <= bound

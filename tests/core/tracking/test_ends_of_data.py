@@ -177,14 +177,6 @@ def test_an_even_cloud_is_used() -> None:
         assert [part.end for part in own] == ["base"]
 
 
-def lid() -> Floats:
-    """Points over the opening."""
-    rng, middle = np.random.default_rng(2), SHAPE[RIM].mean(axis=0)
-    out = SHAPE[RIM][rng.integers(len(RIM), size=250)] - middle
-    points: Floats = middle + np.sqrt(rng.uniform(size=(250, 1))) * out
-    return points + rng.normal(0.0, 0.5, points.shape)
-
-
 CUT = SHAPE[:, 2].mean()
 
 
@@ -202,9 +194,8 @@ CUT = SHAPE[:, 2].mean()
         lambda: [np.vstack([p, p[np.abs(p[:, 2] - SHAPE[RIM, 2].mean()) < 15] * [1, 1, -1]
                  + [0, 0, 2 * SHAPE[RIM, 2].mean()]]) for p in still()],
         lambda: [p[:12] for p in still()],
-        lambda: [np.vstack([p, lid()]) for p in still()],
     ],
-    ids=["contours", "weights", "normals", "stated", "cut", "goes on", "few", "lid"],
+    ids=["contours", "weights", "normals", "stated", "cut", "goes on", "few"],
 )  # fmt: skip
 def test_the_gate_is_shut(frames: Callable[[], list[Any]]) -> None:
     assert not any(endings(frames()))

@@ -22,7 +22,6 @@ from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.images import ImageSequence, Volume
 from modalmotion.images.sequence import is_of_labels
 from modalmotion.tracking import track
-from modalmotion.tracking.imaged import staircase
 from modalmotion.tracking.label_maps import doubts_of_places, from_labels
 
 
@@ -55,13 +54,6 @@ def left_by_steps(voxel: float, patch: float, rng: np.random.Generator) -> float
     heights = voxel * rng.random((n, 1, 1)) + first[:, :, None] + second[:, None, :]
     steps = (np.floor(heights / voxel) + 0.5) * voxel - heights
     return float(np.sqrt(np.mean((steps.mean(axis=(1, 2)) * normals[:, 2]) ** 2)))
-
-
-@pytest.mark.parametrize(("voxel", "patch"), [(1.0, 8.0), (1.5, 12.0), (2.0, 12.0), (3.0, 12.0)])
-def test_a_staircase_leaves_what_its_steps_do_not_average_out(voxel: float, patch: float) -> None:
-    left = left_by_steps(voxel, patch, np.random.default_rng(4))
-    assert staircase(voxel, patch) == pytest.approx(left, rel=0.3)
-    assert staircase(voxel, patch) < 0.3 * voxel / np.sqrt(12.0)
 
 
 def test_two_values_are_a_segmentation_and_three_are_none() -> None:

@@ -80,3 +80,12 @@ def test_brightness_is_no_label() -> None:
     whole = Volume(np.rint(grey.values).astype(np.int16), grey.affine)
     assert not is_label_map(ImageSequence((whole,)))
     assert not is_label_map(ImageSequence((Volume(np.zeros((4, 4, 4)), np.eye(4)[:3]),)))
+
+
+def test_a_label_map_with_voxels_that_are_no_numbers_is_refused_as_such() -> None:
+    values = np.zeros((8, 8, 8))
+    values[2:6, 2:6, 2:6] = 1.0
+    values[0, 0, 0] = np.nan
+    images = ImageSequence((Volume(values, np.eye(4)),))
+    with pytest.raises(ParameterError, match="1 voxels of the label map are no numbers"):
+        is_label_map(images)
