@@ -45,12 +45,13 @@ def answers(n_rounds: int, seconds: float) -> NDArray[np.float64]:
     with running(str(ROOT / "benchmarks" / "load_server.py")) as service:
         template = service.request("POST", f"/v1/templates?{urlencode(known)}", body).json["id"]
         stored = service.request("POST", f"/v1/sequences?{urlencode(known)}", body).json["id"]
+        kept = service.request("POST", f"/v1/sequences/{stored}/signatures", b"").json["key"]
         whole = urlencode({**known, "template": template})
         requests: tuple[tuple[Any, ...], ...] = (
             ("POST", "/v1/decode", body, {}),
             ("POST", f"/v1/signature?{whole}", body, {"Accept": "application/json"}),
             ("POST", f"/v1/classify?{urlencode(known)}", body, {}),
-            ("GET", f"/v1/sequences/{stored}/signature", None, {}),
+            ("GET", f"/v1/signatures/{kept}", None, {}),
         )
         rounds = []
         for _ in range(1 + n_rounds):

@@ -58,9 +58,9 @@ def uploading() -> Iterator[Callable[[mm.MeshSequence], object]]:
 
             def upload(beat: mm.MeshSequence) -> None:
                 sent = client.post("/v1/sequences", content=mm.write_npz(beat)).json()
-                path = f"/v1/sequences/{sent['id']}"
-                client.get(f"{path}/signature").raise_for_status()
-                client.post(f"{path}/classifications", json={}).raise_for_status()
+                made = client.post(f"/v1/sequences/{sent['id']}/signatures").raise_for_status()
+                here = f"/v1/signatures/{made.json()['key']}"
+                client.post(f"{here}/classifications").raise_for_status()
 
             yield upload
 

@@ -40,7 +40,11 @@ def test_the_readme_opens_with_the_two_commands() -> None:
     assert [line.split("  ")[0] for line in first] == ["make demo", "make test"]
 
 
-def test_the_readmes_python_runs_and_says_what_it_says(tmp_path: Path) -> None:
+def test_the_readmes_python_runs_and_says_what_it_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # It writes files.
+    monkeypatch.chdir(tmp_path)
     service = RunningService(tmp_path / "served").start()
     try:
         run_the_readmes_python(service)

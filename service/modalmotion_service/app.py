@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any
 
 from fastapi import Depends, FastAPI
-from fastapi.encoders import jsonable_encoder
 from fastapi.middleware.cors import CORSMiddleware
 from starlette.routing import BaseRoute
 
@@ -20,7 +19,7 @@ from modalmotion_service.access.logins import logins_of
 from modalmotion_service.access.rates import Rates
 from modalmotion_service.audit.log import AuditLog, AuditStream, Notes
 from modalmotion_service.audit.stream import Lines
-from modalmotion_service.contract.access import with_access
+from modalmotion_service.contract.document import completed
 from modalmotion_service.http import problems
 from modalmotion_service.http.admission import BodyLimits, Concurrency, WholeAnswers
 from modalmotion_service.http.api_version import API_VERSION
@@ -34,51 +33,31 @@ from modalmotion_service.http.security_headers import SecurityHeaders
 from modalmotion_service.monitoring.metrics import Meter, MeteredExecutor, Metrics, StateOfThings
 from modalmotion_service.monitoring.telemetry import Telemetry, Tracing
 from modalmotion_service.routes import (
-    audit,
-    classifications,
-    classify,
-    codec,
-    documentation,
-    evaluations,
-    features,
-    health,
-    images,
+    files,
     jobs,
-    kserve,
-    limits,
     models,
     norms,
-    prometheus,
-    readouts,
-    reports,
-    sent_signature,
+    operation,
+    recordings,
     sequences,
     signatures,
     templates,
-    tracked_reports,
-    tracks,
-    tradeoff,
     views,
 )
-from modalmotion_service.routes.parts.stateless import stateless_routes
-from modalmotion_service.schemas import Problem
+from modalmotion_service.routes.stateless import stateless_routes
+from modalmotion_service.schemas.general import Problem
+from modalmotion_service.schemas.requests import BODIES, EXAMPLES
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.parsing import say_whether_confined
 from modalmotion_service.work.pool import WorkerPool, open_engine
-from modalmotion_service.workspace.job_kinds import trainings_at_once
-from modalmotion_service.workspace.owners import Owners
+from modalmotion_service.workspace.owners import Owners, trainings_at_once
 from modalmotion_service.workspace.perseverance import for_ever
 
 
 class _App(FastAPI):
     def openapi(self) -> dict[str, Any]:
         if self.openapi_schema is None:
-            document = super().openapi()
-            # What `PROBLEMS` refers to.
-            document["components"]["schemas"]["Problem"] = jsonable_encoder(
-                Problem.model_json_schema(mode="serialization"), exclude_none=True
-            )
-            self.openapi_schema = with_access(document)
+            self.openapi_schema = completed(super().openapi(), BODIES, Problem, EXAMPLES)
         return self.openapi_schema
 
 
@@ -104,9 +83,8 @@ async def _forget(log: Notes, days: float) -> None:
 def judged_routes() -> list[BaseRoute]:
     """Give all routes, made once for all applications of a process."""
     modules = (
-        *(sequences, images, tracks, signatures, sent_signature, tradeoff, readouts, reports),
-        *(templates, codec, classifications, classify, models, evaluations, features, jobs, limits),
-        *(norms, tracked_reports, audit, health, kserve, prometheus, documentation, views),
+        *(sequences, signatures, files, recordings, templates),
+        *(models, norms, jobs, operation),
     )
     routers: list[JudgedRouter] = [*(module.router for module in modules), views.pages]
     return [route for router in routers for route in router.routes]

@@ -13,6 +13,7 @@ import pytest
 from bent_surfaces import bent_beat
 from fastapi.testclient import TestClient
 from matplotlib.image import imread
+from signing import signed
 
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.pictures.signature import signature_figure
@@ -93,7 +94,7 @@ def test_the_signature_over_http_is_the_librarys_own_bit_for_bit(
     client: TestClient, beat: bytes, data_dir: Path
 ) -> None:
     own = modal_signature(read_npz(beat).sequence)
-    here = f"/v1/sequences/{send(client, beat)}/signature"
+    here = signed(client, send(client, beat))
     answer = client.get(here).json()
     assert answer["shape"] == [own.n_frames, 7, 3]
     assert np.array_equal(np.array(answer["amplitudes"]), own.amplitudes)
@@ -116,7 +117,7 @@ def test_a_signature_kept_and_one_of_an_upload_come_as_the_same_types(
 ) -> None:
     accept = {"Accept": media_type}
     sequence_id = send(client, beat)
-    kept = client.get(f"/v1/sequences/{sequence_id}/signature?modes=4", headers=accept)
+    kept = client.get(signed(client, sequence_id, modes=4), headers=accept)
     sent = client.post("/v1/signature?modes=4", content=beat, headers=accept)
     assert kept.status_code == sent.status_code == 200
     for answer in (kept, sent):
@@ -131,7 +132,7 @@ def test_a_cohort_is_a_table_with_a_row_for_each(client: TestClient, beat: bytes
     assert answer.headers["content-type"].startswith("text/csv")
     rows = list(csv.DictReader(io.StringIO(answer.text)))
     assert [row["recording"] for row in rows] == [sequence_id, sequence_id]
-    own = client.get(f"/v1/sequences/{sequence_id}/readouts?modes=4").json()["from_signature"]
+    own = client.get(f"{signed(client, sequence_id, modes=4)}/readouts").json()["from_signature"]
     assert float(rows[0]["ejection_fraction_percent"]) == own["ejection_fraction"]["value"]
 
 
@@ -156,7 +157,7 @@ def test_closed_surfaces_of_one_mesh_have_one_kind_of_modes(
     straight = [one for number, one in zip(order, ids, strict=True) if number < 2]
     assert kinds(straight) == alone[0]
     # Two compare too.
-    answer = client.get(f"/v1/sequences/{straight[0]}/distance?to={ids[order.index(2)]}")
+    answer = client.get(f"/v1/signatures/{straight[0]}/distance?to={ids[order.index(2)]}")
     assert answer.status_code == 200, answer.text
 
 
@@ -164,10 +165,10 @@ def test_a_file_is_a_stream_of_octets_where_no_other_is(client: TestClient, beat
     octets = {"Accept": "application/octet-stream"}
     sequence_id = send(client, beat)
     for what, media_type in (
-        ("encoded?rms=1", "vnd.modalmotion.stream"),
-        ("reconstruction", "x-npz"),
+        (f"sequences/{sequence_id}/encoded?rms=1", "vnd.modalmotion.stream"),
+        (f"signatures/{sequence_id}/reconstruction", "x-npz"),
     ):
-        answer = client.get(f"/v1/sequences/{sequence_id}/{what}", headers=octets)
+        answer = client.get(f"/v1/{what}", headers=octets)
         assert answer.headers["content-type"] == f"application/{media_type}"
     # JSON and text are none.
     assert client.get(f"/v1/sequences/{sequence_id}", headers=octets).status_code == 200
@@ -184,7 +185,7 @@ def test_a_picture_of_a_signature_is_the_librarys_own(
     figure = signature_figure(sequence, modal_signature(sequence, parameters))
     figure.savefig(buffer, format="png")
     as_picture = {"Accept": "image/png"}
-    here = f"/v1/sequences/{send(client, beat)}/signature?modes=4"
+    here = signed(client, send(client, beat), modes=4)
     kept = client.get(here, headers=as_picture)
     assert kept.headers["content-type"] == "image/png"
     assert np.array_equal(imread(io.BytesIO(kept.content)), imread(io.BytesIO(buffer.getvalue())))
@@ -203,7 +204,8 @@ def test_a_picture_of_a_signature_is_the_librarys_own(
 def test_a_signature_is_made_once_and_then_taken_from_the_store(
     client: TestClient, beat: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    here = f"/v1/sequences/{send(client, beat)}/signature"
+    sequence_id = send(client, beat)
+    here = signed(client, sequence_id)
     first = client.get(here).content
 
     work = Analysis.work
@@ -214,13 +216,50 @@ def test_a_signature_is_made_once_and_then_taken_from_the_store(
 
     monkeypatch.setattr(Analysis, "work", watched)
     assert client.get(here).content == first
+    assert signed(client, sequence_id, modes=7) == here
+    assert client.get(f"/v1/sequences/{sequence_id}/signature").content == first
+
+
+def test_what_only_reads_keeps_nothing(
+    fresh_client: TestClient, beat: bytes, fresh_data_dir: Path
+) -> None:
+    sequence_id = send(fresh_client, beat)
+    before = sorted(fresh_data_dir.rglob("*.*"))
+    for link in (
+        f"/v1/sequences/{sequence_id}/signature",
+        *(f"/v1/signatures/{sequence_id}{path}" for path in ("", "/readouts", "/strain", "/view")),
+        f"/v1/signatures/{sequence_id}/distance?to={sequence_id}",
+    ):
+        assert fresh_client.get(link).status_code == 200, link
+    assert sorted(fresh_data_dir.rglob("*.*")) == before
+
+
+def test_signatures_are_listed_and_deleted(
+    fresh_client: TestClient, beat: bytes, fresh_data_dir: Path
+) -> None:
+    sequence_id = send(fresh_client, beat)
+    links = [signed(fresh_client, sequence_id, modes=modes) for modes in (4, 9)]
+    list_link = f"/v1/sequences/{sequence_id}/signatures"
+    first = fresh_client.get(list_link, params={"limit": 1}).json()
+    rest = fresh_client.get(list_link, params={"cursor": first["cursor"]}).json()
+    listed = [*first["signatures"], *rest["signatures"]]
+    assert sorted(one["links"]["self"] for one in listed) == sorted(links)
+    assert {one["n_modes"] for one in listed} == {4, 9}
+    assert fresh_client.delete(links[0]).status_code == 204
+    assert fresh_client.get(links[0]).status_code == 404
+    assert fresh_client.get(f"{links[0]}/readouts").status_code == 404
+    assert fresh_client.delete(links[0]).status_code == 404
+    assert fresh_client.get(links[1]).status_code == 200
+    key = links[0].rpartition("/")[2]
+    assert not [path for path in fresh_data_dir.rglob("*") if key in path.name]
+    assert signed(fresh_client, sequence_id, modes=4) == links[0]
 
 
 def test_parameters_change_the_answer_and_are_kept_apart(client: TestClient, beat: bytes) -> None:
-    here = f"/v1/sequences/{send(client, beat)}/signature"
-    cup = client.get(here).json()
-    cylinder = client.get(here, params={"topology": "cylinder"}).json()
-    more = client.get(here, params={"modes": 17}).json()
+    here = f"/v1/sequences/{send(client, beat)}/signatures"
+    cup = client.post(here).json()
+    cylinder = client.post(here, json={"topology": "cylinder"}).json()
+    more = client.post(here, json={"modes": 17}).json()
     assert (cup["topology"], cylinder["topology"]) == ("cup", "cylinder")
     assert more["shape"][1] == 18
     assert more["rms_error"] < cup["rms_error"] < cylinder["rms_error"]
@@ -230,7 +269,7 @@ def test_parameters_change_the_answer_and_are_kept_apart(client: TestClient, bea
 def test_a_classification_has_a_class_a_probability_and_a_file(
     client: TestClient, beat: bytes, data_dir: Path
 ) -> None:
-    here = f"/v1/sequences/{send(client, beat)}/classifications"
+    here = f"/v1/signatures/{send(client, beat)}/classifications"
     first = client.post(here)
     assert first.status_code == 201
     answer = first.json()
@@ -243,11 +282,12 @@ def test_a_classification_has_a_class_a_probability_and_a_file(
 
 
 def test_what_the_points_follow_chooses_the_shipped_model(client: TestClient, beat: bytes) -> None:
-    here = f"/v1/sequences/{send(client, beat)}"
+    sequence_id = send(client, beat)
+    here = f"/v1/sequences/{sequence_id}"
     named: list[tuple[str, bool]] = []
     for tracking in ("material", "offset", "unknown"):
         assert client.patch(here, json={"facts": {"tracking": tracking}}).status_code == 200
-        answer = client.post(f"{here}/classifications").json()
+        answer = client.post(f"/v1/signatures/{sequence_id}/classifications").json()
         named.append((answer["model"], "tracking=material" in answer["notes"][0]))
     offset = "ventricle-simulated-offset"
     assert named == [("ventricle-simulated", False), (offset, False), (offset, True)]
@@ -260,20 +300,20 @@ def test_what_the_points_follow_chooses_the_shipped_model(client: TestClient, be
 
 
 def test_the_real_ventricle_over_http(client: TestClient, real_data: Path) -> None:
-    here = "/v1/sequences"
     grid = send(client, (real_data / "heart/lv_grid_32x64.npz").read_bytes())
-    cup = client.get(f"{here}/{grid}/signature", params={"topology": "cup"}).json()
-    stated = client.get(f"{here}/{grid}/signature").json()
-    more = client.get(f"{here}/{grid}/signature", params={"topology": "cup", "modes": 18}).json()
+    cup, stated, more = (
+        client.get(signed(client, grid, **wanted)).json()
+        for wanted in ({"topology": "cup"}, {}, {"topology": "cup", "modes": 18})
+    )
     assert cup["weighted_rms_error"] <= 1.30
     assert stated["topology"] == "cylinder"
     assert stated["weighted_rms_error"] <= 1.46
     assert more["weighted_rms_error"] <= 0.95
     mesh = send(client, (real_data / "heart/lv_endocardium.npz").read_bytes())
-    found = client.get(f"{here}/{mesh}/signature").json()
+    found = client.get(f"/v1/sequences/{mesh}/signature").json()
     assert (found["topology"], found["shape"]) == ("cup", [25, 7, 3])
     assert found["rms_error"] <= 1.55
-    assert client.post(f"{here}/{mesh}/classifications").status_code == 201
+    assert client.post(f"/v1/signatures/{mesh}/classifications").status_code == 201
 
 
 def test_results_outlive_the_service(
@@ -283,7 +323,7 @@ def test_results_outlive_the_service(
 
     sequence_id = send(fresh_client, beat)
     parameters = SignatureParameters()
-    fresh_client.get(f"/v1/sequences/{sequence_id}/signature")
+    signed(fresh_client, sequence_id)
     fresh_client.__exit__()
     with ResultStore(fresh_data_dir) as store:
         kept = store.signature(sequence_id, parameters.key)
@@ -295,7 +335,8 @@ def test_results_outlive_the_service(
 def test_a_damaged_result_is_made_again(
     client: TestClient, beat: bytes, data_dir: Path, damage: str
 ) -> None:
-    link = f"/v1/sequences/{send(client, beat)}/signature"
+    sequence_id = send(client, beat)
+    link = signed(client, sequence_id)
     before = client.get(link, headers=HDF5).content
     kept = data_dir / client.get(link).json()["file"]
     whole = kept.read_bytes()
@@ -305,6 +346,10 @@ def test_a_damaged_result_is_made_again(
         kept.unlink()
     else:
         kept.write_bytes(data if damage == "flipped" else data[:-1000])
+    # What reads says so, and writes nothing.
+    answer = client.get(link, headers=HDF5)
+    assert (answer.status_code, answer.json()["code"]) == (409, "lost_file")
+    assert signed(client, sequence_id) == link
     answer = client.get(link, headers=HDF5)
     assert (answer.status_code, answer.content) == (200, before)
     assert kept.read_bytes() == whole

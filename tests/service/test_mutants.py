@@ -31,7 +31,10 @@ FILES["stream"] = encode(sequence(unit="mm"), rms=0.1).data
 IMAGES = image_files()
 FILES |= IMAGES
 # Images are taken in, or tracked at once.
-IMAGE_ROUTES = ("/v1/images", "/v1/tracks?modes=2&apex=0,0,0&base=0,0,4")
+IMAGE_ROUTES = (
+    "/v1/images",
+    "/v1/tracks?modes=2&landmarks=%7B%22apex%22:[0,0,0],%22base%22:[0,0,4]%7D",
+)
 ROUTES = ("/v1/sequences", "/v1/signature?modes=2", "/v1/templates", "/v1/encode?rms=0.5")
 SOAK = int(os.environ.get("SOAK", "1"))
 

@@ -137,7 +137,7 @@ def test_a_sequence_goes_in_and_its_signature_comes_out(proxied: Proxied, beat: 
     assert sent.status == 201
     assert sent.headers["strict-transport-security"] == "max-age=31536000"
     assert sent.json["id"] == read_npz(beat).sequence.id
-    found = proxied.request("GET", f"/v1/sequences/{sent.json['id']}/signature?modes=7")
+    found = proxied.request("POST", f"/v1/sequences/{sent.json['id']}/signatures", b"")
     assert len(found.json["modes"]) == 7
     place = sent.headers["location"]
     assert not place.startswith("http:")

@@ -26,8 +26,7 @@ NOBODYS = {
     "images_id": "0" * 64,
     "job_id": "0" * 32,
     "name": "nobodys",
-    "model_name": "nobodys",
-    "version": "1",
+    "key": f"{'0' * 64}-{'0' * 16}",
 }
 
 

@@ -34,28 +34,34 @@ export class Calls {
   remove = (id) => this.service.call(`/v1/sequences/${id}`, { method: "DELETE" });
   sample = () => this.service.json("/v1/sequences/sample", { method: "POST" });
 
-  // Of a signature: `query` are its parameters, as the page's address has them.
-  view = (id, query) => this.buffer(`/v1/sequences/${id}/view${asked(query)}`);
-  page = (id, query) => this.blob(`/v1/sequences/${id}/view${asked(query)}`, "text/html");
-  report = (id, query, type) => this.blob(`/v1/sequences/${id}/report${asked(query)}`, type);
-  dicom = (id, query, instance) =>
-    this.blob(`/v1/sequences/${id}/dicom${asked(query)}`, "application/zip", { method: "POST", body: instance, type: "application/octet-stream" });
+  // Of a signature: `query` are its parameters, as the page's address has them; without any a
+  // recording has its usual one, by its own id.
+  view = async (id, query) => this.buffer(`${await this.signature(id, query)}/view`);
+  page = async (id, query) => this.blob(`${await this.signature(id, query)}/view`, "text/html");
+  report = async (id, query, type) => this.blob(`${await this.signature(id, query)}/report`, type);
+  dicom = async (id, query, instance) =>
+    this.blob(`${await this.signature(id, query)}/dicom`, "application/zip", { method: "POST", body: instance, type: "application/octet-stream" });
+
+  async signature(id, query) {
+    if (!query || !query.size) return `/v1/signatures/${id}`;
+    const stated = Object.fromEntries(query);
+    const { key } = await this.service.json(`/v1/sequences/${id}/signatures`, json("POST", stated));
+    return `/v1/signatures/${key}`;
+  }
 
   async frames(motion, query, add) {
     const n = Math.max(1, Math.floor(PIECE_BYTES / (6 * motion.nVertices)));
-    for (let first = 0; first < motion.nFrames; first += n) {
-      const part = new URLSearchParams(query);
-      part.set("first", first);
-      part.set("stop", Math.min(first + n, motion.nFrames));
-      add(await this.buffer(`/v1/sequences/${motion.header.sequence_id}/view/frames?${part}`));
-    }
+    const here = await this.signature(motion.header.sequence_id, query);
+    for (let first = 0; first < motion.nFrames; first += n)
+      add(await this.buffer(`${here}/view?first=${first}&stop=${Math.min(first + n, motion.nFrames)}`));
   }
 
   // Classes and norms.
-  classify = (id) => this.service.json(`/v1/sequences/${id}/classifications`, json("POST", {}));
-  classes = (id) => this.service.json(`/v1/sequences/${id}/classifications`);
+  classify = (id) => this.service.json(`/v1/signatures/${id}/classifications`, { method: "POST" });
+  classes = (id) => this.service.json(`/v1/signatures/${id}/classifications`);
   norms = () => this.service.json("/v1/norms");
-  deviations = (id, norm) => this.service.json(`/v1/sequences/${id}/deviations?${new URLSearchParams({ norm })}`, { method: "POST" });
+  deviations = async (id, norm) =>
+    (await this.service.json(`/v1/norms/${encodeURIComponent(norm)}/deviations`, json("POST", { sequence_ids: [id] }))).deviations[0];
 
   // Tracks.
   track = (id) => this.service.json(`/v1/tracks/${id}`);
@@ -67,7 +73,5 @@ export class Calls {
   // Images.
   sendImages = (file, tell) => this.service.upload(file, tell, "/v1/images");
   images = (id) => this.service.json(`/v1/images/${id}`);
-  slices = (id, frame, track) => this.buffer(`/v1/images/${id}/frames/${frame}${track ? `?track=${track}` : ""}`);
+  slices = (id, frame, track) => this.buffer(`/v1/images/${id}?frame=${frame}${track ? `&track=${track}` : ""}`);
 }
-
-const asked = (query) => (query && query.size ? `?${query}` : "");

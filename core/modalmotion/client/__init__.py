@@ -1,16 +1,6 @@
 """A client of the HTTP service; needs the extra `client`."""
 
-from modalmotion.client.answers import (
-    ClassAnswer,
-    CompressedSequence,
-    ImagesInfo,
-    ModelInfo,
-    SequenceInfo,
-    SignatureArrays,
-    TemplateInfo,
-    TemplateModes,
-)
-from modalmotion.client.client import Client
+from modalmotion.client.client import UNCHANGED, Client
 from modalmotion.client.connection import Answer
 from modalmotion.client.errors import (
     BrokenAnswerError,
@@ -21,30 +11,24 @@ from modalmotion.client.errors import (
 )
 from modalmotion.client.jobs import Job, JobStatus
 from modalmotion.client.many_files import SentResult
-from modalmotion.client.readouts import Readouts
 from modalmotion.client.retries import Retries
-from modalmotion.client.sequence_calls import UNCHANGED
+from modalmotion.client.values import CompressedSequence, Info, SignatureArrays, TemplateModes
 
 __all__ = [
     "UNCHANGED",
     "Answer",
     "BrokenAnswerError",
-    "ClassAnswer",
     "Client",
     "CompressedSequence",
-    "ImagesInfo",
+    "Info",
     "Job",
     "JobCancelledError",
     "JobStatus",
     "JobUnfinishedError",
-    "ModelInfo",
-    "Readouts",
     "RemoteError",
     "Retries",
     "SentResult",
-    "SequenceInfo",
     "SignatureArrays",
-    "TemplateInfo",
     "TemplateModes",
     "UnreachableError",
 ]

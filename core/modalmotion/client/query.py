@@ -1,4 +1,4 @@
-"""Options written as a query."""
+"""Options written as a query, or as the members of a JSON body."""
 
 from __future__ import annotations
 
@@ -8,14 +8,17 @@ from collections.abc import Mapping
 from enum import Enum
 from typing import Any, Final
 
+import numpy as np
+
 from modalmotion.errors import ParameterError
 from modalmotion.facts import Facts, facts_as_json
 
-Option = str | int | float | bool | Enum | tuple[float, ...] | list[float] | Facts | None
-"""Value of an option; None leaves it to the service. Facts are several options at once."""
+Option = Any
+"""Value of an option, as JSON, NumPy or an enumeration has it; None leaves it to the service. Facts
+are several options at once."""
 
 # Neither a separator, nor the end of a path, nor a name such as "..".
-_SEGMENT: Final = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,199}")
+_SEGMENT: Final = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._@-]{0,199}")
 
 
 def segment(name: str) -> str:
@@ -33,39 +36,41 @@ def segment(name: str) -> str:
     return name
 
 
-def query_of(options: Mapping[str, Option]) -> dict[str, str]:
-    """Write options as the service reads them: 32,64 for a grid or a point, true, false."""
-    query: dict[str, str] = {}
+def plain(options: Mapping[str, Option]) -> dict[str, Any]:
+    """Write options as the members of a JSON body: arrays as lists, NaN as null."""
+    members: dict[str, Any] = {}
     for name, value in options.items():
         if isinstance(value, Facts):
-            query |= {name: _text(fact) for name, fact in stated_in(value).items()}
+            stated = facts_as_json(value)
+            members |= {fact: stated[fact] for fact in value.stated}
         elif value is not None:
-            query[name] = _text(value)
-    return query
+            members[name] = _plain(value)
+    return members
 
 
-def stated_in(facts: Facts) -> dict[str, Any]:
-    """Known facts, ready for JSON."""
-    values = facts_as_json(facts)
-    return {name: values[name] for name in facts.stated}
+def query_of(options: Mapping[str, Option]) -> dict[str, str]:
+    """Write options as a query: 32,64 for a grid, true, false, objects as JSON."""
+    return {name: _text(value) for name, value in plain(options).items()}
 
 
-def plain(options: Mapping[str, Option]) -> dict[str, object]:
-    """Write options as the members of a JSON body."""
-    return {
-        name: value if isinstance(value, (bool, int, float)) else _text(value)
-        for name, value in options.items()
-        if value is not None
-    }
-
-
-def _text(value: Option | dict[str, Any]) -> str:
-    if isinstance(value, dict):
-        return json.dumps(value)
+def _plain(value: Any) -> Any:
     if isinstance(value, Enum):
-        return str(value.value)
+        return value.value
+    if isinstance(value, Mapping):
+        return {str(name): _plain(one) for name, one in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, tuple | list):
+        parts = [_plain(one) for one in value]
+        # A place that is not known, in a list of places.
+        is_place = all(part is None or isinstance(part, int | float) for part in parts)
+        return None if is_place and None in parts else parts
+    return None if isinstance(value, float) and value != value else value
+
+
+def _text(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
-    if isinstance(value, (tuple, list)):
+    if isinstance(value, list) and not any(isinstance(one, list | dict) for one in value):
         return ",".join(str(part) for part in value)
-    return str(value)
+    return json.dumps(value) if isinstance(value, list | dict) else str(value)

@@ -156,6 +156,8 @@ def _things(root: Path, name: PurePath) -> Iterator[tuple[Path, str]]:
         yield from _things(root / _OWNERS / parts[1], PurePath(*parts[2:]))
     elif parts[0] in _BY_ID and _ID.match(name.name):
         yield root, name.name[:64]
+        if parts[0] == "signatures":
+            yield root, name.stem
     elif parts[0] == _NORMS:
         yield root, digest_of_norm(name.stem)
 

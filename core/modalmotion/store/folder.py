@@ -12,6 +12,7 @@
     sequences/ab/<id>.h5                            the vertices, if uploads are kept
     sequences/ab/<id>.deleted                       a deletion that is under way
     signatures/ab/<id>-<key>.h5
+    signatures/ab/<id>-<key>.json                   a text made of it, which may be missing
     classifications/ab/<id>-<model id>-<key>.h5
     tracks/ab/<id>-<first digits of the id>.h5      how the sequence was tracked
     models/<name>/<version>.h5
@@ -43,6 +44,9 @@ _MODEL: Final = re.compile(rf"({VERSION_PATTERN})\.(h5|deleted)")
 # A cohort's own list of finished work, and its table.
 _COHORT_FILES: Final = ("cohort.jsonl", "cohort.csv")
 _INDEX_FILES: Final = ("index.sqlite", "index.sqlite-wal", "index.sqlite-shm")
+
+RENDERED: Final = ".json"
+"""Suffix of a text that is kept beside the signature that it was made of."""
 
 ResultKind = Literal["signature", "classification", "track"]
 
@@ -256,8 +260,10 @@ class Folder:
                     (scan.images if suffix == "h5" else scan.image_records).add(images_id)
                     return
             else:
-                match = _RESULT.fullmatch(name)
                 kind = RESULT_FOLDERS[folder]
+                if kind == "signature" and name.endswith(RENDERED):
+                    return
+                match = _RESULT.fullmatch(name)
                 if match is not None and (match[2] is not None) == (kind == "classification"):
                     scan.results.add(ResultName(kind, match[1], match[2] or "", match[3]))
                     return

@@ -29,7 +29,7 @@ from modalmotion.store.deletion import (
 )
 from modalmotion.store.disk.atomic import remove_durably, write_atomic
 from modalmotion.store.disk.lock import folder_lock
-from modalmotion.store.folder import Folder, ResultKind, ResultName, Scan
+from modalmotion.store.folder import RENDERED, Folder, ResultKind, ResultName, Scan
 from modalmotion.store.index.cursor import to_text
 from modalmotion.store.index.database import Database, GuestTable, recount
 from modalmotion.store.index.index import Index, ModelIndex, put_models, put_records, put_results
@@ -252,6 +252,12 @@ def _returned(folder: Folder, scan: Scan) -> Iterator[str]:
         if time is not None and is_older(path.stat().st_mtime, time):
             remove_durably(path)
             names.remove(name)
+    for result in [one for one in scan.results if one.kind == "signature"]:
+        path = folder.result(result)
+        time = buried(folder.root, path.stem)
+        if time is not None and is_older(path.stat().st_mtime, time):
+            remove_durably(path, path.with_suffix(RENDERED))
+            scan.results.remove(result)
     for images_id in scan.images | scan.image_records:
         files = (folder.images_record(images_id), folder.images(images_id))
         time = buried(folder.root, images_id)

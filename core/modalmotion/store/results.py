@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +14,9 @@ from modalmotion.facts import NO_FACTS
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
 from modalmotion.signature.hdf5 import read_signature, signature_to_hdf5
 from modalmotion.signature.making import ModalSignature
-from modalmotion.store.folder import ResultKind, ResultName, is_id, is_key
+from modalmotion.store.deletion import bury
+from modalmotion.store.disk.atomic import remove_durably, write_atomic
+from modalmotion.store.folder import RENDERED, ResultKind, ResultName, is_id, is_key
 from modalmotion.store.images import ImageStore
 from modalmotion.store.models import ModelStore
 from modalmotion.store.templates import NormStore, TemplateStore
@@ -110,6 +113,59 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
         except NotFoundError:
             return None
         return path if is_sound(path) else None
+
+    def rendered_signature(self, sequence_id: str, key: str) -> bytes | None:
+        """Text that `keep_rendered` has kept of a signature; None if there is none, or it is stale.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such signature.
+        """
+        path, digest = self._rendered(sequence_id, key)
+        try:
+            head, _, text = path.read_bytes().partition(b"\n")
+        except OSError:
+            return None
+        return text if head.decode("ascii", "replace") == f"{digest} {_sha256(text)}" else None
+
+    def keep_rendered(self, sequence_id: str, key: str, text: bytes) -> None:
+        """Keep a text that was made of a signature beside it, as long as its file is the same.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such signature.
+        StoreError
+            If it cannot be written.
+        """
+        with self._changing(sequence_id):
+            path, digest = self._rendered(sequence_id, key)
+            write_atomic(path, f"{digest} {_sha256(text)}\n".encode() + text)
+
+    def delete_signature(self, sequence_id: str, key: str) -> None:
+        """Delete a signature; classes that were named of it stay.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none.
+        StoreError
+            If it cannot be deleted, or not wholly: the next call, or the next `open` after a
+            crash, finishes it.
+        """
+        name = ResultName("signature", sequence_id, "", key)
+        with self._changing(sequence_id):
+            path = self._result_path(name)
+            bury(self.root, path.stem)
+            remove_durably(path, path.with_suffix(RENDERED))
+            self._open_index().remove_result(name)
+
+    def _rendered(self, sequence_id: str, key: str) -> tuple[Path, str]:
+        """File of a signature's text, and the digest of the signature's file."""
+        path = self.signature_path(sequence_id, key)
+        digest = self._open_index().digest(ResultName("signature", sequence_id, "", key))
+        return path.with_suffix(RENDERED), digest or ""
 
     def signatures(self, sequence_id: str) -> tuple[str, ...]:
         """Keys of the parameters of a sequence's signatures.
@@ -223,6 +279,10 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
 def signature_image(signature: ModalSignature) -> bytes:
     """Write a signature as it is kept: without facts, which the record of its sequence has."""
     return signature_to_hdf5(replace(signature, facts=NO_FACTS))
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
 
 
 def _is_name(name: ResultName) -> bool:

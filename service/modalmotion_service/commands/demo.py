@@ -15,7 +15,7 @@ import click
 import numpy as np
 
 from modalmotion.cli.outputs import OutputFolder
-from modalmotion.client import ClassAnswer, Client
+from modalmotion.client import Client, Info
 from modalmotion.clinical import Fraction
 from modalmotion.errors import InputError, ModalMotionError
 from modalmotion.formats import read_npz, write_npz
@@ -59,13 +59,13 @@ def main(file: Path | None, output: Path, stays: bool) -> None:
             f"           {sequence.n_frames} frames of {sequence.n_vertices} vertices, "
             f"id {sequence.id[:12]}..."
         )
-        here = f"/v1/sequences/{sequence.id}/signature"
-        file = client.request("GET", here).json["file"]
+        made = client.request("POST", f"/v1/sequences/{sequence.id}/signatures").json
+        file, here = made["file"], f"/v1/signatures/{made['key']}"
         image = client.request("GET", here, accept="application/x-hdf5").content
-        readouts = _readouts(client, f"/v1/sequences/{sequence.id}/readouts")
+        readouts = _readouts(client, f"{here}/readouts")
         answer = client.classify(sequence.id)
         page = output / "beat.html"
-        html = client.request("GET", f"/v1/sequences/{sequence.id}/view", accept="text/html")
+        html = client.request("GET", f"{here}/view", accept="text/html")
         page.write_bytes(html.content)
         _print_answers(signature_from_hdf5(image), readouts, answer)
         click.echo(f"page       {page} (open it in a browser: the surface moves)")
@@ -89,7 +89,7 @@ def main(file: Path | None, output: Path, stays: bool) -> None:
     click.echo(f"picture    {picture}")
 
 
-def _print_answers(signature: ModalSignature, readouts: str, answer: ClassAnswer) -> None:
+def _print_answers(signature: ModalSignature, readouts: str, answer: Info) -> None:
     _print_signature(signature)
     click.echo(f"volume     {readouts}")
     _print_classification(answer)
@@ -146,7 +146,7 @@ def _readouts(client: Client, path: str) -> str:
     return text
 
 
-def _print_classification(answer: ClassAnswer) -> None:
+def _print_classification(answer: Info) -> None:
     if answer.label is None:
         click.echo(f"class      none: {answer.model} abstains")
     else:

@@ -1,4 +1,4 @@
-"""Write the OpenAPI document, or check that the committed one is current and has its version."""
+"""Write the OpenAPI document, or check that the committed one is current."""
 
 from __future__ import annotations
 
@@ -9,13 +9,7 @@ from typing import Any
 import click
 
 from modalmotion_service.app import create_app
-from modalmotion_service.contract.changes import (
-    change_between,
-    digest,
-    is_at_least,
-    least_version,
-)
-from modalmotion_service.http.api_version import API_VERSION
+from modalmotion_service.contract.changes import change_between, is_at_least, least_version
 from modalmotion_service.settings import Settings
 
 
@@ -28,35 +22,24 @@ def document() -> str:
 @click.argument("path", type=click.Path(path_type=Path))
 @click.option("--check", is_flag=True, help="Compare, write nothing.")
 def main(path: Path, check: bool) -> None:
-    """Write the OpenAPI document to PATH, or compare it with what lies there.
-
-    versions.json beside it keeps the digest of the document of every version.
-    """
+    """Write the OpenAPI document to PATH, or compare it with what lies there."""
     text = document()
-    new, versions = json.loads(text), path.with_name("versions.json")
-    recorded = json.loads(versions.read_text()) if versions.is_file() else {}
     if check:
         if not path.is_file() or path.read_text() != text:
             raise click.ClickException(f"{path} is not what the code says: run `make openapi`.")
-        if recorded.get(API_VERSION) != digest(new):
-            raise click.ClickException(f"{versions} knows another document as {API_VERSION}.")
         return
     if path.is_file():
-        require_version(json.loads(path.read_text()), new, recorded)
-    recorded[API_VERSION] = digest(new)
-    versions.write_text(json.dumps(recorded, indent=2) + "\n")
+        require_version(json.loads(path.read_text()), json.loads(text))
     path.write_text(text)
 
 
-def require_version(old: dict[str, Any], new: dict[str, Any], recorded: dict[str, str]) -> None:
+def require_version(old: dict[str, Any], new: dict[str, Any]) -> None:
     """Check that the version says what has changed.
 
     Parameters
     ----------
     old, new : dict
         OpenAPI documents: as committed, and as the code has it.
-    recorded : dict
-        Digest of the document of every version.
 
     Raises
     ------
@@ -66,7 +49,7 @@ def require_version(old: dict[str, Any], new: dict[str, Any], recorded: dict[str
     change, what = change_between(old, new)
     least = least_version(old["info"]["version"], change)
     version = new["info"]["version"]
-    if not is_at_least(version, least) or recorded.get(version, digest(new)) != digest(new):
+    if not is_at_least(version, least):
         listed = "".join(f"\n  {line}" for line in what[:40])
         raise click.ClickException(
             f"The interface changed ({change.name.lower()}); API_VERSION in api_version.py is "

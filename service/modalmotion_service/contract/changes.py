@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterator
 from enum import IntEnum
 from typing import Any
@@ -20,13 +18,6 @@ class Change(IntEnum):
     BREAK = 2
 
 
-def digest(document: dict[str, Any]) -> str:
-    """sha256 of everything but the version."""
-    info = {name: value for name, value in document["info"].items() if name != "version"}
-    text = json.dumps({**document, "info": info}, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
 def change_between(old: dict[str, Any], new: dict[str, Any]) -> tuple[Change, list[str]]:
     """Judge a change, and list what breaks or is added.
 
@@ -35,7 +26,7 @@ def change_between(old: dict[str, Any], new: dict[str, Any]) -> tuple[Change, li
     old, new : dict
         OpenAPI documents.
     """
-    if digest(old) == digest(new):
+    if _without_version(old) == _without_version(new):
         return Change.NONE, []
     promised, demanded = set(_promises(old)), set(_demands(old))
     gone = promised - set(_promises(new))
@@ -65,6 +56,11 @@ def is_at_least(version: str, least: str) -> bool:
     return _numbers(version) >= _numbers(least)
 
 
+def _without_version(document: dict[str, Any]) -> dict[str, Any]:
+    info = {name: value for name, value in document["info"].items() if name != "version"}
+    return {**document, "info": info}
+
+
 def _numbers(version: str) -> tuple[int, ...]:
     return tuple(int(number) for number in version.split("."))
 
@@ -73,7 +69,7 @@ def _promises(document: dict[str, Any]) -> Iterator[Fact]:
     """List what clients may rely on: calls, parameters, types of contents, properties."""
     for call, operation in _calls(document):
         yield (*call, "is there")
-        for parameter in operation.get("parameters", ()):
+        for parameter in _parameters(document, operation):
             yield (*call, "takes", parameter["in"], parameter["name"].lower())
         for kind in operation.get("requestBody", {}).get("content", {}):
             yield (*call, "takes", kind)
@@ -88,12 +84,18 @@ def _promises(document: dict[str, Any]) -> Iterator[Fact]:
 def _demands(document: dict[str, Any]) -> Iterator[Fact]:
     """List what clients must do."""
     for call, operation in _calls(document):
-        for parameter in operation.get("parameters", ()):
+        for parameter in _parameters(document, operation):
             if parameter.get("required"):
                 yield (*call, "needs", parameter["name"])
         if operation.get("requestBody", {}).get("required"):
             yield (*call, "needs a body")
         yield (*call, "needs the scope", operation.get("x-scope", "none"))
+
+
+def _parameters(document: dict[str, Any], operation: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    for one in operation.get("parameters", ()):
+        name = one.get("$ref", "").rpartition("/")[2]
+        yield document["components"]["parameters"][name] if name else one
 
 
 def _calls(document: dict[str, Any]) -> Iterator[tuple[tuple[str, str], dict[str, Any]]]:
@@ -108,6 +110,7 @@ def _type(schema: dict[str, Any]) -> str:
     parts = schema.get("anyOf") or schema.get("oneOf")
     if parts:
         return "|".join(sorted(map(_type, parts)))
-    if schema.get("type") == "array":
+    if "array" in schema.get("type", ""):
         return f"list of {_type(schema.get('items', {}))}"
-    return str(schema.get("type", "anything"))
+    kinds = schema.get("type", "anything")
+    return "|".join(sorted(kinds)) if isinstance(kinds, list) else str(kinds)

@@ -23,17 +23,14 @@ from modalmotion_service.http.problems import problem_of
 UPLOADS: Final = frozenset(
     (
         "/v1/sequences",
-        "/v1/sequences/{sequence_id}/dicom",
+        "/v1/signatures/{key}/dicom",
         "/v1/tracks",
-        "/v1/reports",
         "/v1/images",
         "/v1/signature",
         "/v1/templates",
         "/v1/encode",
         "/v1/decode",
         "/v1/classify",
-        "/v2/models/{model_name}/infer",
-        "/v2/models/{model_name}/versions/{version}/infer",
     )
 )
 """Routes whose body goes to a file as it comes. All others hold it in memory, as JSON."""
@@ -44,8 +41,8 @@ _MANY: Final = (
     "/v1/signatures/query",
     "/v1/norms",
     "/v1/norms/{name}/deviations",
-    "/v1/models/comparisons",
-    "/v1/models/{name}/versions/{version}/evaluations",
+    "/v1/models/{name}/evaluations",
+    "/v1/features",
 )
 # Names, facts, the name of a model: landmarks and covariates are the longest.
 _SMALL_BYTES: Final = 256_000

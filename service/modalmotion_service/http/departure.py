@@ -14,7 +14,9 @@ from modalmotion_service.http.gate import route_of
 # Besides what only reads: requests whose work is for their answer, or is done as well by the next.
 _ENDED: Final = UPLOADS | {
     "/v1/signatures/query",
-    "/v1/sequences/{sequence_id}/classifications",
+    "/v1/sequences/{sequence_id}/signatures",
+    "/v1/sequences/{sequence_id}/tradeoff",
+    "/v1/signatures/{key}/classifications",
 }
 
 # Most requests are answered sooner, and nobody looks after them.

@@ -1,16 +1,67 @@
-"""Routes that are refused unless the gate has judged them."""
+"""Routes that are refused unless the gate has judged them, and whose query is known to them."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Any, Final
 
-from fastapi import APIRouter, Depends
+from fastapi import APIRouter, Depends, Request
+from fastapi.dependencies.models import Dependant
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel
 
 from modalmotion_service.http.gate import require_judged
 
+# Names that the query of a route may have, kept with it.
+_KNOWN: Final = "known_query"
+
+
+async def require_known(request: Request) -> None:
+    """Refuse parameters that the call does not know: they would be dropped.
+
+    Raises
+    ------
+    RequestValidationError
+        If there is one.
+    """
+    query = request.query_params
+    if query:
+        of_route = request.scope["route"].__dict__
+        if _KNOWN not in of_route:
+            of_route[_KNOWN] = frozenset(_names(of_route["dependant"]))
+        known = of_route[_KNOWN]
+        unknown = [name for name in query if name not in known]
+        if unknown:
+            raise RequestValidationError(
+                [
+                    {
+                        "type": "extra_forbidden",
+                        "loc": ("query", name[:80]),
+                        "msg": "Extra inputs are not permitted",
+                    }
+                    for name in unknown
+                ]
+            )
+
+
+def _names(dependant: Dependant) -> Iterator[str]:
+    models = [getattr(dependant.call, "query_model", None)]
+    for one in dependant.query_params:
+        kind = one.field_info.annotation
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            models.append(kind)
+        else:
+            yield one.alias
+    for model in models:
+        yield from () if model is None else model.model_fields
+    for part in dependant.dependencies:
+        yield from _names(part)
+
 
 class JudgedRouter(APIRouter):
-    """Router of which every route requires the gate's judgement.
+    """Router of which every route requires the gate's judgement, and refuses unknown parameters.
+
+    The first line of a handler's documentation is the summary of its call, the rest describes it.
 
     An application takes its routes as they are. Of a router that is included in another the
     framework makes every route again, at the first request that looks for one: a third of a
@@ -23,4 +74,13 @@ class JudgedRouter(APIRouter):
     """
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(dependencies=[Depends(require_judged)], **options)
+        super().__init__(dependencies=[Depends(require_judged), Depends(require_known)], **options)
+
+    def add_api_route(self, path: str, endpoint: Callable[..., Any], **options: Any) -> None:
+        """Add a route with its documentation."""
+        first, _, rest = (endpoint.__doc__ or "").strip().partition("\n")
+        options["summary"] = options.get("summary") or first.rstrip(".")
+        options["description"] = options.get("description") or "\n".join(
+            line.removeprefix("    ") for line in rest.strip().splitlines()
+        )
+        super().add_api_route(path, endpoint, **options)

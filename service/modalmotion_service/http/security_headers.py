@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 from typing import Final
 
 from starlette.datastructures import MutableHeaders
@@ -26,12 +24,6 @@ _HEADERS: Final = {
     "API-Version": API_VERSION,
 }
 _HSTS: Final = "max-age=31536000; includeSubDomains"
-
-
-def policy_with_style(css: str) -> str:
-    """Content security policy of a page that holds this style sheet, and may use no other."""
-    digest = base64.b64encode(hashlib.sha256(css.encode()).digest()).decode()
-    return f"{_NOTHING}; style-src 'sha256-{digest}'"
 
 
 class SecurityHeaders:

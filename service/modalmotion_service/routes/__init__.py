@@ -1,1 +1,1 @@
-"""Routes, a file for each kind of resource."""
+"""Calls of the service."""

@@ -1,173 +1,166 @@
-"""Models: trained on labelled sequences, listed, described, deleted."""
+"""Models: trained on labelled sequences, listed, described, tested, deleted."""
 
 from __future__ import annotations
 
 import asyncio
-from typing import Annotated, Final
+from typing import Annotated
 
-from fastapi import Header, Query, Request, Response
-from pydantic import BaseModel, ConfigDict, Field
+from fastapi import Depends, Query, Response
 
-from modalmotion.classification import ModelCard, TrainingOptions, available_models, card_markdown
-from modalmotion.store import ModelRecord, model_to_hdf5, require_model_name
-from modalmotion.store.index.cursor import from_cursor, to_cursor
-from modalmotion_service.http.conditional import is_known, not_modified, tag_of
-from modalmotion_service.http.json_bodies import JsonRoute
+from modalmotion.classification import ModelCard, available_models, card_markdown
+from modalmotion.errors import ParameterError
+from modalmotion.store import ModelRecord, model_to_hdf5, parse_reference, require_model_name
+from modalmotion_service.http.bodies import body_of
 from modalmotion_service.http.judged_router import JudgedRouter
-from modalmotion_service.http.negotiation import CSV, HDF5, JSON, MARKDOWN, PNG, best_type
-from modalmotion_service.http.preferences import Preference
-from modalmotion_service.routes.parts.deferral import accepted, reply_or_job
-from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
-from modalmotion_service.routes.parts.idempotency import IdempotencyKey, idempotent_answer
-from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS, TEXT
-from modalmotion_service.schemas import (
+from modalmotion_service.http.negotiation import CSV, HDF5, JSON, MARKDOWN, PNG
+from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey, page_of
+from modalmotion_service.routes.described import answers, body
+from modalmotion_service.schemas.fields import ModelReference, Paging
+from modalmotion_service.schemas.models import (
+    ComparisonAnswer,
+    EvaluationAnswer,
     ModelAnswer,
-    ModelName,
     ModelPageAnswer,
     ModelSummary,
-    ModelVersion,
+)
+from modalmotion_service.schemas.requests import (
+    EvaluationOptions,
+    EvaluationRequest,
     TrainingRequest,
 )
-from modalmotion_service.workspace.model_versions import ChosenModel, shipped_name
+from modalmotion_service.workspace import model_operations as operations
+from modalmotion_service.workspace.evaluations import require_known_classes
+from modalmotion_service.workspace.model_versions import shipped_name
+from modalmotion_service.workspace.operation import Request
 from modalmotion_service.workspace.spool import SpoolFile
-from modalmotion_service.workspace.state import State
-from modalmotion_service.workspace.training_set import look_up, write_cases
+from modalmotion_service.workspace.training_set import labelled_cases, look_up, write_cases
 
-router = JudgedRouter(
-    prefix="/v1/models", tags=["models"], responses=PROBLEMS, route_class=JsonRoute
-)
-
-_DESCRIPTION: Final[dict[int | str, dict[str, object]]] = {
-    200: {"content": {PNG: BINARY, HDF5: BINARY, CSV: BINARY, MARKDOWN: TEXT}},
-    **ACCEPTED,
-}
-
-AcceptHeader = Annotated[
-    str,
-    Header(
-        description=f"{JSON}, {PNG} for a picture of the card, {MARKDOWN} for it as a page, "
-        f"{CSV} for the held-out answers by case, or {HDF5} for the model."
-    ),
-]
+router = JudgedRouter(prefix="/v1/models", tags=["models"])
 
 
-@router.post("", status_code=202, response_class=Response, responses=ACCEPTED)
-async def train(
-    request: TrainingRequest, state: StateDependency, idempotency_key: IdempotencyKey = None
+@router.post("", **answers(status=202), **body(TrainingRequest))
+async def train_model(
+    wanted: Annotated[TrainingRequest, Depends(body_of(TrainingRequest))],
+    asked: AskedNow,
+    idempotency_key: IdempotencyKey = None,
 ) -> Response:
     """Train a model on stored, labelled sequences, as the next version of its name.
 
     Always a job, whose result links to the new version. Missing signatures are fitted on the way.
     Labels and subjects are those at the time of the request.
     """
+    state = asked.state
 
     async def make() -> Response:
-        name = require_model_name(request.name)
+        name = require_model_name(wanted.name)
         if name in available_models():
             raise shipped_name(name, "takes no further versions", "Choose another name.")
-        options = TrainingOptions.from_json(request.options)
+        wanted.options.options()  # refused at once where one is out of range
         most = state.settings.max_training_sequences
         # Up to a hundred thousand sequences: others are answered meanwhile.
-        cases = await asyncio.to_thread(lambda: look_up(state.store, request.cases, most))
-        file = SpoolFile(state.spool.new_path())
-        try:
+        cases = await asyncio.to_thread(lambda: look_up(state.store, wanted.cases, most))
+        with SpoolFile(state.spool.new_path()) as file:
             await asyncio.to_thread(write_cases, file, cases)
-            job = await state.runner.start(
-                "training",
-                {"file": file.path.name, "name": name, "options": options.as_json()},
-            )
-        except BaseException:
-            file.remove()
-            raise
-        return accepted(job)
+            request = Request(query=wanted.options, reference=name)
+            return await asked.start(operations.training, request, file)
 
-    fingerprint = ("POST models", await asyncio.to_thread(request.model_dump_json))
-    return await idempotent_answer(state.idempotency, idempotency_key, fingerprint, make)
+    said = Request(query=wanted)
+    return await asked.once(idempotency_key, operations.training, said, None, make)
 
 
-class ListQuery(BaseModel):
-    """Which models to list."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    limit: int = Field(100, ge=1, le=1000, description="Of one page.")
-    cursor: str | None = Field(None, max_length=200, description="Of the page before.")
-
-
-@router.get("")
-def list_models(query: Annotated[ListQuery, Query()], state: StateDependency) -> ModelPageAnswer:
+@router.get("", response_model=ModelPageAnswer)
+def list_models(query: Annotated[Paging, Query()], asked: AskedNow) -> ModelPageAnswer:
     """List models by name, including shipped ones, each with its newest version."""
-    records = state.models.records()
-    after = "" if query.cursor is None else from_cursor(query.cursor)[1]
-    names = sorted(name for name in records if name > after)
-    page = names[: query.limit]
-    return ModelPageAnswer(
-        models=[_summary(records[name]) for name in page],
-        cursor=to_cursor("model", page[-1]) if len(names) > len(page) else None,
-    )
+    records = asked.state.models.records()
+    page, cursor = page_of(sorted(records), query.limit, query.cursor)
+    return ModelPageAnswer(models=[_summary(records[name]) for name in page], cursor=cursor)
 
 
-@router.get("/{name}", response_model=ModelAnswer, responses=_DESCRIPTION)
-async def newest(
-    name: ModelName,
-    state: StateDependency,
-    preference: PreferenceDependency,
-    request: Request,
-    accept: AcceptHeader = JSON,
-) -> Response:
-    """Describe the newest version of a model: its card, as data or as a picture."""
+@router.get("/{name}", **answers(JSON, PNG, HDF5, CSV, MARKDOWN, of=ModelAnswer))
+async def describe_model(name: ModelReference, asked: AskedAny) -> Response:
+    """Describe a model, in its newest version or name@version.
+
+    Its card, as data (JSON), a picture, or a page (Markdown); the model itself (HDF5); or the
+    held-out answers of its training by case (CSV).
+    """
+    state = asked.state
     model = await asyncio.to_thread(state.models.choose, name)
-    return await _described(model, state, preference, request, accept)
-
-
-@router.get("/{name}/versions/{version}", response_model=ModelAnswer, responses=_DESCRIPTION)
-async def version(
-    name: ModelName,
-    version: ModelVersion,
-    state: StateDependency,
-    preference: PreferenceDependency,
-    request: Request,
-    accept: AcceptHeader = JSON,
-) -> Response:
-    """Describe a version of a model: its card, as data or as a picture; or give its file."""
-    model = await asyncio.to_thread(state.models.choose, f"{name}@{version}")
-    return await _described(model, state, preference, request, accept)
-
-
-@router.delete("/{name}/versions/{version}", status_code=204)
-async def delete(name: ModelName, version: ModelVersion, state: StateDependency) -> None:
-    """Delete a version. Its number is not used again, and its classifications stay."""
-    await asyncio.to_thread(state.models.delete, name, int(version))
-
-
-async def _described(
-    model: ChosenModel, state: State, preference: Preference, request: Request, accept: str
-) -> Response:
-    media_type = best_type(accept, (JSON, PNG, HDF5, CSV, MARKDOWN))
+    kind = asked.media_type(JSON, PNG, HDF5, CSV, MARKDOWN)
     content = await asyncio.to_thread(state.models.describe, model)
     versions = await asyncio.to_thread(state.models.versions, model.name)
-    tag = tag_of(model.id, str(model.version), repr(versions), media_type)
-    if media_type != CSV and is_known(request, tag):
-        return not_modified(tag)
+    tag = asked.tagged(model.id, str(model.version), repr(versions), kind)
+    # Subjects in a table may change.
+    if kind != CSV and (known := asked.knows(tag)) is not None:
+        return known
+    if kind in (PNG, CSV):
+        what = operations.model_view if kind == PNG else operations.held_out
+        request = Request(media_type=kind, reference=f"{model.name}@{model.version}")
+        return await asked.do(what, request, tag=tag if kind == PNG else None)
     headers = {"ETag": tag, "Vary": "Accept"}
-    if media_type == PNG:
-        body = {"model": f"{model.name}@{model.version}"}
-        return await reply_or_job(state, preference, "model-view", body, headers=headers)
-    if media_type == CSV:
-        # Subjects may change.
-        body = {"model": f"{model.name}@{model.version}"}
-        return await reply_or_job(state, preference, "held-out", body, headers={"Vary": "Accept"})
-    if media_type == HDF5:
+    if kind == HDF5:
         headers["Content-Disposition"] = f'attachment; filename="{model.name}-{model.version}.h5"'
         return Response(await asyncio.to_thread(model_to_hdf5, content), 200, headers, HDF5)
-    if media_type == MARKDOWN:
+    if kind == MARKDOWN:
         card = ModelCard.from_json(content.card)
         page = card_markdown(model.name, model.id, card, version=model.version)
         return Response(page, 200, headers, f"{MARKDOWN}; charset=utf-8")
     source = model.source
-    file = None if isinstance(source, str) else state.analysis.within_store(source)
+    file = None if isinstance(source, str) else source.relative_to(state.store.root).as_posix()
     answer = ModelAnswer.with_card(content, versions, file)
     return Response(answer.model_dump_json(), 200, headers, JSON)
+
+
+@router.delete("/{name}", status_code=204)
+async def delete_model(name: ModelReference, asked: AskedNow) -> None:
+    """Delete a version of a model, as name@version.
+
+    Its number is not used again, and its classifications stay.
+    """
+    reference = parse_reference(name)
+    if reference.version is None:
+        raise ParameterError(
+            "No version of the model is named.", remedy=f"Name one, such as {name}@1."
+        )
+    await asyncio.to_thread(asked.state.models.delete, reference.name, reference.version)
+
+
+@router.post(
+    "/{name}/evaluations",
+    **answers(JSON, CSV, PNG, of=EvaluationAnswer | ComparisonAnswer),
+    **body(EvaluationRequest),
+)
+async def evaluate_model(
+    name: ModelReference,
+    wanted: Annotated[EvaluationRequest, Depends(body_of(EvaluationRequest))],
+    asked: AskedAny,
+) -> Response:
+    """Test a model on stored, labelled sequences, or two on the same.
+
+    Missing classifications are made on the way and stored. Test on subjects that it was not trained
+    on: a note says where it was. With `compare_with` the answer has differences of accuracy, AUC,
+    log loss and Brier score, with intervals from paired resamples of the subjects.
+    """
+    state = asked.state
+    kind = asked.media_type(*((JSON,) if wanted.compare_with else (JSON, CSV, PNG)))
+    names = [one for one in (name, wanted.compare_with) if one is not None]
+    models = [await asyncio.to_thread(state.models.choose, one) for one in names]
+    most = state.settings.max_query_ids
+    cases = await asyncio.to_thread(labelled_cases, state.store, wanted.cases, most, "query_ids")
+    asked.note(*(case.id for case in cases))
+    for model in models:
+        require_known_classes(cases, model.name, model.classes)
+    chosen = [f"{model.name}@{model.version}" for model in models]
+    options = wanted.without_cases(EvaluationOptions)
+    if len(chosen) > 1:
+        options = options.model_copy(update={"compare_with": chosen[1]})
+    request = Request(
+        query=options,
+        media_type=kind,
+        ids=tuple(case.id for case in cases),
+        cases=tuple(cases),
+        reference=chosen[0],
+    )
+    return await asked.do(operations.evaluation, request)
 
 
 def _summary(records: list[ModelRecord]) -> ModelSummary:

@@ -1,165 +1,403 @@
-"""Modal signatures: of one sequence, and of many in one answer."""
+"""Signatures of stored sequences: made, listed, shown, deleted; and what follows from them."""
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import json
-from typing import Annotated
+from dataclasses import replace
+from typing import Annotated, Final
 
-from fastapi import Header, Query, Request, Response
-from starlette.responses import FileResponse
+from fastapi import Depends, Query, Response
+from fastapi import Request as HttpRequest
 
-from modalmotion.errors import LimitError, ParameterError
+from modalmotion.errors import NotFoundError
 from modalmotion.facts import facts_as_json
-from modalmotion_service.http.conditional import is_known, not_modified, tag_of
-from modalmotion_service.http.gate import note_ids
-from modalmotion_service.http.json_bodies import JsonRoute
+from modalmotion.reports.dicom import require_space
+from modalmotion_service.errors import BusyError
+from modalmotion_service.http.bodies import body_of
 from modalmotion_service.http.judged_router import JudgedRouter
-from modalmotion_service.http.negotiation import CSV, HDF5, JSON, NPZ, best_type
-from modalmotion_service.routes.parts.deferral import reply_or_job, result_or_job
-from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
-from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS, TEXT
-from modalmotion_service.routes.parts.signature_types import SIGNATURE_CONTENT, SIGNATURE_TYPES
-from modalmotion_service.routes.parts.temporary_file import temporary_file
-from modalmotion_service.schemas import (
-    DistanceAnswer,
+from modalmotion_service.http.negotiation import CSV, HTML, JSON, PNG, RAW, VIEW, ZIP
+from modalmotion_service.http.timing import stage
+from modalmotion_service.routes.asked import (
+    Asked,
+    AskedAny,
+    AskedNow,
+    get_state,
+    page_of,
+    temporary_file,
+)
+from modalmotion_service.routes.described import answers, body
+from modalmotion_service.schemas.fields import Paging, SequenceId, SignatureKey
+from modalmotion_service.schemas.models import FeaturesAnswer
+from modalmotion_service.schemas.readouts import ReadoutsAnswer, StrainAnswer
+from modalmotion_service.schemas.requests import (
+    MANY_SIGNATURES,
+    SIGNATURE,
+    ClassificationRequest,
+    DistanceRequest,
+    FeatureOptions,
+    FeaturesRequest,
     ManySignatures,
-    SequenceId,
+    Reconstruction,
+    ReportRequest,
+    SignatureRequest,
+    ViewRequest,
+)
+from modalmotion_service.schemas.results import ClassificationAnswer, ClassificationPageAnswer
+from modalmotion_service.schemas.signatures import (
+    DistanceAnswer,
     SignatureAnswer,
-    SignatureQuery,
-    parse_times,
+    SignaturePageAnswer,
+    SignatureSummary,
 )
-from modalmotion_service.schemas.request_queries import DistanceQuery, ReconstructionQuery
-from modalmotion_service.workspace.reply_kinds import SURFACES
+from modalmotion_service.work.tasks import reports
+from modalmotion_service.workspace import signature_operations as operations
+from modalmotion_service.workspace.analysis import USUAL
+from modalmotion_service.workspace.models import KeptClassification
+from modalmotion_service.workspace.operation import Operation, Request
+from modalmotion_service.workspace.signature_operations import SIGNATURE_TYPES, SURFACES
+from modalmotion_service.workspace.spool import SpoolFile
+from modalmotion_service.workspace.training_set import find_cases
 
-router = JudgedRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS, route_class=JsonRoute)
+router = JudgedRouter(prefix="/v1", tags=["signatures"])
+
+_DICOM: Final = {
+    "requestBody": {
+        "required": True,
+        "description": "Any DICOM instance of the patient's study, as a file.",
+        "content": {RAW: {"schema": {"type": "string", "format": "binary"}}},
+    }
+}
 
 
-@router.get(
-    "/sequences/{sequence_id}/signature",
-    response_model=SignatureAnswer,
-    responses={200: {"content": SIGNATURE_CONTENT}, **ACCEPTED},
+@router.post(
+    "/sequences/{sequence_id}/signatures",
+    **answers(*SIGNATURE_TYPES, of=SignatureAnswer, is_new=True),
+    **body(SIGNATURE, is_optional=True),
 )
-async def signature(
+async def make_signature(
     sequence_id: SequenceId,
-    query: Annotated[SignatureQuery, Query()],
-    state: StateDependency,
-    preference: PreferenceDependency,
-    request: Request,
-    accept: Annotated[str, Header(description=", ".join(SIGNATURE_TYPES))] = JSON,
+    wanted: Annotated[SignatureRequest, Depends(body_of(SIGNATURE, is_optional=True))],
+    asked: AskedAny,
 ) -> Response:
-    """Give the modal signature: amplitudes, error, spectrum, energy and its file.
+    """Make a signature of a sequence, and store it.
 
-    As JSON, the result's HDF5 file, npz, a picture of it beside the surfaces, a table with a row
-    for each frame, mode and direction, or the amplitudes alone as little-endian float32, by
-    `Accept`.
+    201 where it is new, 200 where it is known: the same parameters have the same key. Without a
+    body it is the one of seven modes.
     """
-    media_type = best_type(accept, SIGNATURE_TYPES)
-    parameters, facts = state.analysis.resolved(sequence_id, query.parameters())
-    # A result never changes once its sequence and its parameters are named; facts may.
-    shows_facts = facts.stated and media_type in (JSON, HDF5)
-    shown = (json.dumps(facts_as_json(facts)),) if shows_facts else ()
-    tag = tag_of(sequence_id, parameters.key, media_type, *shown)
-    if is_known(request, tag):
-        return not_modified(tag)
-    job_request = {"sequence_id": sequence_id, "query": query.model_dump(mode="json")}
-    work = state.analysis.signature(sequence_id, parameters)
-    result = await result_or_job(state, preference, "signature", job_request, work)
-    if isinstance(result, Response):
-        return result
-    headers = {"ETag": tag, "Vary": "Accept"}
-    name = f"{sequence_id[:12]}-signature.h5"
-    if media_type == HDF5 and not shown:
-        return FileResponse(result, media_type=HDF5, filename=name, headers=headers)
-    if media_type == HDF5:
-        headers["Content-Disposition"] = f'attachment; filename="{name}"'
-    body = {"sequence_id": sequence_id, "query": query, "media_type": media_type}
-    return await reply_or_job(state, preference, "signature-view", body, headers=headers)
+    asked.state.analysis.resolved(sequence_id, wanted.parameters())
+    asked.note(wanted.parameters().template)
+    kind = asked.media_type(*SIGNATURE_TYPES)
+    return await asked.do(
+        operations.signature, Request(query=wanted, media_type=kind, sequence_id=sequence_id)
+    )
 
 
-@router.get("/sequences/{sequence_id}/distance", response_model=DistanceAnswer, responses=ACCEPTED)
-async def distance(
-    sequence_id: SequenceId,
-    query: Annotated[DistanceQuery, Query()],
-    state: StateDependency,
-    preference: PreferenceDependency,
-    request: Request,
-) -> Response:
-    """Give the distance of a sequence's signature from another's: 0 for the same motion."""
-    note_ids(request, [query.to])
-    ids = [sequence_id, query.to]
-    for known in ids:
-        state.store.sequence_record(known)
-    return await reply_or_job(state, preference, "distance", {"ids": ids, "query": query})
+@router.get("/sequences/{sequence_id}/signatures", response_model=SignaturePageAnswer)
+async def list_signatures(
+    sequence_id: SequenceId, query: Annotated[Paging, Query()], asked: AskedNow
+) -> SignaturePageAnswer:
+    """List the stored signatures of a sequence, by their keys."""
+    keys = await asyncio.to_thread(asked.store.signatures, sequence_id)
+    page, cursor = page_of(list(keys), query.limit, query.cursor)
+    rendered = asked.state.analysis.rendered
+    texts = [await rendered(sequence_id, key) for key in page]
+    return SignaturePageAnswer(signatures=[*map(SignatureSummary.of, texts)], cursor=cursor)
 
 
-@router.get(
-    "/sequences/{sequence_id}/reconstruction",
-    response_class=Response,
-    responses={
-        200: {"description": "The surfaces.", "content": dict.fromkeys(SURFACES, BINARY)},
-        **ACCEPTED,
-    },
-)
-async def reconstruction(
-    sequence_id: SequenceId,
-    query: Annotated[ReconstructionQuery, Query()],
-    state: StateDependency,
-    preference: PreferenceDependency,
-    accept: Annotated[str, Header(description=", ".join(SURFACES))] = NPZ,
+@router.get("/sequences/{sequence_id}/signature", **answers(*SIGNATURE_TYPES, of=SignatureAnswer))
+async def usual_signature(sequence_id: SequenceId, asked: AskedAny) -> Response:
+    """Give the usual signature of a sequence: seven modes.
+
+    As it is stored, or fitted for this answer alone; nothing is stored by it.
+    """
+    return await show_signature(sequence_id, asked)
+
+
+@router.get("/signatures/{key}", **answers(*SIGNATURE_TYPES, of=SignatureAnswer))
+async def show_signature(key: SignatureKey, asked: AskedAny) -> Response:
+    """Give a signature: amplitudes, errors, spectrum and energy.
+
+    As JSON, its HDF5 file, npz, a picture beside the surfaces, a table with a row for each frame,
+    mode and direction, or the amplitudes alone as little-endian float32, by `Accept`.
+    """
+    kind = asked.media_type(*SIGNATURE_TYPES)
+    return await _shown(asked, operations.signature_view, key, kind)
+
+
+@router.delete("/signatures/{key}", status_code=204)
+async def delete_signature(key: SignatureKey, asked: AskedNow) -> None:
+    """Delete a signature; classes that were named of it stay."""
+    sequence_id, _, own = key.partition("-")
+    await asyncio.to_thread(asked.store.delete_signature, sequence_id, own)
+
+
+@router.get("/signatures/{key}/readouts", **answers(JSON, PNG, CSV, of=ReadoutsAnswer))
+async def read_signature(key: SignatureKey, asked: AskedAny) -> Response:
+    """Give the clinical read-outs of a signature: volumes, rates, strain, each with its interval.
+
+    Surfaces that enclose nothing are refused (422). The share that is lost is an ejection fraction
+    where the fact `cavity` is stated or the surface is a cup, else a volume change.
+    """
+    return await _shown(asked, operations.readouts, key)
+
+
+@router.get("/signatures/{key}/strain", **answers(of=StrainAnswer))
+async def strain_of_signature(key: SignatureKey, asked: AskedAny) -> Response:
+    """Give the strain of the wall that a signature describes: GLS, GCS, GAS, segments."""
+    return await _shown(asked, operations.strain, key)
+
+
+@router.get("/signatures/{key}/table", **answers(CSV))
+async def table_of_signature(key: SignatureKey, asked: AskedAny) -> Response:
+    """Give the amplitudes of a signature as a table, a row for each frame, mode and direction."""
+    return await _shown(asked, operations.signature_view, key, CSV)
+
+
+@router.get("/signatures/{key}/reconstruction", **answers(*SURFACES))
+async def reconstruct_signature(
+    key: SignatureKey, query: Annotated[Reconstruction, Query()], asked: AskedAny
 ) -> Response:
     """Give the surfaces that a signature describes, at any times or phases of the cycle."""
-    media_type = best_type(accept, tuple(SURFACES))
-    state.store.sequence_record(sequence_id)
-    chosen = [one for one in (query.times, query.phases) if one is not None]
-    for text in chosen:
-        parse_times(text)
-    if len(chosen) + (query.frames is not None) > 1:
-        raise ParameterError(
-            "Several of times, phases and frames came.", remedy="Give one of them."
-        )
-    body = {"sequence_id": sequence_id, "query": query, "media_type": media_type}
-    return await reply_or_job(state, preference, "reconstruction", body)
+    query.instants()
+    return await _shown(asked, operations.reconstruction, key, query=query)
+
+
+@router.get("/signatures/{key}/report", **answers(*operations.report.media_types))
+async def report_signature(
+    key: SignatureKey, query: Annotated[ReportRequest, Query()], asked: AskedAny
+) -> Response:
+    """Report on a signature: a FHIR R4 bundle, a page for people, or a row for each frame.
+
+    Volumes and the share that is lost with their intervals, amplitudes, error, and the kept
+    classification of the model that is named. Everything is preliminary; no subject is named.
+    The same result is the same bytes: its time is that at which the sequence was kept.
+    """
+    known = await _known(asked, key, query)
+    said = "" if known is None else f"{known.result.model_id} {known.path.name}"
+    return await _shown(asked, operations.report, key, query=query, also=said)
+
+
+async def _instance(request: HttpRequest) -> SpoolFile:
+    state = await get_state(request)
+    with stage("receive"):
+        file = await state.spool.receive(request.stream(), hashed=False)
+    request.state.remove_upload = file.remove
+    return file
+
+
+@router.post("/signatures/{key}/dicom", **answers(ZIP, waits=False), openapi_extra=_DICOM)
+async def dicom_of_signature(
+    key: SignatureKey,
+    file: Annotated[SpoolFile, Depends(_instance)],
+    query: Annotated[ReportRequest, Query()],
+    asked: AskedNow,
+) -> Response:
+    """Report on a signature as DICOM objects of a study: a zip of a report and surfaces.
+
+    The structured report follows TID 1500; surfaces, at the ends of diastole and systole, are
+    encapsulated STL. Patient and study are copied from the header of the instance in the body,
+    whose pixels are not read; nothing of it is kept or logged, so no job does this. Refused where
+    coordinates are not stated to be LPS, in mm. The same result and study are the same bytes.
+    """
+    with file:
+        analysis, wait = asked.state.analysis, asked.state.settings.wait_seconds
+        sequence_id = _sequence_of(asked, key)
+        record = asked.store.sequence_record(sequence_id)
+        require_space(record.facts, record.unit)
+        known = await _known(asked, key, query)
+        try:
+            async with (
+                asyncio.timeout(wait),
+                analysis.fitted(sequence_id, key.partition("-")[2] or None) as one,
+            ):
+                with analysis.output() as output, stage("report"):
+                    await analysis.work(
+                        reports.make_dicom,
+                        one,
+                        file.path,
+                        asked.state.settings.read_limits,
+                        None if known is None else known.path,
+                        output,
+                    )
+        except TimeoutError:
+            raise BusyError(
+                f"The workers did not come to this within {wait:g} s.",
+                remedy="Wait a little and send it again.",
+                limit="wait_seconds",
+                details={"most": wait},
+            ) from None
+    name = f'attachment; filename="{sequence_id[:12]}-dicom.zip"'
+    return temporary_file(output, ZIP, {"Content-Disposition": name})
+
+
+@router.get("/signatures/{key}/view", **answers(VIEW, HTML))
+async def view_signature(
+    key: SignatureKey, query: Annotated[ViewRequest, Query()], asked: AskedAny
+) -> Response:
+    """Give what the page `/view/{key}` shows of a signature, or the page as one file.
+
+    The file opens from disk, without a network. In the other form are the reference, its natural
+    coordinates, the amplitudes, volume and segments; `first` and `stop` give frames as they were
+    sent, in 65,536 steps of their box.
+    """
+    return await _shown(asked, operations.view, key, query=query)
+
+
+@router.get("/signatures/{key}/distance", **answers(of=DistanceAnswer))
+async def compare_signature(
+    key: SignatureKey, query: Annotated[DistanceRequest, Query()], asked: AskedAny
+) -> Response:
+    """Give the distance of a signature from another: 0 for the same motion."""
+    other = query.to.partition("-")[0]
+    asked.note(other)
+    asked.store.sequence_record(other)
+    return await _shown(asked, operations.distance, key, query=query, ids=(other,))
+
+
+@router.post(
+    "/signatures/{key}/classifications",
+    **answers(of=ClassificationAnswer, is_new=True),
+    **body(ClassificationRequest, is_optional=True),
+)
+async def classify_signature(
+    key: SignatureKey,
+    wanted: Annotated[
+        ClassificationRequest, Depends(body_of(ClassificationRequest, is_optional=True))
+    ],
+    asked: AskedAny,
+) -> Response:
+    """Name the class of the motion that a signature describes.
+
+    201 where the answer is new, 200 where it was known. Where the model reads other modes than this
+    signature has, those are fitted and stored on the way.
+    """
+    sequence_id = _sequence_of(asked, key)
+    model = await asyncio.to_thread(asked.state.models.choose_for, wanted.model, sequence_id)
+    # By its version: a newer one may exist when the job is resumed.
+    reference = f"{model.name}@{model.version}"
+    return await asked.do(
+        operations.classification,
+        Request(query=wanted, sequence_id=sequence_id, reference=reference),
+    )
+
+
+@router.get("/signatures/{key}/classifications", response_model=ClassificationPageAnswer)
+async def list_classifications(
+    key: SignatureKey, query: Annotated[Paging, Query()], asked: AskedNow
+) -> ClassificationPageAnswer:
+    """List the classes that models have named of a sequence's motion, by model."""
+    sequence_id = _sequence_of(asked, key)
+
+    def read() -> list[KeptClassification]:
+        return asked.state.models.classifications(sequence_id)
+
+    kept = {f"{one.result.model_id} {one.path.name}": one for one in await asyncio.to_thread(read)}
+    page, cursor = page_of(sorted(kept), query.limit, query.cursor)
+    root = asked.store.root
+    return ClassificationPageAnswer(
+        classifications=[
+            ClassificationAnswer.of(
+                kept[name].result,
+                kept[name].version,
+                kept[name].path.relative_to(root).as_posix(),
+            )
+            for name in page
+        ],
+        cursor=cursor,
+    )
 
 
 @router.post(
     "/signatures/query",
-    response_class=Response,
-    responses={
-        200: {
-            "description": "All trajectories.",
-            "content": {NPZ: BINARY, HDF5: BINARY, CSV: TEXT},
-        },
-        **ACCEPTED,
-    },
+    **answers(*operations.signatures_query.media_types),
+    **body(MANY_SIGNATURES),
 )
-async def signatures(
-    query: ManySignatures,
-    http_request: Request,
-    state: StateDependency,
-    preference: PreferenceDependency,
-    accept: Annotated[str, Header(description=f"{NPZ}, {HDF5} or {CSV}.")] = NPZ,
+async def pack_signatures(
+    wanted: Annotated[ManySignatures, Depends(body_of(MANY_SIGNATURES))], asked: AskedAny
 ) -> Response:
     """Give the signatures of many sequences in one file, in the order of their ids.
 
     As a table (CSV) each sequence has a row: errors, volumes, ejection fraction, the RMS of each
-    amplitude.
+    amplitude. Missing ones are fitted and stored on the way.
     """
-    media_type = best_type(accept, (NPZ, HDF5, CSV))
-    most = state.settings.max_query_ids
-    if len(query.ids) > most:
-        raise LimitError(
-            f"{len(query.ids)} signatures were requested at once; the limit is {most}.",
-            remedy="Ask for them in several requests.",
-            limit="query_ids",
-            details={"value": len(query.ids), "most": most},
-        )
-    note_ids(http_request, query.ids)
-    for sequence_id in query.ids:
-        state.store.sequence_record(sequence_id)
-    job_request = {**query.model_dump(mode="json"), "media_type": media_type}
-    work = state.analysis.pack(query.ids, query.parameters(), media_type)
-    result = await result_or_job(state, preference, "signatures", job_request, work)
-    if isinstance(result, Response):
-        return result
-    suffix = {HDF5: "h5", NPZ: "npz", CSV: "csv"}[media_type]
-    return temporary_file(result, media_type, filename=f"signatures.{suffix}")
+    kind = asked.media_type(*operations.signatures_query.media_types)
+    asked.require_few(len(wanted.ids))
+    asked.note(*wanted.ids)
+    wanted.parameters()
+    for sequence_id in wanted.ids:
+        asked.store.sequence_record(sequence_id)
+    request = Request(query=wanted, media_type=kind, ids=tuple(wanted.ids))
+    return await asked.do(operations.signatures_query, request)
+
+
+@router.post("/features", **answers(JSON, CSV, of=FeaturesAnswer), **body(FeaturesRequest))
+async def tabulate_features(
+    wanted: Annotated[FeaturesRequest, Depends(body_of(FeaturesRequest))], asked: AskedAny
+) -> Response:
+    """Give the features of stored sequences as a table: a line for each.
+
+    They do not depend on pose, unit, start or sampling. Missing signatures are fitted and stored on
+    the way, in modes that all the sequences share.
+    """
+    kind = asked.media_type(JSON, CSV)
+    most = asked.state.settings.max_query_ids
+    cases = await asyncio.to_thread(find_cases, asked.store, wanted.cases, most, "query_ids")
+    asked.note(*(case.id for case in cases))
+    request = Request(
+        query=wanted.without_cases(FeatureOptions),
+        media_type=kind,
+        ids=tuple(case.id for case in cases),
+        cases=tuple(cases),
+    )
+    return await asked.do(operations.features, request)
+
+
+def _sequence_of(asked: Asked, key: str) -> str:
+    """Sequence of a signature, which is there."""
+    sequence_id, _, own = key.partition("-")
+    if own:
+        asked.store.signature_path(sequence_id, own)
+    else:
+        asked.store.sequence_record(sequence_id)
+    return sequence_id
+
+
+async def _shown(
+    asked: Asked,
+    what: Operation,
+    key: str,
+    media_type: str | None = None,
+    *,
+    query: object = None,
+    ids: tuple[str, ...] = (),
+    also: str = "",
+) -> Response:
+    """Answer with what an operation makes of a signature; its tag is that of all that it reads."""
+    kind = media_type or asked.media_type(*what.media_types)
+    sequence_id = _sequence_of(asked, key)
+    own = key.partition("-")[2]
+    usual, facts = asked.state.analysis.resolved(sequence_id, USUAL)
+    if not own:
+        with contextlib.suppress(NotFoundError):
+            # Where its file is lost it is fitted again, as if it were not stored.
+            path = asked.store.signature_path(sequence_id, usual.key)
+            own = usual.key if path.is_file() else ""
+    request = Request(media_type=kind, sequence_id=sequence_id, key=own or None, ids=ids)
+    if query is not None:
+        request = replace(request, query=query)
+    said = request.query.model_dump_json()
+    tag = asked.tagged(
+        sequence_id, own or usual.key, kind, said, json.dumps(facts_as_json(facts)), also
+    )
+    return await asked.do(what, request, tag=tag)
+
+
+async def _known(asked: Asked, key: str, query: ReportRequest) -> KeptClassification | None:
+    if query.model is None:
+        return None
+    sequence_id = _sequence_of(asked, key)
+    return await asyncio.to_thread(
+        asked.state.models.known_classification, sequence_id, query.model
+    )

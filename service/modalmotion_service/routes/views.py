@@ -1,29 +1,33 @@
-"""Pages on which sequences can be looked at, and what they are sent."""
+"""Pages on which sequences can be looked at, and the interface is described."""
 
 from __future__ import annotations
 
-from typing import Annotated, Final
+import base64
+import hashlib
+from typing import Final
 
-from fastapi import Header, Query, Request, Response
+from fastapi import Request, Response
 from starlette.exceptions import HTTPException
 from starlette.responses import HTMLResponse
 
 from modalmotion.viewer.bundle_files import NOTHING, content_name, script, style
-from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.judged_router import JudgedRouter
-from modalmotion_service.http.negotiation import HTML, VIEW, best_type
-from modalmotion_service.routes.parts.deferral import reply_or_job
-from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
-from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
-from modalmotion_service.schemas import SequenceId, SignatureQuery
-from modalmotion_service.schemas.request_queries import ViewFramesQuery
 
 pages = JudgedRouter(include_in_schema=False)
-router = JudgedRouter(prefix="/v1/sequences", tags=["views"], responses=PROBLEMS)
 
 # The page asks this service only. It holds no data: these come with the key, which is typed in.
 _POLICY: Final = (
     f"{NOTHING}; script-src 'self'; style-src 'self'; connect-src 'self'; frame-ancestors 'none'"
+)
+# Swagger UI as it is published: its digests say that nothing else runs.
+_SWAGGER: Final = "https://cdn.jsdelivr.net/npm/swagger-ui-dist@5.35.0"
+_SWAGGER_SCRIPT: Final = "sha384-gjRm0bEPMeTmMh5jT2cHccIwCUZSTd8YC+j0d0sXw0MdGEfScduGpSyF3ZSSLkX9"
+_SWAGGER_STYLE: Final = "sha384-WlYgdmXYOOBWL5apwjDEZwN+U3HmXSSu5R6V5aGxEcf7z+KuRNwBhoxKVN1i3D5I"
+_SHOW: Final = "SwaggerUIBundle({url: '/openapi.json', dom_id: '#docs', deepLinking: true})"
+_SHOW_DIGEST: Final = base64.b64encode(hashlib.sha256(_SHOW.encode()).digest()).decode()
+_DOCS_POLICY: Final = (
+    f"{NOTHING}; script-src {_SWAGGER}/ 'sha256-{_SHOW_DIGEST}'; frame-ancestors 'none'; "
+    f"style-src {_SWAGGER}/ 'unsafe-inline'; img-src data:; connect-src 'self'"
 )
 _WELCOME: Final = (
     '<header><p class="brand">modalmotion</p><h1>How a surface deforms over time</h1>'
@@ -34,7 +38,7 @@ _FOR_EVER: Final = "public, max-age=31536000, immutable"
 
 
 @pages.get("/", response_class=HTMLResponse)
-@pages.get("/view/{sequence_id}", response_class=HTMLResponse)
+@pages.get("/view/{key}", response_class=HTMLResponse)
 @pages.get("/images/{images_id}", response_class=HTMLResponse)
 def page(request: Request) -> HTMLResponse:
     """Give the page that lists sequences, and shows what its address names."""
@@ -66,53 +70,15 @@ def bundle(name: str) -> Response:
     return Response(text, media_type=kind, headers={"Cache-Control": _FOR_EVER})
 
 
-@router.get(
-    "/{sequence_id}/view",
-    response_class=Response,
-    responses={
-        200: {"description": "What the page reads.", "content": {VIEW: BINARY, HTML: BINARY}},
-        **ACCEPTED,
-    },
-)
-async def view(
-    sequence_id: SequenceId,
-    query: Annotated[SignatureQuery, Query()],
-    state: StateDependency,
-    preference: PreferenceDependency,
-    request: Request,
-    accept: Annotated[str, Header(description=f"{VIEW}, or {HTML} for one file.")] = VIEW,
-) -> Response:
-    """Give what `/view/{sequence_id}` shows: for that page, or as a page of one file.
-
-    The file opens from disk, without a network. In the other form are the reference, its natural
-    coordinates, the amplitudes, volume and segments, but no frames as sent.
-    """
-    media_type = best_type(accept, (VIEW, HTML))
-    parameters, _facts = state.analysis.resolved(sequence_id, query.parameters())
-    record = state.store.sequence_record(sequence_id)
-    tag = tag_of(sequence_id, parameters.key, "view", media_type, repr(record.facts), script())
-    if is_known(request, tag):
-        return not_modified(tag)
-    body = {"sequence_id": sequence_id, "query": query, "media_type": media_type}
-    headers = {"ETag": tag, "Vary": "Accept"}
-    return await reply_or_job(state, preference, "view", body, headers=headers)
-
-
-@router.get(
-    "/{sequence_id}/view/frames",
-    response_class=Response,
-    responses={
-        200: {"description": "What the page reads.", "content": {VIEW: BINARY}},
-        **ACCEPTED,
-    },
-)
-async def view_frames(
-    sequence_id: SequenceId,
-    query: Annotated[ViewFramesQuery, Query()],
-    state: StateDependency,
-    preference: PreferenceDependency,
-) -> Response:
-    """Give frames as they were sent, in 65,536 steps of their box, for `/view/{sequence_id}`."""
-    state.store.sequence_record(sequence_id)
-    body = {"sequence_id": sequence_id, "query": query}
-    return await reply_or_job(state, preference, "view-frames", body)
+@pages.get("/docs", response_class=HTMLResponse)
+def docs() -> HTMLResponse:
+    """Give a page that shows openapi.json and tries its calls; it loads Swagger UI."""
+    given = 'crossorigin="anonymous" integrity='
+    return HTMLResponse(
+        '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>modalmotion</title>'
+        f'<link rel="stylesheet" href="{_SWAGGER}/swagger-ui.css" {given}"{_SWAGGER_STYLE}">'
+        '</head><body><div id="docs"><a href="/openapi.json">openapi.json</a></div>'
+        f'<script src="{_SWAGGER}/swagger-ui-bundle.js" {given}"{_SWAGGER_SCRIPT}"></script>'
+        f"<script>{_SHOW}</script></body></html>",
+        headers={"Content-Security-Policy": _DOCS_POLICY},
+    )

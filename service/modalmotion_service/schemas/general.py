@@ -1,10 +1,14 @@
-"""Answers that every part of the service gives."""
+"""Health, problems, jobs and the audit log: answers of every part of the service."""
 
 from __future__ import annotations
 
-from typing import Literal
+from enum import StrEnum
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
+
+from modalmotion_service.audit.entry import AuditEntry
+from modalmotion_service.schemas.fields import Paged
 
 
 class Health(BaseModel):
@@ -41,3 +45,66 @@ class Problem(BaseModel):
     vertex: int | None = Field(None, description="Vertex at fault, counted from 0.")
     limit: str | None = Field(None, description="Limit that was exceeded.")
     remedy: str | None = Field(None, description="What to do about it.")
+
+
+class JobState(StrEnum):
+    """State of a job; the last three are final."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+
+class JobAnswer(BaseModel):
+    """Long work, and its progress."""
+
+    id: str
+    kind: str = Field(description="Name of the operation that it does.")
+    state: JobState
+    progress: float = Field(description="Share that is done, 0 to 1.")
+    text: str | None = Field(description="The current step, in words; null if there is none.")
+    result: str | None = Field(description="Link to the result; null until there is one.")
+    error: dict[str, Any] | None = Field(description="The problem it failed with.")
+    created: str = Field(description="ISO 8601 in UTC.")
+    updated: str = Field(description="ISO 8601 in UTC.")
+    links: dict[str, str]
+
+
+class JobPageAnswer(Paged):
+    """A page of the list of jobs."""
+
+    jobs: list[JobAnswer]
+
+
+class AuditEntryAnswer(BaseModel):
+    """Who requested what."""
+
+    number: int = Field(description="Counted from 1, without gaps.")
+    time: str = Field(description="ISO 8601 in UTC.")
+    owner: str | None = Field(description="Null where nobody was recognised.")
+    key_id: str | None = Field(description="Null for a request from this machine without a key.")
+    client: str = Field(
+        description="Address that the request came from, or the command line's user."
+    )
+    method: str = Field(description="COMMAND for one of the command line.")
+    route: str = Field(description="By its template, or the command; empty where there is none.")
+    ids: list[str] = Field(description="Ids that it concerned.")
+    status: int = Field(
+        description="Of the answer; 102 for the entry that is written before a change."
+    )
+    request_id: str
+    sha256: str = Field(description="Of this entry and of the digest of the one before.")
+
+    @staticmethod
+    def of(entry: AuditEntry) -> AuditEntryAnswer:
+        """Write an entry out."""
+        values = {**vars(entry), **vars(entry.event), "ids": entry.event.ids.split()}
+        return AuditEntryAnswer.model_validate(values)
+
+
+class AuditPageAnswer(Paged):
+    """A page of the audit log."""
+
+    entries: list[AuditEntryAnswer]

@@ -1,88 +1,23 @@
-"""Models: requests to train one, and descriptions."""
+"""Models, norms and tables of features: what is said of them, and by them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, FailFast, Field, StringConstraints
+from pydantic import BaseModel, Field
 
 from modalmotion.choice.parameters import parameters_as_json
-from modalmotion.classification import ModelCard, TrainingOptions
-from modalmotion.store import NAME_PATTERN, VERSION_PATTERN, KeptModel, ModelRecord
-from modalmotion_service.schemas.facts import COVARIATES
-from modalmotion_service.schemas.fields import JsonBody, SequenceId
-
-ModelName = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$")]
-ModelVersion = Annotated[str, StringConstraints(pattern=f"^{VERSION_PATTERN}$")]
+from modalmotion.classification import (
+    Comparison,
+    Evaluation,
+    FeatureTable,
+    ModelCard,
+)
+from modalmotion.norm import Norm
+from modalmotion.store import KeptModel, ModelRecord
+from modalmotion_service.schemas.fields import Paged
 
 _LONGEST_NAME: Final = 200
-
-
-class LabelledSequence(JsonBody):
-    """A stored sequence, with label and subject for this training."""
-
-    id: SequenceId
-    label: str | None = Field(
-        None, min_length=1, max_length=_LONGEST_NAME, description="Its own by default."
-    )
-    subject: str | None = Field(
-        None, min_length=1, max_length=_LONGEST_NAME, description="Its own by default."
-    )
-    # Their values are checked by the library, which stops at the first fault.
-    covariates: dict[str, Any] | None = Field(
-        None, description=f"Over those stored with it. {COVARIATES}"
-    )
-
-
-def in_the_longer_form(
-    sequences: Sequence[SequenceId | LabelledSequence],
-) -> list[LabelledSequence]:
-    """Write sequences that may be named by their ids alone as labelled ones."""
-    return [
-        case if isinstance(case, LabelledSequence) else LabelledSequence(id=case)
-        for case in sequences
-    ]
-
-
-class TrainingRequest(JsonBody):
-    """Name, sequences and options of a model to train."""
-
-    model_config = ConfigDict(
-        extra="forbid",
-        json_schema_extra={
-            "examples": [
-                {
-                    "name": "wall-motion",
-                    "sequences": ["0" * 64, {"id": "1" * 64, "label": "akinesia"}],
-                    "options": {"modes": 7, "timing": "cycle"},
-                }
-            ]
-        },
-    )
-
-    name: str = Field(
-        min_length=1,
-        max_length=_LONGEST_NAME,
-        description="1 to 64 lower-case letters, digits, '.', '_' and '-'. A name that is known "
-        "gets its next version.",
-    )
-    sequences: Annotated[list[SequenceId | LabelledSequence], FailFast()] = Field(
-        description="Ids; label, subject and covariates are those stored with the sequence, or "
-        "stated here. "
-        "Sequences of one subject are never on both sides of a split."
-    )
-    options: dict[str, Any] = Field(
-        default_factory=dict,
-        description="Where they differ from "
-        + ", ".join(f"{name} {value!r}" for name, value in TrainingOptions().as_json().items())
-        + ".",
-    )
-
-    @property
-    def cases(self) -> list[LabelledSequence]:
-        """All sequences in the longer form."""
-        return in_the_longer_form(self.sequences)
 
 
 class ModelSummary(BaseModel):
@@ -109,7 +44,7 @@ class ModelSummary(BaseModel):
             classes=list(record.classes),
             created=record.created or None,
             versions=versions,
-            links={"self": f"{here}/versions/{record.version}", "newest": here},
+            links={"self": f"{here}@{record.version}", "newest": here},
         )
 
 
@@ -255,8 +190,216 @@ class ModelAnswer(ModelSummary):
         )
 
 
-class ModelPageAnswer(BaseModel):
+class ModelPageAnswer(Paged):
     """A page of the list of models."""
 
     models: list[ModelSummary]
-    cursor: str | None = Field(description="For the next page; null on the last.")
+
+
+class CaseResult(BaseModel):
+    """A model's answer to one labelled sequence."""
+
+    sequence_id: str
+    subject: str
+    truth: str
+    answer: str | None = Field(description="null for an abstention.")
+    probabilities: dict[str, float]
+    class_set: list[str]
+    flags: list[str]
+
+
+class EvaluationAnswer(PerformanceAnswer):
+    """A model on labelled sequences. An abstention is wrong, and its probabilities are equal."""
+
+    model: str
+    version: int
+    model_id: str
+    classes: list[str]
+    n_cases: int
+    n_subjects: int
+    abstained: float = Field(description="Share without a label.")
+    flagged: dict[str, float] = Field(description="Share with each flag.")
+    coverage: float
+    class_coverage: dict[str, float] = Field(description="Share of each class whose set held it.")
+    mean_set_size: float
+    n_empty_sets: int = Field(description="Number of empty class sets.")
+    notes: list[str] = Field(description="Caveats, such as sequences that were trained on.")
+    cases: list[CaseResult]
+
+    @staticmethod
+    def of(result: Evaluation, version: int) -> EvaluationAnswer:
+        """Write a result out."""
+        values = PerformanceAnswer.written(result.as_json())
+        values["cases"] = [
+            {**case, "probabilities": dict(zip(result.classes, case["probabilities"], strict=True))}
+            for case in values["cases"]
+        ]
+        return EvaluationAnswer(**values, version=version)
+
+
+class DifferenceAnswer(BaseModel):
+    """A figure of two models; the difference is the second's less the first's."""
+
+    first: float
+    second: float
+    difference: float
+    low: float = Field(description="Of the 95 % interval of the difference.")
+    high: float
+    p: float = Field(description="Of no difference, two-sided.")
+
+
+class ComparisonAnswer(BaseModel):
+    """Two models on the same labelled sequences; `methods` says how they are compared."""
+
+    models: tuple[str, str] = Field(description="With their versions.")
+    model_ids: tuple[str, str]
+    n_cases: int
+    n_subjects: int
+    accuracy: DifferenceAnswer = Field(description="p is of McNemar's exact test, by subject.")
+    auc: DifferenceAnswer | None = Field(description="Macro; null where there is one class only.")
+    log_loss: DifferenceAnswer
+    brier: DifferenceAnswer
+    only_first: int = Field(description="Sequences on which the first model alone is right.")
+    only_second: int
+    evaluations: tuple[EvaluationAnswer, EvaluationAnswer]
+    methods: str
+    notes: list[str]
+
+    @staticmethod
+    def of(result: Comparison, versions: tuple[int, int]) -> ComparisonAnswer:
+        """Write a result out."""
+        values: dict[str, Any] = result.as_json()
+        values["models"] = tuple(
+            f"{name}@{version}" for name, version in zip(result.models, versions, strict=True)
+        )
+        values["evaluations"] = tuple(
+            EvaluationAnswer.of(one, version)
+            for one, version in zip(result.evaluations, versions, strict=True)
+        )
+        return ComparisonAnswer(**values)
+
+
+class NormAnswer(BaseModel):
+    """A norm, without any control's features."""
+
+    name: str
+    id: str = Field(description="sha256 of everything that its answers depend on.")
+    n_controls: int
+    topology: str
+    n_modes: int
+    features: str = Field(description="Kind of the features, in words.")
+    groups: list[str] = Field(description="Groups of features that are answered one by one.")
+    covariates: list[str] = Field(description="Those that all controls state.")
+    smallest_level: float = Field(description="The smallest p-value that is possible.")
+    has_volumes: bool = Field(description="Whether every control has its share of the volume.")
+    notes: list[str]
+    links: dict[str, str]
+
+    @staticmethod
+    def of(norm: Norm) -> NormAnswer:
+        """Write a norm out."""
+        return NormAnswer(**norm.as_json(), links={"self": f"/v1/norms/{norm.name}"})
+
+
+class NormLink(BaseModel):
+    """A norm in a list."""
+
+    name: str
+    links: dict[str, str]
+
+
+class NormPageAnswer(Paged):
+    """A page of the list of norms, by name."""
+
+    norms: list[NormLink]
+
+
+class GroupDeviationAnswer(BaseModel):
+    """One group of features beside the controls'."""
+
+    name: str
+    p: float = Field(description="Corrected for the number of groups.")
+    p_alone: float
+    share_less: float = Field(description="Share of the controls with less of it.")
+    deviates: bool
+    words: str
+
+
+class QuantityDeviationAnswer(BaseModel):
+    """A clinical quantity beside the controls'."""
+
+    name: str
+    value: float
+    unit: str
+    p: float = Field(description="Two-sided, of this quantity alone.")
+    share_less: float = Field(description="Share of the controls with a smaller one.")
+
+
+class DeviationAnswer(BaseModel):
+    """A recording beside controls."""
+
+    norm: str
+    norm_id: str
+    sequence_id: str
+    n_controls: int = Field(description="Without the recording itself, where it is one of them.")
+    level: float
+    attainable: float = Field(
+        description="Share of recordings like the controls that is called a deviation."
+    )
+    p: float = Field(description="Share of controls and recording that is at least as strange.")
+    deviates: bool
+    groups: list[GroupDeviationAnswer]
+    quantities: list[QuantityDeviationAnswer]
+    covariates: list[str] = Field(description="Those that are accounted for.")
+    warnings: list[str] = Field(description="In what it was not recorded like the controls.")
+    notes: list[str]
+
+
+class CohortDeviationAnswer(BaseModel):
+    """Recordings beside controls, each and together."""
+
+    norm: str
+    norm_id: str
+    n_controls: int
+    n_recordings: int
+    level: float
+    p: float | None = Field(
+        description="That exchanging controls and recordings sets them as far apart, by chance; "
+        "null of fewer than five recordings."
+    )
+    is_another: bool | None = Field(
+        description="Whether another machine, protocol or group of people stands behind: then "
+        "single p-values speak of the cohort."
+    )
+    warning: str | None = Field(description="The same in words.")
+    deviations: list[DeviationAnswer] = Field(description="In the order of the request.")
+
+
+class FeatureRow(BaseModel):
+    """Features of one sequence."""
+
+    case: str
+    sequence_id: str
+    label: str | None
+    subject: str | None
+    values: list[float | None] = Field(description="Null where a covariate is unknown.")
+
+
+class LeftOutAnswer(BaseModel):
+    """A sequence that was left out."""
+
+    name: str
+    reason: str
+
+
+class FeaturesAnswer(BaseModel):
+    """A table of features."""
+
+    columns: list[str] = Field(description="Names of the features.")
+    cases: list[FeatureRow]
+    left_out: list[LeftOutAnswer]
+
+    @staticmethod
+    def of(table: FeatureTable) -> FeaturesAnswer:
+        """Write a table out."""
+        return FeaturesAnswer(**table.as_json())

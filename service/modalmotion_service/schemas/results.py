@@ -1,36 +1,16 @@
-"""Compressed streams and classes."""
+"""Compressed streams, classes, and answers for many files."""
 
 from __future__ import annotations
 
-from typing import Any
+from pydantic import BaseModel, Field
 
-from pydantic import BaseModel, ConfigDict, Field
-
-from modalmotion.classification import DEFAULT_MODEL, FLAGS, Classification
-from modalmotion.classification.model_files import RULE
-from modalmotion.codec import Effort, Encoded
+from modalmotion.classification import FLAGS, Classification
+from modalmotion.codec import Encoded
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion_service.schemas.facts import COVARIATES
-from modalmotion_service.schemas.fields import JsonBody
+from modalmotion_service.schemas.fields import Paged
+from modalmotion_service.schemas.general import Problem
 from modalmotion_service.schemas.sequences import ReadingAnswer
-
-
-class EncodingTarget(BaseModel):
-    """At what error, or at what size, to encode: one of the three."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    rms: float | None = Field(
-        None, gt=0, allow_inf_nan=False, description="RMS distance of all vertices, not exceeded."
-    )
-    max_error: float | None = Field(
-        None, gt=0, allow_inf_nan=False, description="Distance of any vertex, never exceeded."
-    )
-    bytes: int | None = Field(None, gt=0, description="Size of the stream, not exceeded.")
-    effort: Effort = Field(
-        Effort.BALANCED,
-        description="How many transforms are tried: fast takes a third of the time, in more bits.",
-    )
+from modalmotion_service.schemas.signatures import SignatureAnswer
 
 
 class EncodedAnswer(BaseModel):
@@ -55,31 +35,6 @@ class EncodedAnswer(BaseModel):
             f"Encoded-{name.replace('_', '-').title()}": str(value)
             for name, value in self.model_dump().items()
         }
-
-
-class ModelQuery(JsonBody):
-    """The model, and how sure its class set must be."""
-
-    model: str = Field(
-        DEFAULT_MODEL,
-        max_length=100,
-        description=f"Name of a model for its newest version, or name@version. {RULE}",
-    )
-    coverage: float = Field(
-        0.9,
-        gt=0,
-        lt=1,
-        description="Probability that the class set holds the true class, for every class.",
-    )
-
-
-class ClassificationRequest(ModelQuery):
-    """The model, how sure its class set must be, and what the recording does not carry."""
-
-    # Their values are checked by the library, which stops at the first fault.
-    covariates: dict[str, Any] | None = Field(
-        None, description=f"Over those stored with the sequence. {COVARIATES}"
-    )
 
 
 class ContributionAnswer(BaseModel):
@@ -147,7 +102,42 @@ class UploadClassificationAnswer(ClassificationAnswer):
     reading: ReadingAnswer = Field(description="How the upload was read.")
 
 
-class ClassificationList(BaseModel):
-    """All classifications of one sequence."""
+class ClassificationPageAnswer(Paged):
+    """A page of the classifications of a sequence."""
 
     classifications: list[ClassificationAnswer]
+
+
+class _Result(BaseModel):
+    name: str = Field(description="As the part of the form names its file.")
+    subject: str | None = Field(description="As the manifest says.")
+    label: str | None
+    error: Problem | None = Field(
+        description="As the file would have been answered by itself; null where there is a result."
+    )
+
+
+class SignatureResult(_Result):
+    """The signature of one of many files, or why there is none."""
+
+    signature: SignatureAnswer | None
+
+
+class SignatureResults(BaseModel):
+    """Signatures of many files, in the order in which they were sent."""
+
+    results: list[SignatureResult]
+    n_failed: int
+
+
+class ClassificationResult(_Result):
+    """The class of one of many files, or why there is none."""
+
+    classification: UploadClassificationAnswer | None
+
+
+class ClassificationResults(BaseModel):
+    """Classes of many files, in the order in which they were sent."""
+
+    results: list[ClassificationResult]
+    n_failed: int

@@ -1,18 +1,45 @@
-"""Sequences, and how a file is read."""
+"""Stored sequences, images and what files said."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import cached_property
-from typing import Literal
+from dataclasses import asdict
+from typing import Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
-from modalmotion.facts import NO_FACTS, Facts
-from modalmotion.formats import Format, Reading, ReadLimits, ReadOptions
-from modalmotion.store import SequenceRecord
-from modalmotion_service.schemas.facts import FactsAnswer, FactsPatch, FactsQuery
-from modalmotion_service.schemas.fields import GRID, TOPOLOGY, JsonBody, parse_grid, parse_times
+from modalmotion.facts import Facts, facts_as_json
+from modalmotion.facts.facts import (
+    Cavity,
+    CoordinateSystem,
+    Handedness,
+    Tracking,
+)
+from modalmotion.formats import Reading
+from modalmotion.store import ImagesRecord, SequenceRecord
+from modalmotion_service.schemas.fields import Paged
+from modalmotion_service.schemas.from_core import descriptions
+
+_WORDS: Final = descriptions(Facts)
+
+
+class FactsAnswer(BaseModel):
+    """Facts of a sequence beside its arrays; not part of its id."""
+
+    tracking: Tracking = Field(description=_WORDS["tracking"])
+    handedness: Handedness
+    coordinates: CoordinateSystem = Field(description=_WORDS["coordinates"])
+    period: float | None = Field(description=_WORDS["period"])
+    cavity: Cavity = Field(description=_WORDS["cavity"])
+    modality: str | None = Field(description=_WORDS["modality"])
+    landmarks: dict[str, int | list[int | float | list[float]]] = Field(
+        description=_WORDS["landmarks"]
+    )
+    covariates: dict[str, int | float | str] = Field(description=_WORDS["covariates"])
+
+    @staticmethod
+    def of(facts: Facts) -> FactsAnswer:
+        """Write facts out."""
+        return FactsAnswer.model_validate(facts_as_json(facts))
 
 
 class ReadingAnswer(BaseModel):
@@ -38,59 +65,6 @@ class ReadingAnswer(BaseModel):
             times_from=reading.times_from,
             notes=list(reading.notes),
         )
-
-
-class ReadingQuery(FactsQuery):
-    """Statements about a file, which override its own."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    format: Format | None = Field(None, description="Recognised by its content by default.")
-    topology: str | None = TOPOLOGY
-    grid: str | None = GRID
-    unit: str | None = Field(None, max_length=20, description="m, cm, mm, um or nm.")
-    times: str | None = Field(
-        # A request line holds 64 KiB; more of them stand in the file.
-        None,
-        max_length=50_000,
-        description="In s, such as 0,0.04,0.08.",
-    )
-    frame_interval: float | None = Field(
-        None, gt=0, allow_inf_nan=False, description="In s, in place of times."
-    )
-    n_vertices: int | None = Field(None, ge=1, description="Of raw numbers: vertices a frame.")
-    dtype: Literal["float32", "float64"] = Field("float32", description="Of raw numbers.")
-    animation: str | None = Field(None, max_length=200, description="Of GLB: by its name.")
-
-    @cached_property
-    def _options(self) -> ReadOptions:
-        return ReadOptions(
-            format=self.format,
-            unit=self.unit,
-            times=None if self.times is None else tuple(parse_times(self.times)),
-            frame_interval=self.frame_interval,
-            topology=self.topology,
-            grid=parse_grid(self.grid),
-            n_vertices=self.n_vertices,
-            dtype=self.dtype,
-            animation=self.animation,
-            facts=self.facts(),
-        )
-
-    def options(self, limits: ReadLimits, facts: Facts = NO_FACTS) -> ReadOptions:
-        """Translate to the reader's options; facts of the query override `facts`.
-
-        Once but for limits and facts: requests share what they repeat.
-        """
-        options = self._options
-        return replace(options, limits=limits, facts=options.facts.over(facts))
-
-
-class UploadQuery(ReadingQuery):
-    """Statements about an upload."""
-
-    subject: str | None = Field(None, max_length=200, description="Whose surface it is.")
-    label: str | None = Field(None, max_length=200, description="Known motion class.")
 
 
 class SequenceSummary(BaseModel):
@@ -136,33 +110,53 @@ class SequenceSummary(BaseModel):
             links={
                 "self": here,
                 "signature": f"{here}/signature",
-                "classifications": f"{here}/classifications",
+                "signatures": f"{here}/signatures",
+                "classifications": f"/v1/signatures/{record.id}/classifications",
             },
         )
 
 
-class SequencePageAnswer(BaseModel):
+class SequencePageAnswer(Paged):
     """A page of the list of sequences."""
 
     sequences: list[SequenceSummary]
-    cursor: str | None = Field(description="For the next page; null on the last.")
 
 
-class SequenceNames(JsonBody):
-    """What is stated of a sequence: a missing field stays, null removes it."""
+class ImagesSummary(BaseModel):
+    """Images over time, in LPS mm."""
 
-    name: str | None = Field(
-        None, max_length=200, description="What to call it, such as the name of a file."
+    id: str = Field(description="sha256 of samples, places and times, in hex.")
+    kind: Literal["volumes", "planes"]
+    n_frames: int
+    missing: list[int] = Field(description="Frames without an image.")
+    shapes: list[list[int]] = Field(
+        description="Samples along each axis: of the volume, or of each plane of a frame."
     )
-    subject: str | None = Field(None, max_length=200, description="Whose surface it is.")
-    label: str | None = Field(None, max_length=200, description="Known motion class.")
-    facts: FactsPatch | None = Field(None, description="Null makes all of them unknown.")
-    unit: str | None = Field(None, max_length=20, description="m, cm, mm, um or nm.")
-    times: list[float] | None = Field(
-        None, max_length=100_000, description="Of the frames, in s, rising."
+    spacings: list[list[float]] = Field(description="Between samples along each axis, mm.")
+    thicknesses: list[float] = Field(description="Of planes, mm; none of volumes.")
+    times: list[float] | None = Field(description="In s; null where no file states them.")
+    period: float | None = Field(description="Of the cycle, in s, where the files state it.")
+    n_bytes: int = Field(description="Of the samples.")
+    notes: list[str]
+    created: str = Field(description="When they were first received, UTC, ISO 8601.")
+    is_kept: bool = Field(description="Whether they stay after they were tracked.")
+    tracks: list[str] = Field(description="Ids of the tracks that they are kept for.")
+    is_label_map: bool = Field(description="Whether they are a segmentation.")
+    apex: list[list[float] | None] = Field(
+        description="Of a segmentation: proposed in each frame, LPS mm; empty where it is not."
     )
+    base: list[list[float] | None]
+    links: dict[str, str]
 
-    @property
-    def restates(self) -> bool:
-        """Whether it makes another sequence: unit and times are part of its id."""
-        return bool(self.model_fields_set & {"unit", "times"})
+    @staticmethod
+    def of(record: ImagesRecord) -> ImagesSummary:
+        """Summarise a record."""
+        here = f"/v1/images/{record.id}"
+        links = {"self": here, "track": f"/v1/tracks?images={record.id}"}
+        return ImagesSummary(**asdict(record), links=links)
+
+
+class ImagesPageAnswer(Paged):
+    """A page of the list of images."""
+
+    images: list[ImagesSummary]

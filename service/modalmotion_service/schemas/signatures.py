@@ -1,148 +1,135 @@
-"""Signatures."""
+"""Signatures, their distances and prices, templates."""
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
-from typing import Annotated, Literal
+from functools import lru_cache
+from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, FailFast, Field
+from pydantic import BaseModel, Field
+from pydantic_core import from_json
 
-from modalmotion.choice.parameters import ErrorKind, ModeOrder, SignatureKind, parameters_as_json
+from modalmotion.choice.parameters import (
+    SignatureKind,
+    parameters_as_json,
+)
+from modalmotion.choice.scene import SceneKind
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.modes import ModeLabel
-from modalmotion.signature.making import MOST_MODES, ModalSignature, SignatureParameters
-from modalmotion.template import GivenLandmarks, Landmarks, Weights
+from modalmotion.modes.topology import MESH
+from modalmotion.signature.making import ModalSignature
+from modalmotion.template import Landmarks, Template
 from modalmotion.template.body_frame import Components
-from modalmotion.tradeoff import price_of
-from modalmotion_service.schemas.facts import FactsAnswer
-from modalmotion_service.schemas.fields import (
-    GRID,
-    PLACE,
-    TOPOLOGY,
-    JsonBody,
-    ReferenceShape,
-    SequenceId,
-    parse_grid,
-    parse_place,
-)
-from modalmotion_service.schemas.tradeoff import PriceAnswer
+from modalmotion.template.vibration_modes import VibrationModes
+from modalmotion.tradeoff import Price, price_of
+from modalmotion_service.schemas.fields import Paged
+from modalmotion_service.schemas.sequences import FactsAnswer
 
 
-class SignatureQuery(BaseModel):
-    """Query parameters of a signature."""
+class PriceAnswer(BaseModel):
+    """Cost and error of a description."""
 
-    model_config = ConfigDict(extra="forbid")
-
-    modes: int | None = Field(
-        None,
-        ge=1,
-        le=MOST_MODES,
-        description="Number of modes, three amplitudes a frame each, or one of offsets; rounded up "
-        "where a cosine-sine pair would be split, unless split_pairs. 7 if nothing else is "
-        "requested.",
+    rms_error: float = Field(description="Over all vertices and frames, in `unit`.")
+    weighted_rms_error: float = Field(
+        description="Over all frames, each vertex by its share of the surface."
     )
-    amplitudes: int | None = Field(
-        None, ge=1, le=3 * MOST_MODES, description="In place of modes: amplitudes a frame."
-    )
-    tolerance: float | None = Field(
-        None,
-        ge=0,
-        allow_inf_nan=False,
-        description="Error in mm that is not exceeded, with the fewest modes that hold it.",
-    )
-    tolerance_of: ErrorKind = Field(
-        ErrorKind.RMS,
-        description="RMS over all vertices and frames, the one by the vertices' shares of the "
-        "surface, or the largest of any vertex.",
-    )
-    tolerance_share: float | None = Field(
-        None, ge=0, allow_inf_nan=False, description="A tolerance as a share of the RMS motion."
-    )
-    auto: bool = Field(False, description="Stop where the residual is noise.")
-    order: ModeOrder = Field(
-        ModeOrder.FIXED, description="Which modes come first: in fixed order, or by energy."
-    )
-    most_modes: int | None = Field(
-        None, ge=1, le=MOST_MODES, description="Upper limit for tolerance, auto and energy."
-    )
-    harmonics: int | None = Field(
-        None, ge=0, le=10_000, description="Limit each amplitude's path over time to these."
-    )
-    kind: SignatureKind = Field(
-        SignatureKind.MATERIAL,
-        description="What amplitudes are of: material follows the vertices; offset measures the "
-        "surface along its reference's normals, one amplitude a mode, wherever on it the vertices "
-        "lie.",
-    )
-    split_pairs: bool = Field(
-        False,
-        description="Take the stated number exactly: the amplitudes of a cosine without its sine "
-        "depend on where theta is zero.",
-    )
-    volumes: bool = Field(
-        False,
-        description="Give the volume that the surface encloses in each frame, too, openings "
-        "closed.",
-    )
-    deviations: bool = Field(
-        False,
-        description="Estimate the noise, and give the standard deviation that it makes of each "
-        "amplitude. Of a tracked sequence, and with auto, they are given in any case.",
-    )
-    topology: str | None = TOPOLOGY
-    grid: str | None = GRID
-    reference: ReferenceShape = Field(
-        0,
-        description="Shape that displacements are measured from: a frame, or the mean shape, which "
-        "does not depend on where the recording starts.",
-    )
-    weights: Weights = Field(
-        Weights.AREA, description="How much each vertex counts: its area, or all alike."
-    )
-    remove_rotation: bool = Field(True, description="Take out each frame's rotation first.")
-    wave_speed: float = Field(
-        1.0, gt=0, allow_inf_nan=False, description="c of w = c k, length unit per s."
-    )
-    components: Components = Field(
-        Components.CARTESIAN, description="Of the amplitudes: x, y, z or radial, tangential, axial."
-    )
-    apex: str | None = PLACE
-    base: str | None = PLACE
-    theta_zero: str | None = PLACE
-    closed_form: bool = Field(
-        True, description="False asks for the spring modes of the mesh itself."
-    )
-    merge_vertices: bool = Field(
-        True,
-        description="Whether vertices that coincide in every frame, as on both sides of a seam, "
-        "are one vertex of the template; answers still speak of all that were sent.",
-    )
-    template: SequenceId | None = Field(
-        None, description="Id of a template to use in place of one of the sequence's own."
+    p95_error: float = Field(description="95th percentile over all vertices, worst frame.")
+    max_error: float = Field(description="Of any vertex in any frame.")
+    unit: str | None = Field(description="mm; null where the unit of the input is unknown.")
+    condition: float
+    amplitudes_per_frame: int
+    numbers: int = Field(description="Of the whole trajectory.")
+    bytes: int = Field(description="Of these numbers as float64, which is how they are stored.")
+    bytes_float32: int
+    compression: float = Field(description="Coordinates over amplitudes of one frame.")
+    compression_of_sequence: float = Field(description="With the reference counted.")
+    milliseconds: dict[str, float] = Field(
+        description="By stage; those of a stored result are in the Server-Timing header."
     )
 
-    @cached_property
-    def _parameters(self) -> SignatureParameters:
-        values = {name: getattr(self, name) for name in SignatureQuery.model_fields}
-        values["grid"] = parse_grid(self.grid)
-        values["landmarks"] = GivenLandmarks(
-            apex=parse_place(values.pop("apex")),
-            base=parse_place(values.pop("base")),
-            theta_zero=parse_place(values.pop("theta_zero")),
-        )
-        return SignatureParameters(**values)
-
-    def parameters(self) -> SignatureParameters:
-        """Translate to the library's parameters; once, for requests share what they repeat."""
-        return self._parameters
+    @staticmethod
+    def of(price: Price) -> PriceAnswer:
+        """Write a price out."""
+        return PriceAnswer(**vars(price))
 
 
-class ManySignatures(JsonBody, SignatureQuery):
-    """Query parameters of many signatures in one answer."""
+class BranchAnswer(BaseModel):
+    """RMS errors of all whole sets of one topology and one choice of components."""
 
-    ids: Annotated[list[SequenceId], FailFast()] = Field(
-        min_length=1, description="Of the sequences, in order."
+    topology: str
+    components: Components
+    modes: list[int]
+    amplitudes_per_frame: list[int]
+    bytes: list[int] = Field(description="Of the whole trajectory as float64.")
+    rms: list[float] = Field(description="Over all vertices and frames, in the length unit.")
+    weighted_rms: list[float] = Field(description="By the vertices' shares of the surface.")
+    harmonics: list[int]
+    rms_by_harmonics: list[list[float]] = Field(description="By modes, then harmonics.")
+    weighted_rms_by_harmonics: list[list[float]]
+    condition: float
+    ends_because: str
+
+
+class SceneErrorAnswer(BaseModel):
+    """Error that one simple kind of motion leaves, in the length unit."""
+
+    rms: float
+    weighted_rms: float
+    p95: float
+    max: float
+    numbers_per_frame: int | None
+
+
+class NoiseAnswer(BaseModel):
+    """The measurement's noise as estimated."""
+
+    sigma: float = Field(description="Standard deviation of a coordinate, length unit.")
+    lowest: float = Field(description="Lower end of its range.")
+    highest: float | None = Field(description="Upper end; null where nothing bounds it.")
+    between_frames: float = Field(description="Correlation of a frame's noise with the next's.")
+    between_neighbours: float = Field(description="Correlation of the noise of two neighbours.")
+    independent_vertices: float = Field(
+        description="Vertices of independent noise that average like these."
     )
+    mixed: int = Field(
+        description="Times that independent noise is averaged over neighbours to be as smooth."
+    )
+    rounding: float = Field(description="Added by storing the numbers.")
+    modes: int = Field(description="Spatial modes that were told apart.")
+
+
+class ChosenAnswer(BaseModel):
+    """The requested point of the front."""
+
+    kind: SceneKind = Field(description="deformable for modes, or the simpler kind that holds.")
+    price: PriceAnswer
+    topology: str | None = None
+    components: Components | None = None
+    modes: int | None = None
+    labels: list[str] = []
+    harmonics: int | None = None
+    notes: list[str] = []
+    matrices: list[list[list[float]]] | None = Field(
+        None, description="A of A (x - c) + c + t, of a static, rigid or affine motion."
+    )
+    shifts: list[list[float]] | None = None
+
+
+class TradeoffAnswer(BaseModel):
+    """Cost and error of each choice on one sequence."""
+
+    sequence_id: str
+    unit: str | None
+    n_frames: int
+    n_vertices: int
+    motion_rms: float = Field(description="The RMS error of no modes at all.")
+    weighted_motion_rms: float
+    front: list[BranchAnswer]
+    scene: dict[SceneKind, SceneErrorAnswer]
+    limit: float | None = Field(description="Error that is not exceeded, length unit.")
+    noise: NoiseAnswer | None
+    chosen: ChosenAnswer
+    fit_milliseconds: dict[str, float] = Field(description="By number of modes.")
+    milliseconds: dict[str, float] = Field(description="Of this answer, by stage.")
 
 
 class Label(BaseModel):
@@ -158,6 +145,36 @@ class Label(BaseModel):
     def of(label: ModeLabel) -> Label:
         """Write a label out; answers share what they repeat."""
         return Label(wavenumbers=list(label.wavenumbers), part=label.part)
+
+
+class SignatureSummary(BaseModel):
+    """A stored signature in a list."""
+
+    key: str
+    sequence_id: str
+    n_modes: int
+    kind: SignatureKind
+    rms_error: float = Field(description="Over all vertices and frames, in the length unit.")
+    max_error: float
+    unit: str | None
+    parameters: dict[str, object]
+    links: dict[str, str]
+
+    @staticmethod
+    def of(text: bytes) -> SignatureSummary:
+        """Summarise a signature that was written out."""
+        values = from_json(text)
+        return SignatureSummary(
+            **{name: values[name] for name in SignatureSummary.model_fields if name in values},
+            n_modes=len(values["modes"]),
+            links={"self": f"/v1/signatures/{values['key']}"},
+        )
+
+
+class SignaturePageAnswer(Paged):
+    """A page of the list of a sequence's signatures."""
+
+    signatures: list[SignatureSummary]
 
 
 class LandmarksAnswer(BaseModel):
@@ -275,15 +292,19 @@ class SignatureAnswer(BaseModel):
     )
     provenance: dict[str, str]
     intended_use: str = INTENDED_USE
+    key: str | None = Field(description="It is /v1/signatures/{key}; null if it is not stored.")
     file: str | None = Field(
         description="HDF5 file of this result, within the data folder; null if not stored."
     )
 
     @staticmethod
-    def of(signature: ModalSignature, file: str | None) -> SignatureAnswer:
+    def of(
+        signature: ModalSignature, key: str | None = None, file: str | None = None
+    ) -> SignatureAnswer:
         """Write a signature out as lists."""
         parameters = signature.parameters
         return SignatureAnswer(
+            key=key,
             sequence_id=signature.sequence_id,
             template_id=signature.template_id,
             topology=signature.surface,
@@ -337,4 +358,80 @@ class SignatureAnswer(BaseModel):
             parameters=parameters_as_json(parameters),
             provenance=signature.provenance,
             file=file,
+        )
+
+
+class DistanceAnswer(BaseModel):
+    """Distance of one sequence's signature from another's."""
+
+    distance: float = Field(description="|a - b| / |b| in the frame of the body, by phase.")
+    uses_theta_zero: bool = Field(
+        description="False where the zero of theta is not determined: magnitudes of pairs are "
+        "compared then."
+    )
+    by_errors: float | None = Field(
+        description="Distance that the stated deviations of both would make by themselves, RMS: "
+        "one no larger than it shows no difference. Null where neither has deviations."
+    )
+
+
+class TemplateAnswer(BaseModel):
+    """Natural coordinates of a surface, and how they were determined."""
+
+    id: str = Field(description="sha256 of its inputs, in hex.")
+    topology: str = Field(description='Or "mesh" where no natural coordinates are known.')
+    n_vertices: int
+    n_faces: int
+    lengths: list[float] = Field(description="Along each natural coordinate.")
+    landmarks: LandmarksAnswer | None
+    notes: list[str]
+    links: dict[str, str]
+
+    @staticmethod
+    def of(template: Template) -> TemplateAnswer:
+        """Describe a template."""
+        return TemplateAnswer(
+            id=template.id,
+            topology=MESH if template.surface is None else template.surface.name,
+            n_vertices=template.n_vertices,
+            n_faces=len(template.faces),
+            lengths=list(template.lengths),
+            landmarks=(
+                None if template.landmarks is None else LandmarksAnswer.of(template.landmarks)
+            ),
+            notes=list(template.notes),
+            links={"self": f"/v1/templates/{template.id}"},
+        )
+
+
+class TemplatePageAnswer(Paged):
+    """A page of the list of templates."""
+
+    templates: list[str] = Field(description="Their ids, sorted.")
+
+
+class ModesAnswer(BaseModel):
+    """Vibration modes of a template's surface."""
+
+    template_id: str
+    topology: str = Field(description='Or "mesh" for the spring modes of this mesh alone.')
+    modes: list[Label]
+    angular_frequencies: list[float]
+    frequency_unit: str
+    shapes: list[list[float]] | None = Field(
+        description="Of each vertex its value in each mode, mean square 1 over the surface."
+    )
+    notes: list[str]
+
+    @staticmethod
+    def of(template: Template, modes: VibrationModes, with_shapes: bool) -> ModesAnswer:
+        """Write modes out."""
+        return ModesAnswer(
+            template_id=template.id,
+            topology=modes.surface,
+            modes=[Label.of(label) for label in modes.labels],
+            angular_frequencies=modes.angular_frequencies.tolist(),
+            frequency_unit=modes.frequency_unit,
+            shapes=modes.shapes.tolist() if with_shapes else None,
+            notes=list(modes.notes),
         )

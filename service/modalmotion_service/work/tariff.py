@@ -20,8 +20,9 @@ from modalmotion.tradeoff.predicted_time import (
     spring_seconds,
 )
 from modalmotion_service.http.negotiation import PNG
-from modalmotion_service.schemas import EncodingTarget, ModesQuery
+from modalmotion_service.schemas.requests import EncodingTarget, ModesRequest
 from modalmotion_service.work.engine import Terms
+from modalmotion_service.work.fitted import Fitted
 from modalmotion_service.work.tasks import (
     batches,
     classification,
@@ -111,9 +112,10 @@ def _bytes(args: Iterable[Any]) -> int:
     for one in args:
         if isinstance(one, Upload):
             size += one.n_bytes
-        elif isinstance(one, Path):
-            with contextlib.suppress(OSError):
-                size += one.stat().st_size
+        for file in one.files if isinstance(one, Fitted) else (one,):
+            if isinstance(file, Path):
+                with contextlib.suppress(OSError):
+                    size += file.stat().st_size
     return size
 
 
@@ -123,7 +125,7 @@ def _modes_of(args: Iterable[Any]) -> int:
     for one in args:
         if isinstance(one, SignatureParameters):
             modes = max(modes, most_modes(one))
-        elif isinstance(one, ModesQuery):
+        elif isinstance(one, ModesRequest):
             modes = max(modes, one.modes)
     return modes
 
@@ -162,7 +164,7 @@ def _encoding(args: Sequence[Any]) -> float:
 
 
 def _read_out(args: Sequence[Any]) -> float:
-    picture = _PICTURE if args[3] == PNG else 0.0
+    picture = _PICTURE if PNG in args else 0.0
     return picture + _reading(args) + _READ_OUT * _bytes(args)
 
 
@@ -171,14 +173,14 @@ def _shown(args: Sequence[Any]) -> float:
 
 
 def _superposed(args: Sequence[Any]) -> float:
-    times = args[4]
+    times = args[2]
     share = 1.0 if times is None else max(1.0, len(times) / _SURFACES_OF_SEQUENCE)
-    text = _PICTURE if args[3] == SurfaceFormat.PLY else 0.0
+    text = _PICTURE if args[1] == SurfaceFormat.PLY else 0.0
     return text + _reading(args) + share * _SURFACE * _bytes(args)
 
 
 def _modes(args: Sequence[Any]) -> float:
-    query = next(one for one in args if isinstance(one, ModesQuery))
+    query = next(one for one in args if isinstance(one, ModesRequest))
     picture = _PICTURE if PNG in args else 0.0
     return picture + _reading(args) + _MODE * query.modes * _bytes(args)
 
@@ -193,12 +195,12 @@ def _packing(args: Sequence[Any]) -> float:
 
 def _tabulating(args: Sequence[Any]) -> float:
     signed, _records, kept, *_ = args
-    read = sum(_read_out((v, s, None, None)) for s, v in zip(signed, kept, strict=True) if v)
+    read = sum(_read_out((v, s)) for s, v in zip(signed, kept, strict=True) if v)
     return _packing(args) + read
 
 
 def _recording(one: KeptRecording) -> float:
-    return _PACKED + _read_out((one.vertices, one.signature, None, None))
+    return _PACKED + _read_out((one.vertices, one.signature))
 
 
 def _tracking(args: Sequence[Any]) -> float:
@@ -216,10 +218,8 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     sequences.sample: _reading,
     signatures.sign: _signature,
     signatures.sign_upload: _signature,
-    signatures.signature_as_json: _reading,
-    signatures.signature_with_facts: _reading,
-    signatures.signature_as: _reading,
-    signatures.draw_signature: _picture,
+    signatures.render: _reading,
+    signatures.signature_as: lambda args: (_PICTURE if PNG in args else 0.0) + _reading(args),
     signatures.compare_signatures: _reading,
     signatures.pack_npz: _packing,
     signatures.pack_hdf5: _packing,
@@ -246,7 +246,7 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     derived.measure_trade: _trade,
     derived.superpose: _superposed,
     reports.make_report: lambda args: _PICTURE + _read_out(args),
-    reports.make_dicom: lambda args: _DICOM + _read_out((*args[:3], None)),
+    reports.make_dicom: lambda args: _DICOM + _read_out(args[:1]),
     views.make_view: _shown,
     views.make_frames: _shown,
     images.ingest_images: lambda args: _TRACK + _IMAGES * _bytes(args),

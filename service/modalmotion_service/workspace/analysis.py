@@ -1,190 +1,210 @@
-"""Results that derive from signatures, and streams: computed by a worker, to files or bytes."""
+"""Signatures of one owner: read from the store, or made by a worker and stored or not."""
 
 from __future__ import annotations
 
 import asyncio
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
-from modalmotion.exports.surfaces import SurfaceFormat
-from modalmotion.formats import ReadLimits
+from pydantic_core import from_json
+
+from modalmotion.choice.parameters import parameters_from_json
+from modalmotion.errors import LostFileError, NotFoundError, ParameterError
+from modalmotion.facts import Facts, facts_as_json
+from modalmotion.modes.topology import SPHERE
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import StageReport
-from modalmotion.template.body_frame import Components
+from modalmotion.store import SequenceRecord
+from modalmotion_service.errors import ConflictError
 from modalmotion_service.http.timing import add_milliseconds, stage
-from modalmotion_service.schemas import EncodedAnswer, EncodingTarget
-from modalmotion_service.work.tasks import codec, derived, reports, views
+from modalmotion_service.work.fitted import Fitted
+from modalmotion_service.work.tasks import signatures
 from modalmotion_service.work.upload import Upload
+from modalmotion_service.workspace.owner_work import OwnerWork
 from modalmotion_service.workspace.shared_work import unheard
-from modalmotion_service.workspace.signature_work import SignatureWork
-from modalmotion_service.workspace.template_work import TemplateWork
-from modalmotion_service.workspace.upload_work import UploadWork
+from modalmotion_service.workspace.spool import remove_with_beside
+
+USUAL: Final = SignatureParameters()
+"""Parameters of the signature that a sequence has unasked."""
 
 
-class Analysis(UploadWork, TemplateWork, SignatureWork):
-    """Computes each result once, however many requests want it at the same time."""
+class Analysis(OwnerWork):
+    """Makes each signature once, however many requests want it at the same time."""
 
-    async def readouts(
-        self, sequence_id: str, parameters: SignatureParameters, media_type: str
-    ) -> bytes:
-        """Read volume and ejection fraction from a signature, as JSON, PNG or a table."""
-        sequence, signature = await self._with_sequence(sequence_id, parameters)
-        template = self.template_path(parameters)
-        facts = self._store.sequence_record(sequence_id).facts
-        track = await asyncio.to_thread(self._track_path, sequence_id)
-        with stage("readouts"):
-            return await self.work(
-                derived.read_out, sequence, signature, template, media_type, facts, track
-            )
+    def resolved(
+        self, sequence_id: str, parameters: SignatureParameters
+    ) -> tuple[SignatureParameters, Facts]:
+        """Complete parameters by the facts that a fit reads; gives the sequence's facts too.
 
-    async def reconstruction(
-        self,
-        sequence_id: str,
-        parameters: SignatureParameters,
-        surface_format: SurfaceFormat,
-        times: list[float] | None,
-        phases: list[float] | int | None,
-        max_targets: int | None,
-    ) -> Path:
-        """Superpose a signature's surfaces into a file, which the caller removes."""
-        sequence, signature = await self._with_sequence(sequence_id, parameters)
-        with self.output() as output, stage("superpose"):
-            await self.work(
-                derived.superpose,
-                sequence,
-                signature,
-                self.template_path(parameters),
-                surface_format,
-                times,
-                phases,
-                max_targets,
-                output,
-            )
-        return output
-
-    async def report(
-        self,
-        sequence_id: str,
-        parameters: SignatureParameters,
-        classification: Path | None,
-        media_type: str,
-    ) -> bytes:
-        """Report on a sequence, as FHIR, PDF or a table."""
-        sequence, signature = await self._with_sequence(sequence_id, parameters)
-        template = self.template_path(parameters)
+        Raises
+        ------
+        NotFoundError
+            If there is no such sequence.
+        """
         record = self._store.sequence_record(sequence_id)
-        track = await asyncio.to_thread(self._track_path, sequence_id)
-        with stage("report"):
-            return await self.work(
-                reports.make_report,
-                sequence,
-                signature,
-                template,
-                media_type,
-                record.facts,
-                classification,
-                record.created,
-                track,
-                record.name or record.subject or "",
-            )
+        parameters = parameters.with_facts(record.facts, record.topology, record.grid)
+        return parameters, record.facts
 
-    async def dicom(
+    async def signature(
+        self, sequence_id: str, parameters: SignatureParameters, report: StageReport = unheard
+    ) -> Path:
+        """Give the file of a signature, made if it is missing or damaged.
+
+        The landmarks are those that the facts of the sequence state now.
+        """
+        parameters, _ = self.resolved(sequence_id, parameters)
+
+        async def make(tell: StageReport) -> Path:
+            with self.image() as image, stage("worker"):
+                await self._sign(sequence_id, parameters, image, tell)
+                with stage("store"):
+                    return await asyncio.to_thread(
+                        self._store.put_signature_image, image, sequence_id, parameters.key
+                    )
+
+        path = await asyncio.to_thread(
+            self._store.sound_signature_path, sequence_id, parameters.key
+        )
+        if path is not None:
+            return path
+        return await self._shared_work.join((sequence_id, parameters.key), make, report)
+
+    @asynccontextmanager
+    async def fitted(
         self,
         sequence_id: str,
-        parameters: SignatureParameters,
-        classification: Path | None,
-        instance: Path,
-        limits: ReadLimits,
-    ) -> Path:
-        """Write DICOM objects of an instance's study into a file, which the caller removes."""
-        sequence, signature = await self._with_sequence(sequence_id, parameters)
-        template = self.template_path(parameters)
-        record = self._store.sequence_record(sequence_id)
-        track = await asyncio.to_thread(self._track_path, sequence_id)
-        with self.output() as output, stage("report"):
-            await self.work(
-                reports.make_dicom,
-                *(sequence, signature, template, instance, limits),
-                *(record.facts, classification, record.created, track, output),
-            )
-        return output
-
-    async def view(
-        self, sequence_id: str, parameters: SignatureParameters, *, as_page: bool
-    ) -> Path:
-        """Write what a page shows of a sequence into a file, which the caller removes."""
-        sequence, signature = await self._with_sequence(sequence_id, parameters)
-        template = self.template_path(parameters)
-        record = self._store.sequence_record(sequence_id)
-        title = record.name or record.subject or ""
-        with self.output() as output, stage("view"):
-            how = as_page, await asyncio.to_thread(self._track_path, sequence_id)
-            await self.work(
-                views.make_view, sequence, signature, template, record.facts, *how, title, output
-            )
-        return output
-
-    async def view_frames(
-        self, sequence_id: str, parameters: SignatureParameters, first: int, stop: int | None
-    ) -> Path:
-        """Write frames as they were sent into a file, which the caller removes."""
-        sequence, signature = await self._with_sequence(sequence_id, parameters)
-        template = self.template_path(parameters)
-        with self.output() as output, stage("view"):
-            await self.work(views.make_frames, sequence, signature, template, first, stop, output)
-        return output
-
-    async def tradeoff(
-        self,
-        sequence_id: str,
-        parameters: SignatureParameters,
-        front_modes: int,
-        components: Components | None,
-        media_type: str,
+        key: str | None,
         report: StageReport = unheard,
-    ) -> Path:
-        """Measure a trade into a file, which the caller removes."""
+        usual: SignatureParameters = USUAL,
+    ) -> AsyncIterator[Fitted]:
+        """Give a stored signature; without a key the usual one, for a while if it is not stored.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such sequence, or no such signature of it.
+        LostFileError
+            If its file is gone or damaged.
+        """
         sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
-        with self.output() as output, stage("worker"):
-            spent = await self.followed(
-                report,
-                derived.measure_trade,
-                sequence,
-                parameters,
-                front_modes,
-                components,
-                self.template_path(parameters),
-                media_type,
-                output,
-                self._store.sequence_record(sequence_id).facts,
+        if key is None:
+            parameters, _ = self.resolved(sequence_id, usual)
+        else:
+            parameters = await self.parameters_of(sequence_id, key)
+        path = await asyncio.to_thread(
+            self._store.sound_signature_path, sequence_id, parameters.key
+        )
+        kept, template = path, self.template_path(parameters)
+        record, track = self._store.sequence_record(sequence_id), self.track_path(sequence_id)
+        with self.output() as passing:
+            if path is None:
+                if key is not None:
+                    raise _lost(sequence_id)
+                await self._sign(sequence_id, parameters, path := passing, report)
+            try:
+                yield Fitted(path, sequence, template, track, record)
+            finally:
+                if kept is None:
+                    remove_with_beside(passing)
+
+    async def parameters_of(self, sequence_id: str, key: str) -> SignatureParameters:
+        """Give the parameters of a stored signature."""
+        text = await self.rendered(sequence_id, key)
+        return parameters_from_json(from_json(text)["parameters"])
+
+    async def rendered(self, sequence_id: str, key: str) -> bytes:
+        """Give a stored signature as the service's JSON, but for the facts of its sequence."""
+        text = await asyncio.to_thread(self._store.rendered_signature, sequence_id, key)
+        if text is not None:
+            return text
+        path = await asyncio.to_thread(self._store.sound_signature_path, sequence_id, key)
+        if path is None:
+            raise _lost(sequence_id)
+        file = path.relative_to(self._store.root).as_posix()
+        with stage("render"):
+            text = await self.work(signatures.render, path, f"{sequence_id}-{key}", file)
+        await asyncio.to_thread(self._store.keep_rendered, sequence_id, key, text)
+        return text
+
+    async def fit_upload(
+        self, upload: Upload, parameters: SignatureParameters, media_type: str
+    ) -> tuple[bytes, dict[str, float]]:
+        """Fit an upload and write its signature out; gives milliseconds by stage besides."""
+        template = self.template_path(parameters)
+        return await self.work(signatures.sign_upload, upload, parameters, template, media_type)
+
+    async def of_one_kind(
+        self, sequence_ids: list[str], parameters: SignatureParameters, paths: list[Path]
+    ) -> list[Path]:
+        """Take spring modes of all closed surfaces of a mesh of which some have them by shape."""
+        if parameters.fixes_kind:
+            return paths
+        kinds = await self.work(signatures.kinds_of, paths)
+        meshes = {mesh for _, mesh in kinds if mesh}
+        springs, chosen = replace(parameters, closed_form=False), []
+        for sequence_id, path, (surface, _) in zip(sequence_ids, paths, kinds, strict=True):
+            chosen.append(path)
+            is_stated = self._store.sequence_record(sequence_id).topology is not None
+            if meshes and surface == SPHERE.name and not is_stated:
+                other = await self.signature(sequence_id, springs)
+                ((_, mesh),) = await self.work(signatures.kinds_of, [other])
+                chosen[-1] = other if mesh in meshes else path
+        return chosen
+
+    def completed(
+        self, sequence_id: str, subject: str | None, label: str | None, facts: Facts, offered: Facts
+    ) -> tuple[SequenceRecord, tuple[str, ...]]:
+        """Fill in what is not known of a stored sequence; gives the names of that too.
+
+        Raises
+        ------
+        ConflictError
+            If something is known to be otherwise.
+        """
+        try:
+            return self._store.complete_sequence(
+                sequence_id, subject=subject, label=label, facts=facts, offered=offered
             )
-            add_milliseconds(spent)
-        return output
+        except ParameterError as error:
+            if "differ" not in error.details:
+                raise
+            raise ConflictError(
+                error.message,
+                remedy=f"Change it with PATCH /v1/sequences/{sequence_id}, or leave it out.",
+                details={**error.details, "sequence_id": sequence_id},
+            ) from error
 
-    async def encoded(
-        self,
-        source: Upload | str,
-        target: EncodingTarget,
-        report: StageReport = unheard,
-    ) -> tuple[Path, EncodedAnswer]:
-        """Encode an upload, or a stored sequence by its id, to a file that the caller removes."""
-        with self.output() as output, stage("encode"):
-            if isinstance(source, str):
-                path = await asyncio.to_thread(self._store.sequence_path, source)
-                work = self.followed(report, codec.encode_kept, path, target, output)
-            else:
-                work = self.followed(report, codec.encode_upload, source, target, output)
-            return output, await work
+    def track_path(self, sequence_id: str) -> Path | None:
+        """File of the track that made a sequence; None of one that was sent."""
+        try:
+            return self._store.track_path(sequence_id)
+        except NotFoundError:
+            return None
 
-    async def decoded(
-        self,
-        stream: Path,
-        limits: ReadLimits,
-        frames: range | None,
-        vertices: range | None,
-        media_type: str,
-    ) -> Path:
-        """Decode a stream to a file that the caller removes."""
-        with self.output() as output, stage("decode"):
-            what = stream, limits, frames, vertices
-            await self.work(codec.decode_upload, *what, media_type, output)
-        return output
+    async def _sign(
+        self, sequence_id: str, parameters: SignatureParameters, image: Path, report: StageReport
+    ) -> None:
+        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        template = self.template_path(parameters)
+        track = await asyncio.to_thread(self.track_path, sequence_id)
+        add_milliseconds(
+            await self.followed(
+                *(report, signatures.sign, sequence, parameters, template, track, image)
+            )
+        )
+
+
+def with_facts(text: bytes, facts: Facts) -> bytes:
+    """Add facts to a signature that was rendered without."""
+    return text[:-1] + b',"facts":' + json.dumps(facts_as_json(facts)).encode() + b"}"
+
+
+def _lost(sequence_id: str) -> LostFileError:
+    return LostFileError(
+        f"The file of this signature of sequence {sequence_id[:12]} is lost or damaged.",
+        remedy="POST its parameters again, or restore a backup.",
+    )

@@ -18,18 +18,14 @@ from modalmotion_service.errors import ClusterError
 from modalmotion_service.http.negotiation import HDF5, JSON, NDJSON, ZIP
 from modalmotion_service.http.problems import internal_problem, problem_body
 from modalmotion_service.http.timing import stage
-from modalmotion_service.schemas import ClassificationAnswer, UploadClassificationAnswer
-from modalmotion_service.schemas.request_queries import ClassifyQuery, TemplateQuery
-from modalmotion_service.settings import Settings
+from modalmotion_service.schemas.results import ClassificationAnswer, UploadClassificationAnswer
 from modalmotion_service.work.tasks import batches
 from modalmotion_service.work.tasks.batches import RESULTS
 from modalmotion_service.work.upload import Part, Upload
-from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.model_versions import ChosenModel
-from modalmotion_service.workspace.models import Models
-from modalmotion_service.workspace.replies import Reply
-from modalmotion_service.workspace.spool import Spool, SpoolFile, remove_with_beside
+from modalmotion_service.workspace.operation import Outcome, Request
+from modalmotion_service.workspace.spool import SpoolFile, remove_with_beside
+from modalmotion_service.workspace.state import State
 
 logger = logging.getLogger(__name__)
 
@@ -51,28 +47,15 @@ class Batches:
 
     Parameters
     ----------
-    settings : Settings
-    analysis : Analysis
-    models : Models
-    spool : Spool
+    state : State
     """
 
-    def __init__(
-        self, settings: Settings, analysis: Analysis, models: Models, spool: Spool
-    ) -> None:
-        self._settings = settings
-        self._analysis = analysis
-        self._models = models
-        self._spool = spool
+    def __init__(self, state: State) -> None:
+        self._state = state
+        self._analysis = state.analysis
+        self._spool = state.spool
 
-    async def signatures(
-        self,
-        path: Path,
-        parts: tuple[Part, ...],
-        query: TemplateQuery,
-        media_type: str,
-        report: Report,
-    ) -> Reply:
+    async def signatures(self, request: Request, report: Report) -> Outcome:
         """Fit a signature to each of many files.
 
         Raises
@@ -80,55 +63,51 @@ class Batches:
         NotFoundError
             If there is no template of that id.
         """
-        parameters = query.parameters()
+        parameters, media_type = request.query.parameters(), request.media_type
         self._analysis.template_path(parameters)
         one_type = JSON if media_type in (JSON, NDJSON) else HDF5
 
         async def fit(part: Part) -> bytes:
-            upload = self._upload(path, part, query)
-            body, _ = await self._analysis.fit_upload(upload, parameters, one_type)
+            body, _ = await self._analysis.fit_upload(
+                self._upload(request, part), parameters, one_type
+            )
             return body
 
-        outcomes = self._each(parts, fit, report)
+        outcomes = self._each(request.parts, fit, report)
         if media_type in (JSON, NDJSON):
             return await self._listed(outcomes, "signature", media_type)
         archive, n_failed = await self._archived(outcomes)
         headers = {FAILED: str(n_failed)}
         if media_type == ZIP:
-            return Reply(archive, ZIP, headers)
+            return Outcome(archive, ZIP, headers=headers)
         task = batches.pack_archive if media_type == HDF5 else batches.tabulate_archive
         output = self._spool.new_path()
         try:
-            await self._analysis.work(task, archive, parts, output)
+            await self._analysis.work(task, archive, request.parts, output)
         except BaseException:
             remove_with_beside(output)
             raise
         finally:
             SpoolFile(archive).remove()
-        return Reply(output, media_type, headers)
+        return Outcome(output, media_type, headers=headers)
 
-    async def classifications(
-        self,
-        path: Path,
-        parts: tuple[Part, ...],
-        query: ClassifyQuery,
-        model: ChosenModel,
-        media_type: str,
-        report: Report,
-    ) -> Reply:
+    async def classifications(self, request: Request, report: Report) -> Outcome:
         """Classify the motion in each of many files with a model."""
+        query, models = request.query, self._state.models
+        model = await asyncio.to_thread(models.choose, query.model)
 
         async def name(part: Part) -> bytes:
-            upload = self._upload(path, part, query)
-            result, reading = await self._models.classify(upload, model, query.coverage)
+            upload = self._upload(request, part)
+            result, reading = await models.classify(upload, model, query.coverage)
             named = ClassificationAnswer.of(result, model.version, None).model_dump()
             return UploadClassificationAnswer(**named, reading=reading).model_dump_json().encode()
 
-        outcomes = self._each(parts, name, report)
-        return await self._listed(outcomes, "classification", media_type)
+        outcomes = self._each(request.parts, name, report)
+        return await self._listed(outcomes, "classification", request.media_type)
 
-    def _upload(self, path: Path, part: Part, query: TemplateQuery | ClassifyQuery) -> Upload:
-        return Upload(path, query.options(self._settings.read_limits, part.facts), part)
+    def _upload(self, request: Request, part: Part) -> Upload:
+        options = request.query.options(self._state.settings.read_limits, part.facts)
+        return Upload(self._spool.at(request.file or ""), options, part)
 
     async def _each(
         self, parts: tuple[Part, ...], work: Callable[[Part], Awaitable[bytes]], report: Report
@@ -166,7 +145,7 @@ class Batches:
 
     async def _listed(
         self, outcomes: AsyncIterator[_Outcome], member: str, media_type: str
-    ) -> Reply:
+    ) -> Outcome:
         """Write results as the members of a list, or a line each."""
         output, n_failed = self._spool.new_path(), 0
         is_list = media_type == JSON
@@ -184,7 +163,7 @@ class Batches:
             if isinstance(error, OSError):
                 raise cannot_write(output, error) from error
             raise
-        return Reply(output, media_type, {FAILED: str(n_failed)})
+        return Outcome(output, media_type, headers={FAILED: str(n_failed)})
 
     async def _archived(self, outcomes: AsyncIterator[_Outcome]) -> tuple[Path, int]:
         """Write signatures as files of an archive; gives the number of problems besides."""

@@ -52,7 +52,7 @@ async def erase_images(state: State, images_id: str) -> None:
 
 async def _forget(state: State, sequence_id: str) -> None:
     # A track has the id of its sequence.
-    for kind in ("sequences", "tracks"):
+    for kind in ("sequences", "tracks", "signatures"):
         await _forget_at(state, sequence_id, f"/v1/{kind}/{sequence_id}")
 
 

@@ -159,8 +159,8 @@ class IdempotencyKeys:
         """
         location = "json_extract(response, '$.headers.location')"
         self.settle()
-        # Below a place lies what comes between "/" and the character after it.
-        below = (f"{place}/", f"{place}0")
+        # Below a place lies what comes between "-" or "/" and the character after them.
+        below = (f"{place}-", f"{place}0")
         with self._database.write(erases=True) as connection:
             return connection.execute(
                 f"UPDATE idempotency SET status = ?, response = ? "  # noqa: S608 (of constants)

@@ -21,7 +21,7 @@ from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
 from modalmotion.store.disk.atomic import cannot_write, is_of_the_machine
 from modalmotion_service.errors import BusyError, ConflictError, WorkerDiedError
 from modalmotion_service.http.problems import internal_problem, problem_body
-from modalmotion_service.schemas import JobState
+from modalmotion_service.schemas.general import JobState
 from modalmotion_service.workspace.jobs import Job, Jobs
 from modalmotion_service.workspace.perseverance import passes, waits
 
@@ -83,7 +83,7 @@ class JobRunner:
         self._clean_up = clean_up
         self._places = asyncio.Semaphore(n_at_once)
         self._apart = {kind: asyncio.Semaphore(n) for kind, n in (apart or {}).items()}
-        self._settle = settle or {}
+        self._settle = {} if settle is None else settle
         self._texts: dict[str, str] = {}
         self._most = most_unfinished
         self._require_store = require_store

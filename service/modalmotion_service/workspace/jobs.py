@@ -11,7 +11,7 @@ from typing import Any, Final
 from modalmotion.errors import NotFoundError
 from modalmotion.store.index.cursor import from_cursor, now, require_limit, to_cursor
 from modalmotion.store.index.database import Database
-from modalmotion_service.schemas import JobState
+from modalmotion_service.schemas.general import JobState
 
 
 def _one_more(row: str) -> str:

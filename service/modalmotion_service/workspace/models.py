@@ -16,7 +16,8 @@ from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import StageReport
 from modalmotion.store import KeptModel, ResultStore, classification_key, parse_reference
 from modalmotion_service.http.timing import stage
-from modalmotion_service.schemas import ClassificationRequest, ReadingAnswer
+from modalmotion_service.schemas.requests import ClassificationRequest
+from modalmotion_service.schemas.sequences import ReadingAnswer
 from modalmotion_service.work.tasks import classification
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis

@@ -8,6 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final
 
+from pydantic_core import from_json
+
 from modalmotion.classification import TrainingOptions
 from modalmotion.classification.cases import case_name, named
 from modalmotion.errors import (
@@ -24,6 +26,7 @@ from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import StageReport
 from modalmotion.store import ResultStore
 from modalmotion_service.errors import ConflictError
+from modalmotion_service.schemas.models import CohortDeviationAnswer
 from modalmotion_service.work.tasks import norms
 from modalmotion_service.work.tasks.norms import KeptRecording
 from modalmotion_service.workspace.analysis import Analysis
@@ -32,6 +35,9 @@ from modalmotion_service.workspace.training_set import Case
 
 # Part of making a norm that fitting the signatures is counted as.
 _FITTING: Final = 0.8
+
+LEAST_TOGETHER: Final = 5
+"""Recordings that are compared as a cohort."""
 
 
 class Norms:
@@ -116,7 +122,36 @@ class Norms:
                 error.message, remedy=error.remedy, details=error.details
             ) from error
 
-    async def deviation(self, sequence_id: str, name: str, level: float) -> bytes:
+    async def ask(
+        self, cases: Sequence[Case], name: str, level: float, report: StageReport = unheard
+    ) -> bytes:
+        """Compare stored sequences with a norm, each, and from five on together; gives JSON.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such norm or sequence.
+        ModalMotionError
+            If one does not compare.
+        """
+        if len(cases) >= LEAST_TOGETHER:
+            return await self.together(cases, name, level, report)
+        norm = await asyncio.to_thread(self._store.norm, name)
+        alone = [from_json(await self.deviation(case, name, level)) for case in cases]
+        answer = CohortDeviationAnswer(
+            norm=norm.name,
+            norm_id=norm.id,
+            n_controls=norm.as_json()["n_controls"],
+            n_recordings=len(cases),
+            level=level,
+            p=None,
+            is_another=None,
+            warning=None,
+            deviations=alone,
+        )
+        return answer.model_dump_json().encode()
+
+    async def deviation(self, case: Case, name: str, level: float) -> bytes:
         """Compare a stored sequence with a norm; gives JSON.
 
         Raises
@@ -128,20 +163,19 @@ class Norms:
         """
         norm = await asyncio.to_thread(self._store.norm, name)
         path = self._store.norm_path(name)
-        record = self._store.sequence_record(sequence_id)
-        case = Case(sequence_id, "", record.subject, record.facts.covariates)
+        facts, topology = self._facts(case), self._store.sequence_record(case.id).topology
         parameters: SignatureParameters = norm.readable.parameters
-        recording = await self._fitted(case, record.facts, parameters, unheard)
+        recording = await self._fitted(case, facts, parameters, unheard)
 
         async def compared(stated: str | None) -> tuple[bytes, str | None]:
             return await self._analysis.work(norms.ask_norm, recording, path, level, stated)
 
-        answer, imposed = await compared(record.topology)
+        answer, imposed = await compared(topology)
         if imposed is not None:
             # As `fitted_in` does it where a sequence is at hand.
             with contextlib.suppress(TopologyError):
                 wanted = replace(parameters, topology=imposed)
-                recording = await self._fitted(case, record.facts, wanted, unheard)
+                recording = await self._fitted(case, facts, wanted, unheard)
             answer, _ = await compared(imposed)
         return answer
 

@@ -10,8 +10,9 @@ import asyncio
 import logging
 import shutil
 from datetime import timedelta
+from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from modalmotion.errors import ModalMotionError
 from modalmotion.store import ResultStore, backup_time
@@ -20,17 +21,18 @@ from modalmotion_service.settings import Settings
 from modalmotion_service.work.engine import Engine
 from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.evaluations import Evaluations
+from modalmotion_service.workspace.disk import require_room
 from modalmotion_service.workspace.idempotency import IdempotencyKeys
 from modalmotion_service.workspace.images import Images
-from modalmotion_service.workspace.job_kinds import make_runner
+from modalmotion_service.workspace.job_runner import Handler, JobRunner, Settle
 from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.norms import Norms
+from modalmotion_service.workspace.operation import Operation, Performance, Request, settled
 from modalmotion_service.workspace.perseverance import for_ever
 from modalmotion_service.workspace.quota import Quota
 from modalmotion_service.workspace.read_only import lay_out
-from modalmotion_service.workspace.reply_kinds import make_replies
+from modalmotion_service.workspace.registry import OPERATIONS
 from modalmotion_service.workspace.retention import Retention
 from modalmotion_service.workspace.spool import Spool
 from modalmotion_service.workspace.state import State
@@ -55,6 +57,20 @@ def folder_of(data_dir: Path, owner: str) -> Path:
     """
     require_owner(owner)
     return data_dir if owner == LOCAL else data_dir / FOLDER / owner
+
+
+def trainings_at_once(settings: Settings) -> int:
+    """Give how many models train at a time; each may take all of a processor for long."""
+    return max(1, settings.workers // 2)
+
+
+def _remove_file(spool: Spool, request: Any) -> None:
+    if "file" in request:
+        spool.remove(request["file"])
+
+
+async def _settled(state: State, what: Operation, request: Any, result: Any) -> None:
+    await settled(state, what, Request.from_json(request, what.query), result["link"])
 
 
 class Owners:
@@ -192,18 +208,30 @@ class Owners:
                 settings.scheduler,
                 settings.workers,
             )
-            replies = make_replies(
-                *(settings, spool, analysis, models, images, tracks, norms),
-                Evaluations(store, analysis, models),
-            )
-            runner = make_runner(
-                *(settings, jobs, spool, analysis, models, images, tracks, norms),
-                *(trainer, replies),
+            performance = Performance(spool)
+            handlers: dict[str, Handler] = {}
+            settles: dict[str, Settle] = {}
+            runner = JobRunner(
+                *(jobs, handlers, dict.fromkeys(OPERATIONS, partial(_remove_file, spool))),
+                n_at_once=2 * self._engine.n_workers,
+                most_unfinished=settings.max_unfinished_jobs,
+                apart={
+                    name: trainings_at_once(settings)
+                    for name, what in OPERATIONS.items()
+                    if what.is_apart
+                },
+                settle=settles,
+                require_store=lambda: require_room(spool.folder),
+                retry_seconds=3600.0 * settings.retry_hours,
             )
             state = State(
                 *(settings, store, spool, analysis, models, images, tracks, norms),
-                *(jobs, runner, replies, keys),
+                *(jobs, runner, trainer, performance, keys),
             )
+            for name, what in OPERATIONS.items():
+                handlers[name] = partial(performance.as_job, state, what)
+                if what.settle is not None:
+                    settles[name] = partial(_settled, state, what)
             await runner.resume()
         except BaseException:
             await asyncio.to_thread(store.close)

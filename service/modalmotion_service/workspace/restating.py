@@ -10,13 +10,13 @@ from typing import Any
 from modalmotion.errors import NotFoundError
 from modalmotion.facts import Facts
 from modalmotion_service.http.timing import stage
-from modalmotion_service.schemas.sequences import SequenceNames
+from modalmotion_service.schemas.requests import SequenceChange
 from modalmotion_service.work.tasks.sequences import restated
 from modalmotion_service.workspace.state import State
 
 
 async def restate(
-    state: State, sequence_id: str, stated: SequenceNames, change: Callable[[Facts], Facts]
+    state: State, sequence_id: str, stated: SequenceChange, change: Callable[[Facts], Facts]
 ) -> str:
     """Store a sequence again with what is stated, its track with it; give the id of that.
 
@@ -27,7 +27,7 @@ async def restate(
     ----------
     state : State
     sequence_id : str
-    stated : SequenceNames
+    stated : SequenceChange
         Unit and times that it does not state stay.
     change : callable
         What becomes of its facts.

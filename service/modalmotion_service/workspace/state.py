@@ -13,9 +13,10 @@ from modalmotion_service.workspace.job_runner import JobRunner
 from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.norms import Norms
-from modalmotion_service.workspace.replies import Replies
+from modalmotion_service.workspace.operation import Performance
 from modalmotion_service.workspace.spool import Spool
 from modalmotion_service.workspace.tracks import Tracks
+from modalmotion_service.workspace.training import Trainer
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,8 @@ class State:
     norms : Norms
     jobs : Jobs
     runner : JobRunner
-    replies : Replies
+    trainer : Trainer
+    performance : Performance
     idempotency : IdempotencyKeys
     """
 
@@ -48,5 +50,6 @@ class State:
     norms: Norms
     jobs: Jobs
     runner: JobRunner
-    replies: Replies
+    trainer: Trainer
+    performance: Performance
     idempotency: IdempotencyKeys

@@ -10,7 +10,8 @@ from modalmotion.stopwatch import StageReport
 from modalmotion.store import ResultStore, SequenceRecord
 from modalmotion.tracking.parameters import TrackParameters
 from modalmotion_service.http.timing import add_milliseconds, stage
-from modalmotion_service.schemas.tracks import TrackAnswer, TrackEstimate, TrackViewQuery
+from modalmotion_service.schemas.requests import TrackView
+from modalmotion_service.schemas.tracks import TrackAnswer, TrackEstimate
 from modalmotion_service.work.tasks import tracks
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
@@ -155,7 +156,7 @@ class Tracks:
         path = await asyncio.to_thread(self._store.track_path, track_id)
         return await self._analysis.work(tracks.show_data, path)
 
-    async def draw(self, track_id: str, query: TrackViewQuery) -> bytes:
+    async def draw(self, track_id: str, query: TrackView) -> bytes:
         """Draw a stored track, as PNG."""
         path = await asyncio.to_thread(self._store.track_path, track_id)
         with stage("draw"):

@@ -14,7 +14,7 @@ from modalmotion.facts import Facts
 from modalmotion.store import ResultStore
 from modalmotion.store.disk.atomic import cannot_write
 from modalmotion.store.record import require_name
-from modalmotion_service.schemas import LabelledSequence
+from modalmotion_service.schemas.requests import LabelledSequence
 from modalmotion_service.workspace.spool import SpoolFile
 
 # Of each class: one to learn from and one to test on.

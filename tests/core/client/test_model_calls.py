@@ -13,8 +13,7 @@ from training_cohort import cohort
 
 import modalmotion as mm
 from modalmotion.classification import classify, load_model
-from modalmotion.client import BrokenAnswerError, Client, RemoteError
-from modalmotion.client.readouts import readouts_of
+from modalmotion.client import Client, RemoteError
 from modalmotion.clinical import clinical_readouts
 from modalmotion.formats import read_npz
 
@@ -52,7 +51,7 @@ def test_the_features_of_sequences_are_the_librarys_own(remote: Client, tmp_path
     assert np.array_equal(table.values, own.values)
     assert (table.columns, table.labels) == (own.columns, own.labels)
     ids = [info.id for info in infos]
-    remote.save_features(ids, tmp_path / "features.csv")
+    remote.save("features", tmp_path / "features.csv", sequences=ids)
     assert (tmp_path / "features.csv").read_text() == remote.features(ids).as_csv()
     for one in ids:
         remote.delete(one)
@@ -68,17 +67,17 @@ def test_a_model_is_trained_asked_saved_and_deleted(remote: Client, tmp_path: Pa
     assert shares == sorted(shares)
     renamed = [{"id": one, "label": f"{sent[k].label}!"} for k, one in enumerate(ids)]
     second = remote.start_training("walls", renamed, **quick).wait()
-    assert second.versions == [1, 2]
+    assert second["versions"] == [1, 2]
     assert remote.model("walls") == second
-    assert remote.model("walls", 1).classes == sorted({one.label for one in sent})
-    assert remote.model("walls", 1).answer["card"]["options"]["modes"] == 7
+    assert remote.model("walls@1")["classes"] == sorted({one.label for one in sent})
+    assert remote.model("walls@1")["card"]["options"]["modes"] == 7
     assert {model.name for model in remote.models(page=1)} >= {"walls", "ventricle-simulated"}
 
-    remote.save_model("walls", tmp_path / "own.h5", version=1)
-    remote.save_model("walls", tmp_path / "card.png")
+    remote.save("model", tmp_path / "own.h5", "walls@1")
+    remote.save("model", tmp_path / "card.png", "walls")
     assert (tmp_path / "card.png").read_bytes().startswith(PNG)
     with pytest.raises(mm.ParameterError, match=r"\.h5"):
-        remote.save_model("walls", tmp_path / "own.xyz")
+        remote.save("model", tmp_path / "own.xyz", "walls")
     answer = remote.classify_of(sent[0].body, model="walls@1")
     own = classify(read_npz(sent[0].body).sequence, load_model(tmp_path / "own.h5"))
     assert (answer.label, answer.model_id) == (own.label, first.id)
@@ -86,19 +85,19 @@ def test_a_model_is_trained_asked_saved_and_deleted(remote: Client, tmp_path: Pa
     assert answer.probabilities == pytest.approx(stated, abs=1e-12)
     assert remote.classify(ids[0], model="walls@1").probabilities == answer.probabilities
 
-    result = remote.evaluate("walls", ids, version=1, coverage=0.8)
+    result = remote.evaluate("walls@1", ids, coverage=0.8)
     assert (result["n_cases"], result["version"], result["coverage"]) == (len(ids), 1, 0.8)
-    remote.save_evaluation("walls", renamed, tmp_path / "cases.csv")
+    remote.save("evaluation", tmp_path / "cases.csv", "walls", sequences=renamed)
     assert len((tmp_path / "cases.csv").read_text().splitlines()) == 1 + len(ids)
-    remote.save_model("walls", tmp_path / "held-out.csv", version=1)
+    remote.save("model", tmp_path / "held-out.csv", "walls@1")
     assert len((tmp_path / "held-out.csv").read_text().splitlines()) == 1 + len(ids)
-    same = remote.compare_models("walls@1", "walls@1", ids)
+    same = remote.evaluate("walls@1", ids, compare_with="walls@1")
     assert same["accuracy"]["difference"] == 0.0
 
-    remote.delete_model("walls", 1)
-    assert remote.model("walls").versions == [2]
+    remote.delete_model("walls@1")
+    assert remote.model("walls")["versions"] == [2]
     with pytest.raises(mm.NotFoundError):
-        remote.model("walls", 1)
+        remote.model("walls@1")
     with pytest.raises(RemoteError, match="shipped"):
         remote.train("ventricle-simulated", ids)
     with pytest.raises(RemoteError, match="chocolate"):
@@ -111,20 +110,15 @@ def test_volumes_are_the_librarys_own(remote: Client, kept: str, beat: bytes) ->
     own = clinical_readouts(signature, sequence)
     found = remote.readouts(kept, modes=18)
     assert found.volume_unit == "ml"
-    np.testing.assert_array_equal(found.volumes, own.curve.volumes * own.shown_in)
-    np.testing.assert_array_equal(found.bounds, own.curve.bounds * own.shown_in)
-    np.testing.assert_array_equal(found.mesh_volumes, own.mesh_curve.volumes * own.shown_in)
-    assert found.times is not None
+    ours = found.from_signature
+    np.testing.assert_array_equal(ours.volumes, own.curve.volumes * own.shown_in)
+    np.testing.assert_array_equal(ours.bounds, own.curve.bounds * own.shown_in)
+    np.testing.assert_array_equal(found.of_mesh.volumes, own.mesh_curve.volumes * own.shown_in)
     np.testing.assert_array_equal(found.times, sequence.times)
-    assert found.ejection_fraction == own.curve.ejection_fraction
-    assert found.share_range == own.curve.share_range
-    assert found.mesh_ejection_fraction == own.mesh_curve.ejection_fraction
-    assert found.notes == list(own.notes)
-    nameless = {**found.answer["from_signature"], "ejection_fraction": None}
-    without = readouts_of({**found.answer, "from_signature": nameless})
-    assert (without.ejection_fraction, without.volume_change, without.share_range) == (None,) * 3
-    with pytest.raises(BrokenAnswerError, match="not a description of volumes"):
-        readouts_of({**found.answer, "of_mesh": {"volumes": []}})
+    assert ours.ejection_fraction.value == own.curve.ejection_fraction
+    assert (ours.ejection_fraction.low, ours.ejection_fraction.high) == own.curve.share_range
+    assert found.of_mesh.ejection_fraction.value == own.mesh_curve.ejection_fraction
+    assert found["notes"] == list(own.notes)
 
 
 @pytest.mark.thorough
@@ -132,20 +126,21 @@ def test_the_trade_and_the_pictures(remote: Client, kept: str, tmp_path: Path) -
     trade = remote.tradeoff(kept, front_modes=12, modes=4)
     assert trade["sequence_id"] == kept
     pictures = {}
-    for name, save, options in (
-        ("signature", remote.save_signature_picture, {"modes": 4}),
-        ("more", remote.save_signature_picture, {"modes": 9}),
-        ("readouts", remote.save_readouts_picture, {"modes": 4}),
-        ("tradeoff", remote.save_tradeoff_picture, {"front_modes": 12}),
-    ):
-        save(kept, tmp_path / name, **options)
+    asked: dict[str, tuple[str, dict[str, Any]]] = {
+        "signature.png": ("signature", {"modes": 4}),
+        "more.png": ("signature", {"modes": 9}),
+        "readouts.png": ("readouts", {"modes": 4}),
+        "tradeoff.png": ("tradeoff", {"front_modes": 12}),
+    }
+    for name, (what, options) in asked.items():
+        remote.save(what, tmp_path / name, kept, **options)
         pictures[name] = (tmp_path / name).read_bytes()
         assert pictures[name].startswith(PNG)
     assert len(set(pictures.values())) == len(pictures)
     sheet = mm.mesh_sequence(np.random.default_rng(1).normal(size=(2, 64, 3)), grid=(8, 8))
     with pytest.raises(RemoteError):
-        remote.save_readouts_picture(remote.upload(sheet).id, tmp_path / "none")
-    assert not (tmp_path / "none").exists()
+        remote.save("readouts", tmp_path / "none.png", remote.upload(sheet).id)
+    assert not (tmp_path / "none.png").exists()
 
 
 def test_templates_are_listed_and_deleted(remote: Client, beat: bytes) -> None:

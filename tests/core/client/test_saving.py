@@ -2,28 +2,14 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from modalmotion.client import Client, Retries
-from modalmotion.errors import StoreError
-
-# What each wants besides the path.
-ARGUMENTS: dict[str, Any] = {
-    "sequence_id": "a" * 64,
-    "template_id": "a" * 64,
-    "track_id": "a" * 64,
-    "name": "walls",
-    "cases": ["a" * 64],
-    "study": b"",
-    "source": b"",
-}
-SUFFIXES = {"save_reconstruction": ".glb", "save_features": ".csv"}
-NAMES = sorted(name for name in dir(Client) if name.startswith("save_"))
+from modalmotion.client.files import SAVED
+from modalmotion.errors import ParameterError, StoreError
 
 
 @pytest.fixture
@@ -33,19 +19,30 @@ def unreached() -> Iterator[Client]:
         yield client
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    ("what", "suffix"), [(k, s) for k, one in SAVED.items() for s in one.forms]
+)
 def test_a_place_that_cannot_be_written_costs_no_request(
-    name: str, unreached: Client, tmp_path: Path
+    what: str, suffix: str, unreached: Client, tmp_path: Path
 ) -> None:
-    save = getattr(unreached, name)
-    wanted = {key: ARGUMENTS[key] for key in inspect.signature(save).parameters if key in ARGUMENTS}
-    suffix = SUFFIXES.get(name, ".png")
     with pytest.raises(StoreError, match="there is no folder"):
-        save(path=tmp_path / "missing" / f"a{suffix}", **wanted)
+        unreached.save(what, tmp_path / "missing" / f"a{suffix}", "a" * 64)
     (tmp_path / f"a{suffix}").mkdir()
     with pytest.raises(StoreError, match="it is a folder"):
-        save(path=tmp_path / f"a{suffix}", **wanted)
+        unreached.save(what, tmp_path / f"a{suffix}", "a" * 64)
 
 
-def test_there_is_something_to_save() -> None:
-    assert len(NAMES) >= 8
+def test_reports_of_what_is_sent_are_no_exception(unreached: Client, tmp_path: Path) -> None:
+    for save in (
+        lambda path: unreached.save_dicom("a" * 64, b"", path),
+        lambda path: unreached.save_tracked_report(b"", path),
+    ):
+        with pytest.raises(StoreError, match="there is no folder"):
+            save(tmp_path / "missing" / "a.zip")
+
+
+def test_what_is_not_there_names_what_is(unreached: Client, tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match="signature"):
+        unreached.save("lunch", tmp_path / "a.png")
+    with pytest.raises(ParameterError, match=r"\.h5"):
+        unreached.save("norm", tmp_path / "a.png", "mine")

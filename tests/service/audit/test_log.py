@@ -47,7 +47,7 @@ def test_who_did_what_to_which_id(tmp_path: Path, beat: bytes) -> None:
         service.ask("lab", "GET", here, headers={"X-Request-ID": "mine-1"})
         service.ask("lab", "GET", here, headers={"If-None-Match": made.headers["etag"]})
         service.ask("lab", "POST", "/v1/signatures/query", **json_body([known]))
-        service.ask("lab", "GET", f"{here}/distance?to={'0' * 64}")
+        service.ask("lab", "GET", f"/v1/signatures/{known}/distance?to={'0' * 64}")
         service.ask("other", "GET", here)
         service.ask("lab", "DELETE", here, Scope.READ)
         service.client.get(here)
@@ -66,8 +66,9 @@ def test_who_did_what_to_which_id(tmp_path: Path, beat: bytes) -> None:
         ("lab", "POST", "/v1/sequences", [known], 201),
         ("lab", "GET", of, [known], 200),
         ("lab", "GET", of, [known], 200),
+        ("lab", "POST", "/v1/signatures/query", [], BEGUN),
         ("lab", "POST", "/v1/signatures/query", [known], 200),
-        ("lab", "GET", f"{of}/distance", [known, "0" * 64], 404),
+        ("lab", "GET", "/v1/signatures/{key}/distance", [known, "0" * 64], 404),
         ("other", "GET", of, [known], 404),
         ("lab", "DELETE", of, [known], 403),
         (None, "GET", of, [known], 401),
@@ -75,7 +76,7 @@ def test_who_did_what_to_which_id(tmp_path: Path, beat: bytes) -> None:
     ]
     assert found[0]["request_id"] == found[1]["request_id"] != found[2]["request_id"]
     assert (found[0]["key_id"], found[2]["request_id"]) == (key_id, "mine-1")
-    assert found[8]["key_id"] is None
+    assert found[9]["key_id"] is None
     assert "Jane" not in json.dumps(found)
 
 
@@ -83,8 +84,9 @@ def test_an_ended_key_is_named_and_a_template_too(tmp_path: Path, beat: bytes) -
     with guarded(tmp_path) as service:
         here = service.ask("lab", "POST", "/v1/sequences", content=beat).headers["location"]
         template = service.ask("lab", "POST", "/v1/templates", content=beat).json()["id"]
-        service.ask("lab", "GET", f"{here}/signature?template={template}&modes=4")
-        service.ask("lab", "GET", f"{here}/signature?template=Jane-Doe")
+        named = {"template": template, "modes": 4}
+        service.ask("lab", "POST", f"{here}/signatures", json=named)
+        service.ask("lab", "POST", f"{here}/signatures", json={"template": "Jane-Doe"})
         key_id = service.token("lab")[3:19]
         with KeyRing(tmp_path) as ring:
             ring.revoke(key_id)
@@ -99,7 +101,7 @@ def test_an_ended_key_is_named_and_a_template_too(tmp_path: Path, beat: bytes) -
         (401, None, key_id),
     ]
     assert found[2]["ids"] == [here.rpartition("/")[2]]
-    assert found[3]["ids"] == [here.rpartition("/")[2], template]
+    assert found[4]["ids"] == [here.rpartition("/")[2], template]
 
 
 def test_without_keys_this_machine_is_noted_too(tmp_path: Path) -> None:

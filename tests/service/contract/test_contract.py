@@ -52,11 +52,9 @@ def small(seed: int = 3) -> bytes:
 
 # Where hardly any made-up query is answered: with whom to compare, and one of three targets.
 NEEDED = {
-    "/v1/sequences/{sequence_id}/distance": {"to": "{sequence_id}"},
+    "/v1/signatures/{key}/distance": {"to": "{key}"},
     "/v1/encode": {"rms": "0.5"},
-    "/v1/sequences/{sequence_id}/deviations": {"norm": "kept", "level": "0.1"},
     "/v1/tracks": {"modes": "2"},
-    "/v1/reports": {"modes": "2"},
     "/v1/sequences/{sequence_id}/encoded": {"rms": "0.5"},
 }
 
@@ -104,16 +102,15 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
         found.keep_model("lab", "kept")
         found.keep_norm("lab", "kept")
         stream = ask("lab", "GET", f"/v1/sequences/{sequence}/encoded?rms=0.5").content
+        made = ask("lab", "POST", f"/v1/sequences/{sequences[4]}/signatures", json={"modes": 4})
         ids = {
             "sequence_id": sequence,
+            "key": made.json()["key"],
             "template_id": template,
             "track_id": track,
             "images_id": images,
-            "frame": "0",
             "job_id": job,
-            "model_name": "ventricle-simulated",
             "name": "kept",
-            "version": "1",
             **{f"sequence_{n}": found_id for n, found_id in enumerate(sequences)},
         }
         bodies = {"/v1/decode": stream, "/v1/tracks": cloud, "/v1/images": metaimage()}
@@ -124,6 +121,8 @@ def strategies(operation: Any, service: Service) -> list[st.SearchStrategy[Any]]
     """Make cases: right and wrong by the document, and right ones of what is kept."""
     names = {parameter.name for parameter in operation.path_parameters}
     known = {name: service.ids[name] for name in names}
+    if operation.label == "DELETE /v1/models/{name}":
+        known = {"name": "kept@1"}
     more: dict[str, Any] = {"path_parameters": known} if known else {}
     media_types = operation.get_request_payload_content_types()
     if "application/octet-stream" in media_types:
@@ -131,12 +130,9 @@ def strategies(operation: Any, service: Service) -> list[st.SearchStrategy[Any]]
         more.update(body=body, media_type="application/octet-stream")
     elif operation.path.endswith("query"):
         more.update(body={"ids": [service.ids["sequence_id"]]}, media_type="application/json")
-    elif operation.path.endswith(("features", "evaluations", "comparisons")):
+    elif operation.path.endswith(("features", "evaluations")):
         case = {"id": service.ids["sequence_id"], "label": "normal", "subject": "s"}
-        wanted: dict[str, Any] = {"sequences": [case]}
-        if operation.path.endswith("comparisons"):
-            wanted["models"] = ["kept", service.ids["model_name"]]
-        more.update(body=wanted, media_type="application/json")
+        more.update(body={"sequences": [case]}, media_type="application/json")
     elif operation.label == "POST /v1/norms/{name}/deviations":
         ids = [service.ids[f"sequence_{n}"] for n in range(6)]
         more.update(body={"sequences": ids, "level": 0.1}, media_type="application/json")
@@ -217,17 +213,16 @@ def test_what_was_tried_reached_every_call_and_its_answers(service: Service) -> 
 _REFUSED = {
     # The job has ended by then, and an ended job is not cancelled.
     "DELETE /v1/jobs/{job_id}",
-    # A file behind JSON, and an image's header: tests/service/routes/ has them.
-    "POST /v2/models/{model_name}/infer",
-    "POST /v2/models/{model_name}/versions/{version}/infer",
-    "POST /v1/sequences/{sequence_id}/dicom",
+    # An instance's header: tests/service/routes/ has it.
+    "POST /v1/signatures/{key}/dicom",
 }
 
 _NOT_DESCRIBED = {
     "/",
     "/docs",
     "/openapi.json",
-    "/view/{sequence_id}",
+    "/view/{key}",
+    "/v1/sequences/sample",
     "/images/{images_id}",
     "/viewer/{name}",
 }

@@ -72,28 +72,31 @@ def test_python(
     types, models = (importlib.import_module(f"{name}.{part}") for part in ("types", "models"))
 
     def call(room: str, function: str) -> Any:
-        return importlib.import_module(f"{name}.api.{room}.{room}_{function}").sync
+        return importlib.import_module(f"{name}.api.{room}.{function}").sync
 
     def file(data: bytes) -> Any:
         return types.File(payload=io.BytesIO(data), mime_type="application/octet-stream")
 
     body = mm.write_npz(sequence)
     with package.Client(base_url=service.base) as client:
-        sent = call("sequences", "upload")(client=client, body=file(body))
+        sent = call("sequences", "upload_sequence")(client=client, body=file(body))
         assert sent.id == sequence.id
-        signature = call("signatures", "signature")(sent.id, client=client, modes=7)
+        wanted = models.SignatureRequest(modes=7)
+        signature = call("signatures", "make_signature")(sent.id, client=client, body=wanted)
         expected = mm.modal_signature(sequence, mm.SignatureParameters(modes=7))
         np.testing.assert_allclose(signature.amplitudes, expected.amplitudes, rtol=1e-12)
-        answer = call("classifications", "classify")(
-            sent.id, client=client, body=models.ClassificationRequest()
-        )
+        usual = call("signatures", "make_signature")(sent.id, client=client)
+        assert usual.key == signature.key
+        answer = call("signatures", "classify_signature")(signature.key, client=client)
         assert sum(answer.probabilities.to_dict().values()) == pytest.approx(1.0)
-        stream = call("codec", "encode")(client=client, body=file(body), rms=0.5).payload.read()
-        decoded = call("codec", "decode")(client=client, body=file(stream)).payload.read()
+        at = models.EncodingOfFile(rms=0.5)
+        sent_stream = call("files", "encode_file")(client=client, body=file(body), parameters=at)
+        stream = sent_stream.payload.read()
+        decoded = call("files", "decode_file")(client=client, body=file(stream)).payload.read()
         assert np.sqrt(np.mean((vertices_of(decoded) - sequence.vertices) ** 2) * 3) <= 0.5
-        rebuilt = call("signatures", "reconstruction")(sent.id, client=client, modes=7)
+        rebuilt = call("signatures", "reconstruct_signature")(signature.key, client=client)
         assert vertices_of(rebuilt.payload.read()).shape == sequence.vertices.shape
-        refused = call("sequences", "upload")(client=client, body=file(b"nothing"))
+        refused = call("sequences", "upload_sequence")(client=client, body=file(b"nothing"))
         assert refused.status == 400
         assert refused.remedy
 

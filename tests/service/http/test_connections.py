@@ -85,7 +85,7 @@ def test_a_body_of_many_faults_costs_no_more_than_one_of_few(client: TestClient)
         ("models", {"name": "x", "sequences": ["", {}] * 5000}),
         ("models", {"name": "x", "sequences": [unknown]}),
         ("signatures/query", {"ids": ["0" * 64], **unknown}),
-        (f"sequences/{'0' * 64}/classifications", unknown),
+        (f"signatures/{'0' * 64}/classifications", unknown),
         ("models", {"name": "x", "sequences": [], "options": {"modes": "9" * 100_000}}),
         ("models", {"name": "x", "sequences": [], "options": {"coverage": "9" * 100_000}}),
     ]:
@@ -154,7 +154,7 @@ def test_every_health_check_passes_whoever_else_asks(
             connection = socket.create_connection(("127.0.0.1", service.port))
             stack.enter_context(connection).sendall(head("POST", "/v1/signature", key, slow))
         assert eventually(lambda: {asked(service, key) for key in keys.values()} == {429})
-        for path in ("/health/live", "/health/ready", "/v2/health/live", "/v2/health/ready"):
+        for path in ("/health/live", "/health/ready"):
             assert service.request("GET", path).status == 200, path
     assert eventually(lambda: asked(service, keys["alice"]) == 200)
 
@@ -167,7 +167,7 @@ def test_answers_that_are_not_read_hold_no_place_for_ever(
     np.savez(buffer, vertices=vertices, grid=(40, 50), topology="cup", unit="mm")
     key = {"X-API-Key": keys["alice"]}
     known = service.request("POST", "/v1/sequences", buffer.getvalue(), key).json["id"]
-    path = f"/v1/sequences/{known}/reconstruction"
+    path = f"/v1/signatures/{known}/reconstruction"
     size = len(service.request("GET", path, None, key).body)
     assert size > 10_000_000  # More than the system keeps for a client by itself.
     assert eventually(lambda: asked(service, keys["alice"]) == 200)
@@ -332,7 +332,7 @@ def test_health_names_no_machine_inside(
         raise ClusterError("The scheduler at 'tcp://10.0.0.7:8786' has no workers.")
 
     monkeypatch.setattr(MeteredExecutor, "require_ready", lost)
-    for path in ("/health/ready", "/v2/health/ready"):
+    for path in ("/health/ready",):
         answer = client.get(path)
         assert (answer.status_code, answer.json()["code"]) == (503, "cluster_unavailable")
         assert answer.json()["remedy"]

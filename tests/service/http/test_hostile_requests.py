@@ -83,10 +83,11 @@ def attack(service: RunningService, n_requests: int, seed: int) -> Counter[int]:
         "sequence_id": sequence,
         "template_id": service.request("POST", "/v1/templates", npz(), key).json["id"],
         "job_id": service.request(
-            *("GET", f"/v1/sequences/{sequence}/signature?modes=11", None),
+            *("POST", f"/v1/sequences/{sequence}/signatures", b""),
             {**key, "Prefer": "respond-async"},
         ).json["id"],
-        "model_name": "ventricle-simulated",
+        "name": "ventricle-simulated",
+        "key": sequence,
     }
 
     def one(number: int) -> int:

@@ -18,11 +18,14 @@ def here(shared_client: TestClient, beat: bytes) -> str:
 @pytest.mark.parametrize(
     ("wrong", "remedy", "right"),
     [
-        ({"modes": "0"}, "Send modes of 1 or more.", {"modes": "1"}),
-        ({"modes": "seven"}, "Send modes as a whole number.", {"modes": "7"}),
-        ({"wave_speed": "nan"}, "Send wave_speed as a number that is finite.", {"wave_speed": "1"}),
-        ({"weights": "heavy"}, "Send weights as 'area' or 'uniform'.", {"weights": "uniform"}),
-        ({"surprise": "1"}, "Leave surprise out; /docs has the names that are read.", {}),
+        ({"rms": "0"}, "Send rms of more than 0.0.", {"rms": "1"}),
+        ({"bytes": "many"}, "Send bytes as a whole number.", {"bytes": "100000"}),
+        ({"rms": "nan"}, "Send rms as a number that is finite.", {"rms": "1"}),
+        (
+            {"rms": "1", "surprise": "1"},
+            "Leave surprise out; /docs has the names that are read.",
+            {"rms": "1"},
+        ),
     ],
 )
 def test_the_remedy_of_a_query_is_followed(
@@ -32,9 +35,25 @@ def test_the_remedy_of_a_query_is_followed(
     remedy: str,
     right: dict[str, str],
 ) -> None:
-    answer = shared_client.get(f"{here}/signature", params=wrong)
+    answer = shared_client.get(f"{here}/encoded", params=wrong)
     assert (answer.status_code, answer.json()["remedy"]) == (422, remedy)
-    assert shared_client.get(f"{here}/signature", params=right).status_code == 200
+    assert shared_client.get(f"{here}/encoded", params=right).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("wrong", "remedy"),
+    [
+        ({"modes": 0}, "Send modes of 1 or more."),
+        ({"modes": "seven"}, "Send modes as a whole number."),
+        ({"weights": "heavy"}, "Send weights as 'area' or 'uniform'."),
+        ({"surprise": 1}, "Leave surprise out; /docs has the names that are read."),
+    ],
+)
+def test_the_remedy_of_a_body_names_the_parameter(
+    shared_client: TestClient, here: str, wrong: dict[str, Any], remedy: str
+) -> None:
+    answer = shared_client.post(f"{here}/signatures", json=wrong)
+    assert (answer.status_code, answer.json()["remedy"]) == (422, remedy)
 
 
 @pytest.mark.parametrize(

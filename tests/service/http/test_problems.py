@@ -118,6 +118,10 @@ def test_a_body_without_a_declared_length_is_limited_too(client: TestClient) -> 
 
 def test_a_form_without_the_file_says_so(client: TestClient) -> None:
     answer = client.post("/v1/sequences", files={"upload": ("x.npz", b"abc")})
+    assert (answer.status_code, answer.json()["code"]) == (422, "invalid_request")
+    answer = client.post("/v1/sequences", data={"unit": "mm"}, files={"manifest": (None, "x")})
+    assert (answer.status_code, answer.json()["code"]) == (422, "invalid_request")
+    answer = client.post("/v1/sequences", files={"unit": (None, "mm")})
     assert (answer.status_code, answer.json()["code"]) == (400, "malformed_file")
     assert "'file'" in answer.json()["detail"]
 
@@ -127,7 +131,7 @@ def test_a_form_without_the_file_says_so(client: TestClient) -> None:
     [
         ("GET", "/v1/sequences/" + "0" * 64, 404, "not_found"),
         ("GET", "/v1/sequences/" + "0" * 64 + "/signature", 404, "not_found"),
-        ("POST", "/v1/sequences/" + "0" * 64 + "/classifications", 404, "not_found"),
+        ("POST", "/v1/signatures/" + "0" * 64 + "/classifications", 404, "not_found"),
         ("GET", "/v1/sequences/..%2f..%2fetc", 404, "not_found"),
         ("GET", "/v1/sequences/ABC", 422, "invalid_request"),
         ("GET", "/nowhere", 404, "not_found"),
@@ -154,7 +158,7 @@ def test_every_error_is_a_problem(
         ({"reference": "1000"}, 422, "bad_parameter"),
         ({"reference": "99999999999999999999999"}, 422, "bad_parameter"),
         ({"topology": "knot"}, 422, "unsupported_topology"),
-        ({"topology": "cup", "grid": "3,7"}, 422, "wrong_shape"),
+        ({"topology": "cup", "grid": [3, 7]}, 422, "wrong_shape"),
         ({"wave_speed": "nan"}, 422, "invalid_request"),
         ({"weights": "heavy"}, 422, "invalid_request"),
         ({"surprise": "1"}, 422, "invalid_request"),
@@ -163,13 +167,13 @@ def test_every_error_is_a_problem(
 def test_bad_parameters_are_refused(
     client: TestClient,
     npz: Callable[..., bytes],
-    query: dict[str, str],
+    query: dict[str, Any],
     status: int,
     code: str,
 ) -> None:
     body = npz(vertices=VERTICES, grid=[4, 4], topology="cup")
     here = client.post("/v1/sequences", content=body).headers["location"]
-    answer = client.get(f"{here}/signature", params=query)
+    answer = client.post(f"{here}/signatures", json=query)
     assert (answer.status_code, answer.json()["code"]) == (status, code)
 
 
@@ -183,11 +187,11 @@ def test_points_without_faces_are_kept_but_have_no_signature(
 
 
 def test_an_unknown_model_is_not_found(client: TestClient, beat: bytes) -> None:
-    here = client.post("/v1/sequences", content=beat).headers["location"]
+    named = f"/v1/signatures/{client.post('/v1/sequences', content=beat).json()['id']}"
     for body in ({"model": "../../etc/passwd"}, {"model": "nobody"}):
-        answer = client.post(f"{here}/classifications", json=body)
+        answer = client.post(f"{named}/classifications", json=body)
         assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
-    assert client.post(f"{here}/classifications", content=b"{").status_code == 422
+    assert client.post(f"{named}/classifications", content=b"{").status_code == 422
 
 
 @pytest.mark.parametrize(
@@ -219,7 +223,7 @@ def test_an_unexpected_failure_tells_nothing_of_the_inside(
 
     here = client.post("/v1/sequences", content=beat).headers["location"]
     monkeypatch.setattr("modalmotion_service.workspace.analysis.Analysis.signature", broken)
-    answer = client.get(f"{here}/signature")
+    answer = client.post(f"{here}/signatures", json={"modes": 9})
     assert (answer.status_code, answer.json()["code"]) == (500, "internal_error")
     assert "secret" not in answer.text
 

@@ -28,10 +28,10 @@ def value(found: Samples, name: str, **labels: str) -> float:
 
 def test_figures_count_what_happened(client: TestClient, beat: bytes) -> None:
     known = client.post("/v1/sequences", content=beat).json()["id"]
-    client.get(f"/v1/sequences/{known}/signature")
+    client.post(f"/v1/sequences/{known}/signatures")
     client.post("/v1/sequences", content=b"nonsense")
-    job = client.get(
-        f"/v1/sequences/{known}/signature?modes=11", headers={"Prefer": "respond-async"}
+    job = client.post(
+        f"/v1/sequences/{known}/signatures", json={"modes": 11}, headers={"Prefer": "respond-async"}
     ).json()["id"]
     while client.get(f"/v1/jobs/{job}").json()["state"] != "succeeded":
         pass

@@ -49,7 +49,7 @@ def test_requests_and_tasks_are_traced_and_nothing_says_whose(
     }
     sent = client.post("/v1/sequences?subject=Jane", content=beat, headers=headers)
     sequence_id = sent.json()["id"]
-    client.get(f"/v1/sequences/{sequence_id}/signature?modes=5")
+    client.post(f"/v1/sequences/{sequence_id}/signatures", json={"modes": 5})
     client.get("/v1/models/janes-model")
     client.request("BREW", "/v1/jane")
     broken = client.post("/v1/sequences", content=b"jane's bytes")
@@ -63,7 +63,7 @@ def test_requests_and_tasks_are_traced_and_nothing_says_whose(
     assert upload.attributes["modalmotion.stage.worker.milliseconds"] >= 0
     task = next(span for span in done if span.name == "task ingest")
     assert task.parent.span_id == upload.context.span_id
-    assert "GET /v1/sequences/{sequence_id}/signature" in named
+    assert "POST /v1/sequences/{sequence_id}/signatures" in named
     assert named["GET /v1/models/{name}"].attributes["http.response.status_code"] == 404
     assert "_OTHER" in named
     said = "".join(span.to_json() for span in done).lower()

@@ -13,7 +13,7 @@ from modalmotion.classification import TrainingCase, evaluate
 from modalmotion.formats import read_npz
 from modalmotion.store import model_from_hdf5
 
-EVALUATIONS = "/v1/models/wall-motion/versions/1/evaluations"
+EVALUATIONS = "/v1/models/wall-motion@1/evaluations"
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def test_an_evaluation_is_that_of_the_library(
     assert answer["notes"] == []
     assert answer["methods"]
     # The classifications are stored on the way.
-    kept = trained.client.get(f"/v1/sequences/{ids[0]}/classifications").json()
+    kept = trained.client.get(f"/v1/signatures/{ids[0]}/classifications").json()
     assert 0.8 in {one["coverage"] for one in kept["classifications"]}
 
 
@@ -85,8 +85,8 @@ def test_trained_on_sequences_are_named_in_a_note(trained: Trained) -> None:
 
 def test_two_versions_are_compared(trained: Trained, tested: tuple[list[str], Any]) -> None:
     ids, answer = tested
-    body = {"models": ["wall-motion@1", "wall-motion"], "sequences": ids, "coverage": 0.8}
-    result = trained.client.post("/v1/models/comparisons", json=body)
+    body = {"compare_with": "wall-motion", "sequences": ids, "coverage": 0.8}
+    result = trained.client.post(EVALUATIONS, json=body)
     assert result.status_code == 200, result.text
     result = result.json()
     assert result["models"][0] == "wall-motion@1"
@@ -129,14 +129,11 @@ def test_what_cannot_be_tested_is_refused(
         body["sequences"] = trained.ids[:1] * 2
     else:
         body.update(change)
-    for path, more in (
-        (EVALUATIONS, {}),
-        ("/v1/models/comparisons", {"models": ["wall-motion", "wall-motion@1"]}),
-    ):
-        answer = trained.client.post(path, json={**body, **more})
+    for more in ({}, {"compare_with": "wall-motion"}):
+        answer = trained.client.post(EVALUATIONS, json={**body, **more})
         assert answer.status_code == status, answer.text
         assert words in answer.text
     missing = trained.client.post(
-        EVALUATIONS.replace("versions/1", "versions/99"), json={"sequences": trained.ids[:2]}
+        EVALUATIONS.replace("@1", "@99"), json={"sequences": trained.ids[:2]}
     )
     assert missing.status_code == 404

@@ -113,7 +113,7 @@ def test_what_does_not_fit_is_named_and_left_out_on_request(stored: Cohort) -> N
 @pytest.mark.parametrize(
     ("request_", "status", "code"),
     [
-        ({"sequences": []}, 422, "invalid_request"),
+        ({"sequences": []}, 422, "bad_parameter"),
         ({"sequences": ["0" * 64]}, 404, "not_found"),
         ({"kind": "best"}, 422, "invalid_request"),
         ({"modes": 0}, 422, "invalid_request"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import zipfile
 from datetime import timedelta
 from pathlib import Path
@@ -33,8 +34,7 @@ TRACKS = "/v1/tracks"
 PNG = {"Accept": "image/png"}
 SHAPE = (27, 27, 35)
 COARSE = np.column_stack([3.0 * np.eye(3), MIDDLE - 1.5 * (np.array(SHAPE) - 1)])
-ENDS = {name: ",".join(map(str, place)) for name, place in LANDMARKS.items()}
-FEW = {"modes": "4", **ENDS}
+FEW = {"modes": "4", "landmarks": json.dumps({k: list(v) for k, v in LANDMARKS.items()})}
 
 
 def beat(radius: float = 18.0, times: Floats | None = None) -> ImageSequence:
@@ -98,21 +98,21 @@ def test_images_are_taken_in_once_and_described_without_a_name(
 
 def test_slices_are_given_a_frame_at_a_time_for_the_page(client: TestClient, file: bytes) -> None:
     images = sent(client, file)
-    answer = client.get(f"{HERE}/{images}/frames/1")
+    answer = client.get(f"{HERE}/{images}?frame=1")
     assert (answer.status_code, answer.headers["content-type"]) == (200, VIEW)
     assert answer.content == slices_payload(read(file), 1)
     header, _ = read_container(answer.content)
     assert header["parts"][0]["shape"] == list(SHAPE)
-    late = client.get(f"{HERE}/{images}/frames/2")
+    late = client.get(f"{HERE}/{images}?frame=2")
     assert (late.status_code, late.json()["remedy"]) == (
         422,
         "Ask for one of 2 frames, from 0 to 1.",
     )
-    assert client.get(f"{HERE}/{images}/frames/-1").status_code == 422
-    job = finished(client, client.get(f"{HERE}/{images}/frames/0", headers=ASYNC).json())
+    assert client.get(f"{HERE}/{images}?frame=-1").status_code == 422
+    job = finished(client, client.get(f"{HERE}/{images}?frame=0", headers=ASYNC).json())
     assert client.get(job["result"]).content == slices_payload(read(file), 0)
     assert client.delete(f"{HERE}/{images}").status_code == 204
-    assert client.get(f"{HERE}/{images}/frames/0").status_code == 404
+    assert client.get(f"{HERE}/{images}?frame=0").status_code == 404
     # Nor does the job tell of them, or keep what it made.
     assert list(state_of(client).spool.folder.iterdir()) == []
     assert client.get(job["links"]["self"]).status_code == 404
@@ -160,7 +160,7 @@ def test_images_go_when_they_were_tracked(client: TestClient, file: bytes) -> No
     overlay = client.get(answer.headers["location"], params={"picture": "overlay"}, headers=PNG)
     assert overlay.status_code == 404
     assert "keep=true" in overlay.json()["remedy"]
-    assert client.delete(answer.headers["location"]).status_code == 204
+    assert client.delete(here["links"]["sequence"]).status_code == 204
 
 
 def test_images_that_are_kept_are_drawn_under_the_track(client: TestClient) -> None:
@@ -175,14 +175,14 @@ def test_images_that_are_kept_are_drawn_under_the_track(client: TestClient) -> N
     # The page cuts the surface with the slices.
     known = client.get(link)
     assert known.json()["links"]["images"] == f"{HERE}/{images}"
-    cut = client.get(f"{HERE}/{images}/frames/1", params={"track": track})
+    cut = client.get(f"{HERE}/{images}?frame=1&track={track}")
     assert "vertices" in read_container(cut.content)[1]
-    none = client.get(f"{HERE}/{images}/frames/1", params={"track": "0" * 64})
+    none = client.get(f"{HERE}/{images}?frame=1&track={'0' * 64}")
     assert none.status_code == 404
     # Kept once, they stay, whatever the next request says.
     assert client.post(TRACKS, params={**FEW, "images": images}).status_code == 200
     assert state_of(client).images.sweep(timedelta(0)) == ()
-    assert client.delete(link).status_code == 204
+    assert client.delete(known.json()["links"]["sequence"]).status_code == 204
     assert client.get(f"{HERE}/{images}").json()["tracks"] == []
     assert client.delete(f"{HERE}/{images}").status_code == 204
     again = client.get(link, params={"picture": "overlay"}, headers=PNG)
@@ -198,7 +198,7 @@ def test_a_track_names_its_images_as_long_as_they_are_there(client: TestClient) 
     assert client.delete(f"{HERE}/{images}").status_code == 204
     again = client.get(link, headers={"If-None-Match": tag})
     assert (again.status_code, "images" in again.json()["links"]) == (200, False)
-    assert client.delete(link).status_code == 204
+    assert client.delete(again.json()["links"]["sequence"]).status_code == 204
 
 
 def test_a_job_takes_images_in_and_another_tracks_them(client: TestClient) -> None:

@@ -89,7 +89,7 @@ def test_the_answer_is_that_of_the_same_model_in_the_library(trained: Trained) -
 
 
 def test_a_sequence_is_asked_about_once_for_each_model_and_coverage(trained: Trained) -> None:
-    here = f"/v1/sequences/{trained.ids[0]}/classifications"
+    here = f"/v1/signatures/{trained.ids[0]}/classifications"
     first = trained.client.post(here, json={"model": "wall-motion", "coverage": 0.91})
     again = trained.client.post(here, json={"model": "wall-motion@1", "coverage": 0.91})
     assert (first.status_code, again.status_code) == (201, 200)
@@ -112,7 +112,7 @@ def test_a_sequence_is_asked_about_once_for_each_model_and_coverage(trained: Tra
 
 @pytest.mark.parametrize("coverage", [0, 1, -0.1, 1.5, "nan", "many"])
 def test_a_coverage_that_is_no_share_is_refused(trained: Trained, coverage: object) -> None:
-    here = f"/v1/sequences/{trained.ids[0]}/classifications"
+    here = f"/v1/signatures/{trained.ids[0]}/classifications"
     answer = trained.client.post(here, json={"coverage": coverage})
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid_request")
     answer = trained.client.post(
@@ -139,7 +139,7 @@ def test_a_model_that_is_none_is_refused(
 ) -> None:
     for answer in (
         trained.client.post(
-            f"/v1/sequences/{trained.ids[0]}/classifications", json={"model": name}
+            f"/v1/signatures/{trained.ids[0]}/classifications", json={"model": name}
         ),
         trained.client.post("/v1/classify", params={"model": name}, content=trained.test[0].body),
     ):
@@ -192,7 +192,7 @@ def test_a_shipped_model_has_a_card_and_cannot_be_changed(trained: Trained) -> N
     assert model["id"] == load_model().id
     assert model["card"]["has_seen"]
     assert model["card"]["has_not_seen"]
-    here = f"/v1/models/{DEFAULT_MODEL}/versions/1"
+    here = f"/v1/models/{DEFAULT_MODEL}@1"
     answer = trained.client.delete(here)
     assert (answer.status_code, answer.json()["code"]) == (409, "conflict")
     assert trained.client.get(here).status_code == 200
@@ -200,7 +200,7 @@ def test_a_shipped_model_has_a_card_and_cannot_be_changed(trained: Trained) -> N
         "/v1/models", json={"name": DEFAULT_MODEL, "sequences": trained.ids}
     )
     assert (answer.status_code, answer.json()["code"]) == (409, "conflict")
-    assert trained.client.delete(f"/v1/models/{DEFAULT_MODEL}/versions/2").status_code == 404
+    assert trained.client.delete(f"/v1/models/{DEFAULT_MODEL}@2").status_code == 404
 
 
 @pytest.mark.thorough
@@ -227,7 +227,7 @@ def test_a_name_trained_again_gets_its_next_version_whatever_was_deleted(
     assert [first["version"], second["version"]] == [1, 2]
     assert second["versions"] == [1, 2]
     assert first["id"] != second["id"]
-    here = f"/v1/sequences/{ids[0]}/classifications"
+    here = f"/v1/signatures/{ids[0]}/classifications"
     answer = client.post(here, json={"model": "again"}).json()
     assert (answer["version"], answer["model_id"]) == (2, second["id"])
     assert client.post(here, json={"model": "again@1"}).json()["model_id"] == first["id"]
@@ -330,7 +330,9 @@ def test_a_cohort_of_bent_surfaces_is_trained_in_one_basis(trained: Trained) -> 
         image = client.get(model["links"]["self"], headers={"Accept": "application/x-hdf5"})
         assert model_from_hdf5(image.content).readable.topology == surface
         answers = [
-            client.post(f"/v1/sequences/{known}/classifications", json={"model": f"bent-{surface}"})
+            client.post(
+                f"/v1/signatures/{known}/classifications", json={"model": f"bent-{surface}"}
+            )
             for known in ids[:4]
         ]
         assert {answer.status_code for answer in answers} <= {200, 201}
@@ -347,7 +349,7 @@ def test_a_cohort_of_bent_surfaces_is_trained_in_one_basis(trained: Trained) -> 
 def test_covariates_of_a_training_are_the_sequences_own_and_those_stated(
     trained: Trained,
 ) -> None:
-    from modalmotion_service.schemas import LabelledSequence
+    from modalmotion_service.schemas.requests import LabelledSequence
     from modalmotion_service.workspace.spool import SpoolFile
     from modalmotion_service.workspace.training_set import look_up, read_cases, write_cases
 

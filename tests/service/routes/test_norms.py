@@ -25,6 +25,9 @@ N_CONTROLS = 10
 CONTROLS = [beat(seed).with_facts(Facts(covariates={"age": 40 + seed})) for seed in range(10)]
 
 
+HERE = "/v1/norms/volunteers"
+
+
 @dataclass(frozen=True)
 class Kept:
     client: TestClient
@@ -37,6 +40,10 @@ def sent(client: TestClient, sequence: mm.MeshSequence, **names: str) -> str:
     answer = client.post("/v1/sequences", content=write_npz(sequence), params=names)
     assert answer.status_code == 201, answer.text
     return str(answer.json()["id"])
+
+
+def deviations(kept: Kept, ids: list[str], norm: str = "volunteers", **more: Any) -> Any:
+    return kept.client.post(f"/v1/norms/{norm}/deviations", json={"sequences": ids, **more})
 
 
 # Ten controls are fitted: 2 s, once for all tests.
@@ -56,7 +63,7 @@ def test_a_norm_of_kept_controls_is_the_librarys_own(kept: Kept) -> None:
     assert kept.norm == {**own.as_json(), "links": {"self": "/v1/norms/volunteers"}}
     assert kept.norm["has_volumes"]
     assert kept.norm["covariates"] == ["age"]
-    here = "/v1/norms/volunteers"
+    here = HERE
     file = kept.client.get(here, headers={"Accept": "application/x-hdf5"})
     assert 'filename="volunteers.h5"' in file.headers["content-disposition"]
     assert norm_from_hdf5(file.content).id == own.id
@@ -69,22 +76,17 @@ def test_a_norm_of_kept_controls_is_the_librarys_own(kept: Kept) -> None:
 def test_a_kept_sequence_is_compared_as_the_library_compares_it(kept: Kept) -> None:
     patient = beat(100, MotionClass.HYPOKINESIA)
     name = sent(kept.client, patient)
-    query: dict[str, str | float] = {"norm": "volunteers", "level": 0.1}
-    answer = kept.client.post(f"/v1/sequences/{name}/deviations", params=query)
+    answer = deviations(kept, [name], level=0.1)
     file = kept.client.get("/v1/norms/volunteers", headers={"Accept": "application/x-hdf5"})
     own = norm_from_hdf5(file.content).deviation(patient, level=0.1)
-    assert answer.json() == {
-        key: list(value) if isinstance(value, tuple) else value
-        for key, value in own.as_json().items()
-    }
-    assert {one["name"] for one in answer.json()["quantities"]} == {
-        one.name for one in own.quantities
-    }
-    few = kept.client.post(f"/v1/sequences/{name}/deviations", params={"norm": "volunteers"})
+    assert answer.json()["p"] is None
+    (found,) = answer.json()["deviations"]
+    assert found == json.loads(json.dumps(own.as_json()))
+    assert {one["name"] for one in found["quantities"]} == {one.name for one in own.quantities}
+    few = deviations(kept, [name])
     assert (few.status_code, few.json()["needed"]) == (422, 19)
     assert "level of at least 0.091" in few.json()["remedy"]
-    control = f"/v1/sequences/{kept.ids[0]}/deviations"
-    its_own = kept.client.post(control, params={"norm": "volunteers", "level": 0.1}).json()
+    (its_own,) = deviations(kept, kept.ids[:1], level=0.1).json()["deviations"]
     assert its_own["n_controls"] == N_CONTROLS - 1
 
 
@@ -92,14 +94,13 @@ def test_recordings_are_compared_together_and_another_cohort_is_warned_of(kept: 
     others = [beat(200 + k, noise=2.0) for k in range(5)]
     ids = [sent(kept.client, one) for one in others]
     with Client("http://testserver", transport=kept.client._transport) as remote:
-        answer = remote.cohort_deviation(ids, "volunteers", level=0.1)
+        answer = remote.deviations(ids, "volunteers", level=0.1)
     file = kept.client.get("/v1/norms/volunteers", headers={"Accept": "application/x-hdf5"})
     own = cohort_deviation(norm_from_hdf5(file.content), others, level=0.1)
     assert answer == json.loads(json.dumps(own.as_json()))
     here = "/v1/norms/volunteers/deviations"
-    few = kept.client.post(here, json={"sequences": ids[:4], "level": 0.1})
-    assert few.status_code == 422
-    assert few.json()["remedy"]
+    few = kept.client.post(here, json={"sequences": ids[:4], "level": 0.1}).json()
+    assert (len(few["deviations"]), few["p"], few["is_another"]) == (4, None, None)
     assert kept.client.post("/v1/norms/few/deviations", json={"sequences": ids}).status_code == 404
 
 
@@ -120,11 +121,9 @@ def test_what_cannot_be_a_norm_is_refused_at_once(kept: Kept) -> None:
     assert "at least 9" in job["error"]["remedy"]
     for method, path in (("GET", "few"), ("DELETE", "few"), ("GET", "Few")):
         assert kept.client.request(method, f"/v1/norms/{path}").status_code in (404, 422)
-    here = f"/v1/sequences/{kept.ids[0]}/deviations"
-    assert kept.client.post(here, params={"norm": "few"}).status_code == 404
-    assert kept.client.post(here).status_code == 422
-    unknown = f"/v1/sequences/{'0' * 64}/deviations"
-    assert kept.client.post(unknown, params={"norm": "volunteers"}).status_code == 404
+    assert deviations(kept, kept.ids[:1], norm="few").status_code == 404
+    assert kept.client.post(f"{HERE}/deviations").status_code == 422
+    assert deviations(kept, ["0" * 64]).status_code == 404
 
 
 def test_the_client_makes_asks_and_deletes_norms(kept: Kept, tmp_path: Path) -> None:
@@ -133,9 +132,9 @@ def test_the_client_makes_asks_and_deletes_norms(kept: Kept, tmp_path: Path) -> 
         assert made["n_modes"] < kept.norm["n_modes"]
         assert remote.norm("second") == made
         assert remote.norms() == ["second", "volunteers"]
-        remote.save_norm("second", tmp_path / "second.h5")
+        remote.save("norm", tmp_path / "second.h5", "second")
         assert norm_from_hdf5(tmp_path / "second.h5").id == made["id"]
-        found = remote.deviation(kept.ids[3], "second", level=0.1)
+        (found,) = remote.deviations([kept.ids[3]], "second", level=0.1)["deviations"]
         assert found["norm_id"] == made["id"]
         remote.delete_norm("second")
         with pytest.raises(RemoteError, match="no norm named 'second'"):

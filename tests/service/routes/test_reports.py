@@ -1,4 +1,4 @@
-"""GET /v1/sequences/{id}/report: FHIR, PDF, CSV, the same bytes every time."""
+"""GET /v1/signatures/{id}/report: FHIR, PDF, CSV, the same bytes every time."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from dicom_samples import study_instance
 from fastapi.testclient import TestClient
 from fhir_profile import PROFILE
 from norm_controls import beat as norm_beat
+from signing import signed
 
 import modalmotion as mm
 from modalmotion.classification import classify
@@ -30,7 +31,7 @@ from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.reports import fhir_json, report_figure, report_of
 from modalmotion.reports.dicom import dicom_instances, read_study
 from modalmotion.simulate import MotionClass
-from modalmotion_service.schemas import ReadoutsAnswer
+from modalmotion_service.schemas.readouts import ReadoutsAnswer
 
 pytest.importorskip("matplotlib")
 pydicom = pytest.importorskip("pydicom")
@@ -42,11 +43,18 @@ def client(shared_client: TestClient) -> TestClient:
 
 
 @pytest.fixture(scope="module")
-def here(client: TestClient, beat: bytes) -> str:
+def sequence(client: TestClient, beat: bytes) -> str:
     return str(client.post("/v1/sequences", content=beat).headers["location"])
 
 
-def test_fhir_is_of_the_profile_and_the_same_bytes(client: TestClient, here: str) -> None:
+@pytest.fixture(scope="module")
+def here(client: TestClient, sequence: str) -> str:
+    return signed(client, sequence)
+
+
+def test_fhir_is_of_the_profile_and_the_same_bytes(
+    client: TestClient, sequence: str, here: str
+) -> None:
     answer = client.get(f"{here}/report")
     assert answer.status_code == 200, answer.text
     assert answer.headers["content-type"] == "application/fhir+json; fhirVersion=4.0"
@@ -54,11 +62,11 @@ def test_fhir_is_of_the_profile_and_the_same_bytes(client: TestClient, here: str
     assert client.get(f"{here}/report").content == answer.content
     tag = answer.headers["etag"]
     assert client.get(f"{here}/report", headers={"If-None-Match": tag}).status_code == 304
-    client.patch(here, json={"facts": {"cavity": "lv", "modality": "MR"}})
+    client.patch(sequence, json={"facts": {"cavity": "lv", "modality": "MR"}})
     stated = client.get(f"{here}/report", headers={"If-None-Match": tag})
     assert stated.status_code == 200
     assert "http://loinc.org" in stated.text
-    client.patch(here, json={"facts": {"cavity": "unknown", "modality": None}})
+    client.patch(sequence, json={"facts": {"cavity": "unknown", "modality": None}})
 
 
 def test_people_and_tables_have_forms_of_their_own(client: TestClient, here: str) -> None:
@@ -92,7 +100,7 @@ def test_a_kept_class_is_reported_and_another_is_not_made_up(client: TestClient,
 
 
 def test_an_unknown_sequence_is_not_found(client: TestClient) -> None:
-    assert client.get(f"/v1/sequences/{'0' * 64}/report").status_code == 404
+    assert client.get(f"/v1/signatures/{'0' * 64}/report").status_code == 404
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +109,7 @@ def placed(client: TestClient) -> str:
     body = write_npz(replace(norm_beat(5), unit="mm"))
     here = str(client.post("/v1/sequences", content=body).headers["location"])
     client.patch(here, json={"facts": {"coordinates": "LPS", "cavity": "lv", "modality": "MR"}})
-    return here
+    return signed(client, here)
 
 
 # A worker loads highdicom: 1 s.
@@ -139,7 +147,7 @@ def test_dicom_without_a_space_or_a_study_is_refused(
     assert wrong.status_code == 400
     assert "secret" not in wrong.text
     assert client.post(f"{placed}/dicom?model=nobody", content=b"x").status_code == 404
-    unknown = f"/v1/sequences/{'0' * 64}/dicom"
+    unknown = f"/v1/signatures/{'0' * 64}/dicom"
     assert client.post(unknown, content=study_instance()).status_code == 404
 
 
@@ -150,12 +158,12 @@ def test_the_client_saves_reports_and_objects(
     name = placed.rsplit("/", 1)[-1]
     with Client("http://testserver", transport=client._transport) as remote:
         for file, begins in (("a.json", b"{"), ("a.csv", b"frame")):
-            remote.save_report(name, tmp_path / file)
+            remote.save("report", tmp_path / file, name)
             assert (tmp_path / file).read_bytes().startswith(begins)
         remote.save_dicom(name, study_instance(), tmp_path / "a.zip")
         assert (tmp_path / "a.zip").read_bytes().startswith(b"PK")
         with pytest.raises(ParameterError, match="suffix"):
-            remote.save_report(name, tmp_path / "a.doc")
+            remote.save("report", tmp_path / "a.doc", name)
 
 
 # highdicom and the shipped model are loaded, and a page is drawn for each class: 3 s.

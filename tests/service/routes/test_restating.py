@@ -43,7 +43,7 @@ def test_unit_and_times_make_another_sequence_that_takes_the_place_of_the_old(
 ) -> None:
     old = send(1, subject="S1", label="normal", cavity="lv")
     client.patch(old, json={"name": "beat of Monday.npz"})
-    client.get(f"{old}/readouts")
+    client.get(f"/v1/signatures/{old.rpartition('/')[2]}/readouts")
     times = [0.0, 0.2, 0.45, 0.6]
     answer = client.patch(old, json={"unit": "mm", "times": times, "facts": {"period": 0.8}})
     assert answer.status_code == 200, answer.text
@@ -55,11 +55,11 @@ def test_unit_and_times_make_another_sequence_that_takes_the_place_of_the_old(
     assert kept == ("beat of Monday.npz", "S1", "normal", "lv")
     assert (said["unit"], said["facts"]["period"]) == ("mm", 0.8)
     assert client.get(old).status_code == 404
-    assert client.get(f"{old}/readouts").status_code == 404
+    assert client.get(f"/v1/signatures/{old.rpartition('/')[2]}/readouts").status_code == 404
     # The same sequence as one that was sent with both.
     larger = MeshSequence(UNTIMED.vertices * 1.001, UNTIMED.faces).with_unit("mm")
     assert said["id"] == larger.with_times(times).id
-    assert client.get(f"{new}/readouts").json()["volume_unit"] == "ml"
+    assert client.get(f"/v1/signatures/{said['id']}/readouts").json()["volume_unit"] == "ml"
     # And back: what is taken away gives the old one again.
     back = client.patch(new, json={"unit": None, "times": None, "facts": {"period": None}})
     assert back.json()["links"]["self"] == old

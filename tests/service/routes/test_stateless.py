@@ -19,7 +19,7 @@ from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import SCOPE_OF, Scope
 from modalmotion_service.app import create_app
 from modalmotion_service.commands.server import require_keys_to_serve, without_store
-from modalmotion_service.routes.parts.stateless import SERVED
+from modalmotion_service.routes.stateless import SERVED
 from modalmotion_service.settings import Settings
 
 HERS = "owners/alice"
@@ -90,8 +90,7 @@ def test_an_owners_models_are_served_in_their_versions(client: TestClient, beat:
     assert answer["versions"] == [1, 2]
     answer = client.post("/v1/classify?model=hers@1", content=beat).json()
     assert (answer["model"], answer["version"]) == ("hers", 1)
-    assert client.get("/v2/models/hers/ready").status_code == 200
-    assert client.get("/v1/models/hers/versions/3").status_code == 404
+    assert client.get("/v1/models/hers@3").status_code == 404
 
 
 def test_no_request_becomes_a_job(client: TestClient, beat: bytes) -> None:
@@ -114,9 +113,17 @@ def test_every_other_call_says_that_it_needs_a_store(client: TestClient) -> None
         if SCOPE_OF[method, path] is Scope.TRAIN:
             continue
         real = path
-        for name in ("sequence_id", "template_id", "track_id", "images_id", "job_id", "name"):
+        for name in (
+            "sequence_id",
+            "key",
+            "template_id",
+            "track_id",
+            "images_id",
+            "job_id",
+            "name",
+        ):
             real = real.replace(f"{{{name}}}", id_)
-        answer = client.request(method, real.replace("{version}", "1"))
+        answer = client.request(method, real)
         assert (answer.status_code, answer.json()["code"]) == (501, "needs_store"), path
         assert "POST /v1/signature" in answer.json()["remedy"]
         n_refused += 1

@@ -5,10 +5,12 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
+from signing import signed
 
 from modalmotion.errors import LimitError
 from modalmotion.formats import read_npz, write_npz
@@ -49,7 +51,9 @@ def test_a_template_is_made_once_and_named_by_what_it_was_made_from(
     assert answer["topology"] == "cup"
     assert set(answer["landmarks"]["strengths"]) >= {"axis", "theta_zero"}
     assert all(0 <= value <= 1 for value in answer["landmarks"]["strengths"].values())
-    stated = client.post("/v1/templates?theta_zero=7", content=unknown).json()
+    stated = client.post(
+        "/v1/templates", params={"landmarks": '{"theta_zero": 7}'}, content=unknown
+    ).json()
     assert stated["id"] != answer["id"]
     assert "theta_zero" in stated["landmarks"]["given"]
 
@@ -107,27 +111,30 @@ def test_a_cohort_names_one_template(client: TestClient, mesh: bytes) -> None:
     np.savez(moved, vertices=sequence.vertices * 1.1, faces=sequence.faces, topology="cup")
     here = client.post("/v1/sequences", content=moved.getvalue()).headers["location"]
     own = client.get(f"{here}/signature").json()
-    named = client.get(f"{here}/signature", params={"template": template}).json()
+    named = client.get(signed(client, here, template=template)).json()
     assert named["template_id"] == template != own["template_id"]
     assert named["parameters"]["template"] == template
     assert np.allclose(named["amplitudes"], own["amplitudes"], rtol=0.05, atol=0.05)
-    unknown = client.get(f"{here}/signature", params={"template": "0" * 64})
+    unknown = client.post(f"{here}/signatures", json={"template": "0" * 64})
     assert (unknown.status_code, unknown.json()["code"]) == (404, "not_found")
 
 
 def test_a_template_is_deleted_and_signatures_on_it_stay(client: TestClient, mesh: bytes) -> None:
     here = client.post("/v1/sequences", content=mesh).headers["location"]
-    template = client.post("/v1/templates?theta_zero=11", content=mesh).json()["id"]
+    template = client.post(
+        "/v1/templates", params={"landmarks": '{"theta_zero": 11}'}, content=mesh
+    ).json()["id"]
     assert template in client.get("/v1/templates").json()["templates"]
-    query = {"template": template}
-    before = client.get(f"{here}/signature", params=query).json()
+    link = signed(client, here, template=template)
+    before = client.get(link).json()
     assert client.delete(f"/v1/templates/{template}").status_code == 204
     assert template not in client.get("/v1/templates").json()["templates"]
     assert client.get(f"/v1/templates/{template}").status_code == 404
     assert client.delete(f"/v1/templates/{template}").status_code == 404
-    assert client.get(f"{here}/signature", params=query).json() == before
-    assert client.get(f"{here}/signature", params={**query, "modes": 4}).status_code == 404
-    assert client.get(f"{here}/reconstruction", params=query).status_code == 404
+    assert client.get(link).json() == before
+    more = {"template": template, "modes": 4}
+    assert client.post(f"{here}/signatures", json=more).status_code == 404
+    assert client.get(f"{link}/reconstruction").status_code == 404
 
 
 def test_a_template_of_another_mesh_is_refused(
@@ -135,7 +142,7 @@ def test_a_template_of_another_mesh_is_refused(
 ) -> None:
     template = client.post("/v1/templates", content=mesh).json()["id"]
     here = client.post("/v1/sequences", content=beat).headers["location"]
-    answer = client.get(f"{here}/signature", params={"template": template})
+    answer = client.post(f"{here}/signatures", json={"template": template})
     assert answer.status_code == 422
     assert answer.json()["remedy"]
 
@@ -144,8 +151,9 @@ def test_components_along_the_body_leave_less_of_a_beat_with_one_mode(
     client: TestClient, mesh: bytes
 ) -> None:
     here = client.post("/v1/sequences", content=mesh).headers["location"]
-    plain = client.get(f"{here}/signature?modes=1").json()
-    along = client.get(f"{here}/signature?modes=1&components=cylindrical").json()
+    plain = client.post(f"{here}/signatures", json={"modes": 1}).json()
+    stated = {"modes": 1, "components": "cylindrical"}
+    along = client.post(f"{here}/signatures", json=stated).json()
     assert along["components"] == "cylindrical"
     assert along["rms_error"] < 0.9 * plain["rms_error"]
 
@@ -155,9 +163,9 @@ def test_a_reconstruction_is_what_the_signature_stands_for(
     client: TestClient, mesh: bytes, components: str
 ) -> None:
     here = client.post("/v1/sequences", content=mesh).headers["location"]
-    query = {"modes": "18", "components": components}
-    signature = client.get(f"{here}/signature", params=query).json()
-    answer = client.get(f"{here}/reconstruction", params=query)
+    link = signed(client, here, modes=18, components=components)
+    signature = client.get(link).json()
+    answer = client.get(f"{link}/reconstruction")
     assert answer.headers["content-type"] == "application/x-npz"
     found = read_npz(answer.content).sequence
     sequence = read_npz(mesh).sequence
@@ -167,7 +175,7 @@ def test_a_reconstruction_is_what_the_signature_stands_for(
 
 
 def test_a_reconstruction_at_any_time(client: TestClient, mesh: bytes) -> None:
-    here = client.post("/v1/sequences", content=mesh).headers["location"]
+    here = signed(client, client.post("/v1/sequences", content=mesh).json()["id"])
     sequence = read_npz(mesh).sequence
     assert sequence.times is not None
     between = float(sequence.times[2] + sequence.times[3]) / 2
@@ -184,7 +192,7 @@ def test_a_reconstruction_at_any_time(client: TestClient, mesh: bytes) -> None:
 
 
 def test_a_reconstruction_at_any_phase(client: TestClient, mesh: bytes) -> None:
-    here = client.post("/v1/sequences", content=mesh).headers["location"]
+    here = signed(client, client.post("/v1/sequences", content=mesh).json()["id"])
     sequence = read_npz(mesh).sequence
     own = replace(sequence, vertices=reconstruct(modal_signature(sequence), sequence))
     there = f"{here}/reconstruction"
@@ -210,25 +218,34 @@ def test_a_surface_without_natural_coordinates_gets_the_modes_of_its_mesh(
     vertices = rng.normal(size=(4, 20, 3))
     body = npz(vertices=vertices, faces=faces, unit="mm")
     here = client.post("/v1/sequences", content=body).headers["location"]
-    answer = client.get(f"{here}/signature?modes=4").json()
+    answer = client.post(f"{here}/signatures", json={"modes": 4}).json()
     assert answer["topology"] == "mesh"
     assert {label["part"] for label in answer["modes"]} == {"spring"}
     assert any("connectivity" in note for note in answer["notes"])
-    again = client.get(f"{here}/signature?modes=4", headers={"Accept": "application/x-hdf5"})
+    again = client.post(
+        f"{here}/signatures", json={"modes": 4}, headers={"Accept": "application/x-hdf5"}
+    )
     assert again.content.startswith(b"\x89HDF")
-    classified = client.post(f"{here}/classifications").json()
+    classified = client.post(f"{signed(client, here)}/classifications").json()
     assert classified["label"] is None
     assert classified["notes"]
 
 
 @pytest.mark.parametrize(
-    "query", ["theta_zero=99999", "apex=a", "base=1,2", "components=round", "apex=1e999,0,0"]
+    "stated",
+    [
+        {"landmarks": {"theta_zero": 99999}},
+        {"landmarks": {"apex": "a"}},
+        {"landmarks": {"base": [1, 2]}},
+        {"components": "round"},
+        {"landmarks": {"apex": ["1e999", 0, 0]}},
+    ],
 )
 def test_landmarks_that_are_no_place_are_refused(
-    client: TestClient, mesh: bytes, query: str
+    client: TestClient, mesh: bytes, stated: dict[str, Any]
 ) -> None:
     here = client.post("/v1/sequences", content=mesh).headers["location"]
-    answer = client.get(f"{here}/signature?{query}")
+    answer = client.post(f"{here}/signatures", json=stated)
     assert answer.status_code == 422
     assert answer.headers["content-type"] == "application/problem+json"
 
@@ -247,10 +264,10 @@ def test_two_sequences_are_compared(client: TestClient, mesh: bytes) -> None:
     )
     one = client.post("/v1/sequences", content=mesh).json()["id"]
     other = client.post("/v1/sequences", content=moved.getvalue()).json()["id"]
-    answer = client.get(f"/v1/sequences/{one}/distance", params={"to": other})
+    answer = client.get(f"/v1/signatures/{one}/distance", params={"to": other})
     assert answer.status_code == 200, answer.text
     assert answer.json()["distance"] < 1e-9
-    unknown = client.get(f"/v1/sequences/{one}/distance", params={"to": "0" * 64})
+    unknown = client.get(f"/v1/signatures/{one}/distance", params={"to": "0" * 64})
     assert unknown.status_code == 404
 
 

@@ -1,4 +1,4 @@
-"""POST /v1/reports: from images to a report as one job, which ends with its track."""
+"""POST /v1/tracks?report=true: from images to a report as one job, which ends with its track."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import json
 import threading
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import jsonschema
 import numpy as np
@@ -22,12 +21,12 @@ from training_cohort import finished
 from modalmotion.client import Client
 from modalmotion.formats.volumes import write_nifti_zip
 from modalmotion.images import ImageSequence
-from modalmotion_service.workspace import job_kinds
+from modalmotion_service.workspace import sequence_operations
 
 pytest.importorskip("nibabel")
 pytest.importorskip("matplotlib")
 
-PLACES: dict[str, Any] = {name: ",".join(map(str, place)) for name, place in LANDMARKS.items()}
+PLACES = {"landmarks": {name: list(place) for name, place in LANDMARKS.items()}}
 
 
 @pytest.fixture(scope="module")
@@ -58,24 +57,24 @@ def test_the_whole_road_is_one_job(client: TestClient, phantom: bytes, tmp_path:
     bundle = json.loads(files["report.fhir.json"])
     jsonschema.validate(bundle, PROFILE)
     assert "ventricle-simulated-offset" in files["report.fhir.json"].decode()
-    (track,) = client.get("/v1/tracks").json()["tracks"]
-    here = f"/v1/sequences/{track['id']}"
+    (track,) = client.get("/v1/sequences?tracked=true").json()["sequences"]
+    here = f"/v1/signatures/{track['id']}"
     # The same as step by step.
     model = "?model=ventricle-simulated-offset"
     assert client.get(f"{here}/report{model}").json() == bundle
     table = client.get(f"{here}/report", headers={"Accept": "text/csv"})
     assert table.content == files["frames.csv"]
-    assert client.delete(here).status_code == 204
+    assert client.delete(here.replace("signatures", "sequences")).status_code == 204
     assert client.get(job["result"]).status_code == 404
     assert client.get("/v1/jobs").json()["jobs"] == []
 
 
 def test_what_is_wrong_is_told_before_a_job(client: TestClient, phantom: bytes) -> None:
-    here = "/v1/reports"
-    assert client.post(here, params={"model": "nobodys"}, content=phantom).status_code == 404
-    assert client.post(here, params={"images": "0" * 64}).status_code == 404
-    assert client.post(here, params={"start": "0" * 64}, content=phantom).status_code == 404
-    wrong = client.post(here, params={"apex": "here"}, content=phantom)
+    here = "/v1/tracks?report=true"
+    assert client.post(f"{here}&model=nobodys", content=phantom).status_code == 404
+    assert client.post(f"{here}&images={'0' * 64}").status_code == 404
+    assert client.post(f"{here}&start={'0' * 64}", content=phantom).status_code == 404
+    wrong = client.post(f"{here}&landmarks=here", content=phantom)
     assert wrong.status_code == 422
     failed = finished(client, client.post(here, content=b"no images").json())
     assert failed["state"] == "failed"
@@ -95,11 +94,11 @@ def test_a_service_that_ends_between_track_and_report_goes_on(
         await asyncio.sleep(3600.0)
         raise AssertionError
 
-    monkeypatch.setattr(job_kinds, "whole_report", endless)
+    monkeypatch.setattr(sequence_operations, "_whole_report", endless)
     with served(settings) as client:
         images = client.post("/v1/images", content=phantom).json()["id"]
-        query = {**PLACES, "images": images, "modes": "7"}
-        job = client.post("/v1/reports", params=query).json()
+        query = {"landmarks": json.dumps(PLACES["landmarks"]), "images": images, "modes": "7"}
+        job = client.post("/v1/tracks", params={**query, "report": "true"}).json()
         assert begun.wait(60.0)
         assert client.get(job["links"]["self"]).json()["result"] is None
     monkeypatch.undo()
@@ -108,4 +107,4 @@ def test_a_service_that_ends_between_track_and_report_goes_on(
         assert (done["state"], done["error"]) == ("succeeded", None)
         assert client.get(done["result"]).content.startswith(b"PK")
         assert client.get(f"/v1/images/{images}").status_code == 404
-        assert len(client.get("/v1/tracks").json()["tracks"]) == 1
+        assert len(client.get("/v1/sequences?tracked=true").json()["sequences"]) == 1

@@ -16,6 +16,7 @@ from clouds import Floats, as_npz, breathing_spheroid, small_recording
 from fastapi.testclient import TestClient
 from job_requests import ASYNC, finished
 from services import served
+from signing import signed
 
 from modalmotion.facts import Facts
 from modalmotion.formats import write_npz
@@ -30,6 +31,7 @@ from modalmotion_service.http.negotiation import VIEW
 from modalmotion_service.settings import Settings
 
 HERE = "/v1/tracks"
+TRACKED = "/v1/sequences?tracked=true"
 FEW = {"modes": "4"}
 HDF5 = {"Accept": "application/x-hdf5"}
 
@@ -82,11 +84,12 @@ def test_the_tracked_sequence_is_one_like_any_other(client: TestClient, link: st
     sequence = client.get(link).json()["links"]["sequence"]
     summary = client.get(sequence).json()
     assert summary["facts"]["tracking"] == "offset"
-    signature = client.get(f"{sequence}/signature?kind=offset").json()
+    signature = client.post(f"{sequence}/signatures", json={"kind": "offset"}).json()
     assert np.shape(signature["amplitudes"]) == (4, 7, 1)
     assert np.shape(signature["amplitude_deviations"]) == (4, 7, 1)
     assert 0.0 < signature["deviation_share"] < 1.0
-    distance = client.get(f"{sequence}/distance?kind=offset&to={summary['id']}").json()
+    of = f"/v1/signatures/{signature['key']}"
+    distance = client.get(f"{of}/distance", params={"to": signature["key"]}).json()
     assert distance["distance"] == 0.0 < distance["by_errors"]
     # What is corrected there stands in the track too.
     client.patch(sequence, json={"facts": {"modality": "US"}})
@@ -105,7 +108,8 @@ def test_the_page_is_sent_some_of_the_data(client: TestClient, link: str) -> Non
     assert np.abs(back - kept.points).max() < 1e-4
     # A page of one file holds them itself.
     sequence = client.get(link).json()["links"]["sequence"]
-    page = client.get(f"{sequence}/view?kind=offset", headers={"Accept": "text/html"}).text
+    of = signed(client, sequence, kind="offset")
+    page = client.get(f"{of}/view", headers={"Accept": "text/html"}).text
     (held,) = re.findall(r'data-points="0">([^<]+)<', page)
     assert gzip.decompress(base64.b64decode(held)) == answer.content
 
@@ -126,14 +130,14 @@ def test_a_track_has_pictures_and_a_tag(client: TestClient, link: str) -> None:
 def test_tracks_alone_are_listed_by_page_and_filter(client: TestClient, link: str) -> None:
     client.post("/v1/sequences", content=write_npz(breathing_spheroid(2)), params={"label": "x"})
     other = client.post(HERE, content=small_recording(3, seed=5), params={**FEW, "label": "x"})
-    ids = [one["id"] for one in client.get(HERE).json()["tracks"]]
+    ids = [one["id"] for one in client.get(TRACKED).json()["sequences"]]
     assert ids.index(other.json()["id"]) < ids.index(link.rpartition("/")[2])
-    (labelled,) = client.get(HERE, params={"label": "x"}).json()["tracks"]
-    assert labelled["links"]["self"] == other.headers["location"]
-    first = client.get(HERE, params={"limit": 1}).json()
-    second = client.get(HERE, params={"limit": 1, "cursor": first["cursor"]}).json()
-    assert [first["tracks"][0]["id"], second["tracks"][0]["id"]] == ids[:2]
-    client.delete(other.headers["location"])
+    (labelled,) = client.get(f"{TRACKED}&label=x").json()["sequences"]
+    assert labelled["id"] == other.json()["id"]
+    first = client.get(f"{TRACKED}&limit=1").json()
+    second = client.get(f"{TRACKED}&limit=1&cursor={first['cursor']}").json()
+    assert [first["sequences"][0]["id"], second["sequences"][0]["id"]] == ids[:2]
+    client.delete(labelled["links"]["self"])
 
 
 def test_a_form_states_facts_and_landmarks(client: TestClient) -> None:
@@ -144,7 +148,9 @@ def test_a_form_states_facts_and_landmarks(client: TestClient) -> None:
     sent = {"file": ("clouds.npz", as_npz(clouds, unit="mm"))}
     without = client.post(HERE, files=sent, params={**FEW, "topology": "cup"})
     assert (without.status_code, without.json()["needed"]) == (422, ["apex", "base"])
-    made = client.post(HERE, files=sent, data=form, params={**FEW, "base": "0,0,20"})
+    made = client.post(
+        HERE, files=sent, data=form, params={**FEW, "landmarks": '{"base": [0, 0, 20]}'}
+    )
     assert made.status_code == 201, made.text
     assert made.json()["sequence"]["topology"] == "cup"
     facts = made.json()["sequence"]["facts"]
@@ -192,11 +198,11 @@ def test_a_job_tracks_and_is_forgotten_with_its_track(client: TestClient) -> Non
     assert result.json()["links"]["self"] == done["result"]
     direct = client.post(HERE, content=sent, params=FEW, headers={"Idempotency-Key": "track-2"})
     sequence = result.json()["links"]["sequence"]
-    client.get(f"{sequence}/signature")
-    assert client.delete(done["result"]).status_code == 204
-    for gone in (done["result"], sequence, f"{sequence}/signature", job.json()["links"]["self"]):
+    kept = signed(client, sequence)
+    assert client.delete(sequence).status_code == 204
+    for gone in (done["result"], sequence, kept, job.json()["links"]["self"]):
         assert client.get(gone).status_code == 404
-    assert client.delete(done["result"]).status_code == 404
+    assert client.delete(sequence).status_code == 404
     assert direct.status_code == 200
     again = client.post(HERE, content=sent, params=FEW, headers={"Idempotency-Key": "track-2"})
     assert again.status_code == 404
@@ -204,9 +210,8 @@ def test_a_job_tracks_and_is_forgotten_with_its_track(client: TestClient) -> Non
 
 def test_a_sequence_that_was_sent_is_no_track(client: TestClient) -> None:
     sent = client.post("/v1/sequences", content=write_npz(breathing_spheroid(2))).json()
-    for call in (client.get, client.delete):
-        answer = call(f"{HERE}/{sent['id']}")
-        assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
+    answer = client.get(f"{HERE}/{sent['id']}")
+    assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
     assert client.get(sent["links"]["self"]).status_code == 200
 
 
@@ -235,7 +240,7 @@ WITH_NAN: Floats = np.where(np.arange(90).reshape(30, 3) == 50, np.nan, POINTS)
         (as_npz([POINTS[:3]] * 2), {}, 422, "frame", 0),
         (as_npz([POINTS] * 101), {}, 413, "limit", "frames"),
         (as_npz([POINTS] * 2), {"reference": "2"}, 422, "code", "bad_parameter"),
-        (as_npz([POINTS] * 2), {"landmarks": "{"}, 422, "code", "bad_parameter"),
+        (as_npz([POINTS] * 2), {"landmarks": "{"}, 422, "code", "invalid_request"),
         (as_npz([POINTS] * 2), {"landmarks": '{"apex": [1, 2]}'}, 422, "landmark", "apex"),
         (as_npz([POINTS] * 2), {"landmarks": '{"nose": [1, 2, 3]}'}, 422, "landmark", "nose"),
         (as_npz([POINTS] * 2), {"tracking": "material"}, 422, "fact", "tracking"),
@@ -269,7 +274,7 @@ def test_a_job_under_way_is_cancelled_and_leaves_nothing(tmp_path: Path) -> None
             assert now["state"] in ("queued", "running"), now
             seen = now["progress"]
         assert client.delete(here).json()["state"] == "cancelled"
-        assert client.get(HERE).json()["tracks"] == []
+        assert client.get(TRACKED).json()["sequences"] == []
         # The worker is free again, and takes the next one.
         assert client.post(HERE, content=small_recording(2), params=FEW).status_code == 201
         spool = client.app.state.owners.local.spool  # type: ignore[attr-defined]

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
+from signing import signed
 
 from modalmotion.viewer.bundle_files import script, style
 from modalmotion.viewer.container import read_container
 from modalmotion_service.http.negotiation import VIEW
+from modalmotion_service.work.fitted import Fitted
 from modalmotion_service.work.tasks import views
 
 
@@ -24,7 +26,7 @@ def client(shared_client: TestClient) -> TestClient:
 
 @pytest.fixture(scope="module")
 def here(client: TestClient, beat: bytes) -> str:
-    return str(client.post("/v1/sequences", content=beat).headers["location"])
+    return f"/v1/signatures/{client.post('/v1/sequences', content=beat).json()['id']}"
 
 
 @pytest.mark.parametrize("path", ["/", f"/view/{'0' * 64}", f"/images/{'0' * 64}"])
@@ -55,25 +57,29 @@ def test_script_and_style_are_named_by_their_content_and_kept_for_ever(client: T
 def test_a_view_is_the_signature_s_and_the_frames_come_in_pieces(
     client: TestClient, here: str
 ) -> None:
-    answer = client.get(f"{here}/view?modes=4")
+    four = signed(client, here, modes=4)
+    answer = client.get(f"{four}/view")
     assert answer.status_code == 200
     assert answer.headers["content-type"] == VIEW
     assert answer.headers["cache-control"] == "no-store"
     header, arrays = read_container(answer.content)
-    own = client.get(f"{here}/signature?modes=4").json()
+    own = client.get(four).json()
     assert np.allclose(arrays["amplitudes"], own["amplitudes"], rtol=1e-6)
     assert header["volume"]["share"]["name"] == "ejection fraction"
-    whole = read_container(client.get(f"{here}/view/frames?modes=4").content)[1]["frames"]
+    whole = read_container(client.get(f"{four}/view?first=0").content)[1]["frames"]
     assert whole.shape == (header["n_frames"], header["n_vertices"], 3)
-    part, frames = read_container(client.get(f"{here}/view/frames?modes=4&first=3&stop=5").content)
+    part, frames = read_container(client.get(f"{four}/view?first=3&stop=5").content)
     assert (part["first"], len(frames["frames"])) == (3, 2)
-    again = client.get(f"{here}/view?modes=4", headers={"If-None-Match": answer.headers["etag"]})
+    again = client.get(f"{four}/view", headers={"If-None-Match": answer.headers["etag"]})
     assert again.status_code == 304
 
 
 def test_a_changed_fact_is_seen(client: TestClient, here: str) -> None:
     before = client.get(f"{here}/view").headers["etag"]
-    client.patch(here, json={"facts": {"landmarks": {"anterior": [0.0, -20.0, 40.0]}}})
+    client.patch(
+        here.replace("signatures", "sequences"),
+        json={"facts": {"landmarks": {"anterior": [0.0, -20.0, 40.0]}}},
+    )
     answer = client.get(f"{here}/view", headers={"If-None-Match": before})
     assert answer.status_code == 200
     assert len(read_container(answer.content)[0]["segments"]["names"]) == 17
@@ -93,21 +99,22 @@ def test_more_frames_than_an_answer_holds_are_refused(
     from modalmotion.errors import LimitError
 
     store = client.app.state.owners.local.store  # type: ignore[attr-defined]
-    sequence = store.sequence_path(here.rpartition("/")[2])
-    client.get(f"{here}/signature")
-    signature = next(store.root.rglob("signatures/*.h5"), None) or next(
-        path for path in store.root.rglob("*.h5") if "signature" in str(path)
-    )
+    sequence_id, key = signed(client, here).rpartition("/")[2].split("-")
+    signature = store.signature_path(sequence_id, key)
+    record = store.sequence_record(sequence_id)
+    one = Fitted(signature, store.sequence_path(sequence_id), None, None, record)
     with pytest.raises(LimitError, match="first and stop") as caught:
-        views.make_frames(sequence, signature, None, 0, None, tmp_path / "frames")
+        views.make_frames(one, 0, None, tmp_path / "frames")
     assert caught.value.limit == "view_frame_bytes"
 
 
 def test_amplitudes_and_read_outs_are_tables_too(client: TestClient, here: str) -> None:
-    table = client.get(f"{here}/signature?modes=4", headers={"Accept": "text/csv"})
+    four = signed(client, here, modes=4)
+    table = client.get(f"{four}/table")
+    assert table.content == client.get(four, headers={"Accept": "text/csv"}).content
     assert table.headers["content-type"].startswith("text/csv")
     rows = list(csv.DictReader(io.StringIO(table.text)))
-    own = np.array(client.get(f"{here}/signature?modes=4").json()["amplitudes"])
+    own = np.array(client.get(four).json()["amplitudes"])
     assert np.array_equal([float(row["amplitude"]) for row in rows], own.ravel())
     assert rows[0]["label"] == "(0, 0, cos)"
     assert rows[0]["unit"] == "mm"

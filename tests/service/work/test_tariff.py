@@ -7,19 +7,22 @@ import math
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from modalmotion.exports.surfaces import SurfaceFormat
 from modalmotion.facts import NO_FACTS
 from modalmotion.formats import Format, ReadOptions, write_npz
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.simulate import simulate_ventricle
+from modalmotion.store import SequenceRecord
 from modalmotion.tradeoff.predicted_time import reading_seconds, signature_seconds
 from modalmotion_service.http.negotiation import JSON, NPZ, PNG
-from modalmotion_service.schemas import EncodingTarget, ModesQuery
+from modalmotion_service.schemas.requests import EncodingTarget, ModesRequest
 from modalmotion_service.work import tasks
+from modalmotion_service.work.fitted import Fitted
 from modalmotion_service.work.lanes import SHORT_SECONDS
 from modalmotion_service.work.tariff import _RULES, Tariff
 from modalmotion_service.work.tasks import codec, derived, sequences, signatures, templates
@@ -121,10 +124,11 @@ def test_text_is_dearer_than_arrays(tmp_path: Path) -> None:
 def test_modes_surfaces_and_pictures_cost_what_they_take(tmp_path: Path) -> None:
     file = file_of(tmp_path, 1_000_000)
     few, many = (
-        price(templates.modes_of_template, file, ModesQuery(modes=n), NPZ) for n in (7, 700)
+        price(templates.modes_of_template, file, ModesRequest(modes=n), NPZ) for n in (7, 700)
     )
     assert many > 10 * few
-    usual = (file, file, None, "npz")
+    kept = Fitted(file, file, None, None, cast("SequenceRecord", None))
+    usual = (kept, SurfaceFormat.NPZ)
     own, more = (price(derived.superpose, *usual, t, None, NOWHERE) for t in (None, [0.0] * 5000))
     assert more > 2 * own
     trade = (file, USUAL, 111, None, None)

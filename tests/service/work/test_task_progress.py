@@ -10,7 +10,7 @@ import pytest
 
 from modalmotion.mesh.hdf5 import sequence_to_hdf5
 from modalmotion.simulate import simulate_ventricle
-from modalmotion_service.schemas import EncodingTarget
+from modalmotion_service.schemas.requests import EncodingTarget
 from modalmotion_service.work import task_progress
 from modalmotion_service.work.task_progress import ProgressFile, followed
 from modalmotion_service.work.tasks import codec

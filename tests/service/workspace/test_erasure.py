@@ -38,7 +38,7 @@ def test_nothing_tells_of_a_deleted_sequence(settings: Settings, beat: bytes) ->
         jobs = [
             client.post("/v1/signatures/query", json=ids, headers=ASYNC).json(),
             client.get(f"{link}/encoded?rms=0.5", headers=ASYNC).json(),
-            client.get(f"{link}/signature", headers=ASYNC).json(),
+            client.post(f"{link}/signatures", headers=ASYNC).json(),
         ]
         results = [finished(client, job)["result"] for job in jobs]
         assert [client.get(result).status_code for result in results] == [200, 200, 200]

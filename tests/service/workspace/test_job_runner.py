@@ -52,7 +52,7 @@ def test_a_job_that_fails_keeps_the_problem(client: TestClient) -> None:
 
 def test_a_signature_can_be_left_to_a_job(client: TestClient, beat: bytes) -> None:
     here = client.post("/v1/sequences", content=beat).headers["location"]
-    answer = client.get(f"{here}/signature?modes=18&topology=cup", headers=ASYNC)
+    answer = client.post(f"{here}/signatures", json={"modes": 18, "topology": "cup"}, headers=ASYNC)
     assert answer.status_code == 202
     job = finished(client, answer.json())
     assert client.get(job["result"]).json()["shape"][1] == 18
@@ -107,7 +107,7 @@ def test_a_job_can_be_cancelled(
     async def endless(*_: object, **__: object) -> None:
         await asyncio.sleep(3600)
 
-    monkeypatch.setattr(Analysis, "keep", endless)
+    monkeypatch.setattr(Analysis, "followed", endless)
     job = client.post("/v1/sequences", content=beat, headers=ASYNC).json()
     for _ in range(100):
         if client.get(job["links"]["self"]).json()["state"] == "running":
@@ -187,13 +187,14 @@ def test_the_progress_of_every_kind_of_job_moves_and_never_falls(
     upload = client.post("/v1/sequences", content=write_npz(moved), headers=ASYNC)
     jobs = [finished(client, upload.json())]
     here = jobs[0]["result"]
-    for method, path in (
-        ("GET", "signature?modes=5"),
-        ("GET", "tradeoff?front_modes=5"),
-        ("POST", "classifications"),
-        ("GET", "encoded?rms=2"),
+    usual = here.replace("sequences", "signatures")
+    for method, path, body in (
+        ("POST", f"{here}/signatures", {"modes": 5}),
+        ("POST", f"{here}/tradeoff", {"front_modes": 5}),
+        ("POST", f"{usual}/classifications", {}),
+        ("GET", f"{here}/encoded?rms=2", None),
     ):
-        answer = client.request(method, f"{here}/{path}", headers=ASYNC)
+        answer = client.request(method, path, json=body, headers=ASYNC)
         assert answer.status_code == 202, answer.text
         jobs.append(finished(client, answer.json()))
     answer = client.post("/v1/templates", content=write_npz(moved), headers=ASYNC)

@@ -14,7 +14,7 @@ import pytest
 from modalmotion.errors import CorruptFileError, MalformedFileError, NotFoundError, StoreError
 from modalmotion.store import ResultStore
 from modalmotion_service.errors import ClusterError, WorkerDiedError
-from modalmotion_service.schemas import JobState
+from modalmotion_service.schemas.general import JobState
 from modalmotion_service.workspace import perseverance
 from modalmotion_service.workspace.job_runner import Handler, JobRunner, Report
 from modalmotion_service.workspace.jobs import Job, Jobs

@@ -48,7 +48,7 @@ def test_what_no_model_can_be_trained_on_is_refused_by_name(trained: Trained) ->
     assert problem["sequence_ids"] == [unlabelled]
     assert "PATCH" in problem["remedy"]
     assert_problem(ask(ids, options={"modes": 0}), 422, "bad_parameter", "modes")
-    assert_problem(ask(ids, options={"depth": 3}), 422, "bad_parameter", "depth")
+    assert_problem(ask(ids, options={"depth": 3}), 422, "invalid_request", "depth")
     assert_problem(ask(ids, options={"timing": "oracle"}), 422, "bad_parameter", "oracle")
     named = client.post("/v1/models", json={"name": "Not a name", "sequences": ids})
     assert "lower-case" in assert_problem(named, 422, "bad_parameter", "Not a name")["remedy"]
@@ -171,7 +171,7 @@ def test_a_damaged_model_is_refused_and_others_are_served(trained: Trained) -> N
     assert trained.client.get("/v1/models").status_code == 200
     assert trained.client.get("/v1/models/wall-motion").status_code == 200
     # It can be removed like any other.
-    assert trained.client.delete("/v1/models/damaged/versions/1").status_code == 204
+    assert trained.client.delete("/v1/models/damaged@1").status_code == 204
 
 
 @pytest.mark.thorough

@@ -39,12 +39,12 @@ def test_who_only_reads_fills_no_disk(tmp_path: Path, beat: bytes) -> None:
         # Full from now on.
         quota.measure()
         quota._most_bytes = quota.used_bytes
-        for path, send in (
-            (f"{here}/signature?modes=5", client.get),
-            (f"{here}/readouts?modes=6", client.get),
-            (f"{here}/classifications", client.post),
+        for path, body in (
+            (f"{here}/signatures", {"modes": 5}),
+            ("/v1/signatures/query", {"ids": [here.rpartition("/")[2]], "modes": 6}),
+            (here.replace("sequences", "signatures") + "/classifications", {}),
         ):
-            answer = send(path)
+            answer = client.post(path, json=body)
             assert (answer.status_code, answer.json()["max_owner_bytes"]) == (507, quota.used_bytes)
             assert "DELETE" in answer.json()["remedy"]
         other = client.post("/v1/sequences?unit=cm", content=beat)

@@ -13,7 +13,7 @@ from job_requests import ASYNC, finished
 from modalmotion.store import ResultStore
 from modalmotion.store.index.cursor import to_text
 from modalmotion_service.app import create_app
-from modalmotion_service.schemas import JobState
+from modalmotion_service.schemas.general import JobState
 from modalmotion_service.settings import Settings
 from modalmotion_service.workspace.idempotency import IdempotencyKeys
 from modalmotion_service.workspace.jobs import Jobs

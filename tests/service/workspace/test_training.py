@@ -23,7 +23,8 @@ from modalmotion.signature.making import modal_signature
 from modalmotion.store import ResultStore, model_from_hdf5, signature_to_hdf5
 from modalmotion.store.index.database import Database
 from modalmotion_service.app import create_app
-from modalmotion_service.schemas import JobState, LabelledSequence
+from modalmotion_service.schemas.general import JobState
+from modalmotion_service.schemas.requests import LabelledSequence
 from modalmotion_service.settings import Settings
 from modalmotion_service.workspace.job_runner import JobRunner, Report
 from modalmotion_service.workspace.jobs import Jobs
@@ -71,11 +72,11 @@ def test_a_training_is_taken_up_again_after_a_restart(service: RunningService, e
     service.start()
     job = wait_until(service, link, {"succeeded", "failed", "cancelled"})
     assert job["state"] == "succeeded", job["error"]
-    assert job["result"] == "/v1/models/survivor/versions/1"
+    assert job["result"] == "/v1/models/survivor@1"
     model = service.request("GET", "/v1/models/survivor").json
     assert model["versions"] == [1]
     assert list((service.data_dir / "spool").iterdir()) == []
-    here = f"/v1/sequences/{ids[0]}/classifications"
+    here = f"/v1/signatures/{ids[0]}/classifications"
     said = service.request("POST", here, b'{"model": "survivor"}', kind)
     assert said.status == 201
     if end == "terminate":
@@ -84,7 +85,7 @@ def test_a_training_is_taken_up_again_after_a_restart(service: RunningService, e
     service.kill()
     service.start()
     assert service.request("POST", here, b'{"model": "survivor@1"}', kind).json == said.json
-    other = f"/v1/sequences/{ids[1]}/classifications"
+    other = f"/v1/signatures/{ids[1]}/classifications"
     assert service.request("POST", other, b'{"model": "survivor"}', kind).status == 201
 
 

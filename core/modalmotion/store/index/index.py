@@ -181,6 +181,15 @@ class Index:
         with self.database.write() as connection:
             put_results(connection, [(name, digest)])
 
+    def remove_result(self, name: ResultName) -> None:
+        """Remove a result."""
+        with self.database.write(erases=True) as connection:
+            connection.execute(
+                "DELETE FROM results "
+                "WHERE kind = ? AND sequence_id = ? AND model_id = ? AND key = ?",
+                name,
+            )
+
     def put_all(self, records: Iterable[SequenceRecord], results: Mapping[ResultName, str]) -> None:
         """Add records, and results with the sha256 of their files, in one transaction."""
         with self.database.write() as connection:

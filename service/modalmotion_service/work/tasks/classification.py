@@ -18,7 +18,7 @@ from modalmotion.classification import (
 from modalmotion.facts import Facts
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import model_from_hdf5, signature_from_hdf5
-from modalmotion_service.schemas import ReadingAnswer
+from modalmotion_service.schemas.sequences import ReadingAnswer
 from modalmotion_service.work.tasks.files import png_of
 from modalmotion_service.work.upload import Upload
 

@@ -9,7 +9,8 @@ from modalmotion.formats import ReadLimits, write_npz, write_raw, write_vtkhdf
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.store import sequence_from_hdf5
 from modalmotion_service.http.negotiation import NPZ, RAW, VTKHDF
-from modalmotion_service.schemas import EncodedAnswer, EncodingTarget
+from modalmotion_service.schemas.requests import EncodingTarget
+from modalmotion_service.schemas.results import EncodedAnswer
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import write_whole
 from modalmotion_service.work.upload import Upload

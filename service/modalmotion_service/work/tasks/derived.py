@@ -9,6 +9,7 @@ import numpy as np
 
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.ventricle import ventricle_readouts
+from modalmotion.errors import ParameterError
 from modalmotion.exports.surfaces import SurfaceFormat, write_superposed
 from modalmotion.exports.table import frame_table
 from modalmotion.facts import Facts
@@ -20,30 +21,40 @@ from modalmotion.template.body_frame import Components
 from modalmotion.tradeoff import measure_tradeoff
 from modalmotion.tradeoff.plain import as_plain
 from modalmotion_service.http.negotiation import CSV, PNG
-from modalmotion_service.schemas import ReadoutsAnswer, TradeoffAnswer
+from modalmotion_service.schemas.readouts import ReadoutsAnswer
+from modalmotion_service.schemas.signatures import TradeoffAnswer
+from modalmotion_service.work.fitted import Fitted
 from modalmotion_service.work.task_progress import ProgressFile
-from modalmotion_service.work.tasks.files import loaded_sequence, png_of, whole_file, write_whole
+from modalmotion_service.work.tasks.files import png_of, whole_file, write_whole
+
+STRAIN: Final = "strain"
+"""In place of a media type: the strain alone, as JSON."""
 
 
-def read_out(
-    sequence: Path,
-    signature: Path,
-    template: Path | None,
-    media_type: str,
-    facts: Facts,
-    track: Path | None,
-) -> bytes:
-    """Read volume and ejection fraction from a kept signature, as JSON, PNG or a table."""
-    fitted = signature_from_hdf5(signature)
-    loaded = loaded_sequence(sequence, track).with_facts(facts)
-    named = None if template is None else template_from_hdf5(template)
+def read_out(one: Fitted, how: str) -> bytes:
+    """Read volumes and strain from a kept signature, as JSON, PNG or a table; or `STRAIN` alone.
+
+    Raises
+    ------
+    ParameterError
+        If the strain is asked for, and the surface has none.
+    """
+    fitted, loaded, named = one.read_signature(), one.read_sequence(), one.read_template()
     result = clinical_readouts(fitted, loaded, template=named)
-    if media_type == PNG:
+    if how == PNG:
         return png_of(volume_figure(result))
     ventricle = ventricle_readouts(fitted, loaded, result, template=named)
-    if media_type == CSV:
+    if how == CSV:
         return frame_table(fitted, result, ventricle).to_csv().encode()
-    return ReadoutsAnswer.of(result, ventricle).model_dump_json().encode()
+    answer = ReadoutsAnswer.of(result, ventricle)
+    if how == STRAIN:
+        if answer.strain is None:
+            raise ParameterError(
+                " ".join(ventricle.reasons) or "The surface is no wall with a strain.",
+                remedy="Ask for the strain of a surface with coordinates along and around it.",
+            )
+        return answer.strain.model_dump_json().encode()
+    return answer.model_dump_json().encode()
 
 
 # Parts of the whole.
@@ -84,23 +95,21 @@ def measure_trade(
 
 
 def superpose(
-    sequence: Path,
-    signature: Path,
-    template: Path | None,
+    one: Fitted,
     surface_format: SurfaceFormat,
     times: list[float] | None,
     phases: list[float] | int | None,
     max_targets: int | None,
     output: Path,
 ) -> None:
-    """Write the surfaces that a kept signature stands for."""
+    """Write the surfaces that a signature stands for."""
     write_whole(
         output,
         write_superposed(
-            signature_from_hdf5(signature),
-            sequence_from_hdf5(sequence),
+            signature_from_hdf5(one.signature),
+            sequence_from_hdf5(one.sequence),
             surface_format,
-            template=None if template is None else template_from_hdf5(template),
+            template=one.read_template(),
             times=None if times is None else np.array(times),
             phases=phases,
             max_targets=max_targets,

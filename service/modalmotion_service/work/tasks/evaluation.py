@@ -12,7 +12,7 @@ from modalmotion.classification.evaluation import (
     evaluation_of,
 )
 from modalmotion_service.http.negotiation import CSV, PNG
-from modalmotion_service.schemas.evaluations import ComparisonAnswer, EvaluationAnswer
+from modalmotion_service.schemas.models import ComparisonAnswer, EvaluationAnswer
 from modalmotion_service.work.tasks.classification import loaded
 from modalmotion_service.work.tasks.files import png_of
 

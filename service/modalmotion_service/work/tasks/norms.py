@@ -19,7 +19,7 @@ from modalmotion.norm import (
 from modalmotion.norm.norm import Control, Reading
 from modalmotion.signature.making import ModalSignature
 from modalmotion.store import sequence_from_hdf5, signature_from_hdf5
-from modalmotion_service.schemas.norms import CohortDeviationAnswer, DeviationAnswer
+from modalmotion_service.schemas.models import CohortDeviationAnswer, DeviationAnswer
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import write_whole
 

@@ -20,7 +20,7 @@ from modalmotion.store import (
     track_image,
     upload_image,
 )
-from modalmotion_service.schemas import ReadingAnswer
+from modalmotion_service.schemas.sequences import ReadingAnswer
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import write_whole
 from modalmotion_service.work.upload import Upload

@@ -14,7 +14,6 @@ from modalmotion.clinical import clinical_readouts
 from modalmotion.errors import InputError
 from modalmotion.exports.signature_pack import write_pack
 from modalmotion.exports.table import Recording, amplitude_table, cohort_table
-from modalmotion.facts import Facts
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.comparison import Comparison, compare
@@ -28,7 +27,8 @@ from modalmotion.store import (
     signature_to_hdf5,
 )
 from modalmotion_service.http.negotiation import CSV, HDF5, JSON, NPZ, PNG, RAW
-from modalmotion_service.schemas import SignatureAnswer
+from modalmotion_service.schemas.signatures import SignatureAnswer
+from modalmotion_service.work.fitted import Fitted
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import (
     cache_for,
@@ -88,30 +88,25 @@ def sign_upload(
     return body, watch.milliseconds
 
 
-def signature_as_json(path: Path, file: str, facts: Facts) -> bytes:
-    """Write a kept signature and the facts of its sequence out as the service's JSON."""
-    signature = replace(signature_from_hdf5(path), facts=facts)
-    return SignatureAnswer.of(signature, file).model_dump_json().encode()
+def render(path: Path, key: str | None, file: str | None) -> bytes:
+    """Write a signature out as the service's JSON, without the facts of its sequence."""
+    answer = SignatureAnswer.of(signature_from_hdf5(path), key, file)
+    return answer.model_dump_json(exclude={"facts"}).encode()
 
 
-def signature_as(path: Path, media_type: str) -> bytes:
-    """Write a kept signature out as a media type that says nothing of its sequence's facts."""
-    return _SIGNATURE_WRITERS[media_type](signature_from_hdf5(path))
+def signature_as(one: Fitted, media_type: str) -> bytes:
+    """Write a signature and the facts of its sequence out as a media type."""
+    signature = one.read_signature()
+    if media_type == PNG:
+        return _as_png(signature, sequence_from_hdf5(one.sequence))
+    return _SIGNATURE_WRITERS[media_type](signature)
 
 
-def signature_with_facts(path: Path, facts: Facts) -> bytes:
-    """Write a kept signature and the facts of its sequence out as HDF5."""
-    return signature_to_hdf5(replace(signature_from_hdf5(path), facts=facts))
-
-
-def draw_signature(sequence: Path, signature: Path) -> bytes:
-    """Draw a kept signature beside its sequence, as PNG."""
-    return _as_png(signature_from_hdf5(signature), sequence_from_hdf5(sequence))
-
-
-def compare_signatures(a: Path, b: Path, closed: bool) -> Comparison:
-    """Compare two kept signatures."""
-    return compare(signature_from_hdf5(a), signature_from_hdf5(b), closed=closed)
+def compare_signatures(a: Fitted, b: Fitted, closed: bool) -> Comparison:
+    """Compare two signatures."""
+    return compare(
+        signature_from_hdf5(a.signature), signature_from_hdf5(b.signature), closed=closed
+    )
 
 
 def kinds_of(signatures: list[Path]) -> list[tuple[str, str]]:
@@ -170,7 +165,7 @@ def tabulate(
 
 
 def _as_json(signature: ModalSignature) -> bytes:
-    return SignatureAnswer.of(signature, None).model_dump_json().encode()
+    return SignatureAnswer.of(signature).model_dump_json().encode()
 
 
 def _as_npz(signature: ModalSignature) -> bytes:

@@ -16,7 +16,8 @@ from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import template_from_hdf5, template_to_hdf5
 from modalmotion.template.vibration_modes import surface_modes
 from modalmotion_service.http.negotiation import HDF5, NPZ, PNG
-from modalmotion_service.schemas import ModesAnswer, ModesQuery, TemplateAnswer
+from modalmotion_service.schemas.requests import ModesRequest
+from modalmotion_service.schemas.signatures import ModesAnswer, TemplateAnswer
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import png_of, write_whole
 from modalmotion_service.work.upload import Upload
@@ -59,7 +60,7 @@ def draw_template(path: Path) -> bytes:
     return png_of(template_figure(template_from_hdf5(path)))
 
 
-def modes_of_template(path: Path, query: ModesQuery, media_type: str) -> bytes:
+def modes_of_template(path: Path, query: ModesRequest, media_type: str) -> bytes:
     """Give a kept template's vibration modes as JSON, npz, HDF5 or PNG."""
     template = template_from_hdf5(path)
     _require_room(template.n_vertices * query.modes, _MOST_NUMBERS)

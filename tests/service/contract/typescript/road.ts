@@ -28,11 +28,12 @@ const sequence = given(await api.POST("/v1/sequences", beat));
 if (!("id" in sequence)) throw new Error("no sequence");
 const path = { sequence_id: sequence.id };
 const signature = given(
-  await api.GET("/v1/sequences/{sequence_id}/signature", { params: { path, query: { modes: 7 } } }),
+  await api.POST("/v1/sequences/{sequence_id}/signatures", { params: { path }, body: { modes: 7 } }),
 );
 if (typeof signature === "string" || !("amplitudes" in signature)) throw new Error("no signature");
+const key = signature.key;
 const answer = given(
-  await api.POST("/v1/sequences/{sequence_id}/classifications", { params: { path } }),
+  await api.POST("/v1/signatures/{key}/classifications", { params: { path: { key } } }),
 );
 if (!("probabilities" in answer)) throw new Error("no classes");
 const binary = { parseAs: "arrayBuffer" } as const;
@@ -41,10 +42,7 @@ const stream = await keep("beat.mms", await api.POST("/v1/encode", { ...beat, ..
 await keep("decoded.npz", await api.POST("/v1/decode", { ...octets(stream), ...binary }));
 await keep(
   "reconstruction.npz",
-  await api.GET("/v1/sequences/{sequence_id}/reconstruction", {
-    params: { path, query: { modes: 7 } },
-    ...binary,
-  }),
+  await api.GET("/v1/signatures/{key}/reconstruction", { params: { path: { key } }, ...binary }),
 );
 console.log(
   JSON.stringify({

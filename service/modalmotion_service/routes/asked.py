@@ -1,0 +1,308 @@
+"""What a call is asked: of whose store, how it is to be answered, and the answer to it."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import contextlib
+import json
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+from fastapi import Depends, Header, Query
+from fastapi import Request as HttpRequest
+from fastapi.exceptions import RequestValidationError
+from starlette.background import BackgroundTask
+from starlette.responses import FileResponse, Response
+
+from modalmotion.errors import LimitError, StoreError
+from modalmotion.facts import facts_as_json
+from modalmotion.store import ResultStore
+from modalmotion.store.index.cursor import from_cursor, to_cursor
+from modalmotion_service.access.keys import key_required
+from modalmotion_service.access.principal import principal_of
+from modalmotion_service.errors import ConflictError, IdempotencyMismatchError
+from modalmotion_service.http.conditional import is_known, not_modified, tag_of
+from modalmotion_service.http.gate import note_facts, note_ids
+from modalmotion_service.http.negotiation import JSON, best_type
+from modalmotion_service.http.preferences import Preference, parse_preference
+from modalmotion_service.schemas.general import JobAnswer, JobState
+from modalmotion_service.workspace.jobs import Job
+from modalmotion_service.workspace.operation import Operation, Outcome, Request
+from modalmotion_service.workspace.spool import SpoolFile
+from modalmotion_service.workspace.state import State
+
+_LONGEST_PREFER: Final = 200
+_KEPT_HEADERS: Final = ("content-type", "location", "etag", "preference-applied")
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A call, with the open state of its owner.
+
+    Parameters
+    ----------
+    state : State
+    http : fastapi.Request
+    preference : Preference
+    """
+
+    state: State
+    http: HttpRequest
+    preference: Preference
+
+    @property
+    def store(self) -> ResultStore:
+        """The owner's store."""
+        return self.state.store
+
+    def media_type(self, *offered: str) -> str:
+        """Choose the media type of the answer."""
+        return best_type(self.http.headers.get("accept", "*/*"), offered)
+
+    def note(self, *ids: str | None) -> None:
+        """Name in the audit log what the call is about, where its path does not."""
+        note_ids(self.http, [one for one in ids if one is not None])
+
+    def tagged(self, *parts: str) -> str:
+        """Make the tag of an answer."""
+        return tag_of(self.http.scope["route"].path, *parts)
+
+    def knows(self, tag: str) -> Response | None:
+        """Give the answer 304 where the client has what the tag stands for."""
+        return not_modified(tag) if is_known(self.http, tag) else None
+
+    def json(
+        self, answer: Any, status: int = 200, headers: Mapping[str, str] | None = None
+    ) -> Response:
+        """Answer with a model as JSON, and its tag."""
+        body = answer.model_dump_json()
+        tag = tag_of(body)
+        known = self.knows(tag) if self.http.method in ("GET", "HEAD") else None
+        return known or Response(body, status, {"ETag": tag, **(headers or {})}, JSON)
+
+    async def do(
+        self,
+        what: Operation,
+        request: Request,
+        *,
+        file: SpoolFile | None = None,
+        tag: str | None = None,
+    ) -> Response:
+        """Answer with what an operation makes, or 202 with a job that makes it.
+
+        Parameters
+        ----------
+        what : Operation
+        request : Request
+        file : SpoolFile, optional
+        tag : str, optional
+            Of the answer: 304 where the client has it already.
+        """
+        if tag is not None and (known := self.knows(tag)) is not None:
+            return known
+        self.note(getattr(request.query, "template", None))
+        done = await self.state.performance.perform(
+            self.state, self.preference, what, request, file
+        )
+        if not isinstance(done, Outcome):
+            return accepted(done)
+        note_facts(self.http, done.filled)
+        headers = {**done.headers, **({} if tag is None else {"ETag": tag})}
+        if len(what.media_types) > 1:
+            headers["Vary"] = "Accept"
+        if isinstance(done.content, Path):
+            return temporary_file(done.content, done.media_type, headers)
+        return Response(done.content, done.status, headers, done.media_type)
+
+    async def start(
+        self, what: Operation, request: Request, file: SpoolFile | None = None
+    ) -> Response:
+        """Answer 202 with a job."""
+        at_once = Preference(is_async=True, wait_seconds=None)
+        job = await self.state.performance.perform(self.state, at_once, what, request, file)
+        assert isinstance(job, Job)  # noqa: S101 (it was asked for)
+        return accepted(job)
+
+    async def once(
+        self,
+        key: str | None,
+        what: Operation,
+        request: Request,
+        file: SpoolFile | None,
+        make: Callable[[], Awaitable[Response]],
+    ) -> Response:
+        """Make an answer, or repeat the one made for the same idempotency key.
+
+        Raises
+        ------
+        IdempotencyMismatchError
+            If the key came before with another request.
+        ConflictError
+            If the first request is still under way.
+        """
+        if key is None:
+            return await make()
+        keys = self.state.idempotency
+        said = request.query.model_dump_json() + json.dumps(
+            None if file is None else facts_as_json(file.facts)
+        )
+        mark = tag_of(what.name, "" if file is None else file.sha256, said)
+        known = await asyncio.to_thread(keys.claim, key, mark)
+        if known is None:
+            try:
+                answer = await make()
+            except BaseException:
+                # What went wrong first is what the client is told.
+                with contextlib.suppress(StoreError):
+                    await asyncio.to_thread(keys.release, key)
+                raise
+            response = {
+                "body": base64.b64encode(bytes(answer.body)).decode("ascii"),
+                "headers": {n: v for n, v in answer.headers.items() if n in _KEPT_HEADERS},
+            }
+            await asyncio.to_thread(keys.complete, key, answer.status_code, response)
+            return answer
+        if known.fingerprint != mark:
+            raise IdempotencyMismatchError(
+                "This Idempotency-Key came before with another request.",
+                remedy="Use a new key for every new request.",
+            )
+        if known.status is None:
+            raise ConflictError(
+                "The first request with this Idempotency-Key is still under way.",
+                remedy="Wait a second and send it again.",
+            )
+        return Response(
+            base64.b64decode(known.response["body"]),
+            status_code=known.status,
+            headers={**known.response["headers"], "Idempotency-Replayed": "true"},
+        )
+
+    def require_few(self, n: int) -> None:
+        """Refuse more ids than one answer may be about.
+
+        Raises
+        ------
+        LimitError
+            If there are more.
+        """
+        most = self.state.settings.max_query_ids
+        if n > most:
+            raise LimitError(
+                f"{n} signatures were requested at once; the limit is {most}.",
+                remedy="Ask for them in several requests.",
+                limit="query_ids",
+                details={"value": n, "most": most},
+            )
+
+
+async def get_state(request: HttpRequest) -> State:
+    """Give the open state of the key's owner; nobody else's.
+
+    Raises
+    ------
+    AuthenticationError
+        If nobody was recognised: an open route has no data to give.
+    """
+    principal = principal_of(request.scope)
+    if principal is None:
+        raise key_required()
+    state: State = await request.app.state.owners.state(principal.owner)
+    return state
+
+
+async def _asked(request: HttpRequest) -> Asked:
+    return Asked(await get_state(request), request, Preference(is_async=False, wait_seconds=None))
+
+
+async def _waiting(
+    request: HttpRequest,
+    wait: Annotated[
+        float | None,
+        Query(
+            ge=0,
+            le=1e6,
+            description="Seconds after which it becomes a job; 0 for a job at once. The header "
+            "Prefer says the same: wait=20, respond-async.",
+        ),
+    ] = None,
+) -> Asked:
+    header = request.headers.get("prefer", "")
+    if len(header) > _LONGEST_PREFER:
+        message = f"String should have at most {_LONGEST_PREFER} characters"
+        raise RequestValidationError(
+            [
+                {
+                    "type": "string_too_long",
+                    "loc": ("header", "prefer"),
+                    "msg": message,
+                    "ctx": {"max_length": _LONGEST_PREFER},
+                }
+            ]
+        )
+    preference = parse_preference(header)
+    if wait is not None:
+        preference = Preference(preference.is_async or wait == 0, wait)
+    return Asked(await get_state(request), request, preference)
+
+
+AskedNow = Annotated[Asked, Depends(_asked)]
+"""Of calls that are answered at once."""
+AskedAny = Annotated[Asked, Depends(_waiting)]
+"""Of calls that may become a job."""
+
+IdempotencyKey = Annotated[
+    str | None,
+    Header(
+        alias="Idempotency-Key",
+        min_length=1,
+        max_length=128,
+        description="A request sent again with the same key is answered as the first time.",
+    ),
+]
+
+
+def temporary_file(path: Path, media_type: str, headers: Mapping[str, str]) -> FileResponse:
+    """Answer with a file that was made for it alone, and remove it after the answer."""
+    removal = BackgroundTask(path.unlink, missing_ok=True)
+    return FileResponse(path, 200, headers, media_type, background=removal)
+
+
+def job_answer(job: Job, text: str | None = None) -> JobAnswer:
+    """Write a job out, with what it is doing now in words."""
+    here = f"/v1/jobs/{job.id}"
+    # Noted a little before the job has succeeded.
+    result = (job.state == JobState.SUCCEEDED and job.result) or {}
+    return JobAnswer(
+        id=job.id,
+        kind=job.kind,
+        state=job.state,
+        progress=job.progress,
+        text=text or None,
+        result=f"{here}/result" if "file" in result else result.get("link"),
+        error=job.error,
+        created=job.created,
+        updated=job.updated,
+        links={"self": here},
+    )
+
+
+def accepted(job: Job) -> Response:
+    """Answer 202 with a job."""
+    headers = {
+        "Location": f"/v1/jobs/{job.id}",
+        "Retry-After": "1",
+        "Preference-Applied": "respond-async",
+    }
+    return Response(job_answer(job).model_dump_json(), 202, headers, JSON)
+
+
+def page_of(names: list[str], limit: int, cursor: str | None) -> tuple[list[str], str | None]:
+    """Give a page of sorted names, and the cursor for the next."""
+    after = "" if cursor is None else from_cursor(cursor)[1]
+    rest = [name for name in names if name > after]
+    page = rest[:limit]
+    return page, to_cursor("name", page[-1]) if len(rest) > limit else None

@@ -1,0 +1,168 @@
+"""Images that are taken in, and tracks: surfaces followed through what does not correspond."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated
+
+from fastapi import Depends, Query, Response
+
+from modalmotion.errors import ParameterError
+from modalmotion.store import record_to_json
+from modalmotion_service.http.judged_router import JudgedRouter
+from modalmotion_service.http.negotiation import HDF5, JSON, PNG, VIEW
+from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey
+from modalmotion_service.routes.described import answers, upload
+from modalmotion_service.routes.uploads import Sent, receiving
+from modalmotion_service.schemas.fields import JsonBody, Paging, SequenceId
+from modalmotion_service.schemas.requests import TRACK, ImagesView, TrackView
+from modalmotion_service.schemas.sequences import ImagesPageAnswer, ImagesSummary
+from modalmotion_service.schemas.tracks import TrackAnswer
+from modalmotion_service.workspace import sequence_operations as operations
+from modalmotion_service.workspace.erasure import erase_images
+from modalmotion_service.workspace.operation import Request
+from modalmotion_service.workspace.spool import SpoolFile
+
+router = JudgedRouter(prefix="/v1")
+
+
+class ImagesStatements(JsonBody):
+    """Nothing is stated beside images."""
+
+
+@router.post(
+    "/images",
+    tags=["images"],
+    **answers(of=ImagesSummary, is_new=True),
+    **upload(ImagesStatements),
+)
+async def upload_images(
+    sent: Annotated[Sent, Depends(receiving(ImagesStatements))],
+    asked: AskedAny,
+    idempotency_key: IdempotencyKey = None,
+) -> Response:
+    """Upload images to be tracked: NIfTI, NRRD, MetaImage, or a zip of DICOM slices or of such.
+
+    Samples, places and times are kept; names and headers are not, nor is the file. They are
+    deleted once they are tracked, if they are not kept on purpose.
+    """
+    with sent.file as file:
+        return await asked.once(
+            idempotency_key,
+            *(operations.images, Request(), file),
+            lambda: asked.do(operations.images, Request(), file=file),
+        )
+
+
+@router.get("/images", tags=["images"], response_model=ImagesPageAnswer)
+def list_images(query: Annotated[Paging, Query()], asked: AskedNow) -> ImagesPageAnswer:
+    """List images from the newest to the oldest, a page at a time."""
+    page = asked.store.list_images(**query.model_dump())
+    return ImagesPageAnswer(
+        images=[ImagesSummary.of(record) for record in page.records], cursor=page.cursor
+    )
+
+
+@router.get("/images/{images_id}", tags=["images"], **answers(JSON, VIEW, of=ImagesSummary))
+async def describe_images(
+    images_id: SequenceId, query: Annotated[ImagesView, Query()], asked: AskedAny
+) -> Response:
+    """Describe images: shape, spacing, times and kind, and nothing of whom they show.
+
+    With `frame` the slices of one frame, for the page `/images/{images_id}`: large planes and
+    volumes are thinned, for landmarks are placed on them and nothing is measured.
+    """
+    record = asked.store.images_record(images_id)
+    if query.frame is None:
+        return asked.json(ImagesSummary.of(record))
+    if query.track is not None:
+        asked.store.track_record(query.track)
+    ids = tuple(one for one in (images_id, query.track) if one is not None)
+    asked.note(query.track)
+    return await asked.do(operations.slices, Request(query=query, media_type=VIEW, ids=ids))
+
+
+@router.delete("/images/{images_id}", tags=["images"], status_code=204)
+async def delete_images(images_id: SequenceId, asked: AskedNow) -> None:
+    """Delete images; a track that is under way in them ends, and those that were made stay."""
+    await erase_images(asked.state, images_id)
+
+
+@router.post(
+    "/tracks",
+    tags=["tracks"],
+    **answers(of=TrackAnswer, is_new=True),
+    **upload(TRACK, is_optional=True),
+)
+async def track_recording(
+    sent: Annotated[Sent, Depends(receiving(TRACK))],
+    asked: AskedAny,
+    idempotency_key: IdempotencyKey = None,
+) -> Response:
+    """Track a surface through frames that need not correspond, and store the sequence it makes.
+
+    A zip of one mesh, cloud or set of contours a frame, images, or an npz of points and offsets. Of
+    images that were sent to POST /v1/images the id is stated, and the body is empty; they are
+    deleted once they are tracked. The track has the id of its sequence, with which it is deleted.
+
+    With `report` it is a job, whose result is a zip with the report for people (PDF), for systems
+    (FHIR) and for statistics (CSV), and a page on which the surface moves; with `model` its class
+    is named and stored, too.
+    """
+    query = sent.query
+    with sent.file as file:
+        # Before anything is stored for a job.
+        query.parameters(file.facts)
+        asked.note(query.start, query.images)
+        await asked.state.tracks.start_path(query.start)
+        if query.model is not None:
+            await asyncio.to_thread(asked.state.models.choose, query.model)
+        own: SpoolFile | None = file
+        if query.images is not None:
+            await asyncio.to_thread(_require_no_body, file)
+            await asyncio.to_thread(asked.store.images_record, query.images)
+            own = None
+        # A job about a sequence ends with it.
+        ids = () if query.start is None else (query.start,)
+        request = Request(query=query, ids=ids, facts=file.facts)
+        if query.report:
+            what = operations.tracked_report
+            return await asked.once(
+                *(idempotency_key, what, request, file), lambda: asked.start(what, request, own)
+            )
+        return await asked.once(
+            *(idempotency_key, operations.track, request, file),
+            lambda: asked.do(operations.track, request, file=own),
+        )
+
+
+@router.get(
+    "/tracks/{track_id}",
+    tags=["tracks"],
+    **answers(JSON, HDF5, PNG, VIEW, of=TrackAnswer),
+)
+async def show_track(
+    track_id: SequenceId, query: Annotated[TrackView, Query()], asked: AskedAny
+) -> Response:
+    """Give a track: what was found and how well, its HDF5 file, a picture, or data for the page.
+
+    Contours over the images (`picture=overlay`) need images that were kept.
+    """
+    kind = asked.media_type(JSON, HDF5, PNG, VIEW)
+    record = asked.store.track_record(track_id)
+    images_id = await asyncio.to_thread(asked.store.images_id_of_track, track_id)
+    if kind == PNG and query.picture == "overlay":
+        # They may be deleted while somebody has the picture still.
+        await asyncio.to_thread(asked.store.images_of_track, track_id)
+    own = record_to_json(record).decode()
+    tag = asked.tagged(kind, query.model_dump_json(), own, images_id or "")
+    request = Request(query=query, media_type=kind, sequence_id=track_id)
+    return await asked.do(operations.track_view, request, tag=tag)
+
+
+def _require_no_body(file: SpoolFile) -> None:
+    if file.path.stat().st_size:
+        raise ParameterError(
+            "Images are named, and a file was sent besides.",
+            remedy="Leave the body empty, or the images out.",
+        )

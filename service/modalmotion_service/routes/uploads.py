@@ -1,0 +1,324 @@
+"""Uploads: a file, or many, and what is stated of it in the query, in a form, or as JSON in one."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, Final
+
+from fastapi import Request
+from fastapi.exceptions import RequestValidationError
+from pydantic_core import from_json
+from starlette.datastructures import FormData, QueryParams, UploadFile
+
+from modalmotion.errors import LimitError, MalformedFileError, ParameterError
+from modalmotion.facts import NAMES, NO_FACTS, Facts, column_of, facts_from_texts, is_fact
+from modalmotion_service.access.principal import principal_of
+from modalmotion_service.http.bodies import checked
+from modalmotion_service.http.forms import received_form
+from modalmotion_service.http.manifest import MANIFEST, entries_by_name
+from modalmotion_service.http.many_files import FILES, ManyFiles, SentPart
+from modalmotion_service.http.timing import stage
+from modalmotion_service.routes.asked import get_state
+from modalmotion_service.schemas.fields import JsonBody
+from modalmotion_service.schemas.from_core import is_listed
+from modalmotion_service.work.upload import Part
+from modalmotion_service.workspace.spool import SpoolFile
+from modalmotion_service.workspace.state import State
+
+PARAMETERS: Final = "parameters"
+"""Name of the part that has statements as JSON."""
+
+_MOST_BYTES: Final = 4_000_000
+# Bytes at a time when a form's part is copied.
+_PIECE: Final = 1 << 20
+# Longer queries state their own times, and are seldom repeated.
+_LONGEST_KEPT: Final = 2000
+
+
+@dataclass(frozen=True)
+class Sent:
+    """An upload with what is stated of it; a `with` block of the file removes it in the end.
+
+    Parameters
+    ----------
+    file : SpoolFile
+        With its facts.
+    query : JsonBody
+        All other statements.
+    """
+
+    file: SpoolFile
+    query: Any
+
+
+def receiving(
+    model: type[JsonBody], *, takes_many: bool = False
+) -> Callable[[Request], Awaitable[Sent]]:
+    """Make the dependency that receives an upload into the spool.
+
+    Parameters
+    ----------
+    model : type of JsonBody
+        Of what may be stated of it.
+    takes_many : bool
+        Whether it may be parts named "files", each a sequence, and a part named "manifest" that
+        describes them.
+    """
+
+    async def receive(request: Request) -> Sent:
+        state = await get_state(request)
+        with stage("receive"):
+            sent = await _receive(request, state, model, takes_many=takes_many)
+        # Handlers remove their upload; one that is never called because its query is not valid
+        # cannot.
+        request.state.remove_upload = sent.file.remove
+        return sent
+
+    receive.query_model = model  # type: ignore[attr-defined]
+    return receive
+
+
+async def _receive(
+    request: Request, state: State, model: type[JsonBody], *, takes_many: bool
+) -> Sent:
+    # Only requests with an idempotency key are compared by their hash.
+    hashed = "idempotency-key" in request.headers
+    kind = request.headers.get("content-type", "").lower()
+    if not kind.startswith("multipart/form-data"):
+        query, facts = _of_query(request, model)
+        file = await state.spool.receive(request.stream(), hashed=hashed)
+        return Sent(replace(file, facts=facts), query)
+    # Before the form is received, not after.
+    state.spool.require_reserve()
+    many = ManyFiles(state.spool.new_path(), state.settings.max_batch_files) if takes_many else None
+    try:
+        async with received_form(request, state.spool.folder, many) as form:
+            is_many = many is not None and bool(many.parts)
+            stated = fields_of(form, model, takes_many=is_many)
+            table = stated.pop(MANIFEST, None)
+            query, facts = statements(model, stated | _texts(request.scope["query_string"], model))
+            if many is not None and is_many:
+                return Sent(await _file_of_many(form, many, facts, table), query)
+            file = await state.spool.receive(_pieces(_file_of(form)), hashed=hashed)
+            return Sent(replace(file, facts=facts), query)
+    except BaseException:
+        if many is not None:
+            many.discard()
+        raise
+
+
+def _of_query(request: Request, model: type[JsonBody]) -> tuple[JsonBody, Facts]:
+    """Read the statements of a query, once for all requests of an owner that repeat it."""
+    text: bytes = request.scope["query_string"]
+    # Each owner's by itself: the time that it takes tells nobody what others ask.
+    principal = principal_of(request.scope)
+    owner = None if principal is None else principal.owner
+    read = _read_once if len(text) <= _LONGEST_KEPT else _read_once.__wrapped__
+    return read(owner, model, text)
+
+
+@lru_cache(maxsize=256)
+def _read_once(
+    owner: str | None,  # noqa: ARG001 (a part of the cache's key)
+    model: type[JsonBody],
+    text: bytes,
+) -> tuple[JsonBody, Facts]:
+    return statements(model, _texts(text, model))
+
+
+def _texts(query: bytes, model: type[JsonBody]) -> dict[str, Any]:
+    """Read a query as values: lists as 1,2,3, as JSON, or by a name that comes again."""
+    values: dict[str, Any] = {}
+    params = QueryParams(query)
+    for name in params:
+        if name != "wait":
+            texts = params.getlist(name)
+            values[name] = texts if len(texts) > 1 else of_text(model, name, texts[0])
+    return values
+
+
+def of_text(model: type[JsonBody], name: str, text: str) -> Any:
+    """Read a text as the value of a member of a model."""
+    if _is_fact_of(model, name) or name not in model.model_fields:
+        return text
+    hint = model.model_fields[name].annotation
+    if text.startswith(("[", "{")):
+        try:
+            return from_json(text)
+        except ValueError:
+            return text  # Which its model refuses by name.
+    if is_listed(hint):
+        return text.split(",")
+    # Where a number is the default, this is how to say none.
+    return None if text == "none" and hint == int | None else text
+
+
+def _is_fact_of(model: type[JsonBody], name: str) -> bool:
+    """Whether a name states a fact that a model has, and does not read itself."""
+    if not is_fact(name) or name in model.own_names:
+        return False
+    return (name if name in NAMES else f"{name.partition(':')[0]}s") in model.model_fields
+
+
+def statements(model: type[JsonBody], values: Mapping[str, Any]) -> tuple[JsonBody, Facts]:
+    """Check what is stated of an upload; gives the facts apart that a call does not read itself.
+
+    Raises
+    ------
+    RequestValidationError
+        If something is not known, or does not fit.
+    ParameterError
+        If a fact does not.
+    """
+    facts = {name: value for name, value in values.items() if _is_fact_of(model, name)}
+    try:
+        rest = {name: value for name, value in values.items() if name not in facts}
+        known = checked(model, rest, "query")
+    except ValueError as error:
+        if isinstance(error, RequestValidationError):
+            raise
+        raise ParameterError(f"A parameter is not JSON: {error}.") from error
+    return known, facts_from_texts(facts) if facts else NO_FACTS
+
+
+def fields_of(form: FormData, model: type[JsonBody], *, takes_many: bool) -> dict[str, Any]:
+    """Read the fields of a form beside its file: statements by name, and those in a part of JSON.
+
+    Raises
+    ------
+    RequestValidationError
+        If one is not known here: it would be dropped.
+    ParameterError
+        If one is stated twice.
+    """
+    values: dict[str, Any] = {}
+    whole: dict[str, Any] = {}
+    n_files = 0
+    for heading, value in form.multi_items():
+        name = column_of(heading)
+        if takes_many and (
+            (heading == FILES and isinstance(value, SentPart))
+            or (heading == MANIFEST and isinstance(value, UploadFile))
+        ):
+            continue
+        if heading == "file" and isinstance(value, UploadFile) and not takes_many:
+            n_files += 1
+            if n_files > 1:
+                raise ParameterError(
+                    "The form has two parts 'file'.",
+                    remedy=f"Send one, or many as parts named '{FILES}' where a call takes many.",
+                )
+            continue
+        if heading == PARAMETERS and isinstance(value, str):
+            whole = _object(value)
+            continue
+        is_fact_here = _is_fact_of(model, name)
+        is_known = is_fact_here or name in model.model_fields or (takes_many and name == MANIFEST)
+        if not isinstance(value, str) or not is_known:
+            raise RequestValidationError(
+                [
+                    {
+                        "type": "misplaced",
+                        "loc": ("form", heading[:80]),
+                        "msg": f"A form has file, {PARAMETERS} and the names that /docs has for "
+                        f"this call, not {heading[:80]}",
+                    }
+                ]
+            )
+        if name in values:
+            raise ParameterError(
+                f"The form has two fields '{name[:80]}'.", remedy="Send one of them."
+            )
+        is_text = is_fact_here or name == MANIFEST
+        values[name] = value if is_text else of_text(model, name, value)
+    return values | whole
+
+
+def _object(text: str) -> dict[str, Any]:
+    try:
+        value = from_json(text, allow_inf_nan=False)
+    except ValueError:
+        value = None
+    if not isinstance(value, dict):
+        raise ParameterError(
+            f"The part '{PARAMETERS}' is no JSON object.", remedy='Send one such as {"modes": 7}.'
+        )
+    return value
+
+
+async def _file_of_many(
+    form: FormData, many: ManyFiles, facts: Facts, table: str | None
+) -> SpoolFile:
+    """Give many files of a form as one of the spool, each with what is stated of it.
+
+    Facts that stand in the form are those of all; a manifest's go over them.
+
+    Raises
+    ------
+    ParameterError
+        If the manifest names a file that was not sent, or not one that was.
+    MalformedFileError
+        If the manifest cannot be read.
+    """
+    parts = tuple(Part(one.name, one.start, one.length, facts=facts) for one in many.parts)
+    described = form.get(MANIFEST)
+    if isinstance(described, UploadFile):
+        data = await described.read(_MOST_BYTES + 1)
+        if len(data) > _MOST_BYTES:
+            raise LimitError(
+                f"The manifest is larger than {_MOST_BYTES} bytes.",
+                remedy="Send the files in several requests.",
+                details={"most": _MOST_BYTES},
+            )
+        try:
+            table = data.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            raise MalformedFileError(
+                f"The manifest is not UTF-8 text (byte {error.start}).",
+                remedy="Save the table as UTF-8 (in Excel: CSV UTF-8).",
+            ) from error
+    return SpoolFile(many.path, parts=parts if table is None else _described(parts, table))
+
+
+def _described(parts: tuple[Part, ...], table: str) -> tuple[Part, ...]:
+    entries = entries_by_name(table)
+    names = [part.name for part in parts]
+    unknown = next((name for name in entries if name not in names), None)
+    if unknown is not None:
+        raise ParameterError(
+            f"The manifest names '{unknown[:80]}', and no file of that name was sent.",
+            remedy="Send it as a part named 'files' with that file name.",
+        )
+    for name in names:
+        if name not in entries or names.count(name) > 1:
+            what = "is not in the manifest" if name not in entries else "was sent twice"
+            raise ParameterError(
+                f"The file '{name[:80]}' {what}.",
+                remedy="Give each file a line of its own under its own name.",
+            )
+    return tuple(
+        replace(
+            part,
+            subject=entries[part.name].subject,
+            label=entries[part.name].label,
+            facts=entries[part.name].facts.over(part.facts),
+        )
+        for part in parts
+    )
+
+
+def _file_of(form: FormData) -> UploadFile:
+    part = form.get("file")
+    if not isinstance(part, UploadFile):
+        raise MalformedFileError(
+            "The form has no file part named 'file'.",
+            remedy="Send one part named 'file', or the bytes as the raw body.",
+        )
+    return part
+
+
+async def _pieces(part: UploadFile) -> AsyncIterator[bytes]:
+    while piece := await part.read(_PIECE):
+        yield piece

@@ -1,0 +1,289 @@
+"""The one registry of operations: each is done while its client waits, or as a job.
+
+An operation is an async function of the owner's state, a request and who hears of its progress.
+A request is all that the work depends on; what becomes a job is written out as JSON and taken up
+again after a restart. Work that a client has waited for goes on for the job.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from modalmotion.errors import LostFileError
+from modalmotion.facts import NO_FACTS, Facts, facts_as_json, facts_from_json
+from modalmotion_service.http.negotiation import JSON
+from modalmotion_service.http.preferences import Preference
+from modalmotion_service.schemas.fields import JsonBody
+from modalmotion_service.work.upload import Part, parts_as_json, parts_from_json
+from modalmotion_service.workspace.job_runner import Report
+from modalmotion_service.workspace.jobs import Job
+from modalmotion_service.workspace.spool import Spool, SpoolFile
+from modalmotion_service.workspace.training_set import Case
+
+
+@dataclass(frozen=True)
+class Request:
+    """All that an operation depends on.
+
+    Parameters
+    ----------
+    query : BaseModel
+        As its client stated it: of the model of the operation.
+    media_type : str
+        Of the answer.
+    sequence_id, key : str or None
+        Sequence, and the key of a signature's parameters.
+    ids : tuple of str
+        Of other things that the work reads: a job about one of them ends with it.
+    file : str or None
+        Name of the upload in the spool.
+    facts : Facts
+        Stated beside the upload.
+    parts : tuple of Part
+        Of an upload of many.
+    cases : tuple of Case
+        Stored sequences with label, subject and covariates as they were known.
+    reference : str
+        Model or norm, or a template's id.
+    name : str
+        Of the work itself.
+    """
+
+    query: Any = field(default_factory=JsonBody)
+    media_type: str = JSON
+    sequence_id: str | None = None
+    key: str | None = None
+    ids: tuple[str, ...] = ()
+    file: str | None = None
+    facts: Facts = NO_FACTS
+    parts: tuple[Part, ...] = ()
+    cases: tuple[Case, ...] = ()
+    reference: str = ""
+    name: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """Write it as a job remembers it."""
+        values = {
+            **vars(self),
+            "query": self.query.model_dump(mode="json", exclude_unset=True),
+            "facts": facts_as_json(self.facts) if self.facts != NO_FACTS else None,
+            "parts": parts_as_json(self.parts),
+            "cases": [asdict(case) for case in self.cases],
+        }
+        return {name: value for name, value in values.items() if value}
+
+    @staticmethod
+    def from_json(values: Mapping[str, Any], query: type[BaseModel]) -> Request:
+        """Read what `as_json` gave."""
+        return Request(
+            **{
+                **values,
+                "query": query(**values.get("query", {})),
+                "facts": facts_from_json(values.get("facts") or {}),
+                "ids": tuple(values.get("ids", ())),
+                "parts": parts_from_json(values.get("parts", ())),
+                "cases": tuple(Case(**one) for one in values.get("cases", ())),
+            }
+        )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What an operation has made: the body of its answer, and where it is kept if it is.
+
+    Parameters
+    ----------
+    content : bytes or Path
+        A file lies in the spool, and whoever has the outcome removes it.
+    media_type : str
+    status : int
+    headers : dict
+    link : str or None
+        Of what is stored; a job without one keeps the content as a file.
+    filled : tuple of str
+        Facts of a stored sequence that are known by it.
+    """
+
+    content: bytes | Path
+    media_type: str = JSON
+    status: int = 200
+    headers: Mapping[str, str] = field(default_factory=dict)
+    link: str | None = None
+    filled: tuple[str, ...] = ()
+
+
+State = Any
+"""An owner's state, which holds a `Performance` itself."""
+
+Work = Callable[[State, Request, Report], Awaitable[Outcome]]
+Settle = Callable[[State, Request, str], Awaitable[None]]
+
+
+@dataclass(frozen=True)
+class Operation:
+    """One entry of the registry.
+
+    Parameters
+    ----------
+    name : str
+        Also the kind of its jobs.
+    work : async function
+    query : type of BaseModel
+        What its client states.
+    media_types : tuple of str
+        That it answers with; the first by default.
+    is_apart : bool
+        Whether its jobs run in places of their own: hours of it keep nothing else waiting.
+    settle : async function, optional
+        Called with the link of what was stored, once that is noted: ends what the work began with.
+    """
+
+    name: str
+    work: Work
+    query: type[BaseModel]
+    media_types: tuple[str, ...]
+    is_apart: bool = False
+    settle: Settle | None = None
+
+
+def operation(
+    *media_types: str,
+    query: type[BaseModel] = JsonBody,
+    is_apart: bool = False,
+    settle: Settle | None = None,
+) -> Callable[[Work], Operation]:
+    """Make an operation of a function, under its name."""
+
+    def made(work: Work) -> Operation:
+        name = getattr(work, "__name__", "").replace("_", "-")
+        return Operation(name, work, query, media_types or (JSON,), is_apart, settle)
+
+    return made
+
+
+class Performance:
+    """Operations of one owner under way: for a client who waits, then for the job, if any."""
+
+    def __init__(self, spool: Spool) -> None:
+        self._spool = spool
+        self._left: dict[str, asyncio.Task[Outcome]] = {}
+        self._listeners: dict[str, Report] = {}
+
+    async def perform(
+        self,
+        state: State,
+        preference: Preference,
+        what: Operation,
+        request: Request,
+        file: SpoolFile | None = None,
+    ) -> Outcome | Job:
+        """Wait for work as long as client and settings allow, then leave it to a job.
+
+        Where nothing is kept there are no jobs, and it is waited for to its end.
+
+        Parameters
+        ----------
+        state : State
+        preference : Preference
+        what : Operation
+        request : Request
+        file : SpoolFile, optional
+            The upload, which is the job's from then on where there is one.
+        """
+        request = replace(request, name=self._spool.new_path().name)
+        if file is not None:
+            request = replace(request, file=file.path.name, facts=file.facts, parts=file.parts)
+        work = what.work(state, request, self._told_to(request.name))
+        if state.settings.stateless:
+            # Another replica would not know the job; the work has limits of its own.
+            return await work
+        wait = state.settings.wait_seconds
+        if preference.wait_seconds is not None:
+            wait = min(wait, preference.wait_seconds)
+        task = None if preference.is_async else asyncio.ensure_future(work)
+        try:
+            if task is None:
+                work.close()  # type: ignore[attr-defined]
+            else:
+                await asyncio.wait([task], timeout=wait)
+                if task.done():
+                    outcome = task.result()
+                    await settled(state, what, request, outcome.link)
+                    return outcome
+                self._left[request.name] = task
+            # The file of its result is kept for hours, whoever asked.
+            state.analysis.quota.require()
+            if file is not None:
+                # Acknowledged before it is read, it must outlive a crash.
+                await asyncio.to_thread(file.make_durable)
+            job: Job = await state.runner.start(what.name, request.as_json(), instead_of=task)
+        except BaseException:
+            self._left.pop(request.name, None)
+            if task is not None:
+                task.cancel()
+            raise
+        if file is not None:
+            file.is_left = True
+        return job
+
+    async def as_job(
+        self, state: State, what: Operation, values: Mapping[str, Any], report: Report
+    ) -> dict[str, Any]:
+        """Do an operation as a job, or wait for the work that was left to it; gives its result."""
+        request = Request.from_json(values, what.query)
+        if request.file is not None:
+            require_spooled(self._spool, request.file)
+        self._listeners[request.name] = report
+        task = self._left.pop(request.name, None)
+        if task is None:
+            task = asyncio.ensure_future(what.work(state, request, report))
+        try:
+            outcome = await task
+        finally:
+            task.cancel()
+            self._listeners.pop(request.name, None)
+        result: dict[str, Any] = {} if outcome.link is None else {"link": outcome.link}
+        if outcome.link is None or isinstance(outcome.content, Path):
+            path = outcome.content
+            if isinstance(path, bytes):
+                data, path = path, self._spool.new_path()
+                await asyncio.to_thread(path.write_bytes, data)
+            headers = dict(outcome.headers)
+            result |= {"file": path.name, "media_type": outcome.media_type, "headers": headers}
+        return result
+
+    def _told_to(self, name: str) -> Report:
+        def report(share: float, text: str = "") -> None:
+            if (listener := self._listeners.get(name)) is not None:
+                listener(share, text)
+
+        return report
+
+
+async def settled(state: State, what: Operation, request: Request, link: str | None) -> None:
+    """End what an operation began with, once what it has made is noted."""
+    if what.settle is not None and link is not None:
+        await what.settle(state, request, link)
+
+
+def require_spooled(spool: Spool, name: str) -> Path:
+    """Find the file that came with a job.
+
+    Raises
+    ------
+    LostFileError
+        If it is gone.
+    """
+    path = spool.at(name)
+    if not path.is_file():
+        raise LostFileError(
+            "The file that came with this job is lost: it was stored until the job's end.",
+            remedy="Send the request again; and look after the disk of the data folder.",
+        )
+    return path

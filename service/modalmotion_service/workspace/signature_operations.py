@@ -1,0 +1,256 @@
+"""Operations on signatures: made, shown, and all that follows from one or from many."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import asdict, replace
+from typing import Final
+
+from modalmotion.exports.surfaces import SurfaceFormat
+from modalmotion.facts import Facts
+from modalmotion.stopwatch import StageReport
+from modalmotion_service.http.negotiation import (
+    CSV,
+    FHIR,
+    GLB,
+    HDF5,
+    HTML,
+    JSON,
+    NPZ,
+    PDF,
+    PNG,
+    RAW,
+    VIEW,
+    VTKHDF,
+    ZIP,
+)
+from modalmotion_service.http.timing import stage
+from modalmotion_service.schemas.requests import (
+    MANY_SIGNATURES,
+    SIGNATURE,
+    ClassificationRequest,
+    DistanceRequest,
+    FeatureOptions,
+    Reconstruction,
+    ReportRequest,
+    ViewRequest,
+)
+from modalmotion_service.schemas.results import ClassificationAnswer
+from modalmotion_service.schemas.signatures import DistanceAnswer
+from modalmotion_service.work.tasks import derived, reports, signatures, views
+from modalmotion_service.workspace.analysis import USUAL, with_facts
+from modalmotion_service.workspace.feature_tables import FeatureTables
+from modalmotion_service.workspace.job_runner import Report
+from modalmotion_service.workspace.operation import Outcome, Request, operation
+from modalmotion_service.workspace.shared_work import unheard
+from modalmotion_service.workspace.state import State
+
+SIGNATURE_TYPES: Final = (JSON, HDF5, NPZ, RAW, PNG, CSV)
+"""RAW is its amplitudes as little-endian float32, CSV a row for each of them."""
+
+SURFACES: Final = {
+    NPZ: (SurfaceFormat.NPZ, ".npz"),
+    VTKHDF: (SurfaceFormat.VTKHDF, ".vtkhdf"),
+    GLB: (SurfaceFormat.GLB, ".glb"),
+    ZIP: (SurfaceFormat.PLY, ".zip"),
+}
+"""Formats of surfaces, by media type."""
+
+
+@operation(*SIGNATURE_TYPES, query=SIGNATURE)
+async def signature(state: State, request: Request, report: Report) -> Outcome:
+    """Fit a signature to a stored sequence and store it, and give it."""
+    analysis, sequence_id = state.analysis, request.sequence_id or ""
+    parameters, _ = analysis.resolved(sequence_id, request.query.parameters())
+    known = await asyncio.to_thread(state.store.sound_signature_path, sequence_id, parameters.key)
+    await analysis.signature(sequence_id, parameters, report)
+    here = f"/v1/signatures/{sequence_id}-{parameters.key}"
+    body = await shown(state, sequence_id, parameters.key, request.media_type)
+    status = 200 if known is not None else 201
+    return Outcome(body, request.media_type, status, {"Location": here}, here)
+
+
+@operation(*SIGNATURE_TYPES)
+async def signature_view(state: State, request: Request, report: Report) -> Outcome:
+    """Give a stored signature, or the usual one of a sequence."""
+    body = await shown(state, request.sequence_id or "", request.key, request.media_type, report)
+    name = f"{(request.sequence_id or '')[:12]}-signature.h5"
+    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return Outcome(body, request.media_type, headers=headers if request.media_type == HDF5 else {})
+
+
+async def shown(
+    state: State,
+    sequence_id: str,
+    key: str | None,
+    media_type: str,
+    report: StageReport = unheard,
+) -> bytes:
+    """Give a signature as a media type."""
+    analysis = state.analysis
+    if media_type == JSON and key is not None:
+        text = await analysis.rendered(sequence_id, key)
+        return with_facts(text, state.store.sequence_record(sequence_id).facts)
+    async with analysis.fitted(sequence_id, key, report) as one:
+        if media_type == JSON:
+            return with_facts(
+                await analysis.work(signatures.render, one.signature, None, None), one.facts
+            )
+        with stage("render"):
+            return await analysis.work(signatures.signature_as, one, media_type)
+
+
+@operation(JSON, PNG, CSV)
+async def readouts(state: State, request: Request, report: Report) -> Outcome:
+    """Read volumes, rates and strain from a signature."""
+    return await _read_out(state, request, report, request.media_type)
+
+
+@operation(JSON)
+async def strain(state: State, request: Request, report: Report) -> Outcome:
+    """Read the strain of the wall from a signature."""
+    return await _read_out(state, request, report, derived.STRAIN)
+
+
+async def _read_out(state: State, request: Request, report: Report, how: str) -> Outcome:
+    async with state.analysis.fitted(request.sequence_id or "", request.key, report) as one:
+        with stage("readouts"):
+            body = await state.analysis.work(derived.read_out, one, how)
+    return Outcome(body, request.media_type)
+
+
+@operation(*SURFACES, query=Reconstruction)
+async def reconstruction(state: State, request: Request, report: Report) -> Outcome:
+    """Superpose a signature's surfaces."""
+    surface_format, suffix = SURFACES[request.media_type]
+    times, phases = request.query.instants()
+    async with state.analysis.fitted(request.sequence_id or "", request.key, report) as one:
+        with state.analysis.output() as output, stage("superpose"):
+            await state.analysis.work(
+                derived.superpose,
+                one,
+                surface_format,
+                times,
+                phases,
+                request.query.max_targets,
+                output,
+            )
+    name = f"{one.record.id[:12]}-reconstruction{suffix}"
+    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return Outcome(output, request.media_type, headers=headers)
+
+
+@operation(FHIR, PDF, CSV, query=ReportRequest)
+async def report(state: State, request: Request, tell: Report) -> Outcome:
+    """Report on a signature, for systems, people or statistics."""
+    known = None
+    if request.query.model is not None:
+        known = await asyncio.to_thread(
+            state.models.known_classification, request.sequence_id or "", request.query.model
+        )
+    async with state.analysis.fitted(request.sequence_id or "", request.key, tell) as one:
+        with stage("report"):
+            body = await state.analysis.work(
+                reports.make_report,
+                one,
+                request.media_type,
+                None if known is None else known.path,
+            )
+    kind = request.media_type
+    return Outcome(body, f"{kind}; fhirVersion=4.0" if kind == FHIR else kind)
+
+
+@operation(VIEW, HTML, query=ViewRequest)
+async def view(state: State, request: Request, report: Report) -> Outcome:
+    """Write what a page shows of a signature, or its frames as they were sent."""
+    query, as_page = request.query, request.media_type == HTML
+    async with state.analysis.fitted(request.sequence_id or "", request.key, report) as one:
+        with state.analysis.output() as output, stage("view"):
+            if query.first is None and query.stop is None:
+                await state.analysis.work(views.make_view, one, as_page, output)
+            else:
+                await state.analysis.work(
+                    views.make_frames, one, query.first or 0, query.stop, output
+                )
+    headers = {"Content-Disposition": f'attachment; filename="{one.record.id[:12]}.html"'}
+    return Outcome(output, request.media_type, headers=headers if as_page else {})
+
+
+@operation(query=DistanceRequest)
+async def distance(state: State, request: Request, report: Report) -> Outcome:
+    """Compare two signatures."""
+    other_id, _, other_key = request.query.to.partition("-")
+    analysis, is_usual = state.analysis, request.key is None and not other_key
+    for usual in (USUAL, replace(USUAL, closed_form=False)):
+        async with (
+            analysis.fitted(request.sequence_id or "", request.key, report, usual) as own,
+            analysis.fitted(other_id, other_key or None, report, usual) as other,
+        ):
+            if is_usual and usual.closed_form:
+                kinds = await analysis.work(signatures.kinds_of, [own.signature, other.signature])
+                if len({bool(mesh) for _, mesh in kinds}) > 1:
+                    # Of two closed surfaces one has the springs of its mesh: then both have.
+                    continue
+            found = await analysis.work(
+                signatures.compare_signatures, own, other, request.query.closed
+            )
+            break
+    return Outcome(DistanceAnswer(**asdict(found)).model_dump_json().encode())
+
+
+@operation(query=ClassificationRequest)
+async def classification(state: State, request: Request, report: Report) -> Outcome:
+    """Ask a model for the class of a stored sequence's motion, and store the answer."""
+    query, sequence_id = request.query, request.sequence_id or ""
+    model = await asyncio.to_thread(state.models.choose, request.reference)
+    stated = Facts(covariates=query.covariates or {})
+    kept, is_new = await state.models.classification(
+        sequence_id, model, query.coverage, stated, report
+    )
+    answer = ClassificationAnswer.of(
+        kept.result, kept.version, kept.path.relative_to(state.store.root).as_posix()
+    )
+    here = f"/v1/signatures/{sequence_id}/classifications"
+    status = 201 if is_new else 200
+    return Outcome(answer.model_dump_json().encode(), JSON, status, {"Location": here}, here)
+
+
+@operation(NPZ, HDF5, CSV, query=MANY_SIGNATURES)
+async def signatures_query(state: State, request: Request, report: Report) -> Outcome:
+    """Pack the signatures of many sequences into one file, or a table."""
+    analysis, ids = state.analysis, list(request.ids)
+    parameters, whole = request.query.parameters(), len(request.ids) + 1
+    paths = []
+    for done, sequence_id in enumerate(ids):
+
+        def tell(share: float, text: str = "", done: int = done) -> None:
+            report((done + share) / whole, f"signature {done + 1} of {whole - 1}: {text}")
+
+        paths.append(await analysis.signature(sequence_id, parameters, tell))
+        report((done + 1) / whole, f"signature {done + 1} of {whole - 1}")
+    records = [state.store.sequence_record(sequence_id) for sequence_id in ids]
+    paths = await analysis.of_one_kind(ids, parameters, paths)
+    with analysis.output() as output:
+        if request.media_type == CSV:
+            kept = [state.store.sequence_path(r.id) if r.has_upload else None for r in records]
+            template = analysis.template_path(parameters)
+            await analysis.work(signatures.tabulate, paths, records, kept, template, output)
+        else:
+            task = signatures.pack_hdf5 if request.media_type == HDF5 else signatures.pack_npz
+            await analysis.work(task, paths, records, output)
+    name = f"signatures.{ {HDF5: 'h5', NPZ: 'npz', CSV: 'csv'}[request.media_type] }"
+    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return Outcome(output, request.media_type, headers=headers)
+
+
+@operation(JSON, CSV, query=FeatureOptions)
+async def features(state: State, request: Request, report: Report) -> Outcome:
+    """Write the features of many sequences as a table."""
+    path, n_left_out = await FeatureTables(state.analysis, state.spool).make(
+        request.cases,
+        request.query.options(),
+        request.media_type,
+        report,
+        leaves_out=request.query.on_error == "leave out",
+    )
+    return Outcome(path, request.media_type, headers={"Cases-Left-Out": str(n_left_out)})
