@@ -176,7 +176,7 @@ def joblib_backend(
         except TimeoutError as error:
             raise ParameterError(
                 f"The scheduler at '{scheduler}' has no workers.",
-                remedy="Start some: dask worker ADDRESS --no-nanny.",
+                remedy="Start some: dask worker ADDRESS.",
             ) from error
         with joblib.parallel_config("dask", client=client):
             yield

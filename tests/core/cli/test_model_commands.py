@@ -73,7 +73,7 @@ def test_training_writes_a_model_and_says_how_it_does(folder: Path, tmp_path: Pa
     result = succeed(*asked, *FULL, "-o", out, "--plot", plot, "--cases", cases)
     for words in (
         *("95 % interval", "confusion", "class sets at 90 %", "calibration", "subjects"),
-        *("AUC", "log loss", "Brier score", "sensitivity", "specificity", "learning curve"),
+        *("AUC", "log loss", "Brier score", "sensitivity", "specificity"),
         "2 repetitions: accuracy",
     ):
         assert words in result.output

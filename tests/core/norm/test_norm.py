@@ -121,7 +121,7 @@ def test_points_that_slide_are_not_compared_with_points_that_do_not(norm: Norm) 
 
 def test_other_modes_are_refused(norm: Norm) -> None:
     signature = mm.modal_signature(beat(1), mm.SignatureParameters(modes=4))
-    with pytest.raises(ModalMotionError, match="do not compare"):
+    with pytest.raises(ModalMotionError, match="does not compare"):
         norm.deviation(signature)
 
 
