@@ -25,7 +25,7 @@ EXTRAS: Final = ("service", "plot", "cluster", "images", "dicom", "oidc", "telem
 """Of the project, that the image has."""
 SLIM: Final = ("service",)
 """The same of a slim image: no pictures, images, DICOM, logins, traces, cluster."""
-MACHINES: Final = ("x86_64",)
+MACHINES: Final = ("x86_64", "aarch64")
 """That the image is built for."""
 
 # Versions of the C library that the base image has at least, from the newest on.

@@ -21,8 +21,8 @@ import compile_library as library
 ROOT: Final = Path(__file__).resolve().parents[1]
 
 LARGEST_BYTES: Final = 5_000_000
-# What the linker of macOS adds of itself.
-_OF_MACOS: Final = {"_mh_dylib_header", "__dso_handle", "dyld_stub_binder"}
+# What the linker of macOS adds of itself, and what its compiler calls of libSystem for memset.
+_OF_MACOS: Final = {"_mh_dylib_header", "__dso_handle", "dyld_stub_binder", "_bzero", "___bzero"}
 
 
 def main() -> None:

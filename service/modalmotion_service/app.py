@@ -28,6 +28,7 @@ from modalmotion_service.http.gate import Access, Gate, require_judged
 from modalmotion_service.http.head import HeadAsGet
 from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.observation import Observation
+from modalmotion_service.http.prefix import Prefix
 from modalmotion_service.http.request_head import RequestHeadCheck
 from modalmotion_service.http.security_headers import SecurityHeaders
 from modalmotion_service.monitoring.metrics import Meter, MeteredExecutor, Metrics, StateOfThings
@@ -154,6 +155,7 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
         summary="Modal signatures and motion classes of nonrigidly moving surfaces.",
         description=INTENDED_USE,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
+        servers=[{"url": chosen.path_prefix}] if chosen.path_prefix else None,
         # Of routes that are added to this one.
         dependencies=[Depends(require_judged)],
         lifespan=lifespan,
@@ -208,6 +210,8 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
             allow_headers=("Authorization", "X-API-Key", "Idempotency-Key", "Prefer"),
             expose_headers=("Location", "ETag", "Retry-After", "X-Request-ID"),
         )
+    if chosen.path_prefix:
+        app.add_middleware(Prefix, prefix=chosen.path_prefix)
     routes = judged_routes()
     app.router.routes.extend(stateless_routes(routes) if chosen.stateless else routes)
     return app

@@ -78,6 +78,11 @@ class Settings(BaseSettings):
         description="Addresses and networks, separated by commas, of proxies whose "
         "X-Forwarded-For and X-Forwarded-Proto are believed.",
     )
+    path_prefix: str = Field(
+        "",
+        pattern=r"^(/[A-Za-z0-9._~-]+)*$",
+        description="Path, such as /motion, that a proxy has the service under.",
+    )
     cors_origins: tuple[str, ...] = Field(
         (),
         description="Origins whose pages may call the service with a key, as JSON such as "

@@ -226,7 +226,6 @@ function render({ model, el }) {
   let viewer = null;
   const wake = () => {
     if (viewer) return;
-    root.style.minHeight = "";
     viewer = new Viewer(
       root,
       [copied(model.get("payload"))],
@@ -238,7 +237,13 @@ function render({ model, el }) {
     );
   };
   const rest = () => {
-    if (!viewer || !viewer.isBuilt) return;
+    if (!viewer) return;
+    if (!viewer.isBuilt) {
+      viewer.dispose();
+      viewer = null;
+      root.replaceChildren();
+      return;
+    }
     viewer.show();
     const picture = h("img", { src: viewer.canvas.toDataURL(), alt: "The surface, at rest while out of sight" });
     root.style.minHeight = `${root.offsetHeight}px`;
@@ -247,7 +252,7 @@ function render({ model, el }) {
     viewer = null;
     root.replaceChildren(picture);
   };
-  const watch = new IntersectionObserver(([entry]) => (entry.isIntersecting ? wake() : rest()));
+  const watch = new IntersectionObserver((entries) => (entries.at(-1).isIntersecting ? wake() : rest()));
   watch.observe(root);
   return () => {
     watch.disconnect();

@@ -60,6 +60,8 @@ export class Viewer {
   start() {
     if (this.isDisposed) return;
     this.root.replaceChildren(this.build());
+    // A cell of a notebook keeps its height until then: what is below would move, and it out of sight.
+    this.root.style.minHeight = "";
     this.isBuilt = true;
     this.applyAddress();
     this.loadFrames();

@@ -73,7 +73,7 @@ class Call {
     const faces = aligned(positions + 3 * n * nVertices * (isDouble ? 8 : 4));
     const times = aligned(faces + 12 * nFaces);
     const work = aligned(times + 8 * n);
-    for (let room = 1 << 22, status = ROOM; status === ROOM; ) {
+    for (let room = 1 << 24, status = ROOM; status === ROOM; ) {
       this.require(work + room);
       status = this.code.mm_decode(this.data, this.size, first, n, positions, faces, times, work, room, this.needed);
       if (status !== ROOM) this.check(status);

@@ -31,7 +31,7 @@ def remote(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
 
 @pytest.fixture(scope="module")
 def kept(remote: Client, beat: bytes) -> str:
-    return remote.upload(beat).id
+    return str(remote.upload(beat).id)
 
 
 def test_the_features_of_sequences_are_the_librarys_own(remote: Client, tmp_path: Path) -> None:

@@ -33,12 +33,11 @@ def test_a_place_that_cannot_be_written_costs_no_request(
 
 
 def test_reports_of_what_is_sent_are_no_exception(unreached: Client, tmp_path: Path) -> None:
-    for save in (
-        lambda path: unreached.save_dicom("a" * 64, b"", path),
-        lambda path: unreached.save_tracked_report(b"", path),
-    ):
-        with pytest.raises(StoreError, match="there is no folder"):
-            save(tmp_path / "missing" / "a.zip")
+    path = tmp_path / "missing" / "a.zip"
+    with pytest.raises(StoreError, match="there is no folder"):
+        unreached.save_dicom("a" * 64, b"", path)
+    with pytest.raises(StoreError, match="there is no folder"):
+        unreached.save_tracked_report(b"", path)
 
 
 def test_what_is_not_there_names_what_is(unreached: Client, tmp_path: Path) -> None:

@@ -472,7 +472,9 @@ def test_widgets_on_a_page_all_show_their_surface(
         page = opened.page
         for cell in (0, n_widgets // 2, n_widgets - 1, 0):
             page.locator(".embedded").nth(cell).scroll_into_view_if_needed()
-            opened.wait(f"document.querySelectorAll('.embedded')[{cell}].querySelector('canvas')")
+            opened.wait(
+                f"document.querySelectorAll('.embedded')[{cell}].querySelector('.stage canvas')"
+            )
         page.wait_for_timeout(200)
-        assert page.locator(".embedded canvas").count() <= 8
+        assert page.locator(".embedded .stage canvas").count() <= 8
         assert not [text for text in opened.said if "error" in text or "Too many" in text]

@@ -44,7 +44,10 @@ def phantom() -> bytes:
 def test_the_whole_road_is_one_job(client: TestClient, phantom: bytes, tmp_path: Path) -> None:
     with Client("http://testserver", transport=client._transport) as remote:
         remote.save_tracked_report(
-            phantom, tmp_path / "report.zip", **PLACES, model="ventricle-simulated"
+            phantom,
+            tmp_path / "report.zip",
+            landmarks=PLACES["landmarks"],
+            model="ventricle-simulated",
         )
     (job,) = client.get("/v1/jobs").json()["jobs"]
     assert (job["kind"], job["state"]) == ("tracked-report", "succeeded")

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import Browser, Opened, browser
+from dicom_samples import study_instance
 from ellipsoid_images import AXES, CUT, LANDMARKS, MIDDLE, Look, volume
 from numpy.typing import NDArray
 from project import ROOT
@@ -106,7 +107,14 @@ def test_a_newcomer_reads_a_sample_heart_places_its_wall_and_takes_a_report(
         assert "at end systole" in segments.locator(".note").first.text_content()
         assert pdf_of(opened, tmp_path) == "Sample-heart-simulated-report.pdf"
         # The structured report needs LPS mm, which is stated now.
-        assert page.get_by_role("button", name="DICOM SR").count() == 1
+        (tmp_path / "instance.dcm").write_bytes(study_instance())
+        with page.expect_download() as started:
+            with page.expect_file_chooser() as chooser:
+                page.get_by_role("button", name="DICOM SR").click()
+            chooser.value.set_files(tmp_path / "instance.dcm")
+        started.value.save_as(tmp_path / "objects.zip")
+        with zipfile.ZipFile(tmp_path / "objects.zip") as objects:
+            assert "report.dcm" in objects.namelist()
         with page.expect_download() as started:
             page.get_by_role("button", name="FHIR").click()
         started.value.save_as(tmp_path / "fhir.json")
