@@ -354,7 +354,7 @@ def in_basis(number: int, one: Recording, readable: Readable) -> ModalSignature:
     if reason is not None:
         raise UnlikeCasesError(
             f"Item {number} does not compare with those that were fitted to: {reason.words}.",
-            remedy="Fit it with the parameters in `readable_.parameters`, or give the sequence.",
+            remedy="Give the sequence itself, which is then fitted as the others were.",
             details={"case": number, "sequence_id": signature.sequence_id},
         )
     return signature
