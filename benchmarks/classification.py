@@ -18,7 +18,7 @@ from real_data import is_there
 from scipy.stats import binomtest
 
 from modalmotion.classification import TrainingCase
-from modalmotion.classification.features import surface_size
+from modalmotion.classification.motion import Motion
 from modalmotion.signature.distance import resample_to_phase
 from modalmotion.signature.making import SignatureParameters
 
@@ -81,7 +81,7 @@ def _trajectories(cases: list[TrainingCase]) -> NDArray[np.float64]:
     found = []
     for signature in signatures:
         a = signature.body_amplitudes
-        a = 100.0 * (a - a.mean(axis=0)) / surface_size(signature)
+        a = 100.0 * (a - a.mean(axis=0)) / Motion(signature).size
         path = resample_to_phase(a, 32, times=signature.times, closed=closed)
         found.append(path.reshape(32, -1).T)
     return np.stack(found)

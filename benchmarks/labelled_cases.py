@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from real_data import DATA
 from third_generator import hearts
 
-from modalmotion.classification import TrainingCase, TrainingOptions
+from modalmotion.classification import SignatureFeatures, TrainingCase, TrainingOptions
 from modalmotion.formats import read_sequence
 from modalmotion.simulate import MotionClass, simulate_cohort
 
 # The model is the default one to the byte; its card is not read here.
-QUICK: Final = TrainingOptions(repetitions=1, card="quick")
-ALONE: Final = replace(QUICK, further=False)  # nothing but the motion
+QUICK: Final = TrainingOptions(repetitions=1)
 _FEW: Final = (MotionClass.NORMAL, MotionClass.AKINESIA)
 _WINDOW: Final = 12
 
@@ -89,6 +88,20 @@ def of_pool(pool: list[TrainingCase], n: int, rng: np.random.Generator) -> list[
     labels = np.array([case.label for case in pool])
     places = [np.flatnonzero(labels == name) for name in np.unique(labels)]
     return [pool[i] for of_class in places for i in rng.choice(of_class, n, replace=False)]
+
+
+def of_one_table(few: list[TrainingCase], tested: list[TrainingCase]) -> tuple[float, float]:
+    """Accuracy and AUC of one table of the motion with shrunk discriminants, of two classes."""
+    from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+    from sklearn.metrics import roc_auc_score
+
+    features = SignatureFeatures(modes=18)
+    shrunk: Any = LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto")
+    shrunk.fit(features.fit_transform(few), labels := [case.label for case in few])
+    shares, truth = shrunk.predict_proba(features.transform(tested)), np.unique(labels)[1]
+    is_second = np.array([case.label == truth for case in tested])
+    right = (shares.argmax(axis=1) == 1) == is_second
+    return float(right.mean()), float(roc_auc_score(is_second, shares[:, 1]))
 
 
 def area_of_volume(few: list[TrainingCase], tested: list[TrainingCase]) -> float:

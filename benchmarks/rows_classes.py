@@ -54,7 +54,10 @@ for _kind, _model in (("material", DEFAULT_MODEL), ("offset", OFFSET_MODEL)):
     _what = f"model of {_kind} points, hearts of"
     _own = _rows(f"{_kind}.own", f"{_what} its generator", _OWN)
     experiment(*_own)(partial(judged.on_own, _model, 20))
-    _third = _rows(f"{_kind}.third", f"{_what} a third generator", _THIRD)
+    _asked = (
+        _THIRD if _model == DEFAULT_MODEL else {k: _THIRD[k] for k in _THIRD if k != "mirrored"}
+    )
+    _third = _rows(f"{_kind}.third", f"{_what} a third generator", _asked)
     experiment(*_third)(partial(judged.on_third, _model, 30))
 
 for _name, _cohorts in {

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from modalmotion.classification import evaluate as evaluate
     from modalmotion.classification import load_model as load_model
     from modalmotion.classification import train as train
-    from modalmotion.classification.training.manifest import read_cases as read_cases
+    from modalmotion.classification.manifest import read_cases as read_cases
     from modalmotion.clinical import ClinicalReadouts as ClinicalReadouts
     from modalmotion.clinical import clinical_readouts as clinical_readouts
     from modalmotion.clinical.strain import Strain as Strain

@@ -19,8 +19,7 @@
         ├── NotFoundError               nothing is stored under that id
         ├── CorruptFileError            a result file that does not read as written
         │   └── LostFileError           one that is gone, though nobody deleted it
-        ├── OlderFileError              a file that an older version wrote
-        └── ModelNotReproducedError     a model whose answers differ from those at its training
+        └── OlderFileError              a file that an older version wrote
 """
 
 from __future__ import annotations
@@ -210,9 +209,3 @@ class OlderFileError(StoreError):
     """A file was written by an older version."""
 
     code = "older_file"
-
-
-class ModelNotReproducedError(StoreError):
-    """A model's answers here differ from those where it was trained."""
-
-    code = "model_not_reproduced"

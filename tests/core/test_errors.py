@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from training_cohort import cohort
 
 import modalmotion as mm
-from modalmotion.classification.training.parallel import joblib_backend
+from modalmotion.classification.training import joblib_backend
 from modalmotion.cli import main
 from modalmotion.client import Client
 from modalmotion.errors import MissingExtraError, needs_extra

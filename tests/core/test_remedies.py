@@ -155,7 +155,7 @@ def on_lattice(topology: str) -> ModalSignature:
     return modal_signature(mesh_sequence(LATTICE, grid=(6, 10), topology=topology))
 
 
-QUICK = TrainingOptions(estimator="linear", repetitions=1, card="quick")
+QUICK = TrainingOptions(repetitions=1)
 
 TRIED = (
     Try(
@@ -431,7 +431,7 @@ TRIED = (
         (lambda _: modes_named(CUP, [parse_label("1,0,cos")]),),
     ),
     Try(
-        "Fit all signatures with the same parameters, or give the sequences themselves: training",
+        "or give the sequences themselves, which are then fitted in one basis",
         lambda: train([*of_balls(), TrainingCase(springs(), "0", "s")], "x", QUICK),
         (
             lambda _: train(of_balls(), "x", QUICK),
@@ -465,7 +465,7 @@ TRIED = (
         ),
     ),
     Try(
-        "Leave those out, or state one topology for all (topology); only cups",
+        "Leave them out (--skip-unreadable, on_error = 'leave out'), state one topology for all",
         lambda: train(
             [*of_balls(), TrainingCase(fitted(surface("torus"), modes=7), "0", "s")], "x", QUICK
         ),

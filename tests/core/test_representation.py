@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from modalmotion.classification.features import axis_features
 from project import ROOT
 from reachable_values import reachable_values
 
 import modalmotion as mm
 from modalmotion.classification import TrainingCase, TrainingOptions, classify, load_model
-from modalmotion.classification.features import axis_features
 from modalmotion.codec import encode, inspect
 from modalmotion.dynamics import HarmonicPotential, Oscillators, State, exact_step, polarised_waves
 from modalmotion.formats import read_npz, write_npz

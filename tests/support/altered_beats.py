@@ -82,15 +82,15 @@ def _part(beat: MeshSequence, frames: np.ndarray) -> MeshSequence:
 ALTERED: Final[dict[str, tuple[Alter, tuple[str, ...]]]] = {
     "mirrored": (mirror_image, ("mirrored",)),
     "time reversed": (backwards, ("reversed time",)),
-    "half a beat": (half_beat, ("incomplete cycle", "inverted motion")),
-    "two beats": (two_beats, ("several cycles",)),
+    "half a beat": (half_beat, ("incomplete cycle", "reversed time", "out of domain")),
+    "two beats": (two_beats, ("out of domain",)),
     "frames missing in systole": (without_systole, ("incomplete cycle",)),
-    "motion negated": (scaled_motion(-1.0), ("inverted motion", "out of domain")),
-    "motion x0.2": (scaled_motion(0.2), ("motion too small", "no motion")),
-    "motion x3": (scaled_motion(3.0), ("motion too large",)),
+    "motion negated": (scaled_motion(-1.0), ("reversed time", "out of domain")),
+    "motion x0.2": (scaled_motion(0.2), ("other amount of motion", "no motion")),
+    "motion x3": (scaled_motion(3.0), ("other amount of motion",)),
     "size x0.5": (scaled(0.5), ("other size",)),
     "size x2": (scaled(2.0), ("other size",)),
     "size x1000": (scaled(1000.0), ("other size",)),
-    "twice as long": (stretched, ("other shape", "other size")),
+    "twice as long": (stretched, ("other size", "out of domain")),
 }
 """How each kind is made, and the flags that name what is wrong with it."""

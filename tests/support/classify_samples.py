@@ -13,7 +13,7 @@ from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.simulate import MotionClass, simulate_cohort
 
-QUICK_CARD = TrainingOptions(repetitions=1, card="quick")
+QUICK_CARD = TrainingOptions(repetitions=1)
 """What a user gets, without what only the card is for."""
 
 TWO = (MotionClass.NORMAL, MotionClass.HYPOKINESIA)

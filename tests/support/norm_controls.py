@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 import modalmotion as mm
-from modalmotion.classification.features import FeatureReader
-from modalmotion.classification.model.model import Readable
+from modalmotion.classification.extractor import Extractor
+from modalmotion.classification.model import Readable
 from modalmotion.norm import Norm
-from modalmotion.norm.controls import Reading
+from modalmotion.norm.norm import Reading
 from modalmotion.simulate import MotionClass, draw_parameters
 
 WORDS = ("radial", "turning", "axial", "oval", "tilt")
@@ -33,7 +33,7 @@ def drawn(rng: np.random.Generator, number: int, *, has_covariates: bool = False
         covariates = {"age": age, "sex": sex}
         x[:5] += 0.1 * age + (sex == "f")
     return Reading(
-        values=np.array([x, -x]),
+        values=x,
         quantities=np.array([rng.normal(60, 5), rng.normal(120, 20), rng.normal(50, 10)]),
         fraction=None,
         conditions={"frames": 10, "vertices": 72},
@@ -45,5 +45,5 @@ def drawn(rng: np.random.Generator, number: int, *, has_covariates: bool = False
 
 def norm_of(readings: list[Reading]) -> Norm:
     """Norm of drawn readings."""
-    readable = Readable(("cup",), 7, "", mm.SignatureParameters(modes=7))
-    return Norm("drawn", readable, FeatureReader(True, True, 2, False), COLUMNS, tuple(readings))
+    readable = Readable("cup", 7, "", mm.SignatureParameters(modes=7))
+    return Norm("drawn", readable, Extractor("axis", n_modes=7), COLUMNS, tuple(readings))

@@ -136,7 +136,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Trained]:
     app = create_app(Settings(data_dir=data_dir, workers=2, wait_seconds=120.0))
     with TestClient(app, raise_server_exceptions=False) as client:
         ids = send(client, cohort(N_PER_CLASS, seed=1))
-        model = train(client, "wall-motion", ids, options={"repetitions": 2, "estimator": "linear"})
+        model = train(client, "wall-motion", ids, options={"repetitions": 2})
         yield Trained(client, data_dir, ids, model, list(cohort(2, seed=2)))
 
 

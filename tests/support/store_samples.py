@@ -11,8 +11,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from modalmotion.classification.answer.classification import Classification
-from modalmotion.classification.answer.explanation import ModeContribution
+from modalmotion.choice.parameters import parameters_as_json
+from modalmotion.classification.answer import Classification
+from modalmotion.classification.explanation import ModeContribution
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
@@ -67,8 +68,15 @@ def sample_model(
         created="",
         training=training,
     )
-    arrays = {"machine": np.full(100, number % 251, dtype=np.uint8)}
-    return KeptModel(record, {"accuracy": 0.9, "number": number}, arrays)
+    arrays = {"strangeness": np.full(100, number % 251, dtype=np.uint8)}
+    texts = dict.fromkeys(("tables", "columns", "detector", "notes"))
+    readable = {"parameters": parameters_as_json(record.parameters)}
+    return KeptModel(
+        record,
+        {"accuracy": 0.9, "number": number},
+        arrays,
+        {**texts, "readable": readable},
+    )
 
 
 def assert_same(found: object, expected: object) -> None:

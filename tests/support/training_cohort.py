@@ -20,7 +20,7 @@ CLASSES = (MotionClass.NORMAL, MotionClass.HYPOKINESIA)
 
 N_PER_CLASS = 6
 # Where it does not matter how scores come about.
-QUICK = {"estimator": "linear", "repetitions": 1, "card": "quick", "kind": "material"}
+QUICK = {"repetitions": 1, "kind": "material"}
 
 
 @dataclass(frozen=True)

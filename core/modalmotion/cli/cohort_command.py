@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 import numpy as np
 
-from modalmotion.classification.training.manifest import LabelledFile, labelled_files
-from modalmotion.classification.training.parallel import joblib_backend
+from modalmotion.classification.manifest import LabelledFile, labelled_files
+from modalmotion.classification.training import joblib_backend
 from modalmotion.cli.files import sequence_argument
 from modalmotion.cli.options import command, fit_options, json_option, signature_parameters, tell
 from modalmotion.cli.outputs import OutputFolder

@@ -23,10 +23,6 @@ COMMANDS: Final = {
     ),
     "compare-models": ("model_commands", "Compare two models, on the same labelled sequences."),
     "convert": ("convert_command", "Write the sequence in FILE in another format."),
-    "decide": (
-        "model_commands",
-        "Write MODEL with a rule by which its probabilities become a label.",
-    ),
     "decode": ("codec_commands", "Decode a compressed STREAM, or some of its frames."),
     "dicom": ("dicom_command", "Write DICOM objects of the sequence in FILE, for an archive."),
     "encode": ("codec_commands", "Compress the sequence in FILE at an error that you choose."),

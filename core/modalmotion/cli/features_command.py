@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import click
 
-from modalmotion.classification.training.manifest import LabelledSequence, labelled_files
+from modalmotion.classification.manifest import LabelledSequence, labelled_files
 from modalmotion.cli.case_options import labelled_sources
 from modalmotion.cli.options import command, json_option, tell
 from modalmotion.cli.outputs import OutputFile
@@ -17,11 +17,9 @@ _HELP: Final = {
     "modes": "Modes of the signatures; 3 amplitudes a frame each.",
     "topology": "cup, sphere, ..., or mesh for spring modes; all cases decide it together by "
     "default.",
-    "kind": "axis: parts about the axis of the motion; modes: modes as they are; summary: the same "
+    "kind": "axis: parts about the axis; modes: modes and their products; summary: the same "
     "in few numbers; terms: modes and their terms.",
-    "timing": "cycle: one turn of a cycle; course: a movement with a beginning and an end.",
-    "harmonics": "Harmonics of each part of the motion.",
-    "walls": "Whether the zero of theta tells walls apart; auto: where every case states it.",
+    "timing": "cycle: one turn of a cycle; transient: a movement with a beginning and an end.",
 }
 
 
@@ -39,18 +37,10 @@ _HELP: Final = {
 )
 @click.option(
     "--timing",
-    type=click.Choice(["auto", "cycle", "course"]),
+    type=click.Choice(["auto", "cycle", "transient"]),
     default="auto",
     show_default=True,
     help=_HELP["timing"],
-)
-@click.option("--harmonics", type=int, default=2, show_default=True, help=_HELP["harmonics"])
-@click.option(
-    "--walls",
-    type=click.Choice(["auto", "yes", "no"]),
-    default="auto",
-    show_default=True,
-    help=_HELP["walls"],
 )
 @click.option(
     "--covariate",
@@ -76,7 +66,7 @@ def features(
     id, label and subject, then the features, which do not depend on pose, unit, start or sampling.
     """
     from modalmotion.classification import SignatureFeatures, feature_table
-    from modalmotion.classification.training.left_out import left_out_notes
+    from modalmotion.classification.cases import left_out_notes
     from modalmotion.store import write_atomic
 
     wanted: Any = "all" if "all" in covariates else list(covariates) or None
@@ -92,9 +82,9 @@ def features(
     write_atomic(out, table.as_csv().encode())
     n, m = table.values.shape
     said = (
-        f"{n} sequences, {m} features: {transformer.reader_.description}; "
-        f"{' or '.join(transformer.readable_.topologies)}, {transformer.readable_.n_modes} modes"
+        f"{n} sequences, {m} features: {transformer.extractor_.description}; "
+        f"{transformer.readable_.topology}, {transformer.readable_.n_modes} modes"
     )
     notes = list(left_out_notes(table.left_out))
-    found = {"n_cases": n, "n_features": m, "reads": transformer.reader_.description}
+    found = {"n_cases": n, "n_features": m, "reads": transformer.extractor_.description}
     tell({**found, "notes": notes}, [said, *notes], out, as_json=as_json)

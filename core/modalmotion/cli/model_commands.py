@@ -1,17 +1,16 @@
-"""Commands of models: evaluate, compare, decide, classify and card."""
+"""Commands of models: evaluate, compare, classify and card."""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from modalmotion.classification.training.manifest import LabelledSequence, labelled_files
+from modalmotion.classification.manifest import LabelledSequence, labelled_files
 from modalmotion.cli.case_options import cases_option, labelled_sources, unit_option
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.model_texts import (
@@ -20,7 +19,6 @@ from modalmotion.cli.model_texts import (
     card_lines,
     comparison_lines,
     evaluation_lines,
-    model_json,
 )
 from modalmotion.cli.options import (
     command,
@@ -29,13 +27,12 @@ from modalmotion.cli.options import (
     list_written,
     plot_option,
     surface_options,
-    tell,
 )
 from modalmotion.cli.outputs import OutputFile, write_picture
 
 if TYPE_CHECKING:
-    from modalmotion.classification import Model, TrainingCase
-    from modalmotion.classification.training.left_out import LeftOut
+    from modalmotion.classification import Model
+    from modalmotion.classification.cases import LeftOut
 
 
 @command("evaluate mine.h5 others.csv")
@@ -62,8 +59,7 @@ def evaluate(
     subject as fewer than they are.
     """
     from modalmotion.classification import evaluate as test
-    from modalmotion.classification.training.left_out import left_out_notes
-    from modalmotion.classification.usable_cases import usable_cases
+    from modalmotion.classification.cases import left_out_notes
     from modalmotion.store import write_atomic
 
     stored_model = model_named(model)
@@ -71,10 +67,7 @@ def evaluate(
     sources_ = [LabelledSequence(file, {"unit": unit}) for file in files]
     left_out: list[LeftOut] = []
     with click.progressbar(sources_, label="cases", file=sys.stderr) as bar:
-        cases: Iterator[TrainingCase] = (source.read() for source in bar)
-        if skip_unreadable:
-            cases = usable_cases(stored_model, bar, left_out)
-        result = test(stored_model, cases, coverage)
+        result = test(stored_model, bar, coverage, left_out=left_out if skip_unreadable else None)
     if plot is not None:
         from modalmotion.pictures.model_card import evaluation_figure
 
@@ -106,10 +99,10 @@ def compare_models(
     """Compare two models, on the same labelled sequences: MODEL and OTHER.
 
     Each is a file or a name. MANIFEST and FILES are as for training, of subjects that neither model
-    was trained on. Subjects are resampled whole.
+    was trained on. Cases of one subject count together.
     """
     from modalmotion.classification import compare_models as compare
-    from modalmotion.classification.training.left_out import left_out_notes
+    from modalmotion.classification.cases import left_out_notes
 
     models = model_named(first), model_named(second)
     files = labelled_files(sources, skip_unreadable=skip_unreadable)
@@ -120,65 +113,6 @@ def compare_models(
     click.echo(json.dumps(result.as_json(), indent=2) if as_json else comparison_lines(result))
     for note in left_out_notes(left_out):
         click.echo(note, err=as_json)
-
-
-class _Named(click.ParamType[tuple[str, float]]):
-    """A class, or a pair of classes, with a number: normal=0.95."""
-
-    name = "CLASS=NUMBER"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, float]:
-        """Split at the last "="."""
-        if isinstance(value, tuple):
-            return value
-        label, _, number = str(value).rpartition("=")
-        try:
-            return label, float(number)
-        except ValueError:
-            self.fail(f"{value!r} is not a class, '=' and a number.", param, ctx)
-
-
-@command("decide mine.h5 --sensitivity akinesia=0.95 -o decided.h5")
-@click.argument("model", metavar="MODEL")
-@click.option(
-    "--sensitivity",
-    multiple=True,
-    type=_Named(),
-    help="Share of a class to be answered as such; the most urgent class first.",
-)
-@click.option(
-    "--cost",
-    multiple=True,
-    type=_Named(),
-    help="Cost of an error, as TRUE:ANSWER=NUMBER; 1 where none is stated.",
-)
-@click.option("-o", "--out", required=True, type=OutputFile(), help="File to write (HDF5).")
-@json_option
-def decide(
-    model: str,
-    sensitivity: tuple[tuple[str, float], ...],
-    cost: tuple[tuple[str, float], ...],
-    out: Path,
-    as_json: bool,
-) -> None:
-    """Write MODEL with a rule by which its probabilities become a label.
-
-    Thresholds that reach the sensitivities are chosen on held-out answers; the rule makes another
-    model, with an id of its own.
-    """
-    from modalmotion.classification import decided
-    from modalmotion.store import model_to_hdf5, write_atomic
-
-    costs: dict[str, dict[str, float]] = {}
-    for pair, number in cost:
-        true, _, answer = pair.partition(":")
-        costs.setdefault(true, {})[answer] = number
-    result = decided(model_named(model), costs=costs or None, sensitivity=dict(sensitivity) or None)
-    write_atomic(out, model_to_hdf5(result))
-    said = [card_lines(result.name, result.id, result.card)]
-    tell(model_json(result), said, out, as_json=as_json)
 
 
 @command("classify beat.npz --model mine.h5")
@@ -265,8 +199,8 @@ def model_named(which: str) -> Model:
     ------
     NotFoundError
         If neither exists.
-    CorruptFileError, ModelNotReproducedError
-        If it is damaged, or its answers differ from those where it was trained.
+    CorruptFileError
+        If it is damaged.
     """
     from modalmotion.classification import load_model
 

@@ -35,7 +35,6 @@ def card_lines(name: str, model_id: str, card: ModelCard) -> str:
         lines += [*_spread(card), *_figures(card)]
         lines += _matrix(card.classes, card.confusion, len(card.repetitions))
         lines += _sets(card.coverage, card.class_coverage, card.mean_set_size)
-        lines += [*_learning_curve(card), *_decision(card)]
     return "\n".join(lines + [f"note: {note}" for note in card.notes])
 
 
@@ -137,38 +136,6 @@ def _with(value: float, interval: Sequence[float] | None, digits: int = 3) -> st
         return f"{value:.{digits}f}"
     low, high = interval
     return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
-
-
-def _decision(card: ModelCard) -> list[str]:
-    rule = card.decision
-    if rule is None:
-        return []
-    lines = [rule["text"]]
-    for label, (value, *interval) in rule.get("sensitivity_reached", {}).items():
-        reached, *ends = rule["specificity_reached"][label]
-        lines.append(
-            f"  {label}: sensitivity {_with(100 * value, [100 * x for x in interval], 1)} %, "
-            f"specificity {_with(100 * reached, [100 * x for x in ends], 1)} %, so decided"
-        )
-    if "mean_cost" in rule:
-        lines.append(
-            f"  mean cost {rule['mean_cost']:.3f}; of the most probable class "
-            f"{rule['mean_cost_of_most_probable']:.3f}"
-        )
-    return lines
-
-
-def _learning_curve(card: ModelCard) -> list[str]:
-    if not card.learning_curve:
-        return []
-    lines = ["learning curve (most training cases of a class: accuracy, AUC, log loss):"]
-    for point in card.learning_curve:
-        area = "-" if point["auc"] is None else f"{point['auc']:.3f}"
-        lines.append(
-            f"  {point['per_class']:5d}: {100 * point['accuracy']:5.1f} %  {area}  "
-            f"{point['log_loss']:.3f}"
-        )
-    return lines
 
 
 def _matrix(

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from modalmotion.classification.training.manifest import LabelledSequence, labelled_files
+from modalmotion.classification.manifest import LabelledSequence, labelled_files
 from modalmotion.cli.case_options import labelled_sources, unit_option
 from modalmotion.cli.options import example, json_option, list_written
 from modalmotion.cli.outputs import OutputFile
@@ -48,7 +48,7 @@ def train(
     MANIFEST is a table with the column path and, where they are known, subject and facts; a label
     is not read. FILES are files of sequences.
     """
-    from modalmotion.classification.training.left_out import UNUSABLE, LeftOut, left_out_notes
+    from modalmotion.classification.cases import UNUSABLE, LeftOut, left_out_notes
     from modalmotion.norm import norm_to_hdf5, train_norm
     from modalmotion.store import write_atomic
 
@@ -72,7 +72,7 @@ def train(
     else:
         click.echo(
             f"{result.name} (id {result.id[:12]}): {result.n_controls} controls, "
-            f"{' or '.join(said['topologies'])}, {said['n_modes']} modes\n"
+            f"{said['topology']}, {said['n_modes']} modes\n"
             f"groups: {', '.join(said['groups'])}\n"
             f"smallest level: {said['smallest_level']:.3g}"
         )
@@ -107,9 +107,9 @@ def ask(
     Five and more are also compared together: a cohort of another machine or protocol is warned
     of. MANIFEST and FILES are as for training.
     """
-    from modalmotion.classification.training.left_out import UNUSABLE, LeftOut, left_out_notes
+    from modalmotion.classification.cases import UNUSABLE, LeftOut, left_out_notes
     from modalmotion.norm import cohort_deviation, norm_from_hdf5
-    from modalmotion.norm.cohort import FEWEST_RECORDINGS, others_than
+    from modalmotion.norm.norm import FEWEST_RECORDINGS, others_than
 
     controls = norm_from_hdf5(norm_file)
     files = labelled_files(sources, skip_unreadable=skip_unreadable, needs_label=False)

@@ -9,8 +9,8 @@ from typing import Any
 
 import click
 
-from modalmotion.classification.training.cases import named
-from modalmotion.classification.training.manifest import LabelledFile, labelled_files
+from modalmotion.classification.cases import named
+from modalmotion.classification.manifest import LabelledFile, labelled_files
 from modalmotion.cli.files import fitted, sequence_argument
 from modalmotion.cli.options import (
     command,

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import click
 
-from modalmotion.classification.training.manifest import LabelledSequence, labelled_files
+from modalmotion.classification.manifest import LabelledSequence, labelled_files
 from modalmotion.cli.case_options import cases_option, labelled_sources, unit_option
 from modalmotion.cli.model_texts import card_lines, model_json
 from modalmotion.cli.options import command, json_option, plot_option, tell
@@ -19,22 +19,12 @@ _HELP: Final = {
     "modes": "Modes of the signatures; 3 amplitudes a frame each.",
     "topology": "cup, sphere, ..., or mesh for spring modes; all cases decide it together by "
     "default.",
-    "kind": "material: points follow the tissue; offset: they may slide over it; by default what "
-    "all recordings state, and else the better of both.",
-    "harmonics": "Harmonics of each part of the motion.",
-    "timing": "cycle: one turn of a cycle; course: a movement with a beginning and an end.",
-    "pose": "any: recordings may be turned any way; fixed: they share their coordinates.",
-    "estimator": "Turns features into scores; auto chooses by cross-validation.",
-    "class_weights": "balanced: rare classes count as much as frequent ones.",
+    "kind": "material: points follow the tissue; offset: normal displacement, for points that may "
+    "slide over it; by default what all recordings state, and else the better of both.",
+    "timing": "cycle: one turn of a cycle; transient: a movement with a beginning and an end.",
     "folds": "Folds of the grouped cross-validation.",
     "repetitions": "Repetitions of the cross-validation, each with folds of its own.",
-    "card": "full, or quick: without a learning curve.",
-    "fold": "Column of the manifest whose values are the folds, in place of drawn ones.",
     "groups": "Column of the manifest, such as site, whose cases stay on one side of each split.",
-    "coverage": "Level of the card's class sets.",
-    "walls": "Whether the zero of theta tells walls apart; auto: where every case states it.",
-    "further": "Whether size, rest shape, volume and covariates may be read beside motion.",
-    "known_share": "Share of cases like the training ones that the model accepts as known.",
     "seed": "Seed of all random numbers.",
 }
 

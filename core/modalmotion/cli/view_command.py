@@ -8,7 +8,7 @@ from typing import Any
 import click
 import numpy as np
 
-from modalmotion.classification.answer.classification import Classification
+from modalmotion.classification.answer import Classification
 from modalmotion.cli.files import fitted, sequence_argument
 from modalmotion.cli.options import command, fit_options, json_option, output_option, tell
 from modalmotion.cli.waiting import Waiting

@@ -610,7 +610,7 @@ class Client:
             As for `train`.
         progress : callable, optional
         **options
-            covariates ("all" or a list), modes, topology, kind, timing, harmonics, walls, and
+            covariates ("all" or a list), modes, topology, kind, timing, and
             on_error: "leave out" goes on without sequences that do not fit.
 
         Raises

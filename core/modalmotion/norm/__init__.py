@@ -1,11 +1,19 @@
 """Deviation of a recording from one's own controls."""
 
 from modalmotion.arguments.checking import check_arguments
-from modalmotion.norm.cohort import CohortDeviation, cohort_deviation
-from modalmotion.norm.deviation import Deviation, GroupDeviation, QuantityDeviation
-from modalmotion.norm.hdf5 import norm_from_hdf5, norm_to_hdf5
-from modalmotion.norm.norm import Norm
-from modalmotion.norm.training import train_norm
+from modalmotion.norm.deviation import (
+    CohortDeviation,
+    Deviation,
+    GroupDeviation,
+    QuantityDeviation,
+)
+from modalmotion.norm.norm import (
+    Norm,
+    cohort_deviation,
+    norm_from_hdf5,
+    norm_to_hdf5,
+    train_norm,
+)
 
 __all__ = [
     "CohortDeviation",

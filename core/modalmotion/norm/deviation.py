@@ -152,3 +152,38 @@ class Deviation:
         """Every field as JSON values, and each group in words."""
         groups = [{**asdict(group), "words": group.words} for group in self.groups]
         return {**asdict(self), "groups": groups}
+
+
+@shown("norm", "p", "is_another", "n_recordings")
+@dataclass(frozen=True, kw_only=True)
+class CohortDeviation:
+    """Recordings beside controls, each and together; every field is JSON-able.
+
+    Parameters
+    ----------
+    norm, norm_id : str
+    n_controls, n_recordings : int
+    level : float
+    p : float
+        That exchanging controls and recordings sets them as far apart, by chance.
+    is_another : bool
+        Whether it is at most the level: then single p-values speak of the cohort, and not of
+        the people in it.
+    warning : str or None
+        The same in words.
+    deviations : tuple of Deviation
+    """
+
+    norm: str
+    norm_id: str
+    n_controls: int
+    n_recordings: int
+    level: float
+    p: float
+    is_another: bool
+    warning: str | None
+    deviations: tuple[Deviation, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Every field as JSON values."""
+        return {**asdict(self), "deviations": [one.as_json() for one in self.deviations]}

@@ -1,57 +1,169 @@
-"""Controls, and the comparison of a recording with them."""
+"""Controls of one's own, and recordings compared with them."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.arguments.tasks import Saved
-from modalmotion.choice.parameters import parameters_as_json
-from modalmotion.classification.answer.classifier import fitted_in
-from modalmotion.classification.features import FeatureReader, like_most
-from modalmotion.classification.model.kept_members import reader_texts
-from modalmotion.classification.model.model import Readable
-from modalmotion.classification.tables.recordings import in_basis
-from modalmotion.clinical import Fraction
-from modalmotion.errors import ParameterError
-from modalmotion.facts import UNKNOWN
+from modalmotion.classification.answer import fitted_in, unlike
+from modalmotion.classification.cases import TrainingCase, with_covariates
+from modalmotion.classification.cohort import conditions_of
+from modalmotion.classification.extractor import Extractor
+from modalmotion.classification.model import Readable
+from modalmotion.classification.motion import Motion
+from modalmotion.classification.record import require_model_name
+from modalmotion.clinical import Fraction, clinical_readouts
+from modalmotion.errors import ParameterError, TopologyError, UnlikeCasesError
+from modalmotion.facts import UNKNOWN, Facts, Named
+from modalmotion.hdf5.contents import Contents
+from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.norm.controls import QUANTITIES, Reading, covariate_table, reading_of
-from modalmotion.norm.deviation import Deviation, GroupDeviation, QuantityDeviation
-from modalmotion.norm.groups import groups_of
-from modalmotion.norm.likeness import warnings_of
+from modalmotion.norm.deviation import (
+    CohortDeviation,
+    Deviation,
+    GroupDeviation,
+    QuantityDeviation,
+)
 from modalmotion.norm.ranks import (
     attainable,
+    exchange_p,
     family_p_values,
     fewest_controls,
     p_values,
+    standardised,
     strangeness,
     whole,
     without_covariates,
 )
 from modalmotion.numerals import counted, numeral
 from modalmotion.numeric.kinds import real
+from modalmotion.progress import Progress
 from modalmotion.representation import shown
-from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.first_modes import first_modes
+from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
+
+FORM: Final = Form("norm", 2)
 
 LEVEL: Final = 0.05
 """Level at which something is called a deviation, unless one is stated."""
 
+QUANTITIES: Final = ("share", "end_diastolic_volume", "end_systolic_volume")
+"""Share of the volume that is lost, percent; volumes, ml, NaN where the unit is unknown."""
+
+FEWEST_CONTROLS: Final = 9
+FEWEST_RECORDINGS: Final = 5
+"""Fewer controls tell nothing that is rarer than one in ten, and fewer recordings no cohort."""
+
 # Controls for each column of covariates and for the mean: fewer tell little of what depends.
 _PER_COLUMN: Final = 10
+
+# Conditions that are numbers: where they differ, another machine or protocol stands behind.
+_CONDITIONS: Final = ("frames", "frame rate", "vertices")
+
+# Of each control, in JSON.
+_TEXTS: Final = ("conditions", "covariates", "tracking", "sequence_id", "subject")
+
+# First words of the columns about an axis.
+_ABOUT_AXIS: Final = {
+    "radial": "contraction",
+    "turning": "twist",
+    "axial": "shortening",
+    "across": "bending",
+    "tilt": "bending",
+    "oval": "oval shape",
+    "side": "one side against the other",
+    "lobe": "lobes",
+}
+_TOGETHER: Final = "how the waves go together"
+
 
 Array = NDArray[np.float64]
 
 
-@shown("name", "n_controls", "readable.topologies", "readable.n_modes", "id")
+@shown("sequence_id", "subject")
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What is read of one recording.
+
+    Parameters
+    ----------
+    values : (features,) float64
+        Features of the motion.
+    quantities : (3,) float64
+        See `QUANTITIES`; NaN where there is none.
+    fraction : Fraction or None
+        What the share is called.
+    conditions : mapping of str to (float or str)
+        How it was recorded: frames, vertices, frame rate, modality.
+    covariates : mapping of str to (float or str)
+    tracking : str
+        What the points follow.
+    sequence_id : str
+    subject : str or None
+    name : str
+        What errors call it.
+    """
+
+    values: NDArray[np.float64]
+    quantities: NDArray[np.float64]
+    fraction: Fraction | None
+    conditions: Mapping[str, float | str]
+    covariates: Mapping[str, float | str]
+    tracking: str
+    sequence_id: str
+    subject: str | None = None
+    name: str = ""
+
+
+@shown("name", "subject")
+@dataclass(frozen=True, eq=False)
+class Control:
+    """A recording of somebody who is taken as usual.
+
+    Parameters
+    ----------
+    motion : MeshSequence or ModalSignature
+        From a signature alone no volume can be read.
+    subject : str or None
+        Who was recorded: a norm takes one recording of each.
+    name : str
+        What errors call it, such as the path of its file.
+    covariates : mapping of str to (float or str)
+        Over those of the recording's facts.
+    sequence : function, optional
+        Reads the recording that a signature was made from, for its volumes; None where its
+        vertices are not kept.
+    """
+
+    motion: MeshSequence | ModalSignature
+    subject: str | None = None
+    name: str = ""
+    covariates: Mapping[str, float | str] = field(default_factory=Named)
+    sequence: Callable[[], MeshSequence | None] | None = None
+
+    def __post_init__(self) -> None:
+        if self.covariates:
+            object.__setattr__(self, "motion", with_covariates(self.motion, self.covariates))
+
+    def read_sequence(self) -> MeshSequence | None:
+        """Give the recording itself, where it is known."""
+        if isinstance(self.motion, MeshSequence):
+            return self.motion
+        return None if self.sequence is None else self.sequence()
+
+
+@shown("name", "n_controls", "readable.topology", "readable.n_modes", "id")
 @dataclass(frozen=True, eq=False)
 class Norm(Saved):
     """Controls of one's own, as recordings are compared with them.
@@ -61,7 +173,7 @@ class Norm(Saved):
     name : str
     readable : Readable
         Modes in which the controls compare.
-    reader : FeatureReader
+    extractor : Extractor
     columns : tuple of str
         Names of the features.
     controls : tuple of Reading
@@ -70,7 +182,7 @@ class Norm(Saved):
 
     name: str
     readable: Readable
-    reader: FeatureReader
+    extractor: Extractor
     columns: tuple[str, ...]
     controls: tuple[Reading, ...]
     notes: tuple[str, ...] = ()
@@ -84,9 +196,8 @@ class Norm(Saved):
     def id(self) -> str:
         """sha256 of all that answers depend on, in hex."""
         values = [
-            parameters_as_json(self.readable.parameters),
-            [self.readable.topologies, self.readable.n_modes, self.readable.connectivity_id],
-            reader_texts(self.reader),
+            self.readable.as_json(),
+            self.extractor.as_json(),
             self.columns,
             [
                 [own.conditions, own.covariates, own.tracking, own.sequence_id, own.subject]
@@ -128,14 +239,17 @@ class Norm(Saved):
         """
         if isinstance(recording, MeshSequence):
             sequence = recording
-        signature = (
-            in_basis([recording], self.readable)[0]
-            if isinstance(recording, ModalSignature)
-            else fitted_in(self.readable, recording)
-        )
-        # Whether its modes are theirs.
-        signature = in_basis([signature], self.readable)[0]
-        reading = reading_of(signature, sequence, self.reader, subject=subject, name=name)
+        signature = recording
+        if isinstance(signature, MeshSequence):
+            signature = fitted_in(self.readable, signature)
+        reason = unlike(signature, self.readable)
+        if reason is not None:
+            raise UnlikeCasesError(
+                f"{name or 'The recording'} does not compare with the controls: {reason.words}.",
+                remedy="Give the sequence itself, or its signature with the norm's parameters.",
+                details={"sequence_id": signature.sequence_id},
+            )
+        reading = reading_of(signature, sequence, self.extractor, subject=subject, name=name)
         theirs = {own.tracking for own in self.controls}
         if UNKNOWN not in {*theirs, reading.tracking} and reading.tracking not in theirs:
             raise ParameterError(
@@ -179,7 +293,7 @@ class Norm(Saved):
         bag = [*controls, own]
         covariates, remarks = self._covariates(bag)
         table = covariate_table([one.covariates for one in bag], covariates)
-        features, _, _ = like_most([one.values for one in bag])
+        features = np.array([one.values for one in bag])
         adjusted = without_covariates(features, table)
         groups = groups_of(self.columns)
         scores = [strangeness(adjusted[:, k]) for k in groups.values()]
@@ -196,7 +310,7 @@ class Norm(Saved):
             groups=_groups(groups, scores, features, level),
             quantities=_quantities(bag, table),
             covariates=tuple(covariates),
-            warnings=warnings_of(controls, own),
+            warnings=_warnings_of(controls, own),
             notes=(*notes, *remarks),
         )
 
@@ -249,9 +363,9 @@ class Norm(Saved):
             "name": self.name,
             "id": self.id,
             "n_controls": self.n_controls,
-            "topologies": list(self.readable.topologies),
+            "topology": self.readable.topology,
             "n_modes": self.readable.n_modes,
-            "features": self.reader.description,
+            "features": self.extractor.description,
             "groups": list(groups_of(self.columns)),
             "covariates": sorted(set.intersection(*stated)) if stated else [],
             "smallest_level": 1.0 / (self.n_controls + 1),
@@ -327,3 +441,428 @@ def _quantities(bag: Sequence[Reading], covariates: Array) -> tuple[QuantityDevi
             )
         )
     return tuple(found)
+
+
+def train_norm(
+    controls: Iterable[Any],
+    name: str,
+    *,
+    modes: int = 7,
+    topology: str | None = None,
+    progress: Progress | None = None,
+) -> Norm:
+    """Make a norm of recordings of people who are taken as usual.
+
+    The modes in which they compare, and whether they are cycles, are decided from all of them
+    together. Nothing else is fitted: what is usual is decided anew for each recording that is
+    compared, from the controls and that recording.
+
+    Parameters
+    ----------
+    controls : iterable of Control, TrainingCase, MeshSequence or ModalSignature
+        One recording of each person, or a source that reads one; labels are not read. From
+        signatures no volumes are read. Those with points that slide (`tracking="offset"`) are
+        read by their offsets.
+    name : str
+        As models are named.
+    modes : int
+        Of the signatures of sequences.
+    topology : str, optional
+        Of these signatures; "mesh" for spring modes.
+    progress : function, optional
+        Called with the number of controls read and of all.
+
+    Raises
+    ------
+    ParameterError
+        If there are too few controls, two of one person, or the name cannot be kept.
+    UnlikeCasesError
+        If their modes do not compare.
+    ModalMotionError
+        If one cannot be fitted; it is named.
+    """
+    # Here, for scikit-learn takes a second, and whoever reads a norm needs none of it.
+    from modalmotion.classification.scikit_learn import SignatureFeatures, in_one_basis
+
+    require_model_name(name)
+    cases = [_control(number, one) for number, one in enumerate(controls)]
+    _require_people(cases)
+    transformer = SignatureFeatures(modes=modes, topology=topology)
+    parameters = parameters_of_controls(
+        transformer.signature_parameters, (case.motion.facts for case in cases)
+    )
+    signatures = in_one_basis([case.motion for case in cases], parameters)
+    transformer.fit(signatures)
+    readings = []
+    for number, (case, signature) in enumerate(zip(cases, signatures, strict=True)):
+        sequence, extractor = case.read_sequence(), transformer.extractor_
+        readings.append(
+            reading_of(signature, sequence, extractor, subject=case.subject, name=case.name)
+        )
+        if progress is not None:
+            progress(number + 1, len(cases))
+    notes = []
+    if len(cases) < fewest_controls(LEVEL):
+        notes.append(
+            f"{counted(len(cases), 'control')} tell nothing that is rarer than one in "
+            f"{len(cases) + 1}; a level of {LEVEL} needs {fewest_controls(LEVEL)}."
+        )
+    return Norm(
+        name=name,
+        readable=transformer.readable_,
+        extractor=transformer.extractor_,
+        columns=tuple(map(str, transformer.get_feature_names_out())),
+        controls=tuple(readings),
+        notes=tuple(notes),
+    )
+
+
+def parameters_of_controls(
+    parameters: SignatureParameters, facts: Iterable[Facts]
+) -> SignatureParameters:
+    """Give the parameters that controls are read with: by offsets where points of one slide."""
+    if any(one.tracking == SignatureKind.OFFSET.value for one in facts):
+        return replace(parameters, kind=SignatureKind.OFFSET)
+    return parameters
+
+
+def _control(number: int, item: Any) -> Control:
+    one = item
+    if not isinstance(one, Control | TrainingCase | MeshSequence | ModalSignature) and hasattr(
+        one, "read"
+    ):
+        one = one.read()
+    if isinstance(one, TrainingCase):
+        return Control(one.motion, one.subject, one.name or f"control {number}")
+    if isinstance(one, MeshSequence | ModalSignature):
+        return Control(one, name=f"control {number}")
+    if not isinstance(one, Control):
+        raise ParameterError(
+            f"Item {number} is a {type(one).__name__}, which is no recording.",
+            remedy="Give Controls, MeshSequences, ModalSignatures or TrainingCases.",
+            details={"case": number},
+        )
+    return one if one.name else replace(one, name=f"control {number}")
+
+
+def _require_people(cases: list[Control]) -> None:
+    if len(cases) < FEWEST_CONTROLS:
+        raise ParameterError(
+            f"A norm of {counted(len(cases), 'control')} tells nothing.",
+            remedy=f"Give at least {FEWEST_CONTROLS}, and {fewest_controls(LEVEL)} for the usual "
+            f"level of {LEVEL}.",
+            details={"n_controls": len(cases), "needed": FEWEST_CONTROLS},
+        )
+    seen: dict[str, str] = {}
+    for case in cases:
+        motion = case.motion
+        own = motion.id if isinstance(motion, MeshSequence) else motion.sequence_id
+        for key in filter(None, (own, case.subject and f"subject {case.subject}")):
+            if key in seen:
+                raise ParameterError(
+                    f"{case.name} and {seen[key]} are recordings of one person.",
+                    remedy="Give one recording of each control: two of one are too much alike.",
+                    details={"case": case.name},
+                )
+            seen[key] = case.name
+
+
+def cohort_deviation(
+    norm: Norm,
+    recordings: Iterable[MeshSequence | ModalSignature | Reading],
+    *,
+    level: float = LEVEL,
+) -> CohortDeviation:
+    """Compare several recordings with the controls, each and together.
+
+    Together by the energy distance (Szekely and Rizzo, 2004) of features, volumes and conditions
+    between recordings and controls, beside those of 1,999 exchanges of the two.
+
+    Parameters
+    ----------
+    norm : Norm
+    recordings : iterable of MeshSequence, ModalSignature or Reading
+        At least five that are no controls.
+    level : float
+        Of each, and of the warning.
+
+    Raises
+    ------
+    ParameterError
+        If there are too few.
+    ModalMotionError
+        If one does not compare.
+    """
+    level = require_level(level)
+    readings = [one if isinstance(one, Reading) else norm.read(one) for one in recordings]
+    others = others_than(norm, readings)
+    if len(others) < FEWEST_RECORDINGS:
+        raise ParameterError(
+            f"Without the controls {counted(len(others), 'recording')} came.",
+            remedy=f"Give at least {FEWEST_RECORDINGS} to compare a cohort, or compare each alone.",
+            details={"n": len(others), "needed": FEWEST_RECORDINGS},
+        )
+    deviations = tuple(norm.deviation(one, level=level) for one in readings)
+    bag = [*norm.controls, *others]
+    features = standardised(np.array([one.values for one in bag]))
+    more = np.array([_numbers(one) for one in bag])
+    beside = standardised(more[:, np.isfinite(more).all(axis=0)])
+    weighed = [features / np.sqrt(max(1, features.shape[1])), beside / 2.0]
+    p = exchange_p(np.concatenate(weighed, axis=1), norm.n_controls)
+    is_another = p <= level
+    warning = None
+    if is_another:
+        warning = (
+            f"These {len(readings)} recordings as a whole are unlike the controls (p = "
+            f"{numeral(p, 4)}): another machine, protocol or group of people. Their p-values say "
+            "that, too."
+        )
+    return CohortDeviation(
+        norm=norm.name,
+        norm_id=norm.id,
+        n_controls=norm.n_controls,
+        n_recordings=len(readings),
+        level=level,
+        p=p,
+        is_another=is_another,
+        warning=warning,
+        deviations=deviations,
+    )
+
+
+def others_than(norm: Norm, readings: Sequence[Reading]) -> list[Reading]:
+    """Leave out readings of the controls themselves."""
+    theirs = {one.sequence_id for one in norm.controls}
+    return [one for one in readings if one.sequence_id not in theirs]
+
+
+def _numbers(one: Reading) -> list[float]:
+    conditions = [one.conditions.get(name, np.nan) for name in _CONDITIONS]
+    numbers = [c if isinstance(c, int | float) else np.nan for c in conditions]
+    return [*map(float, numbers), *one.quantities.tolist()]
+
+
+def reading_of(
+    signature: ModalSignature,
+    sequence: MeshSequence | None,
+    extractor: Extractor,
+    *,
+    subject: str | None = None,
+    name: str = "",
+) -> Reading:
+    """Read a recording.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    sequence : MeshSequence or None
+        The one it was made from, for its volumes.
+    extractor : Extractor
+    """
+    facts = signature.facts
+    quantities, fraction = _volumes(signature, sequence)
+    conditions = {
+        name: value
+        for name, value in conditions_of(signature).items()
+        if name not in facts.covariates
+    }
+    return Reading(
+        values=extractor.values(Motion(first_modes(signature, extractor.n_modes))),
+        quantities=quantities,
+        fraction=fraction,
+        conditions=conditions,
+        covariates=dict(facts.covariates),
+        tracking=str(facts.tracking),
+        sequence_id=signature.sequence_id,
+        subject=subject,
+        name=name,
+    )
+
+
+def covariate_table(
+    covariates: Sequence[Mapping[str, float | str]], names: Sequence[str]
+) -> NDArray[np.float64]:
+    """Covariates as numbers, a word as columns of its own, (members, columns) float64."""
+    columns = []
+    for name in names:
+        values = [one[name] for one in covariates]
+        words = sorted({str(value) for value in values})
+        if any(isinstance(value, str) for value in values):
+            # The last word is what the others are not.
+            columns += [[float(str(value) == word) for value in values] for word in words[:-1]]
+        else:
+            columns.append([float(value) for value in values])
+    return np.array(columns, dtype=np.float64).reshape(-1, len(covariates)).T
+
+
+def _volumes(
+    signature: ModalSignature, sequence: MeshSequence | None
+) -> tuple[NDArray[np.float64], Fraction | None]:
+    nothing = np.full(len(QUANTITIES), math.nan)
+    if sequence is None:
+        return nothing, None
+    try:
+        readouts = clinical_readouts(signature, sequence)
+    except (TopologyError, ParameterError):
+        return nothing, None
+    curve = readouts.stated
+    if curve.share is None:
+        return nothing, None
+    in_ml = math.nan if readouts.unit is None else readouts.millilitres
+    volumes = [in_ml * curve.end_diastolic_volume, in_ml * curve.end_systolic_volume]
+    return np.array([curve.share, *volumes]), curve.fraction
+
+
+def _warnings_of(controls: Sequence[Reading], own: Reading) -> tuple[str, ...]:
+    """Compare the conditions and covariates of a recording with those of controls.
+
+    A number is unlike theirs where it lies farther beyond them than they lie apart, so that a
+    recording like them is hardly ever warned of.
+    """
+    warnings = []
+    for what in ("conditions", "covariates"):
+        mine, theirs = getattr(own, what), [getattr(one, what) for one in controls]
+        for name, value in mine.items():
+            known = [one[name] for one in theirs if name in one]
+            said = _unlike(name, value, known, is_condition=what == "conditions")
+            if said:
+                warnings.append(said)
+    trackings = {one.tracking for one in controls}
+    if own.tracking not in trackings:
+        warnings.append(
+            f"tracking: {own.tracking}; of the controls {', '.join(sorted(trackings))}."
+        )
+    return tuple(warnings)
+
+
+def _unlike(
+    name: str, value: float | str, known: Sequence[float | str], *, is_condition: bool
+) -> str | None:
+    if not known:
+        return None
+    if isinstance(value, str):
+        words = sorted({str(one) for one in known})
+        if value in words:
+            return None
+        return f"{_called(name)}: {value}; of the controls {', '.join(words[:5])}."
+    numbers = [float(one) for one in known if not isinstance(one, str)]
+    if not numbers:
+        return None
+    low, high = min(numbers), max(numbers)
+    # Who is older than all controls is beyond what they can tell.
+    margin = (high - low) if is_condition else 0.0
+    if low - margin <= value <= high + margin:
+        return None
+    theirs = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+    return f"{_called(name)}: {float(value):g}; of the controls {theirs}."
+
+
+def _called(name: str) -> str:
+    return f"number of {name}" if name in ("frames", "vertices") else name
+
+
+def group_of(column: str) -> str:
+    """Give the group of a column, by its name.
+
+    Modes as they are have a group for each wave over the surface; what relates several is one
+    of its own.
+    """
+    first = column.split(" ", 1)[0]
+    if first in _ABOUT_AXIS:
+        return _ABOUT_AXIS[first]
+    if column.startswith("size (") and column.count("(") == 1:
+        return f"wave {column[column.index('(') : column.index(')') + 1]}"
+    if column == "log motion":
+        return "amount of motion"
+    return _TOGETHER
+
+
+def groups_of(columns: Sequence[str]) -> dict[str, list[int]]:
+    """Give the indices of the columns of each group, in their order."""
+    groups: dict[str, list[int]] = {}
+    for k, column in enumerate(columns):
+        groups.setdefault(group_of(column), []).append(k)
+    return groups
+
+
+def norm_to_hdf5(norm: Norm) -> bytes:
+    """Write a norm as a sealed HDF5 file in memory.
+
+    It holds features of the controls and no shape. Names of files are left out.
+
+    Parameters
+    ----------
+    norm : Norm
+
+    Returns
+    -------
+    bytes
+        The same for the same norm.
+    """
+    controls = norm.controls
+    datasets = [
+        Dataset("values", np.array([c.values for c in controls]), "1", "control, feature"),
+        Dataset(
+            "quantities", np.array([c.quantities for c in controls]), "%, ml", "control, quantity"
+        ),
+        json_text("readable", norm.readable.as_json()),
+        json_text("extractor", norm.extractor.as_json()),
+        json_text("columns", norm.columns),
+        json_text("controls", [_texts(one) for one in controls]),
+        json_text("notes", norm.notes),
+    ]
+    return FORM.image({"norm_id": norm.id}, datasets, name=norm.name)
+
+
+def norm_from_hdf5(source: bytes | Path) -> Norm:
+    """Read a norm, bit for bit as it was written.
+
+    Parameters
+    ----------
+    source : bytes or Path
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such file.
+    CorruptFileError
+        If it is damaged, or is no norm.
+    """
+    with FORM.read(source) as contents:
+        norm = _norm(contents)
+        if norm.id != contents.text("norm_id"):
+            raise ValueError("its contents are not those that its id names")
+    return norm
+
+
+def _norm(contents: Contents) -> Norm:
+    texts = contents.json("controls", list)
+    columns = tuple(map(str, contents.json("columns", list)))
+    values = contents.array("values", (len(texts), len(columns)))
+    quantities = contents.array("quantities", (len(texts), len(QUANTITIES)))
+    return Norm(
+        name=require_model_name(contents.text("name")),
+        readable=Readable.from_json(contents.json("readable", dict)),
+        extractor=Extractor.from_json(contents.json("extractor", dict), np.zeros(0)),
+        columns=columns,
+        controls=tuple(
+            _control_of(text, own, numbers)
+            for text, own, numbers in zip(texts, values, quantities, strict=True)
+        ),
+        notes=tuple(map(str, contents.json("notes", list))),
+    )
+
+
+def _texts(one: Reading) -> dict[str, Any]:
+    texts = {name: getattr(one, name) for name in _TEXTS}
+    return {**texts, "fraction": None if one.fraction is None else str(one.fraction)}
+
+
+def _control_of(text: Mapping[str, Any], values: Any, quantities: Any) -> Reading:
+    fraction = text["fraction"]
+    return Reading(
+        values=values,
+        quantities=quantities,
+        fraction=None if fraction is None else Fraction(fraction),
+        **{name: text[name] for name in _TEXTS},
+    )

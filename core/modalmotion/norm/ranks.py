@@ -114,3 +114,32 @@ def without_covariates(table: Array, covariates: Array) -> Array:
     leverage = np.minimum((q**2).sum(axis=1), 0.99)
     rest: Array = (table - design @ coefficients) / np.sqrt(1.0 - leverage)[:, None]
     return rest
+
+
+def exchange_p(table: Array, n: int, n_exchanges: int = 1999) -> float:
+    """Share of exchanges that set the first n of a bag as far apart from the others.
+
+    By the energy distance (Szekely and Rizzo, Testing for equal distributions in high dimension,
+    InterStat, 2004).
+
+    Parameters
+    ----------
+    table : (members, columns) float64
+        Of one scale.
+    n : int
+    n_exchanges : int
+    """
+    squares = (table**2).sum(axis=1)
+    apart = np.sqrt(np.maximum(squares[:, None] + squares - 2.0 * table @ table.T, 0.0))
+    rng = np.random.default_rng(0)
+    first = np.zeros((n_exchanges + 1, len(table)))
+    first[0, :n] = 1.0
+    for row in first[1:]:
+        row[rng.permutation(len(table))[:n]] = 1.0
+    second, m = 1.0 - first, len(table) - n
+    from_first = first @ apart
+    across = (from_first * second).sum(axis=1) / (n * m)
+    within = (from_first * first).sum(axis=1) / n**2
+    other = ((second @ apart) * second).sum(axis=1) / m**2
+    energies = 2.0 * across - within - other
+    return float((energies >= energies[0] * (1.0 - 1e-12)).mean())

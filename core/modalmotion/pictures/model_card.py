@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.model.card import ModelCard
+from modalmotion.classification.card import ModelCard
 from modalmotion.errors import needs_extra
 
 if TYPE_CHECKING:
@@ -34,27 +34,25 @@ def card_figure(card: ModelCard, title: str) -> Figure:
     -------
     matplotlib.figure.Figure
         The confusion matrix by shares of the true class, with counts; the ROC curve of each class;
-        the share of right answers against the stated probability; and the learning curve, where
-        the card has one.
+        and the share of right answers against the stated probability.
     """
-    return _figure(f"{title}: {_accuracy(card)}", card.classes, card, card.learning_curve)
+    return _figure(f"{title}: {_accuracy(card)}", card.classes, card)
 
 
 def evaluation_figure(result: Evaluation) -> Figure:
-    """Draw a model's performance on cases of a test: as `card_figure` does, without a curve."""
+    """Draw a model's performance on cases of a test: as `card_figure` does."""
     low, high = result.accuracy_interval
     title = (
         f"{result.model}: accuracy {100 * result.accuracy:.1f} % (95 % interval {100 * low:.1f} "
         f"to {100 * high:.1f}), {result.n_cases} cases"
     )
-    return _figure(title, result.classes, result, ())
+    return _figure(title, result.classes, result)
 
 
 def _figure(
     title: str,
     classes: tuple[str, ...],
     measured: ModelCard | Evaluation,
-    curve: tuple[dict[str, Any], ...],
 ) -> Figure:
     with needs_extra("plot"):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -82,7 +80,7 @@ def _figure(
     )
     if n_rows > 1:
         _draw_roc(panels[1, 0], classes, measured)
-        _draw_learning(panels[1, 1], curve)
+        panels[1, 1].set_axis_off()
     figure.suptitle(title, fontsize=12, color=_INK)
     return figure
 
@@ -108,34 +106,6 @@ def _draw_roc(axes: Any, classes: tuple[str, ...], measured: ModelCard | Evaluat
     axes.set_xlabel("1 − specificity", color=_INK)
     axes.set_ylabel("sensitivity", color=_INK)
     axes.legend(loc="lower right", fontsize=7 if len(shown) <= 10 else 5, frameon=False)
-    _lighten(axes)
-
-
-def _draw_learning(axes: Any, curve: tuple[dict[str, Any], ...]) -> None:
-    axes.set_title("Learning curve", fontsize=10, color=_INK)
-    if not curve:
-        _say_nothing(axes, "not measured")
-        return
-    sizes = [point["per_class"] for point in curve]
-    for name, text, colour in (
-        ("accuracy", "accuracy", _BLUE),
-        ("auc", "AUC", _COLOURS[1]),
-        ("log_loss", "log loss (nats)", _COLOURS[2]),
-    ):
-        points = [(n, p[name], p[f"{name}_range"]) for n, p in zip(sizes, curve, strict=True)]
-        known = [(n, value, ends) for n, value, ends in points if value is not None]
-        if not known:
-            continue
-        x, y, ends = zip(*known, strict=True)
-        axes.plot(x, y, color=colour, marker="o", markersize=4, linewidth=1.5, label=text)
-        low, high = zip(*ends, strict=True)
-        axes.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
-    axes.set_xscale("log", base=2)
-    axes.set_xticks(sizes, [str(size) for size in sizes])
-    axes.minorticks_off()
-    axes.set_ylim(bottom=0.0)
-    axes.set_xlabel("training cases a class (band: all draws)", color=_INK)
-    axes.legend(loc="center right", fontsize=8, frameon=False)
     _lighten(axes)
 
 

@@ -18,7 +18,7 @@ from pathlib import Path, PurePath
 from typing import Final
 
 from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
-from modalmotion.classification.model.record import ModelRecord, ModelReference
+from modalmotion.classification.record import ModelRecord, ModelReference
 from modalmotion.errors import StoreError
 from modalmotion.store.disk.atomic import (
     cannot_write,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-from modalmotion.classification.model.hdf5 import (
+from modalmotion.classification.model import Model
+from modalmotion.classification.model_files import (
     KeptModel,
     kept_model,
     model_from_hdf5,
@@ -13,8 +14,7 @@ from modalmotion.classification.model.hdf5 import (
     numbered,
     read_kept_model,
 )
-from modalmotion.classification.model.model import Model
-from modalmotion.classification.model.record import (
+from modalmotion.classification.record import (
     ModelRecord,
     ModelReference,
     is_model_name,
@@ -186,8 +186,6 @@ class ModelStore(Opening):
             If there is none.
         CorruptFileError
             If its file is damaged or missing.
-        ModelNotReproducedError
-            If it does not answer here as where it was made.
         """
         record = self.model_record(name, version)
         return model_from_hdf5(self._folder.model(record.reference))

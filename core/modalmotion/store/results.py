@@ -7,8 +7,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from modalmotion.classification.answer.classification import Classification
-from modalmotion.classification.answer.hdf5 import classification_to_hdf5, read_classification
+from modalmotion.classification.answer import Classification
+from modalmotion.classification.answer_hdf5 import classification_to_hdf5, read_classification
 from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.facts import NO_FACTS
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed

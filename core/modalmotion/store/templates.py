@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from modalmotion.classification.model.record import is_model_name, require_model_name
+from modalmotion.classification.record import is_model_name, require_model_name
 from modalmotion.errors import NotFoundError, ParameterError, StoreError
 from modalmotion.hdf5.sealed import is_sound, load_sealed
-from modalmotion.norm.hdf5 import norm_from_hdf5, norm_to_hdf5
-from modalmotion.norm.norm import Norm
+from modalmotion.norm.norm import Norm, norm_from_hdf5, norm_to_hdf5
 from modalmotion.store.deletion import bury_and_remove, digest_of_norm
 from modalmotion.store.folder import is_id
 from modalmotion.store.opening import Opening

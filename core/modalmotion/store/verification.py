@@ -8,15 +8,15 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from modalmotion.classification.answer.hdf5 import read_classification
-from modalmotion.classification.model.hdf5 import read_kept_model
-from modalmotion.classification.model.record import ModelRecord, ModelReference
+from modalmotion.classification.answer_hdf5 import read_classification
+from modalmotion.classification.model_files import read_kept_model
+from modalmotion.classification.record import ModelRecord, ModelReference
 from modalmotion.errors import StoreError
 from modalmotion.hdf5.contents import require_match
 from modalmotion.hdf5.sealed import digest_of, load_sealed
 from modalmotion.images.hdf5 import read_images_file
 from modalmotion.mesh.hdf5 import read_sequence
-from modalmotion.norm.hdf5 import norm_from_hdf5
+from modalmotion.norm.norm import norm_from_hdf5
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.signature.hdf5 import read_signature

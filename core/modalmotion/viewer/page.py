@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import Final
 
-from modalmotion.classification.answer.classification import Classification
+from modalmotion.classification.answer import Classification
 from modalmotion.errors import LimitError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature

@@ -13,7 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from modalmotion.alignment.reference import reference_positions
-from modalmotion.classification.answer.classification import Classification
+from modalmotion.classification.answer import Classification
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.rates import Rates
 from modalmotion.clinical.readouts import ClinicalReadouts

@@ -22,7 +22,6 @@ from modalmotion.errors import (
     MalformedFileError,
     MissingExtraError,
     ModalMotionError,
-    ModelNotReproducedError,
     NotFoundError,
     StoreError,
 )
@@ -55,7 +54,6 @@ STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
     NotFoundError: 404,
     CorruptFileError: 500,
     LostFileError: 409,
-    ModelNotReproducedError: 409,
     StoreError: 503,
     SlowClientError: 408,
     AuthenticationError: 401,

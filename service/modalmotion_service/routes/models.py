@@ -55,11 +55,10 @@ async def train_model(
         name = require_model_name(wanted.name)
         if name in available_models():
             raise shipped_name(name, "takes no further versions", "Choose another name.")
-        options = wanted.options.options()
+        wanted.options.options()  # refused at once where one is out of range
         most = state.settings.max_training_sequences
         # Up to a hundred thousand sequences: others are answered meanwhile.
         cases = await asyncio.to_thread(lambda: look_up(state.store, wanted.cases, most))
-        options.require_classes(sorted({case.label for case in cases}))
         with SpoolFile(state.spool.new_path()) as file:
             await asyncio.to_thread(write_cases, file, cases)
             request = Request(query=wanted.options, reference=name)

@@ -74,27 +74,6 @@ class RepetitionAnswer(BaseModel):
     calibration_error: float
 
 
-class LearningPoint(BaseModel):
-    """Models of fewer cases: means over repetitions, and their least and largest."""
-
-    per_class: int = Field(description="Most training cases of each class.")
-    n_cases: int = Field(description="Training cases of all classes.")
-    accuracy: float
-    accuracy_range: tuple[float, float]
-    auc: float | None
-    auc_range: tuple[float, float] | None
-    log_loss: float
-    log_loss_range: tuple[float, float]
-
-
-class FoldChoice(BaseModel):
-    """Features that a fold of the cross-validation chose."""
-
-    repetition: int
-    fold: int
-    choices: list[tuple[str, float]] = Field(description="In words, with their weights.")
-
-
 class ConfoundAnswer(BaseModel):
     """How well a condition of the recordings alone tells the classes apart."""
 
@@ -171,14 +150,7 @@ class ModelCardAnswer(PerformanceAnswer):
     repetitions: list[RepetitionAnswer] = Field(
         description="Of the cross-validation; the figures are their means."
     )
-    learning_curve: list[LearningPoint] = Field(
-        description="The last point is of all cases; empty where it was left out."
-    )
-    fold_choices: list[FoldChoice]
     confounds: list[ConfoundAnswer] = Field(description="Stated conditions of the recordings.")
-    decision: dict[str, Any] | None = Field(
-        description="How probabilities become a label; null for the most probable class."
-    )
     coverage: float = Field(description="Level of the class sets below.")
     class_coverage: dict[str, float] = Field(
         description="Share of each class whose set held it, in cross-validation."
@@ -313,7 +285,7 @@ class NormAnswer(BaseModel):
     name: str
     id: str = Field(description="sha256 of everything that its answers depend on.")
     n_controls: int
-    topologies: list[str]
+    topology: str
     n_modes: int
     features: str = Field(description="Kind of the features, in words.")
     groups: list[str] = Field(description="Groups of features that are answered one by one.")

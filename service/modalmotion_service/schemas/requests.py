@@ -10,7 +10,7 @@ from pydantic import FailFast, Field, StringConstraints
 
 from modalmotion.choice.parameters import MOST_MODES
 from modalmotion.classification import DEFAULT_MODEL, TrainingOptions
-from modalmotion.classification.model.shipped import RULE
+from modalmotion.classification.model_files import RULE
 from modalmotion.codec import Effort
 from modalmotion.errors import ParameterError
 from modalmotion.facts import NAMES, NO_FACTS, Facts
@@ -646,9 +646,7 @@ class FeatureOptions(JsonBody):
         description="Parts about the axis of the motion, modes in few numbers, modes, or modes "
         "and their terms.",
     )
-    timing: Literal["auto", "cycle", "course"] = "auto"
-    harmonics: int = Field(2, ge=1, le=8)
-    walls: Literal["auto", "yes", "no"] = "auto"
+    timing: Literal["auto", "cycle", "transient"] = "auto"
     covariates: Literal["all"] | list[str] | None = Field(
         None, description="Names of covariates that become columns, or all."
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterator, Sequence
 
-from modalmotion.classification.evaluation.evaluation import CaseAnswer
+from modalmotion.classification.evaluation import CaseAnswer
 from modalmotion.errors import NotFoundError, ParameterError
 from modalmotion.facts import Facts
 from modalmotion.store import ResultStore

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from modalmotion.classification import CaseFile, TrainingOptions
-from modalmotion.classification.training.cases import case_name, named
-from modalmotion.classification.training.left_out import UNUSABLE, LeftOut
+from modalmotion.classification.cases import UNUSABLE, LeftOut, case_name, named
 from modalmotion.errors import ModeCountError, TopologyError, UnlikeCasesError
 from modalmotion.facts import Named
 from modalmotion.signature.making import SignatureParameters

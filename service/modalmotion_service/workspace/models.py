@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Final
 
 from modalmotion.classification import OFFSET_MODEL, Classification
-from modalmotion.classification.features.hand import hand_of
 from modalmotion.errors import NotFoundError, TopologyError
 from modalmotion.facts import NO_FACTS, UNKNOWN, Facts
 from modalmotion.hdf5.sealed import is_sound
@@ -69,8 +68,6 @@ class Models(ModelVersions):
         ------
         CorruptFileError
             If its file is damaged.
-        ModelNotReproducedError
-            If it no longer gives the answers that it gave when it was trained.
         """
         await self._analysis.work(classification.require_loads, model.source)
 
@@ -107,8 +104,7 @@ class Models(ModelVersions):
         parameters, known = self._analysis.resolved(sequence_id, model.parameters)
         facts = stated.over(known)
         tracking = facts.tracking if model.name == OFFSET_MODEL else UNKNOWN
-        hand = hand_of(facts)
-        key = classification_key(parameters, coverage, facts.covariates, tracking, hand)
+        key = classification_key(parameters, coverage, tracking, facts.handedness, facts.cavity)
 
         async def named(asked: SignatureParameters, tell: StageReport) -> classification.NamedClass:
             def tell_of_signature(share: float, text: str) -> None:

@@ -11,7 +11,7 @@ from typing import Final
 from pydantic_core import from_json
 
 from modalmotion.classification import TrainingOptions
-from modalmotion.classification.training.cases import case_name, named
+from modalmotion.classification.cases import case_name, named
 from modalmotion.errors import (
     ModalMotionError,
     ModeCountError,
@@ -21,7 +21,7 @@ from modalmotion.errors import (
 )
 from modalmotion.facts import Facts
 from modalmotion.norm import Norm
-from modalmotion.norm.training import parameters_of_controls
+from modalmotion.norm.norm import parameters_of_controls
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import StageReport
 from modalmotion.store import ResultStore

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.classification import TrainingOptions
+from modalmotion.classification.cases import UNUSABLE, LeftOut, case_name
 from modalmotion.classification.options import FEWER_MODES, OnError
-from modalmotion.classification.training.cases import case_name
-from modalmotion.classification.training.left_out import UNUSABLE, LeftOut
 from modalmotion.errors import (
     ModalMotionError,
     ModeCountError,

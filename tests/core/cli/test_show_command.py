@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from viewed_surfaces import viewed
 
 from modalmotion.classification import classify
-from modalmotion.classification.model.shipped import load_model
+from modalmotion.classification.model_files import load_model
 from modalmotion.cli import main
 from modalmotion.codec import encode
 from modalmotion.formats import write_npz

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from modalmotion import Facts, ParameterError
-from modalmotion.classification.training.manifest import read_manifest
+from modalmotion.classification.manifest import read_manifest
 from modalmotion.cli import main
 from modalmotion.cli.stated_facts import stated_facts
 from modalmotion.errors import MalformedFileError

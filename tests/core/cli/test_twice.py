@@ -20,7 +20,6 @@ LONG = {
     "train",
     "evaluate",
     "compare-models",
-    "decide",
     "features",
     "track",
     "segment",

@@ -17,7 +17,7 @@ from hypothesis.extra import numpy as hnp
 from store_samples import assert_same, sample_classification, sample_sequence, sample_signature
 
 from modalmotion.alignment.rigid import Rotations
-from modalmotion.classification.answer.classification import Classification
+from modalmotion.classification.answer import Classification
 from modalmotion.errors import StoreError
 from modalmotion.hdf5.image import (
     INTENDED_USE,

@@ -11,12 +11,6 @@ from norm_controls import drawn, norm_of
 
 from modalmotion.errors import ParameterError
 from modalmotion.norm import cohort_deviation
-from modalmotion.norm.controls import Reading
-
-
-def one_way(reading: Reading) -> Reading:
-    """A reading of which there is one way."""
-    return replace(reading, values=reading.values[:1])
 
 
 def warned(shift: float, n_cohorts: int, seed: int) -> float:
@@ -24,11 +18,11 @@ def warned(shift: float, n_cohorts: int, seed: int) -> float:
     rng = np.random.default_rng(seed)
     count = 0
     for _ in range(n_cohorts):
-        controls = [one_way(drawn(rng, k)) for k in range(40)]
+        controls = [drawn(rng, k) for k in range(40)]
         norm = norm_of(controls)
-        spread = np.std([one.values[0] for one in controls], axis=0)
+        spread = np.std([one.values for one in controls], axis=0)
         new = [drawn(rng, 100 + k) for k in range(10)]
-        moved = [replace(one, values=one.values[:1] + shift * spread) for one in new]
+        moved = [replace(one, values=one.values + shift * spread) for one in new]
         found = cohort_deviation(norm, moved)
         assert (found.warning is not None) == found.is_another == (found.p <= 0.05)
         count += found.is_another

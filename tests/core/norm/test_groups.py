@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from modalmotion.norm.groups import group_of, groups_of
+from modalmotion.norm.norm import group_of, groups_of
 
 
 @pytest.mark.parametrize(
@@ -17,10 +17,10 @@ from modalmotion.norm.groups import group_of, groups_of
         ("tilt 0 sin 1", "bending"),
         ("oval 1 cos 1", "oval shape"),
         ("side 1", "one side against the other"),
-        ("size (1, 0) harmonic 2", "wave (1, 0)"),
+        ("size (1, 0) term 2", "wave (1, 0)"),
         ("together (0, 0) (1, 0)", "how the waves go together"),
         ("spread 1", "how the waves go together"),
-        ("motion", "amount of motion"),
+        ("log motion", "amount of motion"),
     ],
 )
 def test_a_column_belongs_to_a_group(column: str, group: str) -> None:

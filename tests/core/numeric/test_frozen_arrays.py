@@ -50,7 +50,7 @@ def values() -> dict[str, Any]:
         "card": small_model().card,
         "classification": classify(signature, small_model()),
         "case": TrainingCase(signature, "rest", "P 1"),
-        "options": TrainingOptions(class_weights={"rest": 2.0}),
+        "options": TrainingOptions(repetitions=2),
     }
 
 

@@ -72,8 +72,8 @@ def check_round(store: ResultStore, lines: list[str], visitors: set[int]) -> set
             assert "model" not in done or "delete-model" in changes
         else:
             assert "delete-model" not in done
-            expected = sample_model(number).arrays["machine"]
-            assert np.array_equal(model.arrays["machine"], expected)
+            expected = sample_model(number).arrays["strangeness"]
+            assert np.array_equal(model.arrays["strangeness"], expected)
         if not store.has_sequence(sequence.id):
             assert "put" not in done or "delete" in changes
             with pytest.raises(NotFoundError):

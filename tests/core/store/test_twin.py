@@ -23,7 +23,7 @@ from store_samples import (
     tree,
 )
 
-from modalmotion.classification.answer.classification import Classification
+from modalmotion.classification.answer import Classification
 from modalmotion.errors import NotFoundError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature, SignatureParameters

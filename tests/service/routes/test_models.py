@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from bent_surfaces import bent_beat, bent_cohort
 from services import files_of
-from signing import signed
 from training_cohort import (
     CLASSES,
     N_PER_CLASS,
@@ -44,11 +43,9 @@ def test_a_trained_model_is_described_with_its_card(trained: Trained) -> None:
     assert 0 <= low <= card["accuracy"] <= high <= 1
     assert len(card["repetitions"]) == 2
     assert sum(map(sum, card["confusion"])) == 2 * 2 * N_PER_CLASS
-    assert card["learning_curve"][-1]["accuracy"] == pytest.approx(card["accuracy"])
     assert set(card["sensitivity"]) == set(card["specificity"]) == set(model["classes"])
     for figure in (*card["sensitivity"].values(), *card["class_auc"].values()):
         assert 0 <= figure["low"] <= figure["value"] <= figure["high"] <= 1
-    assert {choice["repetition"] for choice in card["fold_choices"]} == {1, 2}
     assert all("Holm" in test["text"] for test in card["confounds"])
     assert card["calibration_curve"]
     assert card["intended_use"]
@@ -288,7 +285,6 @@ def test_labels_and_subjects_may_be_stated_for_the_training(trained: Trained) ->
     assert model["classes"] == sorted({"group 0", "group 1", "group 2", kept})
     assert model["card"]["n_cases"]["group 1"] == 3
     assert model["card"]["n_cases"][kept] == 2
-    assert model["card"]["options"]["estimator"] == "linear"
     # What was stated is the training's own: nothing kept is changed.
     assert trained.client.get(f"/v1/sequences/{ids[0]}").json()["label"] in map(str, CLASSES)
 
@@ -332,7 +328,7 @@ def test_a_cohort_of_bent_surfaces_is_trained_in_one_basis(trained: Trained) -> 
     for options, surface in every:
         model = train(client, f"bent-{surface}", ids, options={**QUICK, **options})
         image = client.get(model["links"]["self"], headers={"Accept": "application/x-hdf5"})
-        assert model_from_hdf5(image.content).readable.topologies == (surface,)
+        assert model_from_hdf5(image.content).readable.topology == surface
         answers = [
             client.post(
                 f"/v1/signatures/{known}/classifications", json={"model": f"bent-{surface}"}
@@ -348,31 +344,6 @@ def test_a_cohort_of_bent_surfaces_is_trained_in_one_basis(trained: Trained) -> 
         )
         assert sent.status_code == 200
         assert not any("topology" in note for note in sent.json()["notes"])
-
-
-def test_covariates_travel_to_the_model_and_are_part_of_the_question(trained: Trained) -> None:
-    client, sequence_id = trained.client, trained.ids[1]
-    here = f"/v1/sequences/{sequence_id}"
-    asked, kept = {"model": "wall-motion", "coverage": 0.77}, signed(client, here)
-    facts = client.get(here).json()["facts"]
-
-    def status(**more: Any) -> int:
-        answer = client.post(f"{kept}/classifications", json={**asked, **more})
-        return int(answer.status_code)
-
-    assert status() == 201
-    assert status() == 200
-    # What is stated with the question and what the sequence states are one thing.
-    assert status(covariates={"age": 61}) == 201
-    client.patch(here, json={"facts": {"covariates": {"age": 61}}})
-    assert status() == status(covariates={"age": 61.0}) == 200
-    assert status(covariates={"age": 62}) == 201
-    client.patch(here, json={"facts": None})
-    client.patch(here, json={"facts": facts})
-    assert status() == 200
-    refused = client.post(f"{kept}/classifications", json={"covariates": {"age": [1]}})
-    assert (refused.status_code, refused.json()["code"]) == (422, "bad_parameter")
-    assert "age" in refused.json()["detail"]
 
 
 def test_covariates_of_a_training_are_the_sequences_own_and_those_stated(
@@ -395,13 +366,6 @@ def test_covariates_of_a_training_are_the_sequences_own_and_those_stated(
     write_cases(file, cases)
     assert read_cases(file.path) == cases
     file.remove()
-
-
-def test_weights_of_a_class_that_no_sequence_has_are_refused_at_once(trained: Trained) -> None:
-    request = {"name": "weights", "sequences": trained.ids, "options": {"class_weights": {"no": 1}}}
-    answer = trained.client.post("/v1/models", json=request)
-    assert (answer.status_code, answer.json()["code"]) == (422, "bad_parameter")
-    assert "normal" in answer.json()["remedy"]
 
 
 @pytest.mark.thorough

@@ -49,7 +49,7 @@ def test_what_no_model_can_be_trained_on_is_refused_by_name(trained: Trained) ->
     assert "PATCH" in problem["remedy"]
     assert_problem(ask(ids, options={"modes": 0}), 422, "bad_parameter", "modes")
     assert_problem(ask(ids, options={"depth": 3}), 422, "invalid_request", "depth")
-    assert_problem(ask(ids, options={"estimator": "oracle"}), 422, "bad_parameter", "oracle")
+    assert_problem(ask(ids, options={"timing": "oracle"}), 422, "bad_parameter", "oracle")
     named = client.post("/v1/models", json={"name": "Not a name", "sequences": ids})
     assert "lower-case" in assert_problem(named, 422, "bad_parameter", "Not a name")["remedy"]
     for body in (
@@ -155,26 +155,6 @@ def test_a_sequence_of_another_topology_ends_the_training_by_name(
     assert job["error"]["sequence_ids"] == [odd]
     assert odd[:12] in job["error"]["detail"]
     assert "one topology" in job["error"]["remedy"]
-
-
-def test_a_model_that_no_longer_reproduces_is_refused_and_others_are_served(
-    trained: Trained,
-) -> None:
-    model = trained.store.model("wall-motion", 1)
-    other = model.golden_probabilities + 1e-6
-    drifted = replace(model, name="drifted", golden_probabilities=other)
-    wrong = trained.store.put_model(drifted)
-    here = f"/v1/signatures/{trained.ids[1]}/classifications"
-    answer = trained.client.post("/v1/classify?model=drifted", content=trained.test[0].body)
-    problem = assert_problem(answer, 409, "model_not_reproduced", "drifted@1")
-    assert (problem["model"], problem["version"]) == ("drifted", wrong.version)
-    assert_problem(
-        trained.client.post(here, json={"model": "drifted"}), 409, "model_not_reproduced"
-    )
-    assert trained.client.get("/v1/models/drifted").json()["card"] == trained.model["card"]
-    assert trained.client.post(here, json={"model": "wall-motion"}).status_code in (200, 201)
-    names = [model["name"] for model in trained.client.get("/v1/models").json()["models"]]
-    assert "drifted" in names
 
 
 def test_a_damaged_model_is_refused_and_others_are_served(trained: Trained) -> None:

@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import Any, Final
 
 from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
-from modalmotion.classification.model.record import ModelRecord
+from modalmotion.classification.record import ModelRecord
 from modalmotion.facts import facts_from_json
 from modalmotion.representation import shown
 from modalmotion.store.folder import ResultKind, ResultName

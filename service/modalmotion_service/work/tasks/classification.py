@@ -62,7 +62,7 @@ def name_class(
 
 
 def require_loads(model: Path | str) -> None:
-    """Load a model, which checks its file and its golden batch."""
+    """Load a model, which checks its file."""
     loaded(model)
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from modalmotion.classification.evaluation.comparison import comparison_of
-from modalmotion.classification.evaluation.evaluation import (
+from modalmotion.classification.comparison import comparison_of
+from modalmotion.classification.evaluation import (
     CaseAnswer,
     Evaluation,
     evaluation_of,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from modalmotion.classification import CaseFile, feature_table
-from modalmotion.classification.training.left_out import LeftOut
+from modalmotion.classification.cases import LeftOut
 from modalmotion_service.http.negotiation import CSV
 from modalmotion_service.schemas.models import FeaturesAnswer
 from modalmotion_service.work.tasks.files import write_whole

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from modalmotion.classification.training.cases import case_name
+from modalmotion.classification.cases import case_name
 from modalmotion.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm import (
@@ -16,7 +16,7 @@ from modalmotion.norm import (
     norm_to_hdf5,
     train_norm,
 )
-from modalmotion.norm.controls import Control, Reading
+from modalmotion.norm.norm import Control, Reading
 from modalmotion.signature.making import ModalSignature
 from modalmotion.store import sequence_from_hdf5, signature_from_hdf5
 from modalmotion_service.schemas.models import CohortDeviationAnswer, DeviationAnswer

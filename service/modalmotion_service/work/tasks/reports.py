@@ -6,7 +6,7 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
-from modalmotion.classification.answer.hdf5 import classification_from_hdf5
+from modalmotion.classification.answer_hdf5 import classification_from_hdf5
 from modalmotion.exports.table import frame_table
 from modalmotion.formats import ReadLimits
 from modalmotion.reports import Report, fhir_json, report_of, report_pdf

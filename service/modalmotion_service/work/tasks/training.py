@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from modalmotion.classification import CaseFile, Model, TrainingCase, TrainingOptions, train
-from modalmotion.classification.training.cases import case_name
-from modalmotion.classification.training.parallel import joblib_backend
+from modalmotion.classification.cases import case_name
+from modalmotion.classification.training import joblib_backend
 from modalmotion.errors import ModalMotionError, ParameterError
 from modalmotion.facts import Named
 from modalmotion.store import kept_model, model_to_hdf5

@@ -1,1 +1,0 @@
-"""Answers: the class that a model gives to one motion, and why."""

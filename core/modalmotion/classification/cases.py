@@ -1,0 +1,242 @@
+"""Labelled recordings that models are trained and tested on."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final, NamedTuple, Protocol
+
+from modalmotion.errors import (
+    CorruptFileError,
+    InputError,
+    ModalMotionError,
+    ModeCountError,
+    NotFoundError,
+    OlderFileError,
+    ParameterError,
+)
+from modalmotion.facts import Facts, Named
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.numerals import counted
+from modalmotion.representation import shown
+from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
+
+UNUSABLE: Final = (InputError, NotFoundError, CorruptFileError, OlderFileError)
+"""Errors of one case. Others, such as a full disk, are of all cases and end a training."""
+
+# Cases that a card names; a longer list is a matter for the sender's own tables.
+_MOST_NAMED: Final = 20
+
+
+@shown("label", "subject", "sequence_id")
+@dataclass(frozen=True, eq=False)
+class TrainingCase:
+    """One recording with its class.
+
+    Parameters
+    ----------
+    motion : MeshSequence or ModalSignature
+        A sequence is fitted in training, in the basis of the whole cohort; a signature is read as
+        it is.
+    label : str
+        Name of the class.
+    subject : str or None
+        Who was recorded: cases of one subject are never on both sides of a split. None for a
+        subject of its own.
+    name : str
+        What errors call it, such as the path of its file.
+    covariates : mapping of str to (float or str)
+        Other knowledge, such as an age; over that of the recording's facts, which it becomes.
+    """
+
+    motion: MeshSequence | ModalSignature
+    label: str
+    subject: str | None = None
+    name: str = ""
+    covariates: Mapping[str, float | str] = field(default_factory=Named)
+
+    def __post_init__(self) -> None:
+        if self.covariates:
+            object.__setattr__(self, "motion", with_covariates(self.motion, self.covariates))
+        object.__setattr__(self, "covariates", self.motion.facts.covariates)
+
+    @property
+    def sequence_id(self) -> str:
+        """Id of the recording."""
+        motion = self.motion
+        return motion.id if isinstance(motion, MeshSequence) else motion.sequence_id
+
+    @property
+    def signature(self) -> ModalSignature:
+        """Its signature.
+
+        Raises
+        ------
+        ParameterError
+            If it is a sequence, which must be fitted first.
+        """
+        if isinstance(self.motion, MeshSequence):
+            raise ParameterError(
+                f"The case {self.name or self.sequence_id[:12]} is a sequence and has no "
+                "signature yet.",
+                remedy="Fit it with `fitted`.",
+            )
+        return self.motion
+
+    def fitted(self, parameters: SignatureParameters, fewer: Sequence[int] = ()) -> TrainingCase:
+        """Fit a sequence; a signature stays what it is.
+
+        Parameters
+        ----------
+        parameters : SignatureParameters
+        fewer : sequence of int
+            Numbers of modes that are tried, one after another, where its vertices cannot tell
+            as many apart as the parameters name.
+
+        Raises
+        ------
+        ModalMotionError
+            If it cannot be fitted; it names the case.
+        """
+        if not isinstance(self.motion, MeshSequence):
+            return self
+        for n in (parameters.modes, *fewer):
+            try:
+                return replace(
+                    self, motion=modal_signature(self.motion, replace(parameters, modes=n))
+                )
+            except ModeCountError as error:
+                if n == (parameters.modes, *fewer)[-1]:
+                    raise named(error, self.name) from error
+            except ModalMotionError as error:
+                raise named(error, self.name) from error
+        raise AssertionError
+
+
+@shown()
+@dataclass(frozen=True)
+class CaseFile:
+    """A training case whose signature lies in a file, and is read where it is worked on.
+
+    Parameters
+    ----------
+    path : Path
+        As `store.signature_to_hdf5` wrote it; workers on other machines must see it too.
+    sequence_id : str
+        Of the signature in it, for errors.
+    label : str
+    subject : str or None
+    covariates : mapping of str to (float or str)
+        As in `TrainingCase`.
+    """
+
+    path: Path
+    sequence_id: str
+    label: str
+    subject: str | None = None
+    covariates: Mapping[str, float | str] = field(default_factory=Named)
+
+    @property
+    def name(self) -> str:
+        """What errors call it: its sequence."""
+        return case_name(self.sequence_id)
+
+    def read(self) -> TrainingCase:
+        """Read the signature.
+
+        Raises
+        ------
+        NotFoundError, StoreError
+            If it cannot be read; `details` name the sequence.
+        """
+        # The store keeps classifications, so it imports this package.
+        from modalmotion.signature.hdf5 import signature_from_hdf5
+
+        try:
+            signature = signature_from_hdf5(self.path)
+        except ModalMotionError as error:
+            raise named(error, "", sequence_id=self.sequence_id) from error
+        return TrainingCase(signature, self.label, self.subject, covariates=self.covariates)
+
+
+class CaseSource(Protocol):
+    """What gives a training case when it is read, such as a file; it must be pickled."""
+
+    @property
+    def name(self) -> str:
+        """What errors call the case, such as the path of its file; may be empty."""
+
+    def read(self) -> TrainingCase:
+        """Read the case."""
+
+
+AnyCase = TrainingCase | CaseSource
+
+
+def case_name(sequence_id: str) -> str:
+    """Give what errors call a case without a file."""
+    return f"Sequence {sequence_id[:12]}"
+
+
+def named(error: ModalMotionError, name: str, **details: object) -> ModalMotionError:
+    """Copy an error of one of many cases, with the case's name."""
+    copied = copy.copy(error)
+    if name:
+        copied.message = f"{name}: {error.message}"
+        copied.args = (copied.message, *error.args[1:])
+    copied.details = {**error.details, **details}
+    return copied
+
+
+def with_covariates(
+    motion: MeshSequence | ModalSignature, covariates: Mapping[str, float | str]
+) -> MeshSequence | ModalSignature:
+    """State covariates of a sequence or a signature, over those that it has.
+
+    Raises
+    ------
+    ParameterError
+        If one is neither a finite number nor a short word.
+    """
+    facts = Facts(covariates=covariates).over(motion.facts)
+    return motion if facts == motion.facts else replace(motion, facts=facts)
+
+
+class LeftOut(NamedTuple):
+    """A case that was left out, and why.
+
+    Parameters
+    ----------
+    name : str
+        What errors call the case, such as the path of its file.
+    reason : str
+    """
+
+    name: str
+    reason: str
+
+    @staticmethod
+    def of(error: ModalMotionError, name: str) -> LeftOut:
+        """Leave a case out for an error, which may name it already."""
+        return LeftOut(name, error.message.removeprefix(f"{name}: "))
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.reason}"
+
+
+def left_out_notes(cases: Sequence[LeftOut]) -> tuple[str, ...]:
+    """Name the cases that were left out, for a card or a summary."""
+    if not cases:
+        return ()
+    more = len(cases) - _MOST_NAMED
+    return (
+        f"Cases left out: {len(cases)}.",
+        *(f"Left out: {case}" for case in cases[:_MOST_NAMED]),
+        *(
+            (f"Left out besides: {counted(more, 'case')} that this list is too short for.",)
+            if more > 0
+            else ()
+        ),
+    )

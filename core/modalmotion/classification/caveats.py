@@ -1,0 +1,294 @@
+"""What to heed of a cohort: slips of the pen, and conditions that tell the classes apart."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from operator import itemgetter
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.classification.cases import TrainingCase, case_name
+from modalmotion.numerals import counted
+
+# A class of one case is called misspelt beside a class of as many.
+_MANY: Final = 5
+
+# Least likeness of the two names: "weka" and "weak" have 0.75.
+_ALIKE: Final = 0.74
+
+_TIMES_LARGER: Final = 30.0
+
+# Share of subjects in several classes from which on their ids may be numbered by class.
+_RESTARTED: Final = 0.5
+
+# Cases that are named for one reason.
+_MOST_NAMED: Final = 5
+
+SUBJECT_NOTE: Final = (
+    "No subject is stated, so each recording counted as a subject of its own. If some are of one "
+    "person, state subjects: else the accuracy is too hopeful."
+)
+
+
+# Groups that the values of a number are put into, of about equal count.
+_N_GROUPS: Final = 5
+
+_N_PERMUTATIONS: Final = 1999
+
+# More cases cost time and leave no doubt.
+_MOST_CASES: Final = 2000
+
+_SURE: Final = 0.05
+
+# Measured rates are rounded, and stated ones may be.
+_SAME: Final = 0.01
+
+MEASURED: Final = ("frames", "vertices", "frame rate")
+"""Conditions that every recording shows by itself."""
+
+Confound = dict[str, Any]
+"""name, auc, chance (the mean AUC where classes are exchanged), p, p_holm, n_known, text."""
+
+
+def cohort_notes(rows: Sequence[TrainingCase], sizes: Sequence[float]) -> tuple[str, ...]:
+    """Name classes spelt alike, subjects unstated or in several classes, sizes far from others'.
+
+    Parameters
+    ----------
+    rows : sequence of TrainingCase
+    sizes : sequence of float
+        Logs of the sizes of their surfaces.
+    """
+    unstated = () if any(row.subject for row in rows) else (SUBJECT_NOTE,)
+    return (*_spelling(rows), *unstated, *_restarted(rows), *_sizes(rows, sizes))
+
+
+def _restarted(rows: Sequence[TrainingCase]) -> Iterator[str]:
+    """Note ids of subjects that most classes share: their numbering may begin anew in each."""
+    classes: dict[str, set[str]] = {}
+    for row in rows:
+        if row.subject is not None:
+            classes.setdefault(row.subject, set()).add(row.label)
+    shared = [subject for subject, labels in classes.items() if len(labels) > 1]
+    if len(shared) >= 2 and len(shared) >= _RESTARTED * len(classes):
+        yield (
+            f"{len(shared)} of {len(classes)} subjects have recordings of several classes, and "
+            "count as one person each. If their numbering begins anew in each class, put the class "
+            "before the number, such as 'normal 1': else persons that have nothing to do with one "
+            "another are kept together."
+        )
+
+
+def _spelling(rows: Sequence[TrainingCase]) -> Iterator[str]:
+    counts = Counter(row.label for row in rows)
+    by_rarity = sorted(counts, key=lambda label: (counts[label], label))
+    for k, label in enumerate(by_rarity):
+        others = by_rarity[k + 1 :]
+        plain = _plain(label)
+        twin = next((one for one in reversed(others) if _plain(one) == plain), None)
+        cases = _named([_name(row) for row in rows if row.label == label])
+        if twin is not None:
+            what = "case" if label.split() != twin.split() else "blanks"
+            yield (
+                f"The class {label[:80]!r} differs from {twin[:80]!r} in {what} alone: case "
+                f"{cases}. If they are one, spell them alike."
+            )
+            continue
+        many = [one for one in others if counts[one] >= _MANY and _words(one) != _words(label)]
+        close = difflib.get_close_matches(label, many, n=1, cutoff=_ALIKE)
+        if counts[label] == 1 and close:
+            yield (
+                f"The class {label[:80]!r} has one case, {cases}, and is spelt nearly as "
+                f"{close[0][:80]!r}. If it is a slip, correct it."
+            )
+
+
+def _plain(label: str) -> str:
+    return " ".join(label.casefold().split())
+
+
+def _words(label: str) -> str:
+    """Give a name without its numbers: "grade 1" and "grade 2" are no misspelling."""
+    return re.sub(r"\d+", "", label)
+
+
+def _sizes(rows: Sequence[TrainingCase], sizes: Sequence[float]) -> Iterator[str]:
+    away = np.array(sizes) - np.median(sizes)
+    odd = np.flatnonzero(np.abs(away) > math.log(_TIMES_LARGER))
+    for k in odd[:_MOST_NAMED]:
+        times = float(f"{math.exp(min(away[k], 100.0)):.2g}")
+        yield f"{_name(rows[k])} is {times:g} times as large as the others: check its unit."
+    if len(odd) > _MOST_NAMED:
+        more = counted(len(odd) - _MOST_NAMED, "further case")
+        yield f"The size of {more} differs as much from the others': check units."
+
+
+def _name(row: TrainingCase) -> str:
+    return row.name or case_name(row.sequence_id)
+
+
+def _named(names: Sequence[str]) -> str:
+    more = len(names) - _MOST_NAMED
+    return ", ".join(names[:_MOST_NAMED]) + (
+        f" and {counted(more, 'other case')}" if more > 0 else ""
+    )
+
+
+def confounds(
+    conditions: Sequence[Mapping[str, float | str]],
+    y: NDArray[np.int64],
+    groups: NDArray[np.int64],
+    seed: int,
+) -> tuple[Confound, ...]:
+    """Test how well each condition alone tells the classes apart.
+
+    Parameters
+    ----------
+    conditions : sequence of mapping
+        Of each case, what is known of its recording.
+    y, groups : (cases,) int64
+        Classes, and subjects: what is exchanged are the classes of whole subjects, and those
+        within a subject who has several.
+    seed : int
+
+    Returns
+    -------
+    tuple of Confound
+        The least probable by chance first. Conditions that are alike in all cases are left out,
+        and what is stated where the recordings show the same, as a frame rate.
+
+    Notes
+    -----
+    The statistic is the macro AUC of the shares of the classes among the cases of the same
+    value, or the same fifth of the values; "unknown" is a value too. Permutation test, corrected
+    by Holm, A simple sequentially rejective multiple test procedure, Scand J Stat, 1979.
+    """
+    names = list(dict.fromkeys(name for case in conditions for name in case))
+    names = [name for name in names if not _is_measured_too(name, conditions)]
+    rng = np.random.default_rng(seed)
+    some = np.sort(rng.permutation(len(y))[:_MOST_CASES])
+    n_classes = int(y.max()) + 1
+    exchanged: NDArray[np.int64] | None = None
+    tested: list[Confound] = []
+    for name in names:
+        values = [conditions[i].get(name) for i in some]
+        place = _parts_of(values)
+        n_values = int(place.max()) + 1
+        if n_values < 2:
+            continue
+        if exchanged is None:
+            exchanged = _exchanged(y[some], groups[some], rng)
+        cells = place * n_classes + np.vstack([y[some][None], exchanged])
+        tables = np.stack(
+            [np.bincount(row, minlength=n_values * n_classes) for row in cells]
+        ).reshape(-1, n_values, n_classes)
+        areas = _macro_areas(tables)
+        tested.append(
+            {
+                "name": name,
+                "auc": float(areas[0]),
+                "chance": float(areas[1:].mean()),
+                "p": float((areas >= areas[0] - 1e-12).mean()),
+                "n_known": sum(value is not None for value in values),
+            }
+        )
+    tested.sort(key=itemgetter("p"))
+    largest = 0.0
+    for rank, test in enumerate(tested):
+        largest = max(largest, min(1.0, (len(tested) - rank) * test["p"]))
+        test["p_holm"] = largest
+        test["text"] = _in_words(test)
+    return tuple(tested)
+
+
+def confound_notes(tests: Sequence[Confound]) -> tuple[str, ...]:
+    """Warn of the conditions that surely tell the classes apart."""
+    return tuple(
+        f"Possible confound: {test['text']} The model may have learnt how these recordings were "
+        "made, or whom they are of, in place of how they move."
+        for test in tests
+        if test["p_holm"] < _SURE
+    )
+
+
+def _in_words(test: Confound) -> str:
+    how = "tells" if test["p_holm"] < _SURE else "does not surely tell"
+    return (
+        f"'{test['name']}' alone {how} the classes apart (AUC "
+        f"{test['auc']:.2f}, by chance {test['chance']:.2f}; permutation test, p = "
+        f"{test['p_holm']:.3f} after Holm)."
+    )
+
+
+def _is_measured_too(name: str, conditions: Sequence[Mapping[str, float | str]]) -> bool:
+    """Whether a stated condition is what every recording shows anyhow; counted once by Holm."""
+    return name not in MEASURED and any(
+        all(_agree(case.get(name), case.get(measured)) for case in conditions)
+        for measured in MEASURED
+    )
+
+
+def _agree(a: float | str | None, b: float | str | None) -> bool:
+    if isinstance(a, int | float) and isinstance(b, int | float):
+        return abs(a - b) <= _SAME * abs(b)
+    return a is None and b is None
+
+
+def _parts_of(values: Sequence[float | str | None]) -> NDArray[np.int64]:
+    """Give each value a number from 0; many different numbers share one by fifths."""
+    numbers = [v for v in values if isinstance(v, int | float)]
+    is_number = len(numbers) == sum(value is not None for value in values)
+    if is_number and len(set(numbers)) > _N_GROUPS:
+        edges = np.unique(np.quantile(numbers, np.linspace(0, 1, _N_GROUPS + 1)[1:-1]))
+        keys = ["" if v is None else str(np.searchsorted(edges, float(v))) for v in values]
+    else:
+        keys = ["" if v is None else f"={v}" for v in values]
+    place: NDArray[np.int64] = np.unique(keys, return_inverse=True)[1]
+    return place
+
+
+def _exchanged(
+    y: NDArray[np.int64], groups: NDArray[np.int64], rng: np.random.Generator
+) -> NDArray[np.int64]:
+    """Classes exchanged among subjects, (permutations, cases)."""
+    _, place, sizes = np.unique(groups, return_inverse=True, return_counts=True)
+    order = np.argsort(place, kind="stable")
+    starts = np.cumsum(sizes) - sizes
+    of_group = y[order][starts]
+    # Subjects of one class exchange it with each other; others among their own cases.
+    has_one = np.bincount(place, of_group[place] != y) == 0
+    several = np.flatnonzero(~has_one[place])
+    several = several[np.argsort(place[several], kind="stable")]
+    exchanged = np.empty((_N_PERMUTATIONS, len(y)), dtype=np.int64)
+    for row in exchanged:
+        of_group[has_one] = rng.permutation(of_group[has_one])
+        row[:] = of_group[place]
+        row[several] = y[several[np.lexsort((rng.random(len(several)), place[several]))]]
+    return exchanged
+
+
+def _macro_areas(tables: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Macro AUC of the shares of the classes, (tables,), of counts (tables, values, classes)."""
+    totals = tables.sum(axis=2)
+    areas = []
+    for k in range(tables.shape[2]):
+        mine = tables[:, :, k].astype(np.float64)
+        rest = totals - mine
+        m, n = mine.sum(axis=1), rest.sum(axis=1)
+        if not m[0] or not n[0]:
+            continue
+        share = np.divide(mine, totals, out=np.zeros_like(mine), where=totals > 0)
+        order = np.argsort(share, axis=1)
+        mine, rest, share = (np.take_along_axis(a, order, axis=1) for a in (mine, rest, share))
+        below = np.cumsum(rest, axis=1) - rest
+        # The order of values of the same share does not matter: either adds what a tie does.
+        area = (mine * (below + rest / 2)).sum(axis=1)
+        areas.append(area / (m * n))
+    macro: NDArray[np.float64] = np.mean(areas, axis=0)
+    return macro

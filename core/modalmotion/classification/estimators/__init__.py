@@ -1,1 +1,0 @@
-"""Estimators in the form of scikit-learn: features to class probabilities."""

@@ -1,1 +1,0 @@
-"""Tests of models on labelled cases, and comparisons of two."""

@@ -1,0 +1,246 @@
+"""Tables of features: what is read of a motion, and what beside it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.classification.axis import axis_columns, axis_parts, has_axis
+from modalmotion.classification.motion import N_COSINES, N_HARMONICS, Column, Complex, Motion
+from modalmotion.classification.waves import (
+    summary,
+    summary_columns,
+    wave_columns,
+    wave_features,
+    waves_of,
+)
+from modalmotion.mesh.sequence import MM_PER_UNIT
+from modalmotion.modes import Modes
+from modalmotion.representation import shown
+
+AXIS: Final = "axis"
+SUMMARY: Final = "summary"
+WAVES: Final = "modes"
+TERMS: Final = "terms"
+
+SIZE: Final = "size"
+SHAPE: Final = "rest shape"
+VOLUME: Final = "volume"
+
+_IN_WORDS: Final = {
+    AXIS: "parts about the axis",
+    SUMMARY: "a few numbers of the modes",
+    WAVES: "modes and their products",
+    TERMS: "modes, their products and terms",
+}
+
+# Percent of the size: less motion than this counts as rest.
+_LEAST_TOTAL: Final = 1e-2
+# Starts that are tried where a cycle is begun like the typical one, and rounds of its mean.
+_N_STARTS: Final = 192
+_N_ROUNDS: Final = 6
+
+Array = NDArray[np.float64]
+
+
+@shown("description")
+@dataclass(frozen=True, eq=False)
+class Extractor:
+    """One table of features.
+
+    Parameters
+    ----------
+    what : str
+        AXIS, SUMMARY, WAVES or TERMS of the motion; empty where only what is beside it is read.
+    is_cycle : bool
+        Whether a recording is one turn of a cycle, which may start anywhere, or a transient.
+    n_modes : int
+        First modes that are read.
+    walls : bool
+        Whether the zero of theta is a known place on the body.
+    beside : tuple of str
+        SIZE, SHAPE and VOLUME.
+    typical : (harmonics, modes, n) complex128 or None
+        Cycle that others are begun like, before their terms are features.
+    """
+
+    what: str
+    is_cycle: bool = True
+    n_modes: int = 0
+    walls: bool = False
+    beside: tuple[str, ...] = ()
+    typical: Complex | None = None
+
+    @property
+    def description(self) -> str:
+        """The features, in words."""
+        beside = ", ".join(self.beside)
+        if not self.what:
+            return beside
+        time = "a cycle" if self.is_cycle else "a transient"
+        text = f"{_IN_WORDS[self.what]} of {self.n_modes} modes over {time}"
+        return f"{text}; {beside}" if beside else text
+
+    @property
+    def learns(self) -> bool:
+        """Whether it depends on a typical motion, which training cases give."""
+        return self.what == TERMS and self.is_cycle
+
+    def values(self, motion: Motion) -> Array:
+        """Features of a motion, (features,) float64.
+
+        Of parts about the axis in percent of the size, their roots where they have no sign; else
+        the log of how much moves, and what share of it moves how.
+        """
+        modes = first(motion.modes, self.n_modes)
+        parts: list[Any] = []
+        if self.what == AXIS:
+            parts = [axis_parts(motion.harmonics[:, : self.n_modes], modes, walls=self.walls)]
+        elif self.what:
+            terms = self.terms(motion)
+            total = math.sqrt(float((np.abs(terms) ** 2).sum()))
+            shares: NDArray[Any] = terms / total if total > 0.0 else terms
+            waves = waves_of(modes, walls=self.walls)
+            read = summary if self.what == SUMMARY else wave_features
+            parts = [[math.log(max(total, _LEAST_TOTAL))], read(shares, waves)]
+            if self.typical is not None:
+                begun = begun_like(shares[None], self.typical)[0]
+                parts += [begun.real.ravel(), begun.imag.ravel()]
+            elif self.what == TERMS:
+                parts.append(np.real(shares).ravel())
+        for kind in self.beside:
+            parts.append(_beside(kind, motion, modes, walls=self.walls))
+        return np.concatenate(parts)
+
+    def terms(self, motion: Motion) -> NDArray[Any]:
+        """Terms over time of the modes that are read, (terms, modes, n)."""
+        return (motion.harmonics if self.is_cycle else motion.cosines)[:, : self.n_modes]
+
+    def columns(self, motion: Motion) -> tuple[Column, ...]:
+        """Columns of the values of motions in the same modes."""
+        modes = first(motion.modes, self.n_modes)
+        waves = waves_of(modes, walls=self.walls)
+        n_terms = N_HARMONICS if self.is_cycle else N_COSINES
+        n = motion.amplitudes.shape[2]
+        columns: list[Column] = []
+        if self.what == AXIS:
+            columns += axis_columns(modes, n_terms, is_offset=n == 1, walls=self.walls)
+        elif self.what:
+            columns.append(Column("log motion", tuple(range(self.n_modes))))
+            if self.what == SUMMARY:
+                columns += summary_columns(waves, n_terms, n, is_cycle=self.is_cycle)
+            else:
+                columns += wave_columns(waves, n_terms, n)
+        if self.what == TERMS:
+            columns += [
+                Column(f"{part}term {h + 1} {modes.labels[k]} {'xyz'[i]}", (k,))
+                for part in (("cos ", "sin ") if self.is_cycle else ("",))
+                for h in range(n_terms)
+                for k in range(len(modes))
+                for i in range(n)
+            ]
+        for kind in self.beside:
+            if kind == SIZE:
+                columns.append(Column("log size"))
+            elif kind == SHAPE:
+                still = wave_columns(waves, 1, 3, ahead=False)
+                columns += [Column(f"rest shape: {column.name}") for column in still]
+            else:
+                columns += [Column("log largest volume / 3"), Column("share of volume lost")]
+        return tuple(columns)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as JSON-able values, its typical motion as a shape."""
+        values = {name: value for name, value in vars(self).items() if name != "typical"}
+        return {**values, "typical": None if self.typical is None else self.typical.shape}
+
+    @staticmethod
+    def from_json(values: Mapping[str, Any], typical: Array) -> Extractor:
+        """Read the output of `as_json`, and the real and imaginary parts of the typical motion.
+
+        Raises
+        ------
+        ValueError
+            If it reads what there is not.
+        """
+        what, beside = str(values["what"]), tuple(map(str, values["beside"]))
+        if what not in ("", *_IN_WORDS) or not set(beside) <= {SIZE, SHAPE, VOLUME}:
+            raise ValueError("it reads what no model reads")
+        motion = None
+        if values["typical"] is not None:
+            real, imaginary = typical.reshape(2, *map(int, values["typical"]))
+            motion = real + 1j * imaginary
+        return Extractor(
+            what=what,
+            is_cycle=bool(values["is_cycle"]),
+            n_modes=int(values["n_modes"]),
+            walls=bool(values["walls"]),
+            beside=beside,
+            typical=motion,
+        )
+
+
+def first(modes: Modes, n: int) -> Modes:
+    """Return the first n modes."""
+    return modes if n >= len(modes) else modes.take(np.arange(n))
+
+
+def reads_about_axis(motion: Motion, n_modes: int) -> bool:
+    """Whether parts about an axis can be read of a motion."""
+    return motion.signature.landmarks is not None and has_axis(first(motion.modes, n_modes))
+
+
+def volume_share(motion: Motion) -> float:
+    """Share of the volume of a cavity that is lost, as an ejection fraction; NaN without one."""
+    volumes = motion.volumes
+    return math.nan if volumes is None else 1.0 - float(volumes.min() / volumes.max())
+
+
+def begun_like(motions: Complex, typical: Complex) -> Complex:
+    """Start cycles so that each overlaps most with a typical one.
+
+    Parameters
+    ----------
+    motions : (motions, harmonics, modes, n) complex128
+    typical : (harmonics, modes, n) complex128
+
+    Notes
+    -----
+    A start t later multiplies harmonic h by exp(i h t).
+    """
+    h = np.arange(1, len(typical) + 1)
+    starts = np.arange(_N_STARTS) * (2 * np.pi / _N_STARTS)
+    overlaps = np.einsum("hij,nhij->nh", typical.conj(), motions)
+    best = (np.exp(1j * starts[:, None] * h) @ overlaps.T).real.argmax(axis=0)
+    return np.asarray(motions * np.exp(1j * starts[best, None] * h)[:, :, None, None])
+
+
+def typical_motion(motions: Sequence[Complex]) -> Complex:
+    """Mean of cycles of one size, each begun like it: (harmonics, modes, n) complex128."""
+    sizes = [np.linalg.norm(motion) for motion in motions]
+    units = np.stack([m / size if size > 0 else m for m, size in zip(motions, sizes, strict=True)])
+    mean = units[int(np.argsort(sizes, kind="stable")[len(sizes) // 2])]
+    for _ in range(_N_ROUNDS):
+        mean = begun_like(units, mean).mean(axis=0)
+    return np.asarray(mean)
+
+
+def _beside(kind: str, motion: Motion, modes: Modes, *, walls: bool) -> Array:
+    if kind == SIZE:
+        return np.array([motion.log_size])
+    if kind == SHAPE:
+        shape = motion.shape[: len(modes)].copy()
+        # The first mode moves the whole.
+        shape[0] = 0.0
+        size = float(np.linalg.norm(shape))
+        waves = waves_of(modes, walls=walls)
+        return wave_features(shape[None] / (size or 1.0), waves, ahead=False)
+    volumes = motion.volumes
+    assert volumes is not None  # noqa: S101 (asked for only of motions that have one)
+    unit = math.log(MM_PER_UNIT.get(motion.signature.unit or "", 1.0))
+    return np.array([math.log(volumes.max()) / 3.0 + unit, volume_share(motion)])

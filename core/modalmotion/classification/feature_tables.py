@@ -1,0 +1,214 @@
+"""Features of a cohort as a table: a line for each recording, a column for each feature."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.classification.cases import (
+    UNUSABLE,
+    AnyCase,
+    LeftOut,
+    TrainingCase,
+    case_name,
+    named,
+)
+from modalmotion.classification.cohort import basis_of
+from modalmotion.classification.options import OnError
+from modalmotion.errors import ParameterError, UnlikeCasesError
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.representation import csv_text, shown
+from modalmotion.signature.making import ModalSignature, SignatureParameters
+
+if TYPE_CHECKING:
+    from modalmotion.classification.scikit_learn import SignatureFeatures
+
+OF_CASES: Final = ("case", "sequence_id", "label", "subject")
+"""Columns before the features."""
+
+
+@shown("columns", "values", "left_out")
+@dataclass(frozen=True, eq=False)
+class FeatureTable:
+    """Features of a cohort.
+
+    Parameters
+    ----------
+    names, sequence_ids : tuple of str
+        Of each case; the name may be empty.
+    labels, subjects : tuple of (str or None)
+    columns : tuple of str
+    values : (cases, features) float64
+        NaN where a covariate is unknown.
+    left_out : tuple of LeftOut
+        Cases that could not be used, if the cohort goes on without them.
+    """
+
+    names: tuple[str, ...]
+    sequence_ids: tuple[str, ...]
+    labels: tuple[str | None, ...]
+    subjects: tuple[str | None, ...]
+    columns: tuple[str, ...]
+    values: NDArray[np.float64]
+    left_out: tuple[LeftOut, ...] = ()
+
+    def beside(self, left_out: Sequence[LeftOut]) -> FeatureTable:
+        """Return the table of a cohort of which these were left out before."""
+        return replace(self, left_out=(*left_out, *self.left_out))
+
+    def as_csv(self) -> str:
+        """Write the table as CSV: `OF_CASES`, then the features to the last bit.
+
+        What is unknown is empty.
+        """
+        lines: list[list[str]] = [[*OF_CASES, *self.columns]]
+        cases = zip(self.names, self.sequence_ids, self.labels, self.subjects, strict=True)
+        for case, values in zip(cases, self.values.tolist(), strict=True):
+            numbers = ["" if math.isnan(value) else repr(value) for value in values]
+            lines.append([*(part or "" for part in case), *numbers])
+        return csv_text(lines)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the table as JSON-able values; what is unknown is None."""
+        cases = zip(self.names, self.sequence_ids, self.labels, self.subjects, strict=True)
+        return {
+            "columns": list(self.columns),
+            "cases": [
+                {
+                    **dict(zip(OF_CASES, case, strict=True)),
+                    "values": [None if math.isnan(value) else value for value in values],
+                }
+                for case, values in zip(cases, self.values.tolist(), strict=True)
+            ],
+            "left_out": [case._asdict() for case in self.left_out],
+        }
+
+    @staticmethod
+    def from_json(values: dict[str, Any]) -> FeatureTable:
+        """Read the output of `as_json`."""
+        cases = values["cases"]
+        names, ids, labels, subjects = (tuple(case[n] for case in cases) for n in OF_CASES)
+        table = [[math.nan if v is None else v for v in case["values"]] for case in cases]
+        columns = tuple(values["columns"])
+        return FeatureTable(
+            names=names,
+            sequence_ids=ids,
+            labels=labels,
+            subjects=subjects,
+            columns=columns,
+            values=np.array(table, dtype=np.float64).reshape(len(cases), len(columns)),
+            left_out=tuple(LeftOut(**case) for case in values["left_out"]),
+        )
+
+
+def feature_table(
+    cases: Iterable[AnyCase | MeshSequence | ModalSignature],
+    features: SignatureFeatures | None = None,
+    *,
+    on_error: OnError | str = OnError.RAISE,
+    progress: Callable[[int], None] | None = None,
+) -> FeatureTable:
+    """Read the features of a cohort.
+
+    Parameters
+    ----------
+    cases : iterable of TrainingCase, CaseSource, MeshSequence or ModalSignature
+        Read one by one; sequences are fitted.
+    features : SignatureFeatures, optional
+        Fitted to these recordings here; with all options at their defaults if left out.
+    on_error : OnError
+        "leave out" goes on without the cases that cannot be read or fitted or do not compare.
+    progress : callable, optional
+        Called with the number of cases that have been read.
+
+    Raises
+    ------
+    ParameterError
+        If there is no case, or an option of the features has no such value.
+    UnlikeCasesError
+        If the recordings do not compare.
+    ModalMotionError
+        If a case cannot be read or fitted; it is named.
+    """
+    from modalmotion.classification.scikit_learn import SignatureFeatures
+
+    transformer = SignatureFeatures() if features is None else features
+    leaves_out = OnError(on_error) == OnError.LEAVE_OUT
+    own = _read(cases, transformer.signature_parameters, leaves_out, progress)
+    try:
+        return _table(own, transformer)
+    except UnlikeCasesError as error:
+        number = error.details.get("case")
+        if not leaves_out:
+            name = own.cases[number].name if isinstance(number, int) else ""
+            raise named(error, name) from error
+    bases = [basis_of(case.signature) for case in own.cases]
+    most = Counter(bases).most_common(1)[0][0]
+    kept = [case for case, basis in zip(own.cases, bases, strict=True) if basis == most]
+    odd = [
+        LeftOut(case.name or case_name(case.sequence_id), "Its modes are other than most have.")
+        for case, basis in zip(own.cases, bases, strict=True)
+        if basis != most
+    ]
+    return _table(_Cohort(kept, [*own.left_out, *odd]), transformer)
+
+
+class _Cohort(NamedTuple):
+    """Cases with their signatures, and those left out."""
+
+    cases: list[TrainingCase]
+    left_out: list[LeftOut]
+
+
+def _read(
+    sources: Iterable[AnyCase | MeshSequence | ModalSignature],
+    parameters: SignatureParameters,
+    leaves_out: bool,
+    progress: Callable[[int], None] | None,
+) -> _Cohort:
+    """Read cases; their sequences are kept, for several topologies may have to be tried."""
+    cohort = _Cohort([], [])
+    for number, source in enumerate(sources):
+        called = str(getattr(source, "name", "") or f"case {number}")
+        try:
+            if isinstance(source, MeshSequence | ModalSignature):
+                case = TrainingCase(source, "")
+            else:
+                case = source if isinstance(source, TrainingCase) else source.read()
+            if leaves_out:
+                # Only then what cannot be fitted is to be known one by one.
+                case = case.fitted(parameters)
+            n_frames = case.motion.n_frames
+            if n_frames < 2:
+                raise ParameterError(
+                    f"{called} has one frame, which shows no motion.", remedy="Leave it out."
+                )
+        except UNUSABLE as error:
+            if not leaves_out:
+                raise
+            cohort.left_out.append(LeftOut.of(error, called))
+        else:
+            cohort.cases.append(case)
+        if progress is not None:
+            progress(number + 1)
+    return cohort
+
+
+def _table(cohort: _Cohort, transformer: SignatureFeatures) -> FeatureTable:
+    cases = cohort.cases
+    values = transformer.fit_transform([case.motion for case in cases])
+    return FeatureTable(
+        names=tuple(case.name for case in cases),
+        sequence_ids=tuple(case.sequence_id for case in cases),
+        labels=tuple(case.label or None for case in cases),
+        subjects=tuple(case.subject for case in cases),
+        columns=tuple(transformer.get_feature_names_out().tolist()),
+        values=values,
+        left_out=tuple(cohort.left_out),
+    )

@@ -1,1 +1,0 @@
-"""Figures of a classifier's answers to labelled cases, with their intervals."""

@@ -1,1 +1,0 @@
-"""Models: trained estimators with their card, domain and conformal sets, and their file."""

@@ -1,0 +1,448 @@
+"""What a recording must be like for a model to know its motion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.classification.axis import axis_columns, axis_parts
+from modalmotion.classification.extractor import Extractor, first, reads_about_axis
+from modalmotion.classification.linear import class_means
+from modalmotion.classification.motion import Motion
+from modalmotion.classification.waves import wave_columns, wave_features, waves_of
+from modalmotion.representation import shown
+
+CHECKS: Final = ("kind", "place", "gap", "mirrored", "reversed")
+"""What is measured of a recording: how far its kind of motion is from every class; how far its
+amount of motion, size and elongation are from those of training cases; how far apart its ends are;
+how much it looks like its mirror image, and like itself backwards."""
+
+PLACE: Final = ("motion", "size", "elongation")
+"""Coordinates of a place, all logarithms."""
+
+# Neighbours among the training cases that a place is measured from.
+_N_NEIGHBOURS: Final = 5
+# Shrinkage towards independent features where there are many cases.
+_LEAST_SHRINKAGE: Final = 1e-2
+# Shares of the least motion and smoothness in training that a case must reach, and the highest
+# such limits, for cohorts that all move a great deal.
+_SHARE_OF_LEAST: Final = 0.5
+_LEAST_MOTION: Final = 0.003
+_LEAST_SMOOTH: Final = 0.5
+# A motion so small has no kind; its logarithm is still a number.
+_NO_MOTION: Final = 1e-12
+# Pairs of a case and a training case that are compared at once.
+_MOST_PAIRS: Final = 250_000
+
+KNOWN_SHARE: Final = 0.99
+"""Share of recordings like the training cases that are within all limits."""
+
+NO_MOTION: Final = "no motion"
+NOISE: Final = "noise"
+UNDETERMINED: Final = "undetermined"
+OUT_OF_DOMAIN: Final = "out of domain"
+UNREADABLE: Final = "unreadable"
+MIRRORED: Final = "mirrored"
+REVERSED: Final = "reversed time"
+INCOMPLETE: Final = "incomplete cycle"
+OTHER_SIZE: Final = "other size"
+OTHER_AMOUNT: Final = "other amount of motion"
+
+FLAGS: Final = (
+    *(NO_MOTION, NOISE, UNDETERMINED, OUT_OF_DOMAIN, UNREADABLE),
+    *(MIRRORED, REVERSED, INCOMPLETE, OTHER_SIZE, OTHER_AMOUNT),
+)
+"""Nothing moves; nothing but noise moves; amplitudes are less than their deviations; unlike any
+training case; not a signature that the model reads (another topology, other modes, one frame); and
+in what a recording is unlike the training cases, where that is known. Where one is set, there is no
+label."""
+
+Array = NDArray[np.float64]
+Labels = NDArray[np.int64]
+
+
+class Flag(NamedTuple):
+    """A flag with its words: what was found, and what to do about it."""
+
+    name: str
+    words: str
+
+
+class Inputs(NamedTuple):
+    """Recordings as a detector reads them.
+
+    Parameters
+    ----------
+    kinds : (cases, columns) float64
+        What each motion is like, however large it is.
+    places : (cases, 3) float64
+        See `PLACE`.
+    gaps : (cases,) float64
+        See `Motion.log_gap`.
+    """
+
+    kinds: Array
+    places: Array
+    gaps: Array
+
+    def of(self, rows: Labels) -> Inputs:
+        """Those of some cases."""
+        return Inputs(self.kinds[rows], self.places[rows], self.gaps[rows])
+
+
+def inputs_of(motion: Motion, reader: Extractor, *, knows_size: bool) -> Inputs:
+    """Read one recording."""
+    terms, modes = reader.terms(motion), first(motion.modes, reader.n_modes)
+    amount = max(motion.amount, _NO_MOTION)
+    if reads_about_axis(motion, reader.n_modes) and reader.is_cycle:
+        kinds = axis_parts(terms / (100.0 * amount), modes, walls=reader.walls)  # type: ignore[arg-type]
+    else:
+        kinds = wave_features(terms / (100.0 * amount), waves_of(modes, walls=reader.walls))
+    size = motion.log_size if knows_size else 0.0
+    place = [math.log(amount), size, motion.log_elongation]
+    return Inputs(kinds[None], np.array([place]), np.array([motion.log_gap]))
+
+
+def inputs_of_all(motions: tuple[Motion, ...], reader: Extractor, *, knows_size: bool) -> Inputs:
+    """Read many recordings."""
+    each = [inputs_of(motion, reader, knows_size=knows_size) for motion in motions]
+    return Inputs(*(np.concatenate(parts) for parts in zip(*each, strict=True)))
+
+
+def symmetry_signs(motion: Motion, reader: Extractor) -> Array:
+    """Signs by which the kinds of a mirror image and of reversed time differ, (2, columns).
+
+    Each feature keeps its value or becomes its opposite. About an axis a mirror turns twist round
+    and what is across the zero of theta, and the opposite order of frames the sine of each part
+    with a sign. Of modes as they are what leads changes with the order, and with the mirror
+    what names a sense of theta.
+    """
+    modes = first(motion.modes, reader.n_modes)
+    n = motion.amplitudes.shape[2]
+    signs: list[tuple[float, float]] = []
+    if reads_about_axis(motion, reader.n_modes) and reader.is_cycle:
+        for column in axis_columns(modes, 2, is_offset=n == 1, walls=reader.walls):
+            words = column.name.split()
+            is_signed = words[0] in ("radial", "turning", "axial") or words[-3] == "zero"
+            is_turned = words[0] == "turning" or " across zero" in column.name
+            signs.append((1.0 - 2.0 * is_turned, 1.0 - 2.0 * (is_signed and words[-2] == "sin")))
+    else:
+        waves = waves_of(modes, walls=reader.walls)
+        n_terms = len(reader.terms(motion))
+        has_axis = motion.signature.landmarks is not None
+        for column in wave_columns(waves, n_terms, n):
+            leads = column.name.startswith(("ahead", "runs"))
+            turned = column.name.startswith("runs") or "beside" in column.name
+            signs.append((1.0 - 2.0 * (turned and has_axis), 1.0 - 2.0 * leads))
+    return np.array(signs).T
+
+
+@shown("limits")
+@dataclass(frozen=True, eq=False)
+class OutlierDetector:
+    """Where the training cases lie.
+
+    It reads features of its own, so that it does not depend on those that tell classes apart.
+
+    Parameters
+    ----------
+    reader : Extractor
+        Modes and timing.
+    knows_size : bool
+        Whether sizes compare: of all training cases or of none the unit is known.
+    has_unit : bool
+    means : (classes, columns) float64
+        Of the kinds.
+    whitening : (columns, columns) float64
+        |(kind - mean) @ whitening| is the distance in standard deviations within a class
+        (Mahalanobis), over the root of the number of columns.
+    points : (cases, 3) float64
+        Places of the training cases.
+    scales : (3,) float64
+        Standard deviations of these within a class; infinite for what does not vary.
+    directions : (2, columns) float64
+        Along which motions differ most from their mirror images and from themselves backwards,
+        of unit variance within a class.
+    centres : (classes, 2) float64
+        Mean of each class along these.
+    signs : (2, columns) float64
+        See `symmetry_signs`.
+    course : (2,) float64
+        Mean and standard deviation of the gaps.
+    limits : (checks,) float64
+        Of the scores; infinite for what is not checked.
+    least : (2,) float64
+        Deformation, as a share of the size, below which nothing moves; smooth share below which a
+        motion is noise.
+    """
+
+    reader: Extractor
+    knows_size: bool
+    has_unit: bool
+    means: Array
+    whitening: Array
+    points: Array
+    scales: Array
+    directions: Array
+    centres: Array
+    signs: Array
+    course: Array
+    limits: Array
+    least: Array
+
+    def read(self, motion: Motion) -> Inputs:
+        """Read one recording."""
+        knows = self.knows_size and self.has_unit == (motion.signature.unit is not None)
+        inputs = inputs_of(motion, self.reader, knows_size=knows)
+        if not knows:
+            # In a unit that does not compare the size is as usual.
+            inputs.places[0, 1] = np.median(self.points[:, 1])
+        return inputs
+
+    def distances(self, kinds: Array) -> Array:
+        """Distances from all classes, (cases, classes), of kinds (cases, columns)."""
+        apart = (kinds[:, None] - self.means) @ self.whitening
+        return np.asarray(np.sqrt(np.einsum("ijk,ijk->ij", apart, apart)))
+
+    def scores(self, inputs: Inputs) -> Array:
+        """Scores of `CHECKS`, (cases, checks): the larger, the stranger."""
+        nearest = self.distances(inputs.kinds).min(axis=1)
+        along = inputs.kinds @ self.directions.T
+        apart = along[:, None] - self.centres
+        beside = np.take_along_axis(apart, np.abs(apart).argmin(axis=1)[:, None], axis=1)[:, 0]
+        # What is no nearer to a class turned round is as it should be.
+        for k, signs in enumerate(self.signs):
+            is_upright = self.distances(inputs.kinds * signs).min(axis=1) >= nearest
+            beside[is_upright, k] = np.maximum(beside[is_upright, k], 0.0)
+        gaps = (inputs.gaps - self.course[0]) / self.course[1]
+        return np.stack([nearest, self._from_places(inputs.places), gaps, *-beside.T], axis=1)
+
+    def flags(self, motion: Motion) -> tuple[Flag, ...]:
+        """Say what speaks against an answer for a recording."""
+        least_motion, least_smooth = self.least.tolist()
+        smooth = motion.smooth_share(self.reader.is_cycle)
+        if motion.amount < least_motion or motion.amount == 0.0:
+            text = f"no motion: it deforms by {motion.amount:.2%} of its size, less than"
+            return (Flag(NO_MOTION, f"{text} {least_motion:.2%}"),)
+        if smooth < least_smooth:
+            text = "the motion is mostly noise from frame to frame (a smooth one would have 1, this"
+            return (Flag(NOISE, f"{text} one has {smooth:.2f})"),)
+        share = motion.signature.deviation_share
+        if share is not None and share >= 1.0:
+            words = (
+                f"the amplitudes are not determined: their standard deviations are {share:.2g} "
+                "times as large as they are. Record more points, or points of more of the surface"
+            )
+            return (Flag(UNDETERMINED, words),)
+        inputs = self.read(motion)
+        scores = self.scores(inputs)[0]
+        beyond = dict(zip(CHECKS, (scores > self.limits).tolist(), strict=True))
+        flags = [flag for check, flag in _OF_CHECKS.items() if beyond[check]][:1]
+        if beyond["place"]:
+            flags.append(self._of_place(inputs.places[0]))
+        if not flags and beyond["kind"]:
+            words = (
+                "the motion is unlike any that the model was trained on (distance "
+                f"{scores[0]:.2f} from the nearest class, limit {self.limits[0]:.2f})"
+            )
+            flags.append(Flag(OUT_OF_DOMAIN, words))
+        return tuple(flags)
+
+    def _from_places(self, places: Array) -> Array:
+        """Distance from the fifth neighbour among the training cases, (cases,)."""
+        n = min(_N_NEIGHBOURS, len(self.points))
+        found, step = np.empty(len(places)), max(1, _MOST_PAIRS // len(self.points))
+        for k in range(0, len(places), step):
+            apart = (places[k : k + step, None] - self.points) / self.scales
+            squares = np.einsum("ijk,ijk->ij", apart, apart)
+            found[k : k + step] = np.partition(squares, n - 1, axis=1)[:, n - 1]
+        return np.sqrt(found)
+
+    def _of_place(self, place: Array) -> Flag:
+        """Say in what the size, shape or amount of motion is unlike those of the training cases."""
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        outside = np.maximum(low - place, place - high) / self.scales
+        farthest = PLACE[int(outside.argmax())] if outside.max() > 0.0 else "motion"
+        if farthest == "size":
+            least, most, own = (math.exp(value[1]) for value in (low, high, place))
+            unit = " mm" if self.has_unit else ""
+            return Flag(
+                OTHER_SIZE,
+                f"its size is {own:.3g}{unit}, and those of the training cases are {least:.3g} to "
+                f"{most:.3g}{unit}. Check the unit, or train with surfaces of this size",
+            )
+        if farthest == "elongation":
+            return Flag(
+                OUT_OF_DOMAIN,
+                "its surface is longer or shorter for its width than that of any training case. "
+                "Check that it is the surface that the model is for",
+            )
+        apart = (self.points - place) / self.scales
+        near = np.argsort((apart[:, 1:] ** 2).sum(axis=1), kind="stable")[:_N_NEIGHBOURS]
+        times = math.exp(place[0] - float(np.median(self.points[near, 0])))
+        return Flag(
+            OTHER_AMOUNT,
+            f"its motion ({math.exp(place[0]):.1%} of its size) is {times:.2g} times that of "
+            "training cases of about its size and shape. Check the scale of the displacements",
+        )
+
+
+_OF_CHECKS: Final = {
+    "gap": Flag(
+        INCOMPLETE,
+        "frames of the cycle are missing: from the last to the first it moves farther than any "
+        "training case does. Send one whole cycle",
+    ),
+    "mirrored": Flag(
+        MIRRORED,
+        "its mirror image fits the training cases and the motion itself does not, as where one "
+        "axis of the coordinates was negated. State the handedness (handedness=left), or send it "
+        "in right-handed coordinates",
+    ),
+    "reversed": Flag(
+        REVERSED,
+        "backwards it fits the training cases and as it is it does not. Check the order of the "
+        "frames",
+    ),
+}
+
+
+def fit_outliers(
+    inputs: Inputs, y: Labels, n_classes: int, like: OutlierDetector
+) -> OutlierDetector:
+    """Fit a detector to some cases; nothing is beyond its limits yet.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        Of these cases.
+    y : (cases,) int64
+    n_classes : int
+    like : OutlierDetector
+        Whose reader, signs and units it has.
+    """
+    kinds, places = inputs.kinds, inputs.places
+    spread = kinds.std(axis=0)
+    spread = np.where(spread > 1e-12 * np.abs(kinds).max(axis=0), spread, np.inf)
+    means = class_means(kinds, y, n_classes)
+    absent = np.bincount(y, minlength=n_classes) == 0
+    means[absent] = kinds.mean(axis=0)
+    whitening = _whitening((kinds - means[y]) / spread) / spread[:, None]
+    directions = np.stack([_direction(kinds, means, y, signs < 0) for signs in like.signs])
+    of_classes = class_means(places, y, n_classes)
+    scales = np.sqrt(((places - of_classes[y]) ** 2).mean(axis=0))
+    course = np.array([inputs.gaps.mean(), inputs.gaps.std()])
+    return replace(
+        like,
+        means=means,
+        whitening=whitening,
+        points=places,
+        scales=np.where(scales > 1e-9 * np.abs(places).max(axis=0), scales, np.inf),
+        directions=directions,
+        centres=means @ directions.T,
+        course=np.where([True, course[1] > 1e-9], course, np.inf),
+        limits=np.full(len(CHECKS), np.inf),
+    )
+
+
+def empty_detector(motions: tuple[Motion, ...], reader: Extractor) -> OutlierDetector:
+    """Prepare a detector for some motions, with what does not depend on their classes."""
+    units = {motion.signature.unit is not None for motion in motions}
+    smooth = min(motion.smooth_share(reader.is_cycle) for motion in motions)
+    amount = min(motion.amount for motion in motions)
+    nothing = np.zeros((0, 0))
+    return OutlierDetector(
+        reader=reader,
+        knows_size=len(units) == 1,
+        has_unit=True in units,
+        means=nothing,
+        whitening=nothing,
+        points=nothing,
+        scales=nothing,
+        directions=nothing,
+        centres=nothing,
+        signs=symmetry_signs(motions[0], reader),
+        course=nothing,
+        limits=nothing,
+        least=np.array(
+            [
+                min(_LEAST_MOTION, _SHARE_OF_LEAST * amount),
+                min(_LEAST_SMOOTH, _SHARE_OF_LEAST * smooth),
+            ]
+        ),
+    )
+
+
+def with_limits(detector: OutlierDetector, scores: Array, groups: Labels) -> OutlierDetector:
+    """Give a detector the limits within which a share of new cases stays in all scores together.
+
+    Each has its own limit; then all are raised by one number of their standard deviations.
+
+    Parameters
+    ----------
+    detector : OutlierDetector
+    scores : (cases, checks) float64
+        Of cases that took no part in a fit.
+    groups : (cases,) int64
+        Of each only the highest score counts, for its cases are not independent.
+    """
+    _, place = np.unique(groups, return_inverse=True)
+    own = np.full((int(place.max()) + 1, scores.shape[1]), -np.inf)
+    np.maximum.at(own, place, scores)
+    limits = np.array([_limit(column) for column in own.T])
+    widths = scores.std(axis=0)
+    varies = widths > 1e-9 * np.abs(scores).max(axis=0)
+    limits[~varies] = np.inf
+    if varies.any():
+        beyond = ((own - limits)[:, varies] / widths[varies]).max(axis=1)
+        limits[varies] += max(0.0, _limit(beyond)) * widths[varies]
+    if not detector.reader.is_cycle:
+        limits[CHECKS.index("gap")] = np.inf
+    turned = slice(CHECKS.index("mirrored"), None)
+    limits[turned] = np.maximum(limits[turned], 0.0)
+    return replace(detector, limits=limits)
+
+
+def _limit(held_out: Array) -> float:
+    """Score that a share of new cases stays within.
+
+    The k-th of n is exceeded by a new one with probability 1 - k / (n + 1). Where the farthest is
+    exceeded too often, the scores are taken to thin out beyond it exponentially: of n such ones
+    the largest is expected at b (1 + 1/2 + ... + 1/n), and the median at b log 2.
+    """
+    n, ordered = len(held_out), np.sort(held_out)
+    rank = int(np.ceil(KNOWN_SHARE * (n + 1) - 1e-9))
+    if rank <= n:
+        return float(ordered[rank - 1])
+    b = (ordered[-1] - np.median(ordered)) / ((1.0 / np.arange(1, n + 1)).sum() - np.log(2.0))
+    return float(ordered[-1] - b * np.log((n + 1) * (1.0 - KNOWN_SHARE)))
+
+
+def _whitening(residuals: Array) -> Array:
+    """Whitening of the shrunk covariance of residuals, over the root of the columns."""
+    n, d = residuals.shape
+    S = residuals.T @ residuals / n
+    variances = np.diag(S)
+    # With fewer cases than features nothing is known of most directions.
+    share = max(_LEAST_SHRINKAGE, d / (n + d))
+    S = (1.0 - share) * S + share * np.diag(np.where(variances > 0, variances, 1.0))
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(S)).T / np.sqrt(d))
+
+
+def _direction(kinds: Array, means: Array, y: Labels, changes: NDArray[np.bool_]) -> Array:
+    """Along which motions differ most from their images (Fisher), over the columns that change."""
+    direction = np.zeros(kinds.shape[1])
+    scale = kinds.std(axis=0)
+    used = changes & (scale > 1e-12 * np.abs(kinds).max(axis=0))
+    if not used.any():
+        return direction
+    W = _whitening((kinds - means[y])[:, used] / scale[used]) * np.sqrt(used.sum())
+    towards = W.T @ (means[np.unique(y)][:, used] / scale[used]).mean(axis=0)
+    length = float(np.linalg.norm(towards))
+    if length > 0.0:
+        direction[used] = W @ towards / length / scale[used]
+    return direction

@@ -1,0 +1,420 @@
+"""Features and estimator in the form of scikit-learn, which is imported here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
+from sklearn.utils.multiclass import check_classification_targets
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from modalmotion.classification.answer import fitted_in, unlike
+from modalmotion.classification.cases import TrainingCase, named
+from modalmotion.classification.cohort import basis_of, readable_of
+from modalmotion.classification.extractor import (
+    AXIS,
+    SUMMARY,
+    TERMS,
+    WAVES,
+    Extractor,
+    first,
+    reads_about_axis,
+    typical_motion,
+)
+from modalmotion.classification.linear import discriminant, left_out_scores, softmax, temperature_of
+from modalmotion.classification.model import Readable
+from modalmotion.classification.motion import Motion
+from modalmotion.classification.options import Timing, TrainingOptions
+from modalmotion.classification.waves import waves_of
+from modalmotion.errors import (
+    ModalMotionError,
+    ModeCountError,
+    ParameterError,
+    TopologyError,
+    UnlikeCasesError,
+)
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.first_modes import first_modes
+from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
+
+KINDS: Final = ("auto", AXIS, SUMMARY, WAVES, TERMS)
+
+ALL: Final = "all"
+"""In place of names: every covariate that some case has."""
+
+# A covariate of more words is a name or a remark.
+_MOST_WORDS: Final = 20
+
+# A cycle whose next frame would be the first closes within this many usual steps.
+_CLOSED: Final = 2.5
+
+Array = NDArray[np.float64]
+Recording = MeshSequence | ModalSignature
+
+
+class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
+    """Features of recordings, for a pipeline of scikit-learn.
+
+    `fit` decides from all recordings in which modes they compare, whether they are cycles and
+    which features are read; `transform` reads them. Labels play no part, so nothing leaks.
+
+    Parameters
+    ----------
+    modes : int
+        Of the signatures that sequences are fitted with.
+    topology : str or None
+        Of these signatures; "mesh" for spring modes. None lets the recordings decide together.
+    kind : str
+        "axis": parts about the axis; "modes": modes and their products; "summary": the same in
+        few numbers; "terms": modes and their terms in the frame of the body; "auto": "axis" where
+        all have one over a cycle, else "modes".
+    timing : str
+        "cycle", "transient" or "auto": cycles where most recordings close.
+    covariates : None, "all" or sequence of str
+        Covariates that become columns: a number is one, NaN where it is unknown, and each word
+        has one. Imputation and scaling are left to the pipeline.
+
+    Attributes
+    ----------
+    readable_ : Readable
+        Modes that the recordings share.
+    extractor_ : Extractor
+
+    Notes
+    -----
+    Columns of one motion are the same however it is turned, moved, scaled in its unit, sampled
+    and, as a cycle, started.
+    """
+
+    def __init__(
+        self,
+        modes: int = 7,
+        topology: str | None = None,
+        kind: str = "auto",
+        timing: str = "auto",
+        covariates: str | Sequence[str] | None = None,
+    ) -> None:
+        self.modes = modes
+        self.topology = topology
+        self.kind = kind
+        self.timing = timing
+        self.covariates = covariates
+
+    def fit(self, X: Iterable[Any], y: Any = None) -> SignatureFeatures:
+        """Decide which features are read.
+
+        Parameters
+        ----------
+        X : sequence of ModalSignature, MeshSequence or TrainingCase
+            Signatures are read as they are; sequences are fitted.
+        y : ignored
+
+        Raises
+        ------
+        ParameterError
+            If there is no recording, an option has no such value, or the recordings have not
+            the features that it names.
+        UnlikeCasesError
+            If their modes do not compare.
+        """
+        del y
+        self._fit(X)
+        return self
+
+    def fit_transform(self, X: Iterable[Any], y: Any = None, **_: Any) -> Array:
+        """Fit, and give the features of the same recordings: see `fit` and `transform`."""
+        del y
+        return self._table(self._fit(X))
+
+    def transform(self, X: Iterable[Any]) -> Array:
+        """Read the features of recordings.
+
+        Parameters
+        ----------
+        X : sequence of ModalSignature, MeshSequence or TrainingCase
+            Sequences are fitted in the modes of `fit`.
+
+        Returns
+        -------
+        (recordings, features) float64
+            Shares of the surface's size, in percent, or of the motion; covariates as they are.
+
+        Raises
+        ------
+        UnlikeCasesError
+            If the modes of one do not compare with those of `fit`.
+        """
+        check_is_fitted(self)
+        readings = recordings_of(X)
+        return self._table([in_basis(k, one, self.readable_) for k, one in enumerate(readings)])
+
+    def get_feature_names_out(self, input_features: Any = None) -> NDArray[np.object_]:
+        """Names of the columns, (features,) object."""
+        del input_features
+        check_is_fitted(self)
+        names = [*self._names, *(_column_name(column) for column in self._covariates)]
+        return np.array(names, dtype=object)
+
+    @property
+    def signature_parameters(self) -> SignatureParameters:
+        """Parameters that sequences are fitted with, before their topologies are compared."""
+        options = TrainingOptions(modes=self.modes, topology=self.topology, timing=self.timing)
+        return options.signature_parameters
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        tags.input_tags.two_d_array = False
+        tags.no_validation = True
+        return tags
+
+    def _fit(self, X: Iterable[Any]) -> list[ModalSignature]:
+        if self.kind not in KINDS:
+            raise ParameterError(
+                f"The option 'kind' is {str(self.kind)[:80]!r}.",
+                remedy=f"Use one of: {', '.join(KINDS)}.",
+                details={"option": "kind"},
+            )
+        signatures = in_one_basis(recordings_of(X), self.signature_parameters)
+        self.readable_ = readable_of(signatures)
+        motions = [Motion(first_modes(one, self.readable_.n_modes)) for one in signatures]
+        self.extractor_ = self._chosen(motions)
+        self._names = [column.name for column in self.extractor_.columns(motions[0])]
+        covariates = [signature.facts.covariates for signature in signatures]
+        self._covariates = _covariate_columns(covariates, self.covariates)
+        return signatures
+
+    def _chosen(self, motions: list[Motion]) -> Extractor:
+        n = self.readable_.n_modes
+        landmarks = [motion.signature.landmarks for motion in motions]
+        walls = all(one is not None and "theta_zero" in one.given for one in landmarks)
+        gaps = [motion.signature.closure_gap for motion in motions]
+        is_cycle = self.timing == Timing.CYCLE or (
+            self.timing == Timing.AUTO and float(np.median(gaps)) < _CLOSED
+        )
+        has_axis = is_cycle and all(reads_about_axis(motion, n) for motion in motions)
+        kind = (AXIS if has_axis else WAVES) if self.kind == "auto" else self.kind
+        waves = waves_of(first(motions[0].modes, n), walls=walls)
+        is_free = any(len(group) > 1 for group in waves.modes)
+        if (kind == AXIS and not has_axis) or (kind == TERMS and is_free):
+            reason = "a recording is no cycle about an axis" if kind == AXIS else "theta is free"
+            raise ParameterError(
+                f"The features {kind!r} cannot be read: {reason}.",
+                remedy="Use kind='modes', or state timing='cycle', a topology with an axis, or "
+                "the landmark theta_zero.",
+                details={"option": "kind"},
+            )
+        extractor = Extractor(kind, is_cycle, n, walls)
+        if extractor.learns:
+            typical = typical_motion([extractor.terms(motion) for motion in motions])
+            return Extractor(kind, is_cycle, n, walls, typical=typical)
+        return extractor
+
+    def _table(self, signatures: list[ModalSignature]) -> Array:
+        n, rows = self.readable_.n_modes, []
+        for signature in signatures:
+            own = self.extractor_.values(Motion(first_modes(signature, n)))
+            stated = signature.facts.covariates
+            rows.append([*own, *(_covariate(column, stated) for column in self._covariates)])
+        return np.array(rows).reshape(len(rows), len(self._names) + len(self._covariates))
+
+
+class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
+    """`discriminant` with a temperature, as an estimator of scikit-learn.
+
+    Attributes
+    ----------
+    classes_ : (classes,) array
+    linear_ : Linear
+    """
+
+    def fit(self, X: Any, y: Any, groups: Any = None) -> MotionClassifier:
+        """Fit to features (cases, features) and labels (cases,).
+
+        Parameters
+        ----------
+        X : (cases, features) array
+        y : (cases,) array
+        groups : (cases,) array, optional
+            Subjects; each case is one of its own by default.
+
+        Raises
+        ------
+        ValueError
+            If there are fewer than two classes.
+        """
+        X, y = validate_data(self, X, y, dtype=np.float64)
+        check_classification_targets(y)
+        self.classes_, place = np.unique(y, return_inverse=True)
+        n = len(self.classes_)
+        if n < 2:
+            raise ValueError("A classifier needs at least two classes, only one class is given.")
+        g = np.arange(len(y)) if groups is None else np.unique(groups, return_inverse=True)[1]
+        temperature = temperature_of(left_out_scores(X, place, n, g), place)
+        self.linear_ = discriminant(X, place, n).times(1.0 / temperature)
+        return self
+
+    def decision_function(self, X: Any) -> Array:
+        """Scores, (cases, classes) float64; of two classes that of the second, (cases,)."""
+        check_is_fitted(self)
+        scores = self.linear_.scores(validate_data(self, X, reset=False, dtype=np.float64))
+        return scores[:, 1] - scores[:, 0] if len(self.classes_) == 2 else scores
+
+    def predict_proba(self, X: Any) -> Array:
+        """Probabilities, (cases, classes) float64."""
+        check_is_fitted(self)
+        X = validate_data(self, X, reset=False, dtype=np.float64)
+        return softmax(self.linear_.scores(X))
+
+    def predict(self, X: Any) -> NDArray[Any]:
+        """Most probable classes, (cases,)."""
+        return np.asarray(self.classes_[self.predict_proba(X).argmax(axis=1)])
+
+
+def recordings_of(X: Iterable[Any]) -> list[Recording]:
+    """Take the recordings out of cases, sources and the like.
+
+    Raises
+    ------
+    ParameterError
+        If there is none, or one is none of these; it is named by its number.
+    """
+    recordings: list[Recording] = []
+    for number, item in enumerate(X):
+        is_source = not isinstance(item, Recording | TrainingCase) and hasattr(item, "read")
+        one = item.read() if is_source else item
+        one = one.motion if isinstance(one, TrainingCase) else one
+        if not isinstance(one, Recording):
+            raise ParameterError(
+                f"Item {number} is a {type(one).__name__}, which is no recording.",
+                remedy="Give ModalSignatures, MeshSequences or TrainingCases.",
+                details={"case": number},
+            )
+        recordings.append(one)
+    if not recordings:
+        raise ParameterError("There is no recording.", remedy="Give at least one.")
+    return recordings
+
+
+def in_one_basis(
+    recordings: Sequence[Recording], parameters: SignatureParameters
+) -> list[ModalSignature]:
+    """Fit sequences in modes in which all recordings compare.
+
+    As their own shapes say; where that gives modes that do not compare, with the spring modes of
+    their mesh, unless the parameters state a topology.
+
+    Raises
+    ------
+    UnlikeCasesError
+        If they do not compare.
+    ModalMotionError
+        If one cannot be fitted; it is named by its number.
+    """
+    signatures = [_fitted(k, one, parameters) for k, one in enumerate(recordings)]
+    if len({basis_of(one) for one in signatures}) == 1:
+        return signatures
+    if parameters.topology is None:
+        springs = replace(parameters, closed_form=False)
+        try:
+            again = [_fitted(k, one, springs) for k, one in enumerate(recordings)]
+        except (TopologyError, ModeCountError):
+            again = signatures
+        if len({basis_of(one) for one in again}) == 1:
+            return again
+    bases = [basis_of(one) for one in signatures]
+    odd = next(k for k, basis in enumerate(bases) if basis != bases[0])
+    raise UnlikeCasesError(
+        f"Item {odd} has {len(signatures[odd].modes)} modes of a {signatures[odd].surface}, which "
+        "do not compare with those of the others.",
+        remedy="Leave it out, state one topology for all, or give the sequences themselves: they "
+        "are fitted in one basis.",
+        details={"case": odd, "sequence_id": signatures[odd].sequence_id},
+    )
+
+
+def in_basis(number: int, one: Recording, readable: Readable) -> ModalSignature:
+    """Fit a sequence in modes that are known, or check that a signature is in them.
+
+    Raises
+    ------
+    UnlikeCasesError
+        If it does not compare with them; it is named by its number.
+    ModalMotionError
+        If it cannot be fitted.
+    """
+    try:
+        signature = fitted_in(readable, one) if isinstance(one, MeshSequence) else one
+    except ModalMotionError as error:
+        raise named(error, f"Item {number}") from error
+    reason = unlike(signature, readable)
+    if reason is not None:
+        raise UnlikeCasesError(
+            f"Item {number} does not compare with those that were fitted to: {reason.words}.",
+            remedy="Give the sequence itself, which is then fitted as the others were.",
+            details={"case": number, "sequence_id": signature.sequence_id},
+        )
+    return signature
+
+
+def _fitted(number: int, one: Recording, parameters: SignatureParameters) -> ModalSignature:
+    signature = one
+    if isinstance(signature, MeshSequence):
+        try:
+            signature = modal_signature(signature, parameters)
+        except ModalMotionError as error:
+            raise named(error, f"Item {number}") from error
+    if signature.n_frames < 2:
+        raise ParameterError(
+            f"Item {number} has one frame, which shows no motion.",
+            remedy="Leave it out.",
+            details={"case": number, "sequence_id": signature.sequence_id},
+        )
+    return signature
+
+
+def _covariate_columns(
+    cases: Sequence[Mapping[str, float | str]], wanted: str | Sequence[str] | None
+) -> list[tuple[str, str | None]]:
+    """Choose the columns of covariates: a name, and the word that it is where it is a word."""
+    known: dict[str, list[float | str]] = {}
+    for case in cases:
+        for name, value in case.items():
+            known.setdefault(name, []).append(value)
+    if wanted is None:
+        return []
+    names = sorted(known) if wanted == ALL else [wanted] if isinstance(wanted, str) else wanted
+    unknown = [str(name) for name in names if name not in known]
+    if unknown:
+        raise ParameterError(
+            f"No case has the covariate {unknown[0][:80]!r}.",
+            remedy=f"Use {ALL!r}, or some of: {', '.join(sorted(known)) or 'there is none'}.",
+            details={"covariates": sorted(known)},
+        )
+    columns: list[tuple[str, str | None]] = []
+    for name in names:
+        words = sorted({str(value) for value in known[name]})
+        if not any(isinstance(value, str) for value in known[name]):
+            columns.append((name, None))
+        elif wanted != ALL or len(words) <= _MOST_WORDS:
+            columns += [(name, word) for word in words]
+    return columns
+
+
+def _column_name(column: tuple[str, str | None]) -> str:
+    name, word = column
+    return f"covariate {name}" + ("" if word is None else f"={word}")
+
+
+def _covariate(column: tuple[str, str | None], stated: Mapping[str, float | str]) -> float:
+    """Value of a case; NaN where the covariate is unknown, or is a word and no number."""
+    name, word = column
+    value = stated.get(name)
+    if value is None:
+        return float("nan")
+    if word is not None:
+        return float(str(value) == word)
+    return float("nan") if isinstance(value, str) else float(value)

@@ -1,1 +1,0 @@
-"""Features of a cohort as a table."""

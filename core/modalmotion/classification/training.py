@@ -1,0 +1,456 @@
+"""Training of a model. scikit-learn is imported here, and only when a model is trained."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib.metadata import version
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.classification.card import ModelCard
+from modalmotion.classification.cases import AnyCase
+from modalmotion.classification.caveats import confound_notes, confounds
+from modalmotion.classification.cohort import Cohort, collect_cohorts
+from modalmotion.classification.extractor import AXIS, WAVES, Extractor, volume_share
+from modalmotion.classification.fitting import Fit, Tables, better, fit_rows
+from modalmotion.classification.folds import Fold, Folds, Splits, split_cases
+from modalmotion.classification.linear import softmax
+from modalmotion.classification.model import Model, holds, share_ranges, strangeness_of
+from modalmotion.classification.options import TrainingOptions
+from modalmotion.classification.outliers import (
+    CHECKS,
+    OutlierDetector,
+    empty_detector,
+    fit_outliers,
+    inputs_of_all,
+    with_limits,
+)
+from modalmotion.classification.performance import METHODS, CrossValidation, performance, spread
+from modalmotion.errors import ParameterError, needs_extra
+from modalmotion.hdf5.image import INTENDED_USE
+
+# Share of the progress that reading the cases is counted as.
+_READ: Final = 0.4
+
+# Level of the card's class sets, and cases of a class below which these always hold it.
+_COVERAGE: Final = 0.9
+_FEW: Final = 9
+
+# Fewer cases than these, in all or of a class, make figures that say little.
+_FEW_IN_ALL: Final = 10
+_FEW_OF_A_CLASS: Final = 5
+
+# Digits that a model keeps: more would differ between numbers of threads.
+_DIGITS: Final = 9
+
+Array = NDArray[np.float64]
+
+
+def train(
+    cases: Iterable[AnyCase],
+    name: str,
+    options: TrainingOptions | None = None,
+    progress: Callable[[float, str], None] | None = None,
+    cv: Folds | None = None,
+    offsets: Iterable[AnyCase] | None = None,
+) -> Model:
+    """Train a model on labelled recordings.
+
+    Parameters
+    ----------
+    cases : iterable of TrainingCase or CaseSource
+        Sequences are fitted; signatures are read as they are.
+    name : str
+    options : TrainingOptions, optional
+    progress : callable, optional
+        Called with the share that is done, 0 to 1, and the current step.
+    cv : splitter of scikit-learn or iterable of (indices, indices), optional
+        Folds of your own that predict each case once; indices count the cases from 0.
+    offsets : iterable of TrainingCase or CaseSource, optional
+        The same cases with their signatures of the kind offset, where `cases` are signatures and
+        both kinds are to be weighed. Sequences are fitted in both by themselves.
+
+    Returns
+    -------
+    Model
+
+    Raises
+    ------
+    ParameterError
+        If a label is missing, a case cannot be used or does not compare with the others, one
+        recording has two classes, or there are fewer than two classes.
+    ModalMotionError
+        If a case cannot be read or fitted.
+
+    Notes
+    -----
+    Tables, weights and temperatures are chosen anew within each fold, so that accuracy, calibration
+    and class sets are of cases that took no part in anything. Cases are read and folds are fitted
+    through joblib: wherever `joblib_backend`, or joblib's own `parallel_config`, says. The model
+    does not depend on it.
+    """
+    from joblib import Parallel, delayed
+
+    chosen, report = options or TrainingOptions(), progress or _silent
+    n_cases = len(cases) if isinstance(cases, Sized) else 0
+
+    def reading(number: int) -> None:
+        share = min(1.0, number / n_cases) if n_cases else 0.0
+        report(_READ * share, f"reading case {number}" + (f" of {n_cases}" if n_cases else ""))
+
+    cohorts = collect_cohorts(cases, offsets, chosen, reading)
+    splits = split_cases(cohorts[0], chosen, cv)
+    # Those of a basis have its motions in memory, so each is one piece of work.
+    works = (delayed(_fitted)(cohort, splits, chosen) for cohort in cohorts)
+    results = []
+    for number, result in enumerate(Parallel(return_as="generator", batch_size=1)(works)):
+        results.append(result)
+        report(_READ + (1.0 - _READ) * (number + 1) / len(cohorts), f"basis {number + 1}")
+    final = better([result.final for result in results])
+    held_out = _held_out(results, splits, cohorts[final])
+    cohort, fit = cohorts[final], results[final].final
+    model = _model(cohort, fit, name, results[final], held_out)
+    card, doubt = _card(cohort, chosen, splits, held_out, fit)
+    weighed = _weighed_note(cohorts, results, final)
+    notes = (*cohort.notes, *weighed, *splits.notes, *card.notes, *doubt)
+    report(1.0, "trained")
+    always = (*doubt, *_always(cohort, fit))
+    return replace(model, card=replace(card, notes=notes), notes={"": always})
+
+
+@contextmanager
+def joblib_backend(
+    scheduler: str | None = None,
+    n_jobs: int = -1,
+    *,
+    threads: bool = False,
+    connect_seconds: float = 30.0,
+) -> Iterator[None]:
+    """Have joblib work on a Dask scheduler's workers, or in processes or threads here.
+
+    Whatever uses joblib inside the block and leaves its own `n_jobs` at None, such as
+    cross-validation in scikit-learn, is shared out; results do not depend on where.
+
+    Parameters
+    ----------
+    scheduler : str, optional
+        Address such as tcp://host:8786; its workers need this package.
+    n_jobs : int
+        Pieces of work at once on this machine; -1 for as many as there are cores. On a
+        scheduler its workers decide.
+    threads : bool
+        Threads in place of processes: in a worker of the service, whose memory is limited as a
+        whole.
+    connect_seconds : float
+
+    Raises
+    ------
+    ParameterError
+        If there is no such scheduler, or it has no workers.
+    MissingExtraError
+        If `distributed` is not installed.
+    """
+    import joblib
+
+    if scheduler is None:
+        with joblib.parallel_config("threading" if threads else "loky", n_jobs=n_jobs):
+            yield
+        return
+    with needs_extra("cluster"):
+        from distributed import Client
+    try:
+        client = Client(scheduler, set_as_default=False, timeout=connect_seconds)
+    except (OSError, ValueError) as error:
+        raise ParameterError(
+            f"There is no scheduler at '{scheduler}': {error}.",
+            remedy="Start it, or correct the address.",
+        ) from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=connect_seconds)
+        except TimeoutError as error:
+            raise ParameterError(
+                f"The scheduler at '{scheduler}' has no workers.",
+                remedy="Start some: dask worker ADDRESS.",
+            ) from error
+        with joblib.parallel_config("dask", client=client):
+            yield
+
+
+class _Result(NamedTuple):
+    """Fits to all cases and to those of each fold, and what a detector says of cases left out.
+
+    Parameters
+    ----------
+    final : Fit
+    folds : list of (Fit, (cases, classes) float64)
+        Of all repetitions, with the scores of the cases that are predicted.
+    detector : OutlierDetector
+        With its limits.
+    """
+
+    final: Fit
+    folds: list[tuple[Fit, Array]]
+    detector: OutlierDetector
+
+
+def _fitted(cohort: Cohort, splits: Splits, options: TrainingOptions) -> _Result:
+    tables, folds = Tables(cohort, options), []
+    for inner, outer in _all_folds(splits):
+        fit = fit_rows(tables, inner)
+        # The features of a fold's tables are not kept.
+        slim = tuple(table._replace(X=np.zeros((0, 0))) for table in fit.tables)
+        folds.append((replace(fit, tables=slim), fit.scores(outer)))
+    return _Result(fit_rows(tables, np.arange(len(cohort))), folds, _detector(tables, splits))
+
+
+def _all_folds(splits: Splits) -> list[Fold]:
+    return [fold for repetition in splits.repetitions for fold in repetition]
+
+
+def _detector(tables: Tables, splits: Splits) -> OutlierDetector:
+    """Fit a detector to all cases, with limits from the first repetition."""
+    cohort = tables.cohort
+    y, n_classes = cohort.y, len(cohort.classes)
+    simplest = tables.of_motion[0]
+    reader = Extractor(
+        AXIS if simplest.what == AXIS else WAVES,
+        simplest.is_cycle,
+        simplest.n_modes,
+        simplest.walls,
+    )
+    empty = empty_detector(cohort.motions, reader)
+    inputs = inputs_of_all(cohort.motions, reader, knows_size=empty.knows_size)
+    detector = fit_outliers(inputs, y, n_classes, empty)
+    if not splits.repetitions:
+        return detector
+    scores = np.zeros((len(cohort), len(CHECKS)))
+    for inner, outer in splits.repetitions[0]:
+        own = fit_outliers(inputs.of(inner), y[inner], n_classes, empty)
+        scores[outer] = own.scores(inputs.of(outer))
+    groups = cohort.groups if splits.is_grouped else np.arange(len(cohort))
+    return with_limits(detector, scores, groups)
+
+
+def _held_out(results: Sequence[_Result], splits: Splits, cohort: Cohort) -> CrossValidation | None:
+    """Put the answers of all folds together, each by the basis that the fold chose."""
+    if not splits.repetitions:
+        return None
+    shape = (len(splits.repetitions), len(cohort))
+    probabilities = np.zeros((*shape, len(cohort.classes)))
+    numbers = np.zeros(shape, dtype=np.int64)
+    place = 0
+    for r, repetition in enumerate(splits.repetitions):
+        for k, (_, outer) in enumerate(repetition):
+            fits = [result.folds[place] for result in results]
+            probabilities[r, outer] = softmax(fits[better([fit for fit, _ in fits])][1])
+            numbers[r, outer] = k
+            place += 1
+    return CrossValidation(
+        classes=cohort.classes,
+        sequence_ids=cohort.sequence_ids,
+        names=cohort.names,
+        subjects=cohort.subjects,
+        y=cohort.y,
+        # Figures too must not depend on the number of threads.
+        probabilities=_rounded(probabilities),
+        folds=numbers,
+    )
+
+
+def _model(
+    cohort: Cohort, fit: Fit, name: str, result: _Result, held_out: CrossValidation | None
+) -> Model:
+    X = np.concatenate([table.X for table in fit.tables], axis=1)
+    shares = np.array([volume_share(motion) for motion in cohort.motions])
+    n_classes = len(cohort.classes)
+    strangeness: tuple[Array, ...] = tuple(np.zeros(0) for _ in cohort.classes)
+    if held_out is not None:
+        strangeness = strangeness_of(held_out.probabilities[0], cohort.y)
+    example, detector = cohort.motions[0], result.detector
+    extractors = [table.extractor for table in fit.tables]
+    kept: dict[str, Any] = {
+        name: _rounded(value)
+        for name, value in vars(detector).items()
+        if isinstance(value, np.ndarray)
+    }
+    return Model(
+        name=name,
+        classes=cohort.classes,
+        readable=cohort.readable,
+        tables=tuple(
+            one if one.typical is None else replace(one, typical=_rounded_complex(one.typical))
+            for one in extractors
+        ),
+        columns=tuple(column for one in extractors for column in one.columns(example)),
+        weights=_rounded(np.concatenate([table.linear.weights for table in fit.tables])),
+        intercepts=_rounded(np.sum([table.linear.intercepts for table in fit.tables], axis=0)),
+        centre=_rounded(X.mean(axis=0)),
+        outliers=replace(detector, **kept),
+        shares=_rounded(share_ranges(shares, cohort.y, n_classes)),
+        strangeness=strangeness,
+        notes={},
+        card=_empty_card(cohort),
+        cross_validation=held_out,
+    )
+
+
+def _rounded(values: Array) -> Array:
+    numbers = [float(f"{value:.{_DIGITS}g}") for value in np.ravel(values)]
+    return np.array(numbers).reshape(np.shape(values))
+
+
+def _rounded_complex(values: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    return np.asarray(_rounded(values.real) + 1j * _rounded(values.imag))
+
+
+def _empty_card(cohort: Cohort) -> ModelCard:
+    labels = [cohort.classes[k] for k in cohort.y]
+    people = dict.fromkeys(zip(labels, cohort.subjects, strict=True))
+    counts = Counter(labels), Counter(label for label, _ in people)
+    n_cases, n_subjects = (dict(sorted(count.items())) for count in counts)
+    return ModelCard(
+        classes=cohort.classes,
+        training_set=cohort.hash,
+        n_cases=n_cases,
+        n_subjects=n_subjects,
+        coverage=_COVERAGE,
+        options={},
+        versions={p: version(p) for p in ("modalmotion", "numpy", "scipy", "scikit-learn")},
+        intended_use=INTENDED_USE,
+        has_seen=(
+            f"{len(cohort)} recordings of {len(set(cohort.subjects))} subjects: "
+            + ", ".join(f"{count} {label}" for label, count in n_cases.items())
+            + f"; {cohort.readable.topology}, {cohort.readable.n_modes} modes."
+        ),
+        has_not_seen=(
+            "Any other class, subject, device or way to segment: the figures hold for recordings "
+            "like these only."
+        ),
+    )
+
+
+def _card(
+    cohort: Cohort,
+    options: TrainingOptions,
+    splits: Splits,
+    held_out: CrossValidation | None,
+    fit: Fit,
+) -> tuple[ModelCard, tuple[str, ...]]:
+    """Card of a trained model, and a doubt that every answer says, where there is one."""
+    card = _empty_card(cohort)
+    features = tuple((name, round(weight, 3)) for name, weight in fit.choices)
+    card = replace(
+        card,
+        is_grouped=splits.is_grouped,
+        options={
+            **options.as_json(),
+            "kind": cohort.readable.parameters.kind,
+            "features": features,
+        },
+        notes=_notes_on_few(card.n_cases),
+    )
+    if held_out is None:
+        return card, ()
+    answers = held_out.answers()
+    figures = performance(answers)
+    people = np.unique(cohort.subjects, return_inverse=True)[1]
+    tests = confounds(cohort.conditions, cohort.y, people, options.seed)
+    held, sizes = _cross_sets(cohort, splits.repetitions[0], held_out.probabilities[0])
+    doubt: tuple[str, ...] = ()
+    if figures.auc is not None and figures.auc_interval is not None:
+        low, high = figures.auc_interval
+        if low <= 0.5:
+            text = (
+                f"Its answers to cases left out are no better than chance (AUC {figures.auc:.2f}, "
+                f"95 % interval {low:.2f} to {high:.2f}): do not rely on this model."
+            )
+            doubt = (text,)
+    return replace(
+        card,
+        **vars(figures),
+        methods=METHODS,
+        repetitions=spread(answers),
+        confounds=tests,
+        notes=(*card.notes, *confound_notes(tests)),
+        class_coverage={
+            label: float(held[cohort.y == k].mean()) for k, label in enumerate(cohort.classes)
+        },
+        mean_set_size=float(sizes.mean()),
+    ), doubt
+
+
+def _cross_sets(
+    cohort: Cohort, folds: Sequence[Fold], probabilities: Array
+) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """Whether each case's set, calibrated on the other folds, holds its class; and its size."""
+    held = np.zeros(len(cohort), dtype=np.bool_)
+    sizes = np.zeros(len(cohort), dtype=np.int64)
+    for inner, outer in folds:
+        others = strangeness_of(probabilities[inner], cohort.y[inner])
+        in_set = holds(others, probabilities[outer], _COVERAGE)
+        held[outer] = in_set[np.arange(len(outer)), cohort.y[outer]]
+        sizes[outer] = in_set.sum(axis=1)
+    return held, sizes
+
+
+def _notes_on_few(n_cases: dict[str, int]) -> tuple[str, ...]:
+    notes = []
+    n, least = sum(n_cases.values()), min(n_cases.values())
+    if n < _FEW_IN_ALL or least < _FEW_OF_A_CLASS:
+        rare = min(n_cases, key=lambda k: n_cases[k])
+        of = "" if n < _FEW_IN_ALL else f", {least} of {rare},"
+        notes.append(
+            f"Figures of {n} cases{of} say little: even where all of them are right, or a loss is "
+            "0, that is no certainty. Heed the intervals, and train or test on more."
+        )
+    few = [label for label, count in n_cases.items() if count < _FEW]
+    if few:
+        notes.append(
+            f"Fewer than {_FEW} cases of {', '.join(few)}: class sets of 90 % always hold "
+            f"{'it' if len(few) == 1 else 'them'}."
+        )
+    return tuple(notes)
+
+
+def _always(cohort: Cohort, fit: Fit) -> tuple[str, ...]:
+    """Say in every answer what a user must know of what is read."""
+    readers = [table.extractor for table in fit.tables]
+    if not any(one.what for one in readers):
+        kinds = dict.fromkeys(kind for one in readers for kind in one.beside)
+        return (f"The model reads {', '.join(kinds)} alone, not the motion of the surface.",)
+    modes = cohort.motions[0].modes
+    topology = modes.topology
+    if topology is not None and topology.closed_axes and not cohort.walls:
+        return (
+            "No anterior landmark (theta_zero) was given, so the class is not assigned to a wall.",
+        )
+    return ()
+
+
+def _weighed_note(
+    cohorts: Sequence[Cohort], results: Sequence[_Result], final: int
+) -> tuple[str, ...]:
+    """Say which basis a model reads where several were weighed."""
+    if len(cohorts) < 2:
+        return ()
+    losses = ", ".join(
+        f"{cohort.basis} {result.final.losses.mean():.3f}"
+        for cohort, result in zip(cohorts, results, strict=True)
+    )
+    note = (
+        f"The model reads {cohorts[final].basis}, weighed inside each fold by log losses within "
+        f"training ({losses}), which do not compare with the card's. State kind or topology to "
+        "decide otherwise."
+    )
+    return (note,)
+
+
+def _silent(share: float, text: str) -> None:
+    """Report nothing."""
+    del share, text

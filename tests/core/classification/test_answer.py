@@ -1,0 +1,124 @@
+"""Answers: sets, what read-outs rule out, what cannot be read, and the modes that moved them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from classify_samples import cohort, curves, curves_model, small_model
+
+import modalmotion as mm
+from modalmotion.classification import classify, only_modes
+from modalmotion.classification.answer_hdf5 import (
+    classification_from_hdf5,
+    classification_key,
+    classification_to_hdf5,
+)
+from modalmotion.classification.model import holds, share_ranges, strangeness_of
+from modalmotion.errors import ParameterError
+from modalmotion.template.template import Weights
+
+
+def test_sets_hold_the_true_class_as_often_as_stated_class_by_class() -> None:
+    rng = np.random.default_rng(1)
+
+    def drawn(n: int) -> tuple[np.ndarray, np.ndarray]:
+        y = np.arange(n) % 3
+        scores = rng.normal(size=(n, 3)) + np.array([2.0, 1.0, 0.3])[y, None] * np.eye(3)[y]
+        shares = np.exp(scores)
+        return shares / shares.sum(axis=1, keepdims=True), y
+
+    for coverage in (0.8, 0.9):
+        held = []
+        for _ in range(60):
+            known, y = drawn(150)
+            new, truth = drawn(300)
+            in_set = holds(strangeness_of(known, y), new, coverage)
+            held.append([in_set[truth == k, k].mean() for k in range(3)])
+        assert np.mean(held, axis=0) == pytest.approx([coverage] * 3, abs=0.02)
+
+
+def test_a_class_of_few_cases_is_in_every_set() -> None:
+    strangeness = (np.zeros(0), np.full(8, 0.1), np.full(99, 0.1))
+    shares = np.array([[0.01, 0.01, 0.98]])
+    assert holds(strangeness, shares, 0.9).tolist() == [[True, True, True]]
+    assert holds(strangeness, shares, 0.8).tolist() == [[True, False, True]]
+
+
+def test_a_class_never_contradicts_the_share_of_the_volume() -> None:
+    model, signature = small_model(), cohort(6)[0].signature
+    asked = replace(model.signature_parameters, volumes=True)
+    beat = mm.simulate_ventricle(grid=(12, 24))
+    signature = mm.modal_signature(beat, asked)
+    free = classify(signature, replace(model, shares=np.tile([-np.inf, np.inf], (2, 1))))
+    assert free.label is not None
+    k = model.classes.index(free.label)
+    shares = np.tile([-np.inf, np.inf], (2, 1))
+    shares[k] = 0.1, 0.3
+    ruled = classify(signature, replace(model, shares=shares))
+    assert ruled.label != free.label
+    assert ruled.probabilities[k] == 0.0
+    assert free.label not in ruled.class_set
+    assert ruled.label is None or any("is ruled out" in note for note in ruled.notes)
+    none = classify(signature, replace(model, shares=np.tile([0.0, 0.1], (2, 1))))
+    assert none.flags == ("out of domain",)
+
+
+def test_ranges_of_shares_are_wider_for_few_and_unknown_for_fewer() -> None:
+    rng = np.random.default_rng(2)
+    shares = rng.uniform(0.2, 0.5, 40)
+    ranges = share_ranges(shares, np.repeat([0, 1], [30, 10]), 2)
+    assert ranges[0, 0] < 0.2 < 0.5 < ranges[0, 1]
+    assert np.isinf(ranges[1]).all()
+    assert np.isinf(share_ranges(np.full(40, np.nan), np.zeros(40, dtype=int), 1)).all()
+
+
+def test_what_cannot_be_read_is_refused_by_name() -> None:
+    model, signature = small_model(), cohort(6)[0].signature
+    curve_ = curves(1)[0].signature
+    uniform = replace(signature.parameters, weights=Weights.UNIFORM)
+    for other, words in (
+        (curve_, "topology"),
+        (replace(signature, amplitudes=signature.amplitudes[:1]), "one frame"),
+        (replace(signature, parameters=uniform), "weights"),
+    ):
+        found = classify(other, model)
+        assert found.label is None
+        assert words in found.notes[0]
+        assert found.class_set == model.classes
+    for coverage in (0.0, 1.0, float("nan")):
+        with pytest.raises(ParameterError, match="coverage"):
+            classify(signature, model, coverage)
+
+
+def test_contributions_of_modes_add_up_to_those_of_their_features() -> None:
+    model, signature = curves_model(), curves(12)[0].signature
+    found = classify(signature, model)
+    assert found.explanation
+    scores = [abs(part.score) for part in found.explanation]
+    assert scores == sorted(scores, reverse=True)
+    strongest = found.explanation[0]
+    place = [str(label) for label in signature.modes.labels].index(strongest.modes[0])
+    moving = signature.amplitudes[:, place] - signature.amplitudes[:, place].mean(axis=0)
+    assert strongest.amplitude == pytest.approx(np.sqrt((moving**2).sum() / len(moving)))
+    still = only_modes(signature, strongest.modes)
+    others = [k for k in range(len(signature.modes)) if k != place]
+    assert np.ptp(still.amplitudes[:, others], axis=0).max() == pytest.approx(0.0)
+    with pytest.raises(ParameterError, match="no mode"):
+        only_modes(signature, ["(9, 9)"])
+
+
+def test_an_answer_comes_back_from_a_file() -> None:
+    found = classify(curves(12)[0].signature, curves_model())
+    again = classification_from_hdf5(classification_to_hdf5(found))
+    assert again.probabilities.tolist() == found.probabilities.tolist()
+    assert (again.label, again.class_set, again.notes) == (
+        found.label,
+        found.class_set,
+        found.notes,
+    )
+    assert again.explanation == found.explanation
+    asked = curves_model().signature_parameters
+    keys = {classification_key(asked, c, hand) for c in (0.9, 0.8) for hand in ("left", "unknown")}
+    assert len(keys) == 4

@@ -1,0 +1,66 @@
+"""The shipped models: trained on two makes of hearts, and what they answer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import modalmotion as mm
+from modalmotion.classification import classify, load_model
+from modalmotion.classification.train_shipped import RECIPES, as_tracked, hearts, without_apex
+from modalmotion.mesh import Cavity
+from modalmotion.simulate import MotionClass
+
+
+@pytest.mark.parametrize("name", list(RECIPES))
+def test_hearts_of_both_makes_and_all_classes_are_drawn_alike_each_time(name: str) -> None:
+    recipe = RECIPES[name]
+    first, again = (list(hearts(recipe, 3, 5, is_varied=True)) for _ in range(2))
+    assert [case.sequence_id for case in first] == [case.sequence_id for case in again]
+    assert {case.name.split()[0] for case in first} == {"spheroid", "bullet"}
+    assert {case.label for case in first} == set(map(str, recipe.classes))
+    assert {case.signature.kind for case in first} == {recipe.options.kind}
+
+
+def test_a_track_keeps_the_surface_and_little_of_its_noise() -> None:
+    beat = mm.simulate_ventricle(grid=(12, 24))
+    seen = as_tracked(beat, np.random.default_rng(1))
+    apart = np.linalg.norm(seen.vertices - beat.vertices, axis=2)
+    assert 0.05 < np.sqrt((apart**2).mean()) < 2.0
+    cut = without_apex(beat, np.random.default_rng(3))
+    assert cut.n_vertices <= beat.n_vertices
+    assert str(cut.topology) == "cylinder"
+
+
+@pytest.mark.parametrize("name", list(RECIPES))
+def test_a_shipped_model_says_what_it_has_not_seen(name: str) -> None:
+    model = load_model(name)
+    assert model.classes == tuple(sorted(map(str, RECIPES[name].classes)))
+    assert "Any patient" in model.card.has_not_seen
+    assert model.card.extra["has_seen_patients"] is False
+    assert model.card.extra["held_out"]["accuracy"] > 0.8
+    assert any("has seen no patient" in note for note in model.notes[""])
+
+
+def test_no_heart_of_a_preserved_ejection_fraction_is_called_globally_hypokinetic() -> None:
+    model = load_model()
+    for case in hearts(RECIPES[model.name], 2, 77):
+        found = classify(case.signature, model)
+        volumes = np.asarray(case.signature.volumes)
+        if 1.0 - volumes.min() / volumes.max() > 0.55:
+            assert found.label != MotionClass.HYPOKINESIA
+
+
+def test_a_healthy_heart_is_normal_whatever_its_pose() -> None:
+    beat = mm.simulate_ventricle(
+        mm.VentricleParameters(shape_variation=1.0, motion_variation=1.0),
+        rng=np.random.default_rng(1),
+    )
+    turn = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    one = classify(beat)
+    other = classify(replace(beat, vertices=beat.vertices @ turn.T + 40.0))
+    assert one.label == other.label == "normal"
+    assert one.probabilities == pytest.approx(other.probabilities, abs=1e-6)
+    assert (Cavity(beat.faces).volume(beat.vertices.astype(np.float64)) > 0).all()
