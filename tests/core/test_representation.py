@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from modalmotion.classification.features import axis_features
 from project import ROOT
 from reachable_values import reachable_values
 
@@ -69,7 +68,6 @@ def values_of_models(signature: mm.ModalSignature) -> Iterator[Any]:
     model = load_model()
     yield from (model, classify(signature, model), TrainingOptions())
     yield TrainingCase(signature, "normal", "one")
-    yield axis_features(signature)
 
 
 def values_of_lattices() -> Iterator[Any]:

@@ -177,7 +177,7 @@ class DaskEngine(Engine):
         except (OSError, ValueError) as error:
             raise ClusterError(
                 f"The scheduler at '{self._scheduler}' has no workers.",
-                remedy="Start some: dask worker ADDRESS --no-nanny.",
+                remedy="Start workers at this address, as docs/operations.md has it.",
             ) from error
 
     def _is_lost(self) -> ClusterError:

@@ -21,7 +21,7 @@ from modalmotion.mesh import face_areas
 
 ROOT: Final = Path(mm.__file__).parent
 # The command line, and numbers that models read, which have no user.
-LEFT_OUT: Final = ("modalmotion.cli", "modalmotion.classification.features")
+LEFT_OUT: Final = ("modalmotion.cli",)
 
 
 def packages() -> Iterator[str]:
