@@ -44,6 +44,7 @@ CHEAP = {
     "resample": "{beat} --phase 0.37 -o {out}.npz",
     "report": "{beat} -o {out}",
     "signature": "{beat} -o {out}.h5",
+    "score": "{beat} {beat}",
     "settings": "",
     "show": "{beat}",
     "simulate": "-o {out}.npz",
