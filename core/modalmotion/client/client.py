@@ -502,7 +502,10 @@ class Client:
         """
         path = f"/v1/signatures/{segment(sequence_id)}/classifications"
         call = _posted(path, {**options, "covariates": covariates or None})
-        return self._awaited(call, _class)
+        # A job's result is the list of all models' answers: of what is kept this one's is asked.
+        while (answer := self._connection.send(call)).status == 202:
+            awaited(self._connection, answer, _content, call.accept)
+        return info_of(answer)
 
     def classify_of(
         self, source: Source, *, progress: Progress | None = None, **options: Option
@@ -1147,12 +1150,3 @@ def _own(answer: Answer) -> ModalSignature:
 
 def _sequence_of(answer: Answer) -> MeshSequence:
     return read_npz(answer.content).sequence
-
-
-def _class(answer: Answer) -> Info:
-    # A job's result is the list of all; this one is the newest of its model.
-    listed = answer.json
-    with understood("a list of classifications"):
-        if isinstance(listed, dict) and "classifications" in listed:
-            listed = listed["classifications"][-1]
-    return Info(listed)

@@ -69,7 +69,7 @@ DAMAGED[60:90] = b"\xff" * 30
         (job(progress=[]), lambda client: client.job("a")),
         (job(result=5), lambda client: client.job("a").wait()),
         (b"[]", lambda client: client.job("a")),
-        (b'{"classifications": []}', lambda client: client.classify("a")),
+        (b"5", lambda client: client.classify("a")),
         (b'{"classifications": 5}', lambda client: list(client.classifications("a"))),
         (b'{"sequences": [5], "cursor": null}', lambda client: list(client.sequences())),
         (b'{"jobs": 5, "cursor": null}', lambda client: list(client.jobs())),
@@ -84,6 +84,25 @@ def test_an_answer_of_any_form_is_an_error_of_ours(
     with client_of(always(content)) as client, pytest.raises(BrokenAnswerError) as broken:
         call(client)
     assert broken.value.remedy
+
+
+def test_the_class_that_a_job_made_is_of_the_model_that_was_asked() -> None:
+    def handler(request: httpx2.Request) -> httpx2.Response:
+        sent.append(request.method)
+        if request.method == "GET":
+            done = request.url.path.endswith("/classifications")
+            # The list of all models' answers, and the job.
+            content = b'{"classifications": [{"model": "mine"}, {"model": "other"}]}'
+            known = job(result="/v1/signatures/b/classifications", progress=1.0)
+            return always(content if done else known)(request)
+        if sent.count("POST") == 1:
+            return always(job(state="running"), 202)(request)
+        return always(b'{"model": "mine"}')(request)
+
+    sent: list[str] = []
+    with client_of(handler) as client:
+        assert client.classify("b", model="mine").model == "mine"
+    assert sent.count("POST") == 2
 
 
 @pytest.mark.parametrize("status", ["x", None, [], 1e308])
