@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -200,10 +200,14 @@ def fitted_in(readable: Readable, sequence: MeshSequence) -> ModalSignature:
     """Fit a sequence in modes that are readable: in their topology, if its surface allows that.
 
     One recording of a mesh may look like another topology than the rest, as where an axis
-    bends; the readable one is then imposed, unless the sequence states its own.
+    bends; the readable one is then imposed, unless the sequence states its own. What is none of
+    the topology that the parameters state is fitted as it is, for the answer to say so.
     """
     try:
-        signature = modal_signature(sequence, readable.parameters)
+        try:
+            signature = modal_signature(sequence, readable.parameters)
+        except TopologyError:
+            signature = modal_signature(sequence, replace(readable.parameters, topology=None))
     except ModeCountError as error:
         raise ModeCountError(
             f"The model reads {readable.n_modes} modes, and this recording's vertices do not tell "

@@ -125,9 +125,12 @@ class Models(ModelVersions):
 
         async def make(tell: StageReport) -> None:
             self._analysis.quota.require()
-            result = await named(parameters, tell)
+            # As `fitted_in` does it where a sequence is at hand.
+            try:
+                result = await named(parameters, tell)
+            except TopologyError:
+                result = await named(replace(parameters, topology=None), tell)
             if result.imposed is not None:
-                # As `fitted_for` does it where a sequence is at hand.
                 with contextlib.suppress(TopologyError):
                     result = await named(replace(parameters, topology=result.imposed), unheard)
             with stage("store"):
@@ -183,7 +186,7 @@ class Models(ModelVersions):
         if not known:
             raise NotFoundError(
                 f"The model {text[:80]} has not classified this sequence.",
-                remedy=f"POST /v1/sequences/{sequence_id}/classifications names its class; then "
+                remedy=f"POST /v1/signatures/{sequence_id}/classifications names its class; then "
                 "ask again.",
             )
         usual = ClassificationRequest().coverage

@@ -92,6 +92,19 @@ def test_what_cannot_be_read_is_refused_by_name() -> None:
             classify(signature, model, coverage)
 
 
+def test_a_surface_without_the_topology_of_the_model_gets_no_class_and_the_reason() -> None:
+    model = small_model()
+    stated = replace(model.readable.parameters, topology=model.readable.topology)
+    model = replace(model, readable=replace(model.readable, parameters=stated))
+    # Five tetrahedra.
+    one = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
+    faces = np.concatenate([one + 4 * k for k in range(5)])
+    vertices = np.random.default_rng(5).normal(size=(4, 20, 3))
+    found = classify(mm.mesh_sequence(vertices, faces), model)
+    assert (found.label, found.flags) == (None, ("out of domain",))
+    assert "topology" in found.notes[0]
+
+
 def test_contributions_of_modes_add_up_to_those_of_their_features() -> None:
     model, signature = curves_model(), curves(12)[0].signature
     found = classify(signature, model)

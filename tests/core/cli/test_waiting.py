@@ -23,7 +23,7 @@ def test_the_times_of_a_command_add_up_to_what_was_waited(tmp_path: Path, comman
     file.write_bytes(write_npz(simulate_ventricle()))
     start = time.perf_counter()
     run = subprocess.run(
-        [sys.executable, "-m", "modalmotion", command, str(file), "--modes", "7"],
+        [sys.executable, "-m", "modalmotion", command, str(file), "--modes", "7", "-v"],
         capture_output=True,
         text=True,
         check=True,

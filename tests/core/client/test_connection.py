@@ -70,7 +70,7 @@ DAMAGED[60:90] = b"\xff" * 30
         (job(result=5), lambda client: client.job("a").wait()),
         (b"[]", lambda client: client.job("a")),
         (b'{"classifications": []}', lambda client: client.classify("a")),
-        (b'{"classifications": 5}', lambda client: client.classifications("a")),
+        (b'{"classifications": 5}', lambda client: list(client.classifications("a"))),
         (b'{"sequences": [5], "cursor": null}', lambda client: list(client.sequences())),
         (b'{"jobs": 5, "cursor": null}', lambda client: list(client.jobs())),
         # The same page again and again would be a list without an end.

@@ -77,7 +77,7 @@ def test_a_lost_answer_is_given_again_and_not_made_again(
     way.faults.append(fault)
     with client_on(way, Sleeps()) as client:
         info = client.upload(beat)
-        assert info.answer["reading"]["format"] == "npz"
+        assert info.reading.format == "npz"
         way.faults.append(fault)
         # Deleted by the attempt whose answer was lost; that is no error.
         client.delete(info.id)

@@ -40,7 +40,7 @@ def folder(tmp_path: Path, beat: bytes) -> Path:
                 sent = client.post(f"/v1/sequences?unit={unit}", content=beat, headers=headers)
                 assert sent.status_code == 201
         link = sent.json()["links"]["self"]
-        assert client.get(f"{link}/signature", headers=headers).status_code == 200
+        assert client.post(f"{link}/signatures", headers=headers).status_code == 201
     return settings.data_dir
 
 

@@ -23,7 +23,6 @@ from pydantic import BaseModel
 
 from modalmotion.errors import LimitError, NonFiniteError
 from modalmotion_service.errors import ClusterError, WorkerDiedError
-from modalmotion_service.work import keeper as process_module
 from modalmotion_service.work.answers import (
     AnswerError,
     TaskError,
@@ -33,6 +32,7 @@ from modalmotion_service.work.answers import (
     result_type,
     to_bytes,
 )
+from modalmotion_service.work.forks import FORKS
 from modalmotion_service.work.pool import WorkerPool
 
 
@@ -209,18 +209,18 @@ def test_every_task_of_the_service_states_its_result() -> None:
 class HostileWorker:
     """A worker that says what it likes: it speaks for a process that was taken over."""
 
-    pid = 0
-
     def __init__(self, answer: bytes) -> None:
         self._answer = answer
+        self.n_answers = 0
 
     def serve(self, ours: socket.socket) -> None:
         def speak() -> None:
             with ours, contextlib.suppress(OSError):
-                # The number of a process that forks its parsers: none.
-                ours.sendall((1).to_bytes(8, "little") + b"0")
+                # It is there: an answer of nothing.
+                ours.sendall(bytes(8))
                 while ours.recv(1 << 16):
                     ours.sendall(len(self._answer).to_bytes(8, "little") + self._answer)
+                    self.n_answers += 1
 
         threading.Thread(target=speak, daemon=True).start()
 
@@ -228,15 +228,15 @@ class HostileWorker:
 def test_a_hostile_worker_runs_nothing_here(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    payload = pickle.dumps(Hostile(tmp_path / "mark"))
+    worker = HostileWorker(pickle.dumps(Hostile(tmp_path / "mark")))
 
-    def begun(theirs: socket.socket, memory_bytes: int, is_batch: bool) -> HostileWorker:
-        worker = HostileWorker(payload)
+    def fork(theirs: socket.socket, *_: object) -> int:
         worker.serve(theirs.dup())
-        return worker
+        # The number of no process.
+        return 0
 
-    monkeypatch.setattr(process_module, "_begun", begun)
-    monkeypatch.setattr("os.kill", lambda *_: None)
+    monkeypatch.setattr(FORKS, "fork", fork)
     with WorkerPool(1, 5.0, 10**9) as pool, pytest.raises((WorkerDiedError, LimitError)):
         pool.submit(os.getpid).result(timeout=30)
+    assert worker.n_answers
     assert not (tmp_path / "mark").exists()
