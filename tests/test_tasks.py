@@ -21,7 +21,7 @@ TASKS = ("read", "plot", "classify", "strain", "track", "encode", "decode", "tra
 @pytest.fixture(scope="module")
 def beat() -> mm.MeshSequence:
     return mm.simulate_ventricle(
-        grid=(12, 16), acquisition=mm.Acquisition(n_frames=8), rng=np.random.default_rng(1)
+        grid=(12, 16), acquisition=mm.Acquisition(n_frames=12), rng=np.random.default_rng(1)
     )
 
 
@@ -55,7 +55,7 @@ def test_the_lines_of_the_help_run(
     assert any("Label " in note for note in of_labels.caveats)
     assert not [note for note in of_labels.caveats if " --" in note]
     assert space["beat"].id == beat.id
-    assert space["signature"].amplitudes.shape == (8, 7, 3)
+    assert space["signature"].amplitudes.shape == (12, 7, 3)
     assert space["answer"].label in mm.load_model().classes
     assert space["strain"].end_systolic["GLS"].value < 0
     assert space["track"].ejection_fraction > 0

@@ -294,8 +294,8 @@ class OutlierDetector:
 _OF_CHECKS: Final = {
     "gap": Flag(
         INCOMPLETE,
-        "frames of the cycle are missing: from the last to the first it moves farther than any "
-        "training case does. Send one whole cycle",
+        "frames of the cycle are missing, or too few: from the last to the first it moves farther "
+        "than any training case does. Send one whole cycle, in as many frames as there are",
     ),
     "mirrored": Flag(
         MIRRORED,

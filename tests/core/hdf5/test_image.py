@@ -224,12 +224,13 @@ def test_any_hdf5_program_reads_the_file_and_learns_what_is_in_it(tmp_path: Path
         "sequence": sequence_to_hdf5(sequence),
         "classification": classification_to_hdf5(classification),
     }
+    versions = {"signature": 5, "sequence": 2, "classification": 3}
     for kind, image in images.items():
         path = tmp_path / f"{kind}.h5"
         path.write_bytes(image)
         with h5py.File(path, "r") as file:
             assert file.attrs["schema"].decode() == f"modalmotion.{kind}"
-            assert file.attrs["schema_version"] == (5 if kind == "signature" else 2)
+            assert file.attrs["schema_version"] == versions[kind]
             assert file.attrs["kind"].decode() == kind
             assert file.attrs["intended_use"].decode() == INTENDED_USE
             assert file.attrs["sequence_id"].decode() == sequence.id

@@ -62,15 +62,24 @@ def test_a_base_that_leans_is_where_its_points_are() -> None:
         assert rim_distance(x, by_middle, frame) > 2.0 * rim_distance(x, by_points, frame)
 
 
-def test_a_point_far_from_the_rim_is_a_stray() -> None:
-    x, rng = tilting_cup(), np.random.default_rng(0)
-    cloud = [Observation(sampled(frame, BASE.faces, 250, rng, 0.3)) for frame in x]
+@pytest.mark.parametrize("seed", range(3))
+def test_a_point_far_from_the_rim_is_a_stray(seed: int) -> None:
+    x, rng, sd = tilting_cup(), np.random.default_rng(seed), 0.3
+    cloud = [Observation(sampled(frame, BASE.faces, 250, rng, sd)) for frame in x]
     rows = [[c, Observation(f[RIM], end="base")] for c, f in zip(cloud, x, strict=True)]
     junction = Observation(np.vstack([x[1][RIM], x[1][RIM].mean(axis=0)]), end="base")
     start = mesh_sequence(x[:1], BASE.faces)
-    usual = track(rows, start=start, modes=12, time="open")
-    other = track([rows[0], [cloud[1], junction]], start=start, modes=12, time="open")
-    assert other.sequence.vertices == pytest.approx(usual.sequence.vertices, abs=0.25)
+    usual, other = (
+        track([rows[0], last], start=start, modes=12, time="open").sequence.vertices[1]
+        for last in (rows[1], [cloud[1], junction])
+    )
+    # A point that counted would draw the rim to its middle: 3 mm off.
+    assert rms(other - usual) < sd
+    assert rms(other - x[1]) < 1.1 * rms(usual - x[1])
+
+
+def rms(lengths: Floats) -> float:
+    return float(np.sqrt((lengths**2).sum(axis=1).mean()))
 
 
 def test_where_nothing_is_open_their_middle_is_the_end() -> None:

@@ -128,11 +128,12 @@ def _samples(header: Any, data: bytes, start: int, limits: ReadLimits) -> NDArra
     if len(sizes) != int(header["dimension"]):
         raise MalformedFileError("The NRRD file has other 'sizes' than axes.", remedy=_REMEDY)
     n_bytes = declared_bytes(sizes, kind.itemsize, limits)
+    held: bytes | NDArray[np.uint8] = data
     if encoding in _GZIP:
-        data, start = unpacked(data, "gzip", n_bytes, start).tobytes(), 0
-    if len(data) - start < n_bytes:
+        held, start = unpacked(data, "gzip", n_bytes, start), 0
+    if len(held) - start < n_bytes:
         raise MalformedFileError("The NRRD file ends before its samples do.", remedy=_REMEDY)
-    values = np.frombuffer(data, kind, n_bytes // kind.itemsize, start)
+    values = np.frombuffer(held, kind, n_bytes // kind.itemsize, start)
     return values.reshape(sizes, order="F")
 
 
