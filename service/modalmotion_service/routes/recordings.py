@@ -14,8 +14,8 @@ from modalmotion_service.http.negotiation import HDF5, JSON, PNG, VIEW
 from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey
 from modalmotion_service.routes.described import answers, upload
 from modalmotion_service.routes.uploads import Sent, receiving
-from modalmotion_service.schemas.fields import JsonBody, Paging, SequenceId
-from modalmotion_service.schemas.requests import TRACK, ImagesView, TrackView
+from modalmotion_service.schemas.fields import Paging, SequenceId
+from modalmotion_service.schemas.requests import TRACK, ImagesStatements, ImagesView, TrackView
 from modalmotion_service.schemas.sequences import ImagesPageAnswer, ImagesSummary
 from modalmotion_service.schemas.tracks import TrackAnswer
 from modalmotion_service.workspace import sequence_operations as operations
@@ -24,10 +24,6 @@ from modalmotion_service.workspace.operation import Request
 from modalmotion_service.workspace.spool import SpoolFile
 
 router = JudgedRouter(prefix="/v1")
-
-
-class ImagesStatements(JsonBody):
-    """Nothing is stated beside images."""
 
 
 @router.post(

@@ -679,10 +679,15 @@ def parse_numbers(text: str) -> list[float]:
         ) from None
 
 
+class ImagesStatements(JsonBody):
+    """Nothing is stated beside images."""
+
+
 BODIES: Final[tuple[type[JsonBody], ...]] = (
     *(SEQUENCE, SIGNATURE, SIGNATURE_OF_FILE, TRADE, MANY_SIGNATURES, ENCODING_OF_FILE),
     *(CLASS_OF_FILE, TRACK, SequenceChange, ClassificationRequest, DecodingRequest),
     *(TrainingRequest, EvaluationRequest, NormRequest, DeviationRequest, FeaturesRequest),
+    ImagesStatements,
 )
 """Models that bodies and statements are read as."""
 

@@ -116,7 +116,9 @@ def test_typescript(service: RunningService, sequence: mm.MeshSequence, tmp_path
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
 
-    run(f"{packages}/openapi-typescript/bin/cli.js", str(DOCUMENT), "-o", "schema.d.ts")
+    # What has a default need not be stated.
+    words = (str(DOCUMENT), "-o", "schema.d.ts", "--default-non-nullable=false")
+    run(f"{packages}/openapi-typescript/bin/cli.js", *words)
     run(f"{packages}/typescript/bin/tsc", "-p", ".")
     (tmp_path / "beat.npz").write_bytes(mm.write_npz(sequence))
     said = json.loads(run("road.js", service.base, "beat.npz", "."))
@@ -131,3 +133,12 @@ def test_typescript(service: RunningService, sequence: mm.MeshSequence, tmp_path
     assert np.sqrt(np.mean((decoded - sequence.vertices) ** 2) * 3) <= 0.5
     assert rebuilt.shape == sequence.vertices.shape
     assert re.fullmatch(r"[a-z_]+", said["refusal"])
+
+
+def test_every_reference_of_the_document_leads_somewhere() -> None:
+    document = json.loads(DOCUMENT.read_text())
+    for reference in set(re.findall(r'"\$ref": ?"#/([^"]+)"', json.dumps(document))):
+        place = document
+        for name in reference.split("/"):
+            assert name in place, reference
+            place = place[name]

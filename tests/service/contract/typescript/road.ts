@@ -4,7 +4,9 @@ import createClient from "openapi-fetch";
 import type { paths } from "./schema.js";
 
 const [baseUrl, source, folder] = process.argv.slice(2);
-const api = createClient<paths>({ baseUrl });
+// Options of a file are written one by one: ?rms=0.5.
+const querySerializer = { object: { style: "form", explode: true } } as const;
+const api = createClient<paths>({ baseUrl, querySerializer });
 // The document describes a file as a string in binary; it is sent as it is.
 const octets = (data: Uint8Array) => ({
   body: data as unknown as string,
@@ -17,8 +19,9 @@ function given<T>(answer: { data?: T; error?: unknown }): T {
   return answer.data;
 }
 
-async function keep(name: string, answer: { data?: ArrayBuffer; error?: unknown }) {
-  const data = new Uint8Array(given(answer));
+// Asked for as a buffer; its type is that of all answers, a job among them.
+async function keep(name: string, answer: { data?: unknown; error?: unknown }) {
+  const data = new Uint8Array(given(answer) as ArrayBuffer);
   await writeFile(`${folder}/${name}`, data);
   return data;
 }
@@ -32,12 +35,13 @@ const signature = given(
 );
 if (typeof signature === "string" || !("amplitudes" in signature)) throw new Error("no signature");
 const key = signature.key;
+if (!key) throw new Error("not stored");
 const answer = given(
   await api.POST("/v1/signatures/{key}/classifications", { params: { path: { key } } }),
 );
 if (!("probabilities" in answer)) throw new Error("no classes");
 const binary = { parseAs: "arrayBuffer" } as const;
-const rms = { params: { query: { rms: 0.5 } } };
+const rms = { params: { query: { parameters: { rms: 0.5 } } } };
 const stream = await keep("beat.mms", await api.POST("/v1/encode", { ...beat, ...rms, ...binary }));
 await keep("decoded.npz", await api.POST("/v1/decode", { ...octets(stream), ...binary }));
 await keep(
