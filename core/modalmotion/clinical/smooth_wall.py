@@ -106,6 +106,7 @@ class SmoothWall:
         Of the least squares.
     ends : (float, float)
         Of s, as far as there are vertices.
+    faces : (faces, 3) int64
     """
 
     surface: Topology
@@ -115,6 +116,7 @@ class SmoothWall:
     projector: NDArray[np.float64]
     condition: float
     ends: tuple[float, float]
+    faces: NDArray[np.int64]
 
     @cached_property
     def spread(self) -> NDArray[np.float64]:
@@ -173,6 +175,28 @@ class SmoothWall:
             along=rate[:, None] * self._functions(s, theta, by="s"),
             around=self._functions(s, theta, by="theta"),
         )
+
+    def at_shares(
+        self, places: Places, coefficients: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Move the surface along itself until each place is at its share of the length again.
+
+        Parameters
+        ----------
+        places : Places
+            Of one frame.
+        coefficients : (functions, frames, 3) float64, length unit
+
+        Returns
+        -------
+        (functions, frames, 3) float64, length unit
+            Of the same surfaces, whose rows no longer slide.
+        """
+        inverse, moved = np.linalg.pinv(places.values), np.empty_like(coefficients)
+        for frame in range(coefficients.shape[1]):
+            own = coefficients[:, frame]
+            moved[:, frame] = inverse @ (self.places(own).values @ own)
+        return moved
 
     def slopes(
         self, places: Places, coefficients: NDArray[np.float64], noise: NDArray[np.float64]
@@ -266,6 +290,7 @@ def _fitted(template: Template, n_along: int, n_waves: int, *, is_lattice: bool)
             float(s.min()) if surface == CYLINDER else 0.0,
             1.0 if surface == SPHERE else float(s.max()),
         ),
+        faces=template.faces,
     )
 
 
