@@ -176,26 +176,36 @@ class SmoothWall:
             around=self._functions(s, theta, by="theta"),
         )
 
-    def at_shares(
-        self, places: Places, coefficients: NDArray[np.float64]
+    def at_heights(
+        self, places: Places, coefficients: NDArray[np.float64], first: int
     ) -> NDArray[np.float64]:
-        """Move the surface along itself until each place is at its share of the length again.
+        """Move surfaces along themselves until their rows are at the heights of one frame.
+
+        Heights are shares of the way from the middle of one end to that of the other: those of the
+        tissue stay where a wall shortens evenly along its axis, whatever its width does.
 
         Parameters
         ----------
         places : Places
-            Of one frame.
+            Of the frame `first`.
         coefficients : (functions, frames, 3) float64, length unit
+        first : int
 
         Returns
         -------
         (functions, frames, 3) float64, length unit
-            Of the same surfaces, whose rows no longer slide.
         """
+        s, theta = np.linspace(*self.ends, _STEPS), np.arange(_COLUMNS) / _COLUMNS
+        grid = self._functions(np.repeat(s, _COLUMNS), np.tile(theta, _STEPS))
+        middles = np.tensordot(grid, coefficients, axes=1).reshape(_STEPS, _COLUMNS, -1, 3)
+        away = middles.mean(axis=1) - middles[0].mean(axis=0)
+        heights = (away * away[-1]).sum(axis=2) / (away[-1] ** 2).sum(axis=1)
+        heights = np.maximum.accumulate(heights)
+        wanted = np.interp(places.s, s, heights[:, first])
         inverse, moved = np.linalg.pinv(places.values), np.empty_like(coefficients)
-        for frame in range(coefficients.shape[1]):
-            own = coefficients[:, frame]
-            moved[:, frame] = inverse @ (self.places(own).values @ own)
+        for frame, height in enumerate(heights.T):
+            values = self._functions(np.interp(wanted, height, s), places.theta)
+            moved[:, frame] = inverse @ (values @ coefficients[:, frame])
         return moved
 
     def slopes(

@@ -24,8 +24,8 @@ DIRECTIONS: Final = (LONGITUDINAL, CIRCUMFERENTIAL, AREA)
 """What stretches."""
 
 
-# How unevenly a wall shortens, of the strain of its length: 0.16 of simulated ventricles, 0.19 of a
-# real one.
+# How unevenly a wall shortens, of the strain of its length: 0.12 and 0.07 of ventricles of two
+# simulators, 0.4 of a real one.
 _UNEVEN: Final = 0.17
 
 
@@ -54,8 +54,8 @@ class WallMotion:
     places : Places
         Laid in the frame of end diastole.
     coefficients : (functions, frames, 3) float64, length unit
-        Of a track those by which rows keep their shares of the length: what slides along the
-        surface does not show in its data, and a row that slides near the apex is another length.
+        Of a track those by which rows keep their heights: what slides along the surface does not
+        show in its data, and a row that slides near the apex has another length.
     noise : (frames,) float64, length unit squared
         Variance of each coordinate of a vertex; 0 where `uncertainty` says more.
     uncertainty : Uncertainty or None
@@ -93,7 +93,7 @@ class WallMotion:
             noise = wall.noise(positions, coefficients)
         else:
             noise = np.zeros(len(positions))
-            coefficients = wall.at_shares(places, coefficients)
+            coefficients = wall.at_heights(places, coefficients, end_diastole)
         slopes = wall.slopes(places, coefficients, noise)
         return cls(wall, places, coefficients, noise, uncertainty, slopes)
 
@@ -147,7 +147,7 @@ class WallMotion:
         return float(np.sqrt(variance))
 
     def _by_rows(self, measure: Measure, frame: int, start: int) -> float:
-        """Deviation of a strain around, points, as rows of the tissue leave their shares.
+        """Deviation of a strain around, points, as rows of the tissue do not keep their heights.
 
         Pieces of a wall shorten unevenly, each by u e of its own, e the strain of the whole length:
         the tissue at the share w is then off by a bridge of the covariance
@@ -185,7 +185,7 @@ class WallMotion:
     ) -> float:
         """Variance of a number whose gradient by the coefficients of a frame is given.
 
-        Of a row that stays at its share of the length errors along the surface do not count.
+        Errors along the surface do not count for a row that keeps its height.
         """
         known = self.uncertainty
         if known is None:
