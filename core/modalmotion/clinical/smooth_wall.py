@@ -195,14 +195,16 @@ class SmoothWall:
         -------
         (functions, frames, 3) float64, length unit
         """
-        s, theta = np.linspace(*self.ends, _STEPS), np.arange(_COLUMNS) / _COLUMNS
-        grid = self._functions(np.repeat(s, _COLUMNS), np.tile(theta, _STEPS))
-        middles = np.tensordot(grid, coefficients, axes=1).reshape(_STEPS, _COLUMNS, -1, 3)
-        away = middles.mean(axis=1) - middles[0].mean(axis=0)
+        # Over one more places than waves these have no mean.
+        s, n = np.linspace(*self.ends, _STEPS), self.n_waves + 1
+        grid = self._functions(np.repeat(s, n), np.tile(np.arange(n) / n, _STEPS))
+        middles = np.tensordot(grid.reshape(_STEPS, n, -1).mean(axis=1), coefficients, axes=1)
+        away = middles - middles[0]
         heights = (away * away[-1]).sum(axis=2) / (away[-1] ** 2).sum(axis=1)
         heights = np.maximum.accumulate(heights)
         wanted = np.interp(places.s, s, heights[:, first])
-        inverse, moved = np.linalg.pinv(places.values), np.empty_like(coefficients)
+        Q, R = tall_qr(places.values)
+        inverse, moved = inverse_of_triangle(R) @ Q.T, np.empty_like(coefficients)
         for frame, height in enumerate(heights.T):
             values = self._functions(np.interp(wanted, height, s), places.theta)
             moved[:, frame] = inverse @ (values @ coefficients[:, frame])

@@ -180,9 +180,7 @@ class WallMotion:
             self._by_coefficients(measure.kind, by_start, start),
         )
 
-    def variance(
-        self, gradient: NDArray[np.float64], frame: int, *, is_row: bool = False
-    ) -> float:
+    def variance(self, gradient: NDArray[np.float64], frame: int, *, is_row: bool = False) -> float:
         """Variance of a number whose gradient by the coefficients of a frame is given.
 
         Errors along the surface do not count for a row that keeps its height.

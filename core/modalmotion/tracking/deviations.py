@@ -155,8 +155,8 @@ def stated_deviations(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     """Deviations of vertices and of volumes; none where the surface is known.
 
-    Where the points of the reference left holes, its own shape is open by more than twice of what it
-    is in most places, in all frames.
+    Where the points of the reference left holes, its own shape is open by more than twice of what
+    it is in most places, in all frames.
     """
     template = surface.template
     cavity = cavity_in(template)

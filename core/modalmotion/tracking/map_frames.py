@@ -344,7 +344,7 @@ def map_frames(
     slow = [normal_equations(surface, a[k], frame, longer) for k, frame in enumerate(frames)]
     matrices, vectors = _stacked(slow, stiffness, pinned)
     _, covariances = joined(matrices, vectors, stiffness, Q)
-    own = [FrameEstimate(*parts) for parts in zip(a, last, seen, strict=True)]
+    own = [FrameEstimate(a[k], info, seen[k]) for k, info in enumerate(last)]
     return FramesEstimate(own, covariances)
 
 

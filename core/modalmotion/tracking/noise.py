@@ -15,10 +15,6 @@ from modalmotion.representation import shown
 # Tukey's biweight with 95 % efficiency on Gaussian residuals.
 _TUKEY: Final = 4.685
 
-# Weighted mean square of Gaussian residuals over their variance: (1 - 6 / c^2 + 15 / c^4) over
-# (1 - 2 / c^2 + 3 / c^4).
-_KEPT: Final = 0.8284
-
 # Standard deviation of Gaussian residuals over their median size.
 _PER_MEDIAN: Final = 1.4826
 
@@ -168,7 +164,12 @@ def _sizes(frame: Residuals) -> tuple[float, float, float]:
     both = w * w[other]
     size = float(w @ (r**2).sum(axis=1)) / total
     apart = float(both @ ((r - r[other]) ** 2).sum(axis=1)) / max(float(both.sum()), 1e-300) / 2.0
-    return total, size / _KEPT, apart / _KEPT
+    # Of Gaussian residuals of the variance a (c s)^2 weights leave 1 - 2 a + 3 a^2 in the mean, and
+    # weighted squares a (1 - 6 a + 15 a^2) (c s)^2.
+    mean = total / len(w)
+    a = min((1.0 - max(3.0 * mean - 2.0, 0.0) ** 0.5) / 3.0, _TUKEY**-2)
+    share = (1.0 - 6.0 * a + 15.0 * a**2) / (1.0 - 2.0 * a + 3.0 * a**2)
+    return total, size / share, apart / share
 
 
 def robust_weights(residuals: NDArray[np.float64], total: float) -> NDArray[np.float64]:
