@@ -17,25 +17,25 @@ from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion_service.access.keys import KeyRing, KeySnapshot
 from modalmotion_service.access.logins import logins_of
 from modalmotion_service.access.rates import Rates
+from modalmotion_service.audit.entry import Lines
 from modalmotion_service.audit.log import AuditLog, AuditStream, Notes
-from modalmotion_service.audit.stream import Lines
-from modalmotion_service.contract.document import completed
+from modalmotion_service.document import completed
 from modalmotion_service.http import problems
 from modalmotion_service.http.admission import BodyLimits, Concurrency, WholeAnswers
-from modalmotion_service.http.api_version import API_VERSION
 from modalmotion_service.http.departure import Departure
 from modalmotion_service.http.gate import Access, Gate, require_judged
-from modalmotion_service.http.head import HeadAsGet
-from modalmotion_service.http.judged_router import JudgedRouter
+from modalmotion_service.http.heads import (
+    API_VERSION,
+    HeadAsGet,
+    Prefix,
+    RequestHeadCheck,
+    SecurityHeaders,
+)
 from modalmotion_service.http.observation import Observation
-from modalmotion_service.http.prefix import Prefix
-from modalmotion_service.http.request_head import RequestHeadCheck
-from modalmotion_service.http.security_headers import SecurityHeaders
 from modalmotion_service.monitoring.metrics import Meter, MeteredExecutor, Metrics, StateOfThings
 from modalmotion_service.monitoring.telemetry import Telemetry, Tracing
 from modalmotion_service.routes import (
     files,
-    jobs,
     models,
     norms,
     operation,
@@ -49,10 +49,10 @@ from modalmotion_service.routes.stateless import stateless_routes
 from modalmotion_service.schemas.general import Problem
 from modalmotion_service.schemas.requests import BODIES, EXAMPLES
 from modalmotion_service.settings import Settings
-from modalmotion_service.work.parsing import say_whether_confined
 from modalmotion_service.work.pool import WorkerPool, open_engine
+from modalmotion_service.work.upload import say_whether_confined
+from modalmotion_service.workspace.background import for_ever
 from modalmotion_service.workspace.owners import Owners, trainings_at_once
-from modalmotion_service.workspace.perseverance import for_ever
 
 
 class _App(FastAPI):
@@ -85,9 +85,10 @@ def judged_routes() -> list[BaseRoute]:
     """Give all routes, made once for all applications of a process."""
     modules = (
         *(sequences, signatures, files, recordings, templates),
-        *(models, norms, jobs, operation),
+        *(models, norms),
     )
-    routers: list[JudgedRouter] = [*(module.router for module in modules), views.pages]
+    routers = [*(module.router for module in modules), operation.of_jobs, operation.router]
+    routers.append(views.pages)
     return [route for router in routers for route in router.routes]
 
 

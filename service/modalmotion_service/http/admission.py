@@ -14,8 +14,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from modalmotion.errors import LimitError
-from modalmotion_service.access.principal import principal_of
-from modalmotion_service.access.scopes import PROBES
+from modalmotion_service.access.scopes import PROBES, principal_of
 from modalmotion_service.errors import BusyError, SlowClientError
 from modalmotion_service.http.gate import route_of
 from modalmotion_service.http.problems import problem_of

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from pydantic import BaseModel
 
-from modalmotion_service.contract.files import is_file
+from modalmotion_service.document import is_file
 from modalmotion_service.http.negotiation import FHIR, JSON
 from modalmotion_service.schemas.general import JobAnswer
 

@@ -10,12 +10,11 @@ from fastapi import Depends, Query, Response
 from modalmotion.classification import ModelCard, available_models, card_markdown
 from modalmotion.errors import ParameterError
 from modalmotion.store import ModelRecord, model_to_hdf5, parse_reference, require_model_name
-from modalmotion_service.http.bodies import body_of
-from modalmotion_service.http.judged_router import JudgedRouter
+from modalmotion_service.http.judged_router import JudgedRouter, body_of
 from modalmotion_service.http.negotiation import CSV, HDF5, JSON, MARKDOWN, PNG
 from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey, page_of
 from modalmotion_service.routes.described import answers, body
-from modalmotion_service.schemas.fields import ModelReference, Paging
+from modalmotion_service.schemas.from_core import ModelReference, Paging
 from modalmotion_service.schemas.models import (
     ComparisonAnswer,
     EvaluationAnswer,
@@ -29,8 +28,8 @@ from modalmotion_service.schemas.requests import (
     TrainingRequest,
 )
 from modalmotion_service.workspace import model_operations as operations
-from modalmotion_service.workspace.evaluations import require_known_classes
-from modalmotion_service.workspace.model_versions import shipped_name
+from modalmotion_service.workspace.model_operations import require_known_classes
+from modalmotion_service.workspace.models import shipped_name
 from modalmotion_service.workspace.operation import Request
 from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.training_set import labelled_cases, look_up, write_cases

@@ -8,12 +8,11 @@ from typing import Annotated
 from fastapi import Depends, Query, Response
 
 from modalmotion.store import require_model_name
-from modalmotion_service.http.bodies import body_of
-from modalmotion_service.http.judged_router import JudgedRouter
+from modalmotion_service.http.judged_router import JudgedRouter, body_of
 from modalmotion_service.http.negotiation import HDF5, JSON
 from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey, page_of
 from modalmotion_service.routes.described import answers, body
-from modalmotion_service.schemas.fields import ModelName, Paging
+from modalmotion_service.schemas.from_core import ModelName, Paging
 from modalmotion_service.schemas.models import (
     CohortDeviationAnswer,
     NormAnswer,

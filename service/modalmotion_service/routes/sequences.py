@@ -10,14 +10,13 @@ from fastapi import Depends, Query, Response
 
 from modalmotion.facts import NO_FACTS, Facts, facts_patched
 from modalmotion.store import SequenceRecord
-from modalmotion_service.http.bodies import body_of
 from modalmotion_service.http.gate import note_facts
-from modalmotion_service.http.judged_router import JudgedRouter
+from modalmotion_service.http.judged_router import JudgedRouter, body_of
 from modalmotion_service.http.negotiation import JSON, PNG, STREAM
 from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey
 from modalmotion_service.routes.described import answers, body, upload
 from modalmotion_service.routes.uploads import Sent, receiving
-from modalmotion_service.schemas.fields import SequenceId
+from modalmotion_service.schemas.from_core import SequenceId
 from modalmotion_service.schemas.requests import (
     SEQUENCE,
     TRADE,
@@ -29,9 +28,8 @@ from modalmotion_service.schemas.requests import (
 from modalmotion_service.schemas.sequences import SequencePageAnswer, SequenceSummary
 from modalmotion_service.schemas.signatures import TradeoffAnswer
 from modalmotion_service.workspace import sequence_operations as operations
-from modalmotion_service.workspace.erasure import erase
+from modalmotion_service.workspace.erasure import erase, restate
 from modalmotion_service.workspace.operation import Request
-from modalmotion_service.workspace.restating import restate
 
 router = JudgedRouter(prefix="/v1/sequences", tags=["sequences"])
 

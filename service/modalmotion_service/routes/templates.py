@@ -12,7 +12,7 @@ from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG
 from modalmotion_service.routes.asked import AskedAny, AskedNow, page_of
 from modalmotion_service.routes.described import answers, upload
 from modalmotion_service.routes.uploads import Sent, receiving
-from modalmotion_service.schemas.fields import Paging, SequenceId
+from modalmotion_service.schemas.from_core import Paging, SequenceId
 from modalmotion_service.schemas.requests import SIGNATURE_OF_FILE, ModesRequest
 from modalmotion_service.schemas.signatures import ModesAnswer, TemplateAnswer, TemplatePageAnswer
 from modalmotion_service.workspace import sequence_operations as operations

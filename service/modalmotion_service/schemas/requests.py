@@ -28,8 +28,15 @@ from modalmotion.template.body_frame import Components
 from modalmotion.tracking.landmarks import landmarks_of, places_of
 from modalmotion.tracking.parameters import TrackParameters
 from modalmotion.tradeoff import MOST_OF_FRONT
-from modalmotion_service.schemas.fields import JsonBody, ModelName, Paging, SequenceId
-from modalmotion_service.schemas.from_core import descriptions, model_of, value_of
+from modalmotion_service.schemas.from_core import (
+    JsonBody,
+    ModelName,
+    Paging,
+    SequenceId,
+    descriptions,
+    model_of,
+    value_of,
+)
 
 _FACTS: Final = descriptions(Facts)
 COVARIATES: Final = _FACTS["covariates"]

@@ -7,9 +7,8 @@ from pydantic import BaseModel, Field
 from modalmotion.classification import FLAGS, Classification
 from modalmotion.codec import Encoded
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion_service.schemas.fields import Paged
-from modalmotion_service.schemas.general import Problem
-from modalmotion_service.schemas.sequences import ReadingAnswer
+from modalmotion_service.schemas.from_core import Paged
+from modalmotion_service.schemas.general import Problem, ReadingAnswer
 from modalmotion_service.schemas.signatures import SignatureAnswer
 
 

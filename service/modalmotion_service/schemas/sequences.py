@@ -1,70 +1,21 @@
-"""Stored sequences, images and what files said."""
+"""Stored sequences, images and tracks, and what files said."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
-from typing import Final, Literal
+from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, Field
 
-from modalmotion.facts import Facts, facts_as_json
-from modalmotion.facts.facts import (
-    Cavity,
-    CoordinateSystem,
-    Handedness,
-    Tracking,
-)
-from modalmotion.formats import Reading
 from modalmotion.store import ImagesRecord, SequenceRecord
-from modalmotion_service.schemas.fields import Paged
-from modalmotion_service.schemas.from_core import descriptions
-
-_WORDS: Final = descriptions(Facts)
-
-
-class FactsAnswer(BaseModel):
-    """Facts of a sequence beside its arrays; not part of its id."""
-
-    tracking: Tracking = Field(description=_WORDS["tracking"])
-    handedness: Handedness
-    coordinates: CoordinateSystem = Field(description=_WORDS["coordinates"])
-    period: float | None = Field(description=_WORDS["period"])
-    cavity: Cavity = Field(description=_WORDS["cavity"])
-    modality: str | None = Field(description=_WORDS["modality"])
-    landmarks: dict[str, int | list[int | float | list[float]]] = Field(
-        description=_WORDS["landmarks"]
-    )
-    covariates: dict[str, int | float | str] = Field(description=_WORDS["covariates"])
-
-    @staticmethod
-    def of(facts: Facts) -> FactsAnswer:
-        """Write facts out."""
-        return FactsAnswer.model_validate(facts_as_json(facts))
-
-
-class ReadingAnswer(BaseModel):
-    """How a file was read: everything besides the sequence in it."""
-
-    format: str
-    ignored: list[str] = Field(description="Arrays and members that were not used.")
-    coordinate_system: str | None = Field(
-        description="Directions of the axes as the file names them; positions are never turned."
-    )
-    unit_from: str | None = Field(description="Who states the unit: file, format or caller.")
-    times_from: str | None = Field(description="Who states the times: file, format or caller.")
-    notes: list[str]
-
-    @staticmethod
-    def of(reading: Reading) -> ReadingAnswer:
-        """Write a reading out, without the sequence."""
-        return ReadingAnswer(
-            format=reading.format,
-            ignored=list(reading.ignored),
-            coordinate_system=reading.coordinate_system,
-            unit_from=reading.unit_from,
-            times_from=reading.times_from,
-            notes=list(reading.notes),
-        )
+from modalmotion.tracking import Track
+from modalmotion.tracking.result import Papillary
+from modalmotion_service.schemas.from_core import Paged
+from modalmotion_service.schemas.general import FactsAnswer, ReadingAnswer
+from modalmotion_service.schemas.signatures import Label
 
 
 class SequenceSummary(BaseModel):
@@ -160,3 +111,154 @@ class ImagesPageAnswer(Paged):
     """A page of the list of images."""
 
     images: list[ImagesSummary]
+
+
+class ImagesEstimate(BaseModel):
+    """What was found of images that were tracked."""
+
+    papillary: Papillary = Field(description="Convention of the volumes.")
+    papillary_volume: float = Field(description="Within the surface, like its outside; mm^3.")
+    ejection_fractions: dict[str, float] = Field(description="Under both conventions, percent.")
+    inside: float = Field(description="Brightness within the surface in the reference frame.")
+    outside: float
+    spread: float = Field(description="Standard deviation of brightness on one side.")
+    shifts: list[list[float]] = Field(
+        description="By which each slice shows everything aside, mm; none of volumes."
+    )
+    shift_deviation: float = Field(description="Of a shift along one axis, mm.")
+    found: list[float] = Field(description="Share of profiles with an edge in each frame.")
+
+    @staticmethod
+    def of(track: Track) -> ImagesEstimate | None:
+        """Write out what a track says of its images; None of one without."""
+        own = track.images
+        if own is None:
+            return None
+        return ImagesEstimate(
+            papillary=own.papillary,
+            papillary_volume=own.papillary_volume,
+            ejection_fractions=track.ejection_fractions,
+            inside=own.inside,
+            outside=own.outside,
+            spread=own.spread,
+            shifts=[list(row) for row in own.shifts],
+            shift_deviation=own.shift_sd,
+            found=list(own.found),
+        )
+
+
+class TrackEstimate(BaseModel):
+    """What was found, and how well; lengths in the unit of the sequence."""
+
+    modes: list[Label]
+    reference: int | None = Field(description="Frame whose surface the start is; null for none.")
+    noise: float = Field(description="Standard deviation of a point.")
+    residual_rms: list[float | None] = Field(
+        description="Of each frame, of the points that counted; null without any."
+    )
+    residual_p95: list[float | None]
+    inliers: list[float] = Field(description="Share of the points of each frame that counted.")
+    coverage: list[float] = Field(description="Share of the surface that points lie at.")
+    unseen: list[int] = Field(description="Frames without points, which are interpolated.")
+    deviation_across: list[float] = Field(
+        description="Of each frame: standard deviation of a vertex across the surface, RMS."
+    )
+    deviation_along: list[float] = Field(
+        description="The same in each direction along it, where the prior speaks."
+    )
+    truncations: list[float] = Field(description="RMS of what the modes leave in each frame.")
+    determined: list[list[float]] = Field(
+        description="Share of each mode that the data have set, across the surface and along it; "
+        "below 0.5 it is the prior's."
+    )
+    gap: float | None = Field(
+        description="Distance of the shapes that both ways round the cycle end at; null of an "
+        "open recording."
+    )
+    volumes: list[float] | None = Field(description="Cubed unit; null of what encloses none.")
+    volume_deviations: list[float] | None
+    ejection_fraction: float | None = Field(
+        description="Share of the largest volume that the smallest lacks, percent."
+    )
+    ejection_fraction_bound: float | None = Field(
+        description="Two standard deviations, percentage points."
+    )
+    times: list[float] | None = Field(description="In s.")
+    images: ImagesEstimate | None = Field(description="Null where points were tracked.")
+    parameters: dict[str, Any] = Field(description="As they were used.")
+    notes: list[str]
+
+    @staticmethod
+    def of(track: Track) -> TrackEstimate:
+        """Write a track out, without its surfaces and amplitudes."""
+        rms = np.sqrt(np.mean(track.deviations**2, axis=1))
+        return TrackEstimate(
+            modes=[Label.of(label) for label in track.modes.labels],
+            reference=track.reference,
+            noise=track.noise.sd,
+            residual_rms=_with_null(track.residuals[:, 0]),
+            residual_p95=_with_null(track.residuals[:, 1]),
+            inliers=track.inliers.tolist(),
+            coverage=track.coverage.tolist(),
+            unseen=list(track.unseen),
+            deviation_across=rms[:, 0].tolist(),
+            deviation_along=rms[:, 1].tolist(),
+            truncations=track.truncations.tolist(),
+            determined=track.determined.tolist(),
+            gap=track.gap,
+            volumes=_plain(track.volumes),
+            volume_deviations=_plain(track.volume_deviations),
+            ejection_fraction=track.ejection_fraction,
+            ejection_fraction_bound=track.ejection_fraction_bound,
+            times=_plain(track.sequence.times),
+            images=ImagesEstimate.of(track),
+            parameters=dict(track.provenance),
+            notes=list(track.notes),
+        )
+
+
+class TrackSummary(BaseModel):
+    """A track, and the sequence that it made, which has the same id."""
+
+    id: str = Field(description="That of the sequence.")
+    sequence: SequenceSummary
+    links: dict[str, str]
+
+    @staticmethod
+    def of_record(record: SequenceRecord) -> TrackSummary:
+        """Summarise the record of a tracked sequence."""
+        return TrackSummary(**_summary(record))
+
+
+class TrackAnswer(TrackEstimate, TrackSummary):
+    """A track: its sequence, and what was found besides."""
+
+    @staticmethod
+    def joined(
+        estimate: TrackEstimate, record: SequenceRecord, images_id: str | None
+    ) -> TrackAnswer:
+        """Add to what was found the record of its sequence, and the images that were kept."""
+        summary = _summary(record)
+        if images_id is not None:
+            summary["links"]["images"] = f"/v1/images/{images_id}"
+        return TrackAnswer(**summary, **estimate.model_dump())
+
+
+class TrackPageAnswer(Paged):
+    """A page of the list of tracks."""
+
+    tracks: list[TrackSummary]
+
+
+def _summary(record: SequenceRecord) -> dict[str, Any]:
+    sequence = SequenceSummary.of(record)
+    links = {"self": f"/v1/tracks/{record.id}", "sequence": sequence.links["self"]}
+    return {"id": record.id, "sequence": sequence, "links": links}
+
+
+def _with_null(values: NDArray[np.float64]) -> list[float | None]:
+    return [value if math.isfinite(value) else None for value in values.tolist()]
+
+
+def _plain(values: NDArray[np.float64] | None) -> list[float] | None:
+    return None if values is None else values.tolist()

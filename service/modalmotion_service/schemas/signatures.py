@@ -21,8 +21,8 @@ from modalmotion.template import Landmarks, Template
 from modalmotion.template.body_frame import Components
 from modalmotion.template.vibration_modes import VibrationModes
 from modalmotion.tradeoff import Price, price_of
-from modalmotion_service.schemas.fields import Paged
-from modalmotion_service.schemas.sequences import FactsAnswer
+from modalmotion_service.schemas.from_core import Paged
+from modalmotion_service.schemas.general import FactsAnswer
 
 
 class PriceAnswer(BaseModel):

@@ -14,9 +14,9 @@ from modalmotion.facts import Named
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import StageReport
 from modalmotion_service.errors import CostError
-from modalmotion_service.work.tasks import features
+from modalmotion_service.work.tasks import classification
 from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.shared_work import unheard
+from modalmotion_service.workspace.owner_work import unheard
 from modalmotion_service.workspace.spool import Spool, remove_with_beside
 from modalmotion_service.workspace.training_set import Case
 
@@ -130,7 +130,7 @@ class FeatureTables:
         output = self._spool.new_path()
         work = files, dict(options), on_error, left_out, media_type, output
         try:
-            return output, await self._analysis.work(features.tabulate, *work)
+            return output, await self._analysis.work(classification.tabulate_features, *work)
         except BaseException:
             # Also removes a dead worker's leftovers.
             remove_with_beside(output)

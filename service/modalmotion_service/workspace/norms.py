@@ -30,7 +30,7 @@ from modalmotion_service.schemas.models import CohortDeviationAnswer
 from modalmotion_service.work.tasks import norms
 from modalmotion_service.work.tasks.norms import KeptRecording
 from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.shared_work import unheard
+from modalmotion_service.workspace.owner_work import unheard
 from modalmotion_service.workspace.training_set import Case
 
 # Part of making a norm that fitting the signatures is counted as.

@@ -1,9 +1,9 @@
-"""Work of one owner: tasks for workers, and files that they write."""
+"""Work of one owner: tasks for workers, files that they write, and work that many wait for."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Hashable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -15,12 +15,71 @@ from modalmotion_service.work.engine import Engine
 from modalmotion_service.work.owner import work_of
 from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.work.task_progress import followed
-from modalmotion_service.workspace.quota import Quota
-from modalmotion_service.workspace.shared_work import SharedWork
+from modalmotion_service.workspace.disk import Quota
 from modalmotion_service.workspace.spool import Spool, remove_with_beside
 
-P = ParamSpec("P")
 T = TypeVar("T")
+
+
+def unheard(_share: float, _text: str = "") -> None:
+    """Report progress to nobody."""
+
+
+class SharedWork:
+    """Work under way, by what it makes.
+
+    A request for a result that is being made waits for it. Work whose last waiter has gone
+    is cancelled.
+    """
+
+    def __init__(self) -> None:
+        self._tasks: dict[Hashable, asyncio.Task[Any]] = {}
+        self._waiters: dict[Hashable, list[StageReport]] = {}
+
+    async def join(
+        self,
+        key: Hashable,
+        make: Callable[[StageReport], Awaitable[T]],
+        report: StageReport = unheard,
+    ) -> T:
+        """Wait for the work of that key, begun now if nobody has.
+
+        Parameters
+        ----------
+        key : hashable
+        make : async function
+            Does the work; called with a function that tells all who wait how far it is.
+        report : callable
+            Called with the share that is done, and with what is done now.
+        """
+        task: asyncio.Task[T] | None = self._tasks.get(key)
+
+        def tell(share: float, text: str = "") -> None:
+            for waiter in self._waiters.get(key, ()):
+                waiter(share, text)
+
+        if task is None:
+            task = asyncio.ensure_future(make(tell))
+            self._tasks[key] = task
+            # From then on the result is in the store: the next request finds it there.
+            task.add_done_callback(lambda _: self._tasks.pop(key, None))
+        waiters = self._waiters.setdefault(key, [])
+        waiters.append(report)
+        try:
+            # The shield lets one waiter go without taking the work from the others.
+            return await asyncio.shield(task)
+        except asyncio.CancelledError:
+            if len(waiters) == 1 and not task.done():
+                task.cancel()
+                await asyncio.wait([task])
+            raise
+        finally:
+            waiters.remove(report)
+            if not waiters and self._waiters.get(key) is waiters:
+                del self._waiters[key]
+
+
+P = ParamSpec("P")
 
 
 class OwnerWork:

@@ -24,7 +24,7 @@ from modalmotion_service.http.negotiation import (
     VTKHDF,
     ZIP,
 )
-from modalmotion_service.http.timing import stage
+from modalmotion_service.http.observation import stage
 from modalmotion_service.schemas.requests import (
     MANY_SIGNATURES,
     SIGNATURE,
@@ -37,12 +37,12 @@ from modalmotion_service.schemas.requests import (
 )
 from modalmotion_service.schemas.results import ClassificationAnswer
 from modalmotion_service.schemas.signatures import DistanceAnswer
-from modalmotion_service.work.tasks import derived, reports, signatures, views
+from modalmotion_service.work.tasks import derived, signatures
 from modalmotion_service.workspace.analysis import USUAL, with_facts
 from modalmotion_service.workspace.feature_tables import FeatureTables
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Outcome, Request, operation
-from modalmotion_service.workspace.shared_work import unheard
+from modalmotion_service.workspace.owner_work import unheard
 from modalmotion_service.workspace.state import State
 
 SIGNATURE_TYPES: Final = (JSON, HDF5, NPZ, RAW, PNG, CSV)
@@ -151,7 +151,7 @@ async def report(state: State, request: Request, tell: Report) -> Outcome:
     async with state.analysis.fitted(request.sequence_id or "", request.key, tell) as one:
         with stage("report"):
             body = await state.analysis.work(
-                reports.make_report,
+                derived.make_report,
                 one,
                 request.media_type,
                 None if known is None else known.path,
@@ -167,10 +167,10 @@ async def view(state: State, request: Request, report: Report) -> Outcome:
     async with state.analysis.fitted(request.sequence_id or "", request.key, report) as one:
         with state.analysis.output() as output, stage("view"):
             if query.first is None and query.stop is None:
-                await state.analysis.work(views.make_view, one, as_page, output)
+                await state.analysis.work(derived.make_view, one, as_page, output)
             else:
                 await state.analysis.work(
-                    views.make_frames, one, query.first or 0, query.stop, output
+                    derived.make_frames, one, query.first or 0, query.stop, output
                 )
     headers = {"Content-Disposition": f'attachment; filename="{one.record.id[:12]}.html"'}
     return Outcome(output, request.media_type, headers=headers if as_page else {})

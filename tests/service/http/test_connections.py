@@ -26,7 +26,7 @@ from modalmotion_service.app import create_app
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.http.admission import UPLOADS
 from modalmotion_service.http.connections import room_for_connections
-from modalmotion_service.http.request_head import UNKNOWN_CLIENT, plain_address
+from modalmotion_service.http.heads import UNKNOWN_CLIENT, plain_address
 from modalmotion_service.monitoring.metrics import MeteredExecutor
 from modalmotion_service.settings import Settings
 

@@ -1,25 +1,37 @@
-"""Classes named by models, and models described."""
+"""Classes named by models, models described and measured, features tabulated."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from modalmotion.classification import (
+    CaseFile,
     Classification,
     Model,
     ModelCard,
     classify,
+    feature_table,
     load_model,
     shipped_for,
+)
+from modalmotion.classification.cases import LeftOut
+from modalmotion.classification.comparison import comparison_of
+from modalmotion.classification.evaluation import (
+    CaseAnswer,
+    Evaluation,
+    evaluation_of,
 )
 from modalmotion.facts import Facts
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import model_from_hdf5, signature_from_hdf5
-from modalmotion_service.schemas.sequences import ReadingAnswer
-from modalmotion_service.work.tasks.files import png_of
+from modalmotion_service.http.negotiation import CSV, PNG
+from modalmotion_service.schemas.general import ReadingAnswer
+from modalmotion_service.schemas.models import ComparisonAnswer, EvaluationAnswer, FeaturesAnswer
+from modalmotion_service.work.tasks.files import png_of, write_whole
 from modalmotion_service.work.upload import Upload
 
 
@@ -91,3 +103,94 @@ def draw_card(card: dict[str, Any], title: str) -> bytes:
 def loaded(model: Path | str) -> Model:
     """Load a model, or give the one that was loaded before."""
     return model_from_hdf5(model) if isinstance(model, Path) else load_model(model)
+
+
+Source = Path | str
+
+
+def measure(
+    model: Source, version: int, answers: Sequence[CaseAnswer], coverage: float, media_type: str
+) -> bytes:
+    """Measure a model's answers, as JSON, as a table of the cases, or as a picture."""
+    result = _evaluation(model, answers, coverage)
+    if media_type == CSV:
+        return result.as_csv().encode()
+    if media_type == PNG:
+        from modalmotion.pictures.model_card import evaluation_figure
+
+        return png_of(evaluation_figure(result))
+    return EvaluationAnswer.of(result, version).model_dump_json().encode()
+
+
+def compare(
+    models: tuple[Source, Source],
+    versions: tuple[int, int],
+    answers: tuple[Sequence[CaseAnswer], Sequence[CaseAnswer]],
+    coverage: float,
+) -> bytes:
+    """Compare the answers of two models, as JSON."""
+    first, second = (
+        _evaluation(model, its, coverage) for model, its in zip(models, answers, strict=True)
+    )
+    return ComparisonAnswer.of(comparison_of(first, second), versions).model_dump_json().encode()
+
+
+def held_out_table(model: Source, subjects: dict[str, str]) -> bytes:
+    """Give the held-out answers of a model's cross-validation as a table; empty without one.
+
+    Parameters
+    ----------
+    model : Path or str
+    subjects : dict of str to str
+        Of recordings, by id, as they are known now.
+    """
+    validation = loaded(model).cross_validation
+    if validation is None:
+        return b""
+    return validation.as_csv({id_: ("", subject) for id_, subject in subjects.items()}).encode()
+
+
+def held_out_ids(model: Source) -> list[str]:
+    """Ids of the recordings that a model was trained on; none where its file does not say."""
+    validation = loaded(model).cross_validation
+    return [] if validation is None else list(validation.sequence_ids)
+
+
+def _evaluation(model: Source, answers: Sequence[CaseAnswer], coverage: float) -> Evaluation:
+    return evaluation_of(loaded(model), answers, coverage)
+
+
+def tabulate_features(
+    cases: Sequence[CaseFile],
+    options: dict[str, Any],
+    on_error: str,
+    left_out: Sequence[LeftOut],
+    media_type: str,
+    output: Path,
+) -> int:
+    """Write the features of kept signatures as CSV or JSON; gives the number of cases left out.
+
+    Parameters
+    ----------
+    cases : sequence of CaseFile
+    options : dict
+        Of `SignatureFeatures`.
+    on_error : str
+    left_out : sequence of LeftOut
+        Cases whose signatures could not be made.
+    media_type : str
+    output : Path
+
+    Raises
+    ------
+    ModalMotionError
+        If they do not compare, or have not the features that the options name.
+    """
+    # Here, for the server, which only hands this on, needs no scikit-learn.
+    from modalmotion.classification import SignatureFeatures
+
+    table = feature_table(cases, SignatureFeatures(**options), on_error=on_error)
+    table = table.beside(left_out)
+    text = table.as_csv() if media_type == CSV else FeaturesAnswer.of(table).model_dump_json()
+    write_whole(output, text.encode())
+    return len(table.left_out)

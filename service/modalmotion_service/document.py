@@ -12,7 +12,15 @@ from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
 from modalmotion_service.access.scopes import SCOPE_OF, Scope
-from modalmotion_service.contract.files import OCTETS, is_file
+
+OCTETS: Final = "application/octet-stream"
+"""Media type that any file may be taken as."""
+
+
+def is_file(media_type: str) -> bool:
+    """Tell whether a media type is neither text nor JSON."""
+    return not (media_type.startswith("text/") or media_type.endswith("json"))
+
 
 _SCHEMES: Final = {
     "bearer": {
