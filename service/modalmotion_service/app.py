@@ -32,7 +32,7 @@ from modalmotion_service.http.heads import (
     SecurityHeaders,
 )
 from modalmotion_service.http.observation import Observation
-from modalmotion_service.monitoring.metrics import Meter, MeteredExecutor, Metrics, StateOfThings
+from modalmotion_service.monitoring.metrics import Meter, Metrics, StateOfThings
 from modalmotion_service.monitoring.telemetry import Telemetry, Tracing
 from modalmotion_service.routes import (
     files,
@@ -111,7 +111,7 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        engine = MeteredExecutor(await asyncio.to_thread(open_engine, chosen), metrics, telemetry)
+        engine = await asyncio.to_thread(open_engine, chosen)
         if engine.are_parsers_confined is not None:
             say_whether_confined()
         # Processes of its own, on this machine: no request waits for a training.
@@ -123,7 +123,9 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
             # Trainings are few, and wait for their signatures first.
             is_eager=False,
         )
-        owners = Owners(chosen, engine, MeteredExecutor(training_pool, metrics, telemetry))
+        watchers = (metrics.watch, *(() if telemetry is None else (telemetry.task,)))
+        engine.watchers = training_pool.watchers = watchers
+        owners = Owners(chosen, engine, training_pool)
         things = StateOfThings(owners, metrics, engine)
         metrics.registry.register(things)
         try:

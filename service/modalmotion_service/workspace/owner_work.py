@@ -117,7 +117,7 @@ class OwnerWork:
         terms = self._tariff.terms(task, args)
         # Cancelling the wait cancels the future, and with it ends the worker's process.
         with work_of(str(self._store.root)):
-            future = self.engine.submit_for(terms, task, *args, **kwargs)
+            future = self.engine.run(terms, task, *args, **kwargs)
         return await asyncio.wrap_future(future)
 
     async def followed(self, report: StageReport, task: Callable[..., T], *args: Any) -> T:

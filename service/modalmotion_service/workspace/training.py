@@ -119,7 +119,7 @@ class Trainer:
                         offsets = await self._fit(cases, other, report, leaves_out=leaves_out)
                 await asyncio.to_thread(_write_plan, plan, cases, paths, offsets)
                 with work_of(str(self._store.root)):
-                    future = self._engine.submit_for(
+                    future = self._engine.run(
                         Terms(self._owner),
                         training_task.train_model,
                         plan,
