@@ -250,7 +250,9 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     tracks.show_data: _reading,
     tracks.draw_overlay: lambda args: _picture(args) + _IMAGES * _bytes(args),
     norms.make_norm: lambda args: _PICTURE + sum(map(_recording, args[0])),
-    norms.ask_norm_together: lambda args: _COMPARED_COHORT + sum(map(_recording, args[0])),
-    norms.ask_norm: lambda args: _reading(args[1:]) + _recording(args[0]),
+    norms.ask_norm: lambda args: (
+        (_COMPARED_COHORT if len(args[0]) >= norms.LEAST_TOGETHER else _reading(args[1:]))
+        + sum(map(_recording, args[0]))
+    ),
     classification.tabulate_features: lambda args: _TABLE + _packing(args),
 }

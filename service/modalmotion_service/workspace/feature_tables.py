@@ -103,21 +103,25 @@ class FeatureTables:
         *,
         leaves_out: bool,
     ) -> tuple[list[CaseFile], list[LeftOut]]:
-        files: list[CaseFile] = []
-        left_out: list[LeftOut] = []
-        for done, case in enumerate(cases):
-            report(_FITTING * done / len(cases), f"signature {done + 1} of {len(cases)}")
+
+        async def fitted(case: Case) -> CaseFile | LeftOut:
             try:
                 path = await self._analysis.signature(case.id, parameters)
             except (*UNUSABLE, CostError) as error:
                 if not leaves_out:
                     raise named(error, case_name(case.id), sequence_id=case.id) from error
-                left_out.append(LeftOut.of(error, case_name(case.id)))
-            else:
-                stated = case.label, case.subject, Named(case.covariates)
-                files.append(CaseFile(path, case.id, *stated))
+                return LeftOut.of(error, case_name(case.id))
+            return CaseFile(path, case.id, case.label, case.subject, Named(case.covariates))
+
+        def tell(done: int, total: int) -> None:
+            report(_FITTING * done / total, f"signature {done} of {total}")
+
+        made = await self._analysis.each(cases, fitted, tell)
         report(_FITTING, "features")
-        return files, left_out
+        return (
+            [one for one in made if isinstance(one, CaseFile)],
+            [one for one in made if isinstance(one, LeftOut)],
+        )
 
     async def _write(
         self,

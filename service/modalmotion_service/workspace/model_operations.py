@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from modalmotion.classification.evaluation import CaseAnswer
 from modalmotion.errors import NotFoundError, ParameterError
@@ -112,19 +112,14 @@ class Evaluations:
         report: Report,
     ) -> list[list[CaseAnswer]]:
         """Answers of each model to each case."""
-        answers: list[list[CaseAnswer | None]] = [[None] * len(cases) for _ in models]
-        numbers = iter(range(len(cases)))
-        done = 0
 
-        async def take(numbers: Iterator[int]) -> None:
-            nonlocal done
-            for number in numbers:
-                case = cases[number]
-                stated = Facts(covariates=case.covariates)
-                for model, its in zip(models, answers, strict=True):
-                    kept, _ = await self._models.classification(case.id, model, coverage, stated)
-                    result = kept.result
-                    its[number] = CaseAnswer(
+        async def answered(case: Case) -> list[CaseAnswer]:
+            stated, answers = Facts(covariates=case.covariates), []
+            for model in models:
+                kept, _ = await self._models.classification(case.id, model, coverage, stated)
+                result = kept.result
+                answers.append(
+                    CaseAnswer(
                         name="",
                         sequence_id=case.id,
                         subject=case.subject or f"sequence {case.id}",
@@ -134,19 +129,15 @@ class Evaluations:
                         class_set=result.class_set,
                         flags=result.flags,
                     )
-                done += 1
-                report(_CLASSIFYING * done / len(cases), f"sequence {done} of {len(cases)}")
+                )
+            return answers
 
-        n_at_once = self._analysis.engine.n_workers
-        takers = [asyncio.ensure_future(take(numbers)) for _ in range(n_at_once)]
-        try:
-            await asyncio.gather(*takers)
-        finally:
-            for taker in takers:
-                taker.cancel()
-            await asyncio.wait(takers)
+        def tell(done: int, total: int) -> None:
+            report(_CLASSIFYING * done / total, f"sequence {done} of {total}")
+
+        by_case = await self._analysis.each(cases, answered, tell)
         report(_CLASSIFYING, "figures")
-        return [[answer for answer in its if answer is not None] for its in answers]
+        return [list(its) for its in zip(*by_case, strict=True)]
 
 
 def require_known_classes(cases: Sequence[Case], name: str, classes: Sequence[str]) -> None:

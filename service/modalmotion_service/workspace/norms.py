@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
-
-from pydantic_core import from_json
 
 from modalmotion.classification import TrainingOptions
 from modalmotion.classification.cases import case_name, named
 from modalmotion.errors import (
     ModalMotionError,
-    ModeCountError,
     ParameterError,
     TopologyError,
-    UnlikeCasesError,
 )
 from modalmotion.facts import Facts
 from modalmotion.norm import Norm
@@ -26,18 +22,14 @@ from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import StageReport
 from modalmotion.store import ResultStore
 from modalmotion_service.errors import ConflictError
-from modalmotion_service.schemas.models import CohortDeviationAnswer
 from modalmotion_service.work.tasks import norms
 from modalmotion_service.work.tasks.norms import KeptRecording
 from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.owner_work import unheard
+from modalmotion_service.workspace.owner_work import in_one_basis, unheard
 from modalmotion_service.workspace.training_set import Case
 
 # Part of making a norm that fitting the signatures is counted as.
 _FITTING: Final = 0.8
-
-LEAST_TOGETHER: Final = 5
-"""Recordings that are compared as a cohort."""
 
 
 class Norms:
@@ -91,10 +83,7 @@ class Norms:
         parameters = parameters_of_controls(options.signature_parameters, facts)
 
         async def make_with(wanted: SignatureParameters) -> Norm:
-            controls = [
-                await self._fitted(case, own, wanted, _part_of(report, number, len(cases)))
-                for number, (case, own) in enumerate(zip(cases, facts, strict=True))
-            ]
+            controls = await self._fitted_each(cases, facts, wanted, report)
 
             def tell(share: float, text: str) -> None:
                 report(_FITTING + (1 - _FITTING) * share, text)
@@ -106,15 +95,7 @@ class Norms:
                 return await asyncio.to_thread(self._store.put_norm_image, image)
 
         try:
-            return await make_with(parameters)
-        except UnlikeCasesError as unlike:
-            # As `in_one_basis` does it where the sequences are at hand.
-            if topology is not None:
-                raise
-            try:
-                return await make_with(replace(parameters, closed_form=False))
-            except (UnlikeCasesError, TopologyError, ModeCountError):
-                raise unlike from None
+            return await in_one_basis(make_with, parameters)
         except ParameterError as error:
             if "norm" not in error.details:
                 raise
@@ -134,106 +115,50 @@ class Norms:
         ModalMotionError
             If one does not compare.
         """
-        if len(cases) >= LEAST_TOGETHER:
-            return await self.together(cases, name, level, report)
-        norm = await asyncio.to_thread(self._store.norm, name)
-        alone = [from_json(await self.deviation(case, name, level)) for case in cases]
-        answer = CohortDeviationAnswer(
-            norm=norm.name,
-            norm_id=norm.id,
-            n_controls=norm.as_json()["n_controls"],
-            n_recordings=len(cases),
-            level=level,
-            p=None,
-            is_another=None,
-            warning=None,
-            deviations=alone,
-        )
-        return answer.model_dump_json().encode()
-
-    async def deviation(self, case: Case, name: str, level: float) -> bytes:
-        """Compare a stored sequence with a norm; gives JSON.
-
-        Raises
-        ------
-        NotFoundError
-            If there is no such norm or sequence.
-        ModalMotionError
-            If it does not compare.
-        """
-        norm = await asyncio.to_thread(self._store.norm, name)
-        path = self._store.norm_path(name)
-        facts, topology = self._facts(case), self._store.sequence_record(case.id).topology
-        parameters: SignatureParameters = norm.readable.parameters
-        recording = await self._fitted(case, facts, parameters, unheard)
-
-        async def compared(stated: str | None) -> tuple[bytes, str | None]:
-            return await self._analysis.work(norms.ask_norm, recording, path, level, stated)
-
-        answer, imposed = await compared(topology)
-        if imposed is not None:
-            # As `fitted_in` does it where a sequence is at hand.
-            with contextlib.suppress(TopologyError):
-                wanted = replace(parameters, topology=imposed)
-                recording = await self._fitted(case, facts, wanted, unheard)
-            answer, _ = await compared(imposed)
-        return answer
-
-    async def together(
-        self, cases: Sequence[Case], name: str, level: float, report: StageReport = unheard
-    ) -> bytes:
-        """Compare stored sequences with a norm, each and together; gives JSON.
-
-        Raises
-        ------
-        NotFoundError
-            If there is no such norm or sequence.
-        ModalMotionError
-            If one does not compare, or there are too few.
-        """
         norm = await asyncio.to_thread(self._store.norm, name)
         path = self._store.norm_path(name)
         parameters: SignatureParameters = norm.readable.parameters
         facts = [self._facts(case) for case in cases]
-        recordings = [
-            await self._fitted(case, own, parameters, _part_of(report, number, len(cases)))
-            for number, (case, own) in enumerate(zip(cases, facts, strict=True))
-        ]
+        recordings = await self._fitted_each(cases, facts, parameters, report)
         stated = [self._store.sequence_record(case.id).topology for case in cases]
-        answer, imposed = await self._analysis.work(
-            norms.ask_norm_together, recordings, path, level, stated
-        )
+        answer, imposed = await self._analysis.work(norms.ask_norm, recordings, path, level, stated)
         if imposed:
+            # As `fitted_in` does it where a sequence is at hand.
             for number, topology in imposed.items():
                 with contextlib.suppress(TopologyError):
                     wanted = replace(parameters, topology=topology)
-                    recordings[number] = await self._fitted(
-                        cases[number], facts[number], wanted, unheard
-                    )
+                    recordings[number] = await self._fitted(cases[number], facts[number], wanted)
                 stated[number] = topology
-            answer, _ = await self._analysis.work(
-                norms.ask_norm_together, recordings, path, level, stated
-            )
+            answer, _ = await self._analysis.work(norms.ask_norm, recordings, path, level, stated)
         return answer
 
     def _facts(self, case: Case) -> Facts:
         return replace(self._store.sequence_record(case.id).facts, covariates=case.covariates)
 
+    async def _fitted_each(
+        self,
+        cases: Sequence[Case],
+        facts: Sequence[Facts],
+        parameters: SignatureParameters,
+        report: StageReport,
+    ) -> list[KeptRecording]:
+        def tell(done: int, total: int) -> None:
+            report(_FITTING * done / total, f"signature {done} of {total}")
+
+        return await self._analysis.each(
+            list(zip(cases, facts, strict=True)),
+            lambda one: self._fitted(*one, parameters),
+            tell,
+        )
+
     async def _fitted(
-        self, case: Case, facts: Facts, parameters: SignatureParameters, report: StageReport
+        self, case: Case, facts: Facts, parameters: SignatureParameters
     ) -> KeptRecording:
         try:
-            signature = await self._analysis.signature(case.id, parameters, report)
+            signature = await self._analysis.signature(case.id, parameters)
         except ModalMotionError as error:
             raise named(error, case_name(case.id), sequence_id=case.id) from error
         vertices = None
         if self._store.sequence_record(case.id).has_upload:
             vertices = await asyncio.to_thread(self._store.sequence_path, case.id)
         return KeptRecording(case.id, signature, vertices, facts, case.subject)
-
-
-def _part_of(report: StageReport, number: int, total: int) -> Callable[[float, str], None]:
-    def tell(share: float, text: str) -> None:
-        report(_FITTING * (number + share) / total, f"signature {number + 1} of {total}: {text}")
-
-    return tell

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Hashable, Iterator
+from collections.abc import Awaitable, Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
+from modalmotion.errors import (
+    ModalMotionError,
+    ModeCountError,
+    TopologyError,
+    UnlikeCasesError,
+)
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import StageReport
 from modalmotion.store import ResultStore
@@ -19,6 +26,7 @@ from modalmotion_service.workspace.disk import Quota
 from modalmotion_service.workspace.spool import Spool, remove_with_beside
 
 T = TypeVar("T")
+A = TypeVar("A")
 
 
 def unheard(_share: float, _text: str = "") -> None:
@@ -128,6 +136,47 @@ class OwnerWork:
         finally:
             remove_with_beside(progress)
 
+    async def each(
+        self,
+        items: Sequence[A],
+        work: Callable[[A], Awaitable[T]],
+        told: Callable[[int, int], None],
+    ) -> list[T]:
+        """Do something for each of many, as many at a time as there are workers.
+
+        Parameters
+        ----------
+        items : sequence
+        work : async function
+            What fails with an error of ours lets none begin after it; those under way are finished.
+        told : callable
+            Called with the number that is done, and that of all.
+        """
+        done: dict[int, T] = {}
+        failures: list[ModalMotionError] = []
+        waiting = iter(enumerate(items))
+
+        async def take() -> None:
+            for number, item in waiting:
+                try:
+                    done[number] = await work(item)
+                except ModalMotionError as error:
+                    failures.append(error)
+                if failures:
+                    return
+                told(len(done), len(items))
+
+        takers = [asyncio.ensure_future(take()) for _ in range(self.engine.n_workers)]
+        try:
+            await asyncio.gather(*takers)
+        finally:
+            for taker in takers:
+                taker.cancel()
+            await asyncio.wait(takers)
+        if failures:
+            raise failures[0]
+        return [done[number] for number in range(len(items))]
+
     @contextmanager
     def image(self) -> Iterator[Path]:
         """Name a file for a worker to write and the store to take; it is removed in the end.
@@ -166,3 +215,21 @@ class OwnerWork:
         if parameters.template is None:
             return None
         return self._store.template_path(parameters.template)
+
+
+async def in_one_basis(
+    make: Callable[[SignatureParameters], Awaitable[T]], parameters: SignatureParameters
+) -> T:
+    """Make something of several signatures, all with spring modes where their own do not compare.
+
+    As the library does it where the sequences are at hand.
+    """
+    try:
+        return await make(parameters)
+    except UnlikeCasesError as unlike:
+        if parameters.topology is not None:
+            raise
+        try:
+            return await make(replace(parameters, closed_form=False))
+        except (UnlikeCasesError, TopologyError, ModeCountError):
+            raise unlike from None

@@ -219,15 +219,12 @@ async def classification(state: State, request: Request, report: Report) -> Outc
 async def signatures_query(state: State, request: Request, report: Report) -> Outcome:
     """Pack the signatures of many sequences into one file, or a table."""
     analysis, ids = state.analysis, list(request.ids)
-    parameters, whole = request.query.parameters(), len(request.ids) + 1
-    paths = []
-    for done, sequence_id in enumerate(ids):
+    parameters = request.query.parameters()
 
-        def tell(share: float, text: str = "", done: int = done) -> None:
-            report((done + share) / whole, f"signature {done + 1} of {whole - 1}: {text}")
+    def tell(done: int, total: int) -> None:
+        report(done / (total + 1), f"signature {done} of {total}")
 
-        paths.append(await analysis.signature(sequence_id, parameters, tell))
-        report((done + 1) / whole, f"signature {done + 1} of {whole - 1}")
+    paths = await analysis.each(ids, lambda one: analysis.signature(one, parameters), tell)
     records = [state.store.sequence_record(sequence_id) for sequence_id in ids]
     paths = await analysis.of_one_kind(ids, parameters, paths)
     with analysis.output() as output:

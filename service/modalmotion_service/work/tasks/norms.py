@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 from modalmotion.classification.cases import case_name
 from modalmotion.facts import Facts
@@ -22,6 +23,9 @@ from modalmotion.store import sequence_from_hdf5, signature_from_hdf5
 from modalmotion_service.schemas.models import CohortDeviationAnswer, DeviationAnswer
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import write_whole
+
+LEAST_TOGETHER: Final = 5
+"""Recordings that are compared as a cohort."""
 
 
 @dataclass(frozen=True)
@@ -85,35 +89,17 @@ def make_norm(
 
 
 def ask_norm(
-    recording: KeptRecording, norm: Path, level: float, stated: str | None
-) -> tuple[bytes, str | None]:
-    """Compare a kept sequence with a norm; gives the answer as JSON.
+    recordings: Sequence[KeptRecording], norm: Path, level: float, stated: Sequence[str | None]
+) -> tuple[bytes, dict[int, str]]:
+    """Compare kept sequences with a norm, each, and many together; gives the answer as JSON.
 
     Parameters
     ----------
-    recording : KeptRecording
+    recordings : sequence of KeptRecording
     norm : Path
     level : float
-    stated : str or None
-        Topology that the sequence states.
-
-    Returns
-    -------
-    bytes, str or None
-        Without an answer the topology in which the norm would rather have the signature.
-    """
-    controls = norm_from_hdf5(norm)
-    own, imposed = _read(recording, controls, stated)
-    if own is None:
-        return b"", imposed
-    answer = DeviationAnswer(**controls.deviation(own, level=level).as_json())
-    return answer.model_dump_json().encode(), None
-
-
-def ask_norm_together(
-    recordings: Sequence[KeptRecording], norm: Path, level: float, stated: Sequence[str | None]
-) -> tuple[bytes, dict[int, str]]:
-    """Compare kept sequences with a norm, each and together; gives the answer as JSON.
+    stated : sequence of (str or None)
+        Topology that each sequence states.
 
     Returns
     -------
@@ -130,8 +116,26 @@ def ask_norm_together(
             imposed[number] = wanted
     if imposed:
         return b"", imposed
-    together = cohort_deviation(controls, readings, level=level)
-    return CohortDeviationAnswer(**together.as_json()).model_dump_json().encode(), {}
+    if len(readings) >= LEAST_TOGETHER:
+        answer = CohortDeviationAnswer(
+            **cohort_deviation(controls, readings, level=level).as_json()
+        )
+    else:
+        answer = CohortDeviationAnswer(
+            norm=controls.name,
+            norm_id=controls.id,
+            n_controls=controls.as_json()["n_controls"],
+            n_recordings=len(readings),
+            level=level,
+            p=None,
+            is_another=None,
+            warning=None,
+            deviations=[
+                DeviationAnswer(**controls.deviation(own, level=level).as_json())
+                for own in readings
+            ],
+        )
+    return answer.model_dump_json().encode(), {}
 
 
 def _read(
