@@ -19,6 +19,7 @@ from typing import (
     get_type_hints,
 )
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, create_model, model_validator
 from pydantic_core import PydanticCustomError
 
@@ -87,6 +88,7 @@ class Paged(BaseModel):
 
 Body = TypeVar("Body", bound=JsonBody)
 Value = TypeVar("Value")
+Answer = TypeVar("Answer", bound=BaseModel)
 
 _HEADING: Final = re.compile(r"^    ([a-z_0-9, ]+) : (.*)$")
 
@@ -147,6 +149,28 @@ def value_of(body: JsonBody, kind: type[Value], **more: Any) -> Value:
     names = [one.name for one in fields(kind) if one.name not in more]  # type: ignore[arg-type]
     known = type(body).model_fields
     return kind(**{name: getattr(body, name) for name in names if name in known}, **more)
+
+
+def read_from(model: type[Answer], source: object, **more: Any) -> Answer:
+    """Make an answer of a value of the library, its members by their names, arrays as lists.
+
+    Parameters
+    ----------
+    model : type of BaseModel
+    source : object
+    **more
+        Members that the value does not have, or has otherwise.
+    """
+    found = {
+        name: getattr(source, name)
+        for name in model.model_fields
+        if name not in more and hasattr(source, name)
+    }
+    plain = {
+        name: value.tolist() if isinstance(value, np.ndarray) else value
+        for name, value in found.items()
+    }
+    return model(**plain, **more)
 
 
 def is_listed(hint: Any) -> bool:

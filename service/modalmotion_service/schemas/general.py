@@ -16,7 +16,7 @@ from modalmotion.facts.facts import (
 )
 from modalmotion.formats import Reading
 from modalmotion_service.audit.entry import AuditEntry
-from modalmotion_service.schemas.from_core import Paged, descriptions
+from modalmotion_service.schemas.from_core import Paged, descriptions, read_from
 
 
 class Health(BaseModel):
@@ -156,11 +156,4 @@ class ReadingAnswer(BaseModel):
     @staticmethod
     def of(reading: Reading) -> ReadingAnswer:
         """Write a reading out, without the sequence."""
-        return ReadingAnswer(
-            format=reading.format,
-            ignored=list(reading.ignored),
-            coordinate_system=reading.coordinate_system,
-            unit_from=reading.unit_from,
-            times_from=reading.times_from,
-            notes=list(reading.notes),
-        )
+        return read_from(ReadingAnswer, reading)

@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field
 from modalmotion.store import ImagesRecord, SequenceRecord
 from modalmotion.tracking import Track
 from modalmotion.tracking.result import Papillary
-from modalmotion_service.schemas.from_core import Paged
+from modalmotion_service.schemas.from_core import Paged, read_from
 from modalmotion_service.schemas.general import FactsAnswer, ReadingAnswer
 from modalmotion_service.schemas.signatures import Label
 
@@ -43,19 +43,9 @@ class SequenceSummary(BaseModel):
     def of(record: SequenceRecord, reading: ReadingAnswer | None = None) -> SequenceSummary:
         """Summarise a record of the store."""
         here = f"/v1/sequences/{record.id}"
-        return SequenceSummary(
-            id=record.id,
-            n_frames=record.n_frames,
-            n_vertices=record.n_vertices,
-            n_faces=record.n_faces,
-            topology=record.topology,
-            grid=None if record.grid is None else list(record.grid),
-            unit=record.unit,
-            has_times=record.has_times,
-            name=record.name,
-            subject=record.subject,
-            label=record.label,
-            created=record.created,
+        return read_from(
+            SequenceSummary,
+            record,
             facts=FactsAnswer.of(record.facts),
             reading=reading,
             links={
@@ -134,16 +124,11 @@ class ImagesEstimate(BaseModel):
         own = track.images
         if own is None:
             return None
-        return ImagesEstimate(
-            papillary=own.papillary,
-            papillary_volume=own.papillary_volume,
+        return read_from(
+            ImagesEstimate,
+            own,
             ejection_fractions=track.ejection_fractions,
-            inside=own.inside,
-            outside=own.outside,
-            spread=own.spread,
-            shifts=[list(row) for row in own.shifts],
             shift_deviation=own.shift_sd,
-            found=list(own.found),
         )
 
 
@@ -192,28 +177,18 @@ class TrackEstimate(BaseModel):
     def of(track: Track) -> TrackEstimate:
         """Write a track out, without its surfaces and amplitudes."""
         rms = np.sqrt(np.mean(track.deviations**2, axis=1))
-        return TrackEstimate(
+        return read_from(
+            TrackEstimate,
+            track,
             modes=[Label.of(label) for label in track.modes.labels],
-            reference=track.reference,
             noise=track.noise.sd,
             residual_rms=_with_null(track.residuals[:, 0]),
             residual_p95=_with_null(track.residuals[:, 1]),
-            inliers=track.inliers.tolist(),
-            coverage=track.coverage.tolist(),
-            unseen=list(track.unseen),
             deviation_across=rms[:, 0].tolist(),
             deviation_along=rms[:, 1].tolist(),
-            truncations=track.truncations.tolist(),
-            determined=track.determined.tolist(),
-            gap=track.gap,
-            volumes=_plain(track.volumes),
-            volume_deviations=_plain(track.volume_deviations),
-            ejection_fraction=track.ejection_fraction,
-            ejection_fraction_bound=track.ejection_fraction_bound,
-            times=_plain(track.sequence.times),
+            times=None if track.sequence.times is None else track.sequence.times.tolist(),
             images=ImagesEstimate.of(track),
             parameters=dict(track.provenance),
-            notes=list(track.notes),
         )
 
 
@@ -223,11 +198,6 @@ class TrackSummary(BaseModel):
     id: str = Field(description="That of the sequence.")
     sequence: SequenceSummary
     links: dict[str, str]
-
-    @staticmethod
-    def of_record(record: SequenceRecord) -> TrackSummary:
-        """Summarise the record of a tracked sequence."""
-        return TrackSummary(**_summary(record))
 
 
 class TrackAnswer(TrackEstimate, TrackSummary):
@@ -244,12 +214,6 @@ class TrackAnswer(TrackEstimate, TrackSummary):
         return TrackAnswer(**summary, **estimate.model_dump())
 
 
-class TrackPageAnswer(Paged):
-    """A page of the list of tracks."""
-
-    tracks: list[TrackSummary]
-
-
 def _summary(record: SequenceRecord) -> dict[str, Any]:
     sequence = SequenceSummary.of(record)
     links = {"self": f"/v1/tracks/{record.id}", "sequence": sequence.links["self"]}
@@ -258,7 +222,3 @@ def _summary(record: SequenceRecord) -> dict[str, Any]:
 
 def _with_null(values: NDArray[np.float64]) -> list[float | None]:
     return [value if math.isfinite(value) else None for value in values.tolist()]
-
-
-def _plain(values: NDArray[np.float64] | None) -> list[float] | None:
-    return None if values is None else values.tolist()

@@ -179,12 +179,6 @@ class IdempotencyKeys:
         secret = secrets.token_bytes(32)
         with self._database.write(erases=True) as connection:
             connection.execute("INSERT INTO idempotency_secret VALUES (?)", (secret,))
-            # As clients chose them: without a secret nothing has been digested.
-            keys = connection.execute("SELECT key FROM idempotency").fetchall()
-            connection.executemany(
-                "UPDATE idempotency SET key = ? WHERE key = ?",
-                [(_keyed(secret, key), key) for (key,) in keys],
-            )
         return secret
 
     def _digest(self, key: str) -> str:
