@@ -21,8 +21,7 @@ from modalmotion_service.audit.entry import Lines
 from modalmotion_service.audit.log import AuditLog, AuditStream, Notes
 from modalmotion_service.document import completed
 from modalmotion_service.http import problems
-from modalmotion_service.http.admission import BodyLimits, Concurrency, WholeAnswers
-from modalmotion_service.http.departure import Departure
+from modalmotion_service.http.admission import BodyLimits, Concurrency, Departure, WholeAnswers
 from modalmotion_service.http.gate import Access, Gate, require_judged
 from modalmotion_service.http.heads import (
     API_VERSION,
@@ -37,12 +36,10 @@ from modalmotion_service.monitoring.telemetry import Telemetry, Tracing
 from modalmotion_service.routes import (
     files,
     models,
-    norms,
     operation,
     recordings,
     sequences,
     signatures,
-    templates,
     views,
 )
 from modalmotion_service.routes.stateless import stateless_routes
@@ -83,12 +80,11 @@ async def _forget(log: Notes, days: float) -> None:
 
 def judged_routes() -> list[BaseRoute]:
     """Give all routes, made once for all applications of a process."""
-    modules = (
-        *(sequences, signatures, files, recordings, templates),
-        *(models, norms),
-    )
-    routers = [*(module.router for module in modules), operation.of_jobs, operation.router]
-    routers.append(views.pages)
+    routers = [
+        *(sequences.router, signatures.router, files.router, recordings.router),
+        *(sequences.of_templates, models.router, models.of_norms),
+        *(operation.of_jobs, operation.router, views.pages),
+    ]
     return [route for router in routers for route in router.routes]
 
 

@@ -22,16 +22,9 @@ from modalmotion.tradeoff.predicted_time import (
 from modalmotion_service.http.negotiation import PNG
 from modalmotion_service.schemas.requests import EncodingTarget, ModesRequest
 from modalmotion_service.work.engine import Terms
-from modalmotion_service.work.tasks import (
-    classification,
-    derived,
-    norms,
-    sequences,
-    signatures,
-    tracks,
-)
+from modalmotion_service.work.tasks import classification, derived, sequences, signatures, tracks
+from modalmotion_service.work.tasks.classification import KeptRecording
 from modalmotion_service.work.tasks.files import Fitted
-from modalmotion_service.work.tasks.norms import KeptRecording
 from modalmotion_service.work.upload import Upload
 
 # s for a picture, of which the first imports what draws it.
@@ -249,9 +242,9 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     tracks.draw_track: _picture,
     tracks.show_data: _reading,
     tracks.draw_overlay: lambda args: _picture(args) + _IMAGES * _bytes(args),
-    norms.make_norm: lambda args: _PICTURE + sum(map(_recording, args[0])),
-    norms.ask_norm: lambda args: (
-        (_COMPARED_COHORT if len(args[0]) >= norms.LEAST_TOGETHER else _reading(args[1:]))
+    classification.make_norm: lambda args: _PICTURE + sum(map(_recording, args[0])),
+    classification.ask_norm: lambda args: (
+        (_COMPARED_COHORT if len(args[0]) >= classification.LEAST_TOGETHER else _reading(args[1:]))
         + sum(map(_recording, args[0]))
     ),
     classification.tabulate_features: lambda args: _TABLE + _packing(args),

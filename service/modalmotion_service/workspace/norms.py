@@ -1,31 +1,35 @@
-"""Norms of the service: made of stored controls, and asked about stored sequences."""
+"""Norms made of stored controls and asked, and tables of features of stored sequences."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
-from modalmotion.classification import TrainingOptions
-from modalmotion.classification.cases import case_name, named
+from modalmotion.classification import CaseFile, TrainingOptions
+from modalmotion.classification.cases import UNUSABLE, LeftOut, case_name, named
 from modalmotion.errors import (
     ModalMotionError,
+    ModeCountError,
     ParameterError,
     TopologyError,
+    UnlikeCasesError,
 )
-from modalmotion.facts import Facts
+from modalmotion.facts import Facts, Named
 from modalmotion.norm import Norm
 from modalmotion.norm.norm import parameters_of_controls
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import StageReport
 from modalmotion.store import ResultStore
-from modalmotion_service.errors import ConflictError
-from modalmotion_service.work.tasks import norms
-from modalmotion_service.work.tasks.norms import KeptRecording
+from modalmotion_service.errors import ConflictError, CostError
+from modalmotion_service.work.tasks import classification
+from modalmotion_service.work.tasks.classification import KeptRecording
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.owner_work import in_one_basis, unheard
+from modalmotion_service.workspace.spool import Spool, remove_with_beside
 from modalmotion_service.workspace.training_set import Case
 
 # Part of making a norm that fitting the signatures is counted as.
@@ -90,7 +94,7 @@ class Norms:
 
             with self._analysis.image() as image:
                 await self._analysis.followed(
-                    tell, norms.make_norm, controls, name, modes, topology, image
+                    tell, classification.make_norm, controls, name, modes, topology, image
                 )
                 return await asyncio.to_thread(self._store.put_norm_image, image)
 
@@ -121,7 +125,9 @@ class Norms:
         facts = [self._facts(case) for case in cases]
         recordings = await self._fitted_each(cases, facts, parameters, report)
         stated = [self._store.sequence_record(case.id).topology for case in cases]
-        answer, imposed = await self._analysis.work(norms.ask_norm, recordings, path, level, stated)
+        answer, imposed = await self._analysis.work(
+            classification.ask_norm, recordings, path, level, stated
+        )
         if imposed:
             # As `fitted_in` does it where a sequence is at hand.
             for number, topology in imposed.items():
@@ -129,7 +135,9 @@ class Norms:
                     wanted = replace(parameters, topology=topology)
                     recordings[number] = await self._fitted(cases[number], facts[number], wanted)
                 stated[number] = topology
-            answer, _ = await self._analysis.work(norms.ask_norm, recordings, path, level, stated)
+            answer, _ = await self._analysis.work(
+                classification.ask_norm, recordings, path, level, stated
+            )
         return answer
 
     def _facts(self, case: Case) -> Facts:
@@ -162,3 +170,120 @@ class Norms:
         if self._store.sequence_record(case.id).has_upload:
             vertices = await asyncio.to_thread(self._store.sequence_path, case.id)
         return KeptRecording(case.id, signature, vertices, facts, case.subject)
+
+
+class FeatureTables:
+    """Makes tables of features.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        Makes the signatures that are missing; its workers read the features.
+    spool : Spool
+        Where tables are written.
+    """
+
+    def __init__(self, analysis: Analysis, spool: Spool) -> None:
+        self._analysis = analysis
+        self._spool = spool
+
+    async def make(
+        self,
+        cases: Sequence[Case],
+        options: Mapping[str, Any],
+        media_type: str,
+        report: StageReport = unheard,
+        *,
+        leaves_out: bool,
+    ) -> tuple[Path, int]:
+        """Write the features of sequences to a file, which the caller removes.
+
+        Parameters
+        ----------
+        cases : sequence of Case
+        options : mapping
+            Of `SignatureFeatures`.
+        media_type : str
+        report : StageReport
+        leaves_out : bool
+            Whether sequences that do not fit are left out.
+
+        Returns
+        -------
+        Path, int
+            The file, and the number of sequences that were left out.
+
+        Raises
+        ------
+        ModalMotionError
+            If one cannot be fitted, they do not compare, or an option cannot be met.
+        """
+        own = TrainingOptions(
+            modes=options["modes"], topology=options["topology"]
+        ).signature_parameters
+
+        # As `feature_table` does it where the sequences are at hand.
+        attempts = [(own, False)]
+        if own.topology is None:
+            attempts.append((replace(own, closed_form=False), False))
+        if leaves_out:
+            attempts.append((own, True))
+        unlike: UnlikeCasesError | None = None
+        for number, (parameters, drops_unlike) in enumerate(attempts):
+            try:
+                files, left_out = await self._fit(
+                    cases, parameters, report, leaves_out=leaves_out and number != 1
+                )
+                on_error = "leave out" if drops_unlike else "raise"
+                return await self._write(files, options, on_error, left_out, media_type)
+            except UnlikeCasesError as error:
+                unlike = unlike or error
+            except (TopologyError, ModeCountError):
+                if unlike is None:
+                    raise
+        raise unlike or UnlikeCasesError("The sequences do not compare.")
+
+    async def _fit(
+        self,
+        cases: Sequence[Case],
+        parameters: SignatureParameters,
+        report: StageReport,
+        *,
+        leaves_out: bool,
+    ) -> tuple[list[CaseFile], list[LeftOut]]:
+
+        async def fitted(case: Case) -> CaseFile | LeftOut:
+            try:
+                path = await self._analysis.signature(case.id, parameters)
+            except (*UNUSABLE, CostError) as error:
+                if not leaves_out:
+                    raise named(error, case_name(case.id), sequence_id=case.id) from error
+                return LeftOut.of(error, case_name(case.id))
+            return CaseFile(path, case.id, case.label, case.subject, Named(case.covariates))
+
+        def tell(done: int, total: int) -> None:
+            report(_FITTING * done / total, f"signature {done} of {total}")
+
+        made = await self._analysis.each(cases, fitted, tell)
+        report(_FITTING, "features")
+        return (
+            [one for one in made if isinstance(one, CaseFile)],
+            [one for one in made if isinstance(one, LeftOut)],
+        )
+
+    async def _write(
+        self,
+        files: list[CaseFile],
+        options: Mapping[str, Any],
+        on_error: str,
+        left_out: list[LeftOut],
+        media_type: str,
+    ) -> tuple[Path, int]:
+        output = self._spool.new_path()
+        work = files, dict(options), on_error, left_out, media_type, output
+        try:
+            return output, await self._analysis.work(classification.tabulate_features, *work)
+        except BaseException:
+            # Also removes a dead worker's leftovers.
+            remove_with_beside(output)
+            raise

@@ -39,8 +39,8 @@ from modalmotion_service.schemas.results import ClassificationAnswer
 from modalmotion_service.schemas.signatures import DistanceAnswer
 from modalmotion_service.work.tasks import derived, signatures
 from modalmotion_service.workspace.analysis import USUAL, with_facts
-from modalmotion_service.workspace.feature_tables import FeatureTables
 from modalmotion_service.workspace.job_runner import Report
+from modalmotion_service.workspace.norms import FeatureTables
 from modalmotion_service.workspace.operation import Outcome, Request, operation
 from modalmotion_service.workspace.owner_work import unheard
 from modalmotion_service.workspace.state import State

@@ -48,7 +48,7 @@ def upload(folder: Path, n_bytes: int, kind: Format | None = Format.RAW) -> Uplo
 
 
 def test_every_task_of_requests_has_a_price() -> None:
-    modules = [sequences, signatures, derived, tasks.classification, tasks.tracks, tasks.norms]
+    modules = [sequences, signatures, derived, tasks.classification, tasks.tracks]
     public = {
         function
         for module in modules

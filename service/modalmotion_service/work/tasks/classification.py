@@ -1,4 +1,4 @@
-"""Classes named by models, models described and measured, features tabulated."""
+"""Classes named by models, models measured, norms made and asked, features tabulated."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from modalmotion.classification import (
     CaseFile,
@@ -18,7 +18,7 @@ from modalmotion.classification import (
     load_model,
     shipped_for,
 )
-from modalmotion.classification.cases import LeftOut
+from modalmotion.classification.cases import LeftOut, case_name
 from modalmotion.classification.comparison import comparison_of
 from modalmotion.classification.evaluation import (
     CaseAnswer,
@@ -26,11 +26,27 @@ from modalmotion.classification.evaluation import (
     evaluation_of,
 )
 from modalmotion.facts import Facts
-from modalmotion.signature.making import SignatureParameters
-from modalmotion.store import model_from_hdf5, signature_from_hdf5
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.norm import (
+    Norm,
+    cohort_deviation,
+    norm_from_hdf5,
+    norm_to_hdf5,
+    train_norm,
+)
+from modalmotion.norm.norm import Control, Reading
+from modalmotion.signature.making import ModalSignature, SignatureParameters
+from modalmotion.store import model_from_hdf5, sequence_from_hdf5, signature_from_hdf5
 from modalmotion_service.http.negotiation import CSV, PNG
 from modalmotion_service.schemas.general import ReadingAnswer
-from modalmotion_service.schemas.models import ComparisonAnswer, EvaluationAnswer, FeaturesAnswer
+from modalmotion_service.schemas.models import (
+    CohortDeviationAnswer,
+    ComparisonAnswer,
+    DeviationAnswer,
+    EvaluationAnswer,
+    FeaturesAnswer,
+)
+from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import png_of, write_whole
 from modalmotion_service.work.upload import Upload
 
@@ -194,3 +210,134 @@ def tabulate_features(
     text = table.as_csv() if media_type == CSV else FeaturesAnswer.of(table).model_dump_json()
     write_whole(output, text.encode())
     return len(table.left_out)
+
+
+LEAST_TOGETHER: Final = 5
+"""Recordings that are compared as a cohort."""
+
+
+@dataclass(frozen=True)
+class KeptRecording:
+    """A kept sequence with its signature.
+
+    Parameters
+    ----------
+    sequence_id : str
+    signature : Path
+    vertices : Path or None
+        None where they are not kept: then no volume is read.
+    facts : Facts
+        Of the sequence; kept files have none.
+    subject : str or None
+    """
+
+    sequence_id: str
+    signature: Path
+    vertices: Path | None
+    facts: Facts
+    subject: str | None
+
+    def read_signature(self) -> ModalSignature:
+        """Read the signature, with the facts."""
+        return replace(signature_from_hdf5(self.signature), facts=self.facts)
+
+    def read_sequence(self) -> MeshSequence | None:
+        """Read the vertices, with the facts."""
+        if self.vertices is None:
+            return None
+        return sequence_from_hdf5(self.vertices).with_facts(self.facts)
+
+
+def make_norm(
+    recordings: Sequence[KeptRecording],
+    name: str,
+    modes: int,
+    topology: str | None,
+    image: Path,
+    progress: Path,
+) -> None:
+    """Make a norm of kept controls and write its HDF5 image; see `train_norm`."""
+    report = ProgressFile(progress).write
+
+    def tell(done: int, total: int) -> None:
+        report(done / total, f"control {done} of {total}")
+
+    controls = [
+        Control(
+            one.read_signature(),
+            one.subject,
+            case_name(one.sequence_id),
+            # Read one after another, when its turn comes.
+            sequence=one.read_sequence,
+        )
+        for one in recordings
+    ]
+    norm = train_norm(controls, name, modes=modes, topology=topology, progress=tell)
+    write_whole(image, norm_to_hdf5(norm))
+
+
+def ask_norm(
+    recordings: Sequence[KeptRecording], norm: Path, level: float, stated: Sequence[str | None]
+) -> tuple[bytes, dict[int, str]]:
+    """Compare kept sequences with a norm, each, and many together; gives the answer as JSON.
+
+    Parameters
+    ----------
+    recordings : sequence of KeptRecording
+    norm : Path
+    level : float
+    stated : sequence of (str or None)
+        Topology that each sequence states.
+
+    Returns
+    -------
+    bytes, dict of int to str
+        Without an answer the topologies in which the norm would rather have some, by number.
+    """
+    controls = norm_from_hdf5(norm)
+    readings, imposed = [], {}
+    for number, (one, topology) in enumerate(zip(recordings, stated, strict=True)):
+        own, wanted = _read(one, controls, topology)
+        if own is not None:
+            readings.append(own)
+        elif wanted is not None:
+            imposed[number] = wanted
+    if imposed:
+        return b"", imposed
+    if len(readings) >= LEAST_TOGETHER:
+        answer = CohortDeviationAnswer(
+            **cohort_deviation(controls, readings, level=level).as_json()
+        )
+    else:
+        answer = CohortDeviationAnswer(
+            norm=controls.name,
+            norm_id=controls.id,
+            n_controls=controls.as_json()["n_controls"],
+            n_recordings=len(readings),
+            level=level,
+            p=None,
+            is_another=None,
+            warning=None,
+            deviations=[
+                DeviationAnswer(**controls.deviation(own, level=level).as_json())
+                for own in readings
+            ],
+        )
+    return answer.model_dump_json().encode(), {}
+
+
+def _read(
+    recording: KeptRecording, controls: Norm, stated: str | None
+) -> tuple[Reading | None, str | None]:
+    """Read a recording as the controls are; or give the topology in which they rather have it."""
+    signature = recording.read_signature()
+    imposed = controls.readable.imposed_on(signature.surface, stated)
+    if imposed is not None and imposed.topology is not None:
+        return None, str(imposed.topology)
+    own = controls.read(
+        signature,
+        subject=recording.subject,
+        name=case_name(recording.sequence_id),
+        sequence=recording.read_sequence(),
+    )
+    return own, None
