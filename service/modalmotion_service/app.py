@@ -42,9 +42,9 @@ from modalmotion_service.routes import (
     signatures,
     views,
 )
+from modalmotion_service.routes.described import BODIES, EXAMPLES
 from modalmotion_service.routes.stateless import stateless_routes
 from modalmotion_service.schemas.general import Problem
-from modalmotion_service.schemas.requests import BODIES, EXAMPLES
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.pool import WorkerPool, open_engine
 from modalmotion_service.work.upload import say_whether_confined

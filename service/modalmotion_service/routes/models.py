@@ -14,6 +14,15 @@ from modalmotion_service.http.judged_router import JudgedRouter, body_of
 from modalmotion_service.http.negotiation import CSV, HDF5, JSON, MARKDOWN, PNG
 from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey, page_of
 from modalmotion_service.routes.described import answers, body
+from modalmotion_service.schemas.cases import (
+    DeviationOptions,
+    DeviationRequest,
+    EvaluationOptions,
+    EvaluationRequest,
+    NormOptions,
+    NormRequest,
+    TrainingRequest,
+)
 from modalmotion_service.schemas.from_core import ModelName, ModelReference, Paging
 from modalmotion_service.schemas.models import (
     CohortDeviationAnswer,
@@ -25,15 +34,6 @@ from modalmotion_service.schemas.models import (
     NormAnswer,
     NormLink,
     NormPageAnswer,
-)
-from modalmotion_service.schemas.requests import (
-    DeviationOptions,
-    DeviationRequest,
-    EvaluationOptions,
-    EvaluationRequest,
-    NormOptions,
-    NormRequest,
-    TrainingRequest,
 )
 from modalmotion_service.workspace import model_operations as operations
 from modalmotion_service.workspace.model_operations import require_known_classes

@@ -17,14 +17,13 @@ from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey,
 from modalmotion_service.routes.described import answers, body, upload
 from modalmotion_service.routes.uploads import Sent, receiving
 from modalmotion_service.schemas.from_core import Paging, SequenceId
+from modalmotion_service.schemas.queries import ModesRequest, SequenceList
 from modalmotion_service.schemas.requests import (
     SEQUENCE,
     SIGNATURE_OF_FILE,
     TRADE,
     EncodingTarget,
-    ModesRequest,
     SequenceChange,
-    SequenceList,
     TradeRequest,
 )
 from modalmotion_service.schemas.sequences import SequencePageAnswer, SequenceSummary

@@ -28,21 +28,22 @@ from modalmotion_service.routes.asked import (
     temporary_file,
 )
 from modalmotion_service.routes.described import answers, body
+from modalmotion_service.schemas.cases import FeatureOptions, FeaturesRequest
 from modalmotion_service.schemas.from_core import Paging, SequenceId, SignatureKey
 from modalmotion_service.schemas.models import FeaturesAnswer
+from modalmotion_service.schemas.queries import (
+    DistanceRequest,
+    Reconstruction,
+    ReportRequest,
+    ViewRequest,
+)
 from modalmotion_service.schemas.readouts import ReadoutsAnswer, StrainAnswer
 from modalmotion_service.schemas.requests import (
     MANY_SIGNATURES,
     SIGNATURE,
     ClassificationRequest,
-    DistanceRequest,
-    FeatureOptions,
-    FeaturesRequest,
     ManySignatures,
-    Reconstruction,
-    ReportRequest,
     SignatureRequest,
-    ViewRequest,
 )
 from modalmotion_service.schemas.results import ClassificationAnswer, ClassificationPageAnswer
 from modalmotion_service.schemas.signatures import (

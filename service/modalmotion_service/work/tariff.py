@@ -20,7 +20,8 @@ from modalmotion.tradeoff.predicted_time import (
     spring_seconds,
 )
 from modalmotion_service.http.negotiation import PNG
-from modalmotion_service.schemas.requests import EncodingTarget, ModesRequest
+from modalmotion_service.schemas.queries import ModesRequest
+from modalmotion_service.schemas.requests import EncodingTarget
 from modalmotion_service.work.engine import Terms
 from modalmotion_service.work.tasks import classification, derived, sequences, signatures, tracks
 from modalmotion_service.work.tasks.classification import KeptRecording

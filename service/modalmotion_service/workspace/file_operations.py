@@ -28,12 +28,8 @@ from modalmotion_service.http.negotiation import (
 )
 from modalmotion_service.http.observation import add_milliseconds, stage
 from modalmotion_service.http.problems import internal_problem, problem_body
-from modalmotion_service.schemas.requests import (
-    CLASS_OF_FILE,
-    ENCODING_OF_FILE,
-    SIGNATURE_OF_FILE,
-    DecodingRequest,
-)
+from modalmotion_service.schemas.queries import DecodingRequest
+from modalmotion_service.schemas.requests import CLASS_OF_FILE, ENCODING_OF_FILE, SIGNATURE_OF_FILE
 from modalmotion_service.schemas.results import ClassificationAnswer, UploadClassificationAnswer
 from modalmotion_service.work.tasks import sequences, signatures
 from modalmotion_service.work.tasks.signatures import RESULTS

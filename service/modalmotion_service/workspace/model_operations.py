@@ -10,7 +10,7 @@ from modalmotion.errors import NotFoundError, ParameterError
 from modalmotion.facts import Facts
 from modalmotion.store import ResultStore
 from modalmotion_service.http.negotiation import CSV, JSON, PNG
-from modalmotion_service.schemas.requests import (
+from modalmotion_service.schemas.cases import (
     TRAINING,
     DeviationOptions,
     EvaluationOptions,

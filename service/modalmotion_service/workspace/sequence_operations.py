@@ -22,6 +22,7 @@ from modalmotion_service.http.negotiation import (
     tag_of,
 )
 from modalmotion_service.http.observation import add_milliseconds, stage
+from modalmotion_service.schemas.queries import ImagesView, ModesRequest, TrackView
 from modalmotion_service.schemas.requests import (
     SEQUENCE,
     SIGNATURE_OF_FILE,
@@ -29,9 +30,6 @@ from modalmotion_service.schemas.requests import (
     TRADE,
     ClassificationRequest,
     EncodingTarget,
-    ImagesView,
-    ModesRequest,
-    TrackView,
 )
 from modalmotion_service.schemas.sequences import ImagesSummary, SequenceSummary, TrackAnswer
 from modalmotion_service.work.tasks import derived, sequences

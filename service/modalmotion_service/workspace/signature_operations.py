@@ -25,16 +25,14 @@ from modalmotion_service.http.negotiation import (
     ZIP,
 )
 from modalmotion_service.http.observation import stage
-from modalmotion_service.schemas.requests import (
-    MANY_SIGNATURES,
-    SIGNATURE,
-    ClassificationRequest,
+from modalmotion_service.schemas.cases import FeatureOptions
+from modalmotion_service.schemas.queries import (
     DistanceRequest,
-    FeatureOptions,
     Reconstruction,
     ReportRequest,
     ViewRequest,
 )
+from modalmotion_service.schemas.requests import MANY_SIGNATURES, SIGNATURE, ClassificationRequest
 from modalmotion_service.schemas.results import ClassificationAnswer
 from modalmotion_service.schemas.signatures import DistanceAnswer
 from modalmotion_service.work.tasks import derived, signatures

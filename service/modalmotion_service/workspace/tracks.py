@@ -16,7 +16,7 @@ from modalmotion.store import ImagesRecord, ResultStore, SequenceRecord
 from modalmotion.store.index.cursor import to_text
 from modalmotion.tracking.parameters import TrackParameters
 from modalmotion_service.http.observation import add_milliseconds, stage
-from modalmotion_service.schemas.requests import TrackView
+from modalmotion_service.schemas.queries import TrackView
 from modalmotion_service.schemas.sequences import TrackAnswer, TrackEstimate
 from modalmotion_service.work.tasks import tracks
 from modalmotion_service.work.tasks.tracks import ingest_images, show_slices

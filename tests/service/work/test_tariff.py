@@ -20,7 +20,8 @@ from modalmotion.simulate import simulate_ventricle
 from modalmotion.store import SequenceRecord
 from modalmotion.tradeoff.predicted_time import reading_seconds, signature_seconds
 from modalmotion_service.http.negotiation import JSON, NPZ, PNG
-from modalmotion_service.schemas.requests import EncodingTarget, ModesRequest
+from modalmotion_service.schemas.queries import ModesRequest
+from modalmotion_service.schemas.requests import EncodingTarget
 from modalmotion_service.work import tasks
 from modalmotion_service.work.lanes import SHORT_SECONDS
 from modalmotion_service.work.tariff import _RULES, Tariff

@@ -35,7 +35,8 @@ from modalmotion.store import (
 from modalmotion.template.vibration_modes import surface_modes
 from modalmotion_service.http.negotiation import HDF5, NPZ, PNG, RAW, VTKHDF
 from modalmotion_service.schemas.general import ReadingAnswer
-from modalmotion_service.schemas.requests import EncodingTarget, ModesRequest
+from modalmotion_service.schemas.queries import ModesRequest
+from modalmotion_service.schemas.requests import EncodingTarget
 from modalmotion_service.schemas.results import EncodedAnswer
 from modalmotion_service.schemas.signatures import ModesAnswer, TemplateAnswer
 from modalmotion_service.work.task_progress import ProgressFile
