@@ -6,7 +6,7 @@ import mpmath as mp
 import numpy as np
 from extremes_oscillator_rows import exact
 
-from modalmotion.dynamics import Oscillators, State, exact_step
+from modalmotion.modes import Oscillators, State, exact_step
 
 
 def forced_error(rng: np.random.Generator) -> float:

@@ -16,7 +16,7 @@ from noisy_surfaces import individual
 from sparse_lattices import largest_residual
 
 import modalmotion as mm
-from modalmotion.dynamics import State, driven_states, exact_step, mode_oscillators
+from modalmotion.modes import State, driven_states, exact_step, mode_oscillators
 from modalmotion.tracking import track
 from modalmotion.tracking.map_frames import joined
 

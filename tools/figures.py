@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from modalmotion.clinical import clinical_readouts
-from modalmotion.dynamics import dispersion, group_velocity, phase_velocity
-from modalmotion.dynamics.animation import animate_along
 from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.modes import dispersion, group_velocity, phase_velocity
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.naming import parse_label
+from modalmotion.modes.order import parse_label
+from modalmotion.modes.oscillators import animate_along
 from modalmotion.modes.topology import CYLINDER, OPEN_CURVE, PLANE, TORUS
 from modalmotion.pictures.image_overlay import overlay_figure
 from modalmotion.pictures.modes import COLOURS, draw_shape

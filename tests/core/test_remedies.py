@@ -26,7 +26,7 @@ from modalmotion.facts import Facts, facts_from_texts
 from modalmotion.formats import ReadOptions, read_sequence, write_npz, write_raw
 from modalmotion.formats.raw import read_raw
 from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
-from modalmotion.modes.naming import modes_named, parse_label
+from modalmotion.modes.order import modes_named, parse_label
 from modalmotion.modes.topology import CUP
 from modalmotion.signature.comparison import compare
 from modalmotion.signature.making import (

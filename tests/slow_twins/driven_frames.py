@@ -32,8 +32,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.dynamics import Oscillators, State, exact_step
 from modalmotion.errors import ToleranceError
+from modalmotion.modes import Oscillators, State, exact_step
 from modalmotion.numeric.cholesky import inverse_of_cholesky
 from modalmotion.numeric.products import product
 

@@ -10,12 +10,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.dynamics import Oscillators, State, free_response
-from modalmotion.dynamics.animation import animate_along, directional_mode
 from modalmotion.errors import LimitError, ParameterError
 from modalmotion.formats import MorphAnimation
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.modes import Oscillators, State, free_response
+from modalmotion.modes.oscillators import animate_along, directional_mode
 from modalmotion.modes.topology import Topology
 from modalmotion.numeric.products import product
 from modalmotion.representation import shown

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import LimitError, ParameterError
 from modalmotion.mesh import connectivity_of, graph_laplacian
-from modalmotion.modes.label import ModeLabel
-from modalmotion.modes.modes import Surface
+from modalmotion.modes.mode_set import Surface
+from modalmotion.modes.topology import ModeLabel
 from modalmotion.numeric.eigenpairs import MOST_EQUAL, lowest_eigenpairs
 from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown

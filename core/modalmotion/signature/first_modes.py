@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from modalmotion.modes.modes import Modes, whole_counts
+from modalmotion.modes.mode_set import Modes, whole_counts
 from modalmotion.signature.value import ModalSignature
 
 

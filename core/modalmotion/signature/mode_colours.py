@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from modalmotion.modes.label import ModeLabel
+from modalmotion.modes.topology import ModeLabel
 
 # Distinct for colour-blind readers too (Okabe and Ito, Color Universal Design, 2008).
 COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#6A51A3")

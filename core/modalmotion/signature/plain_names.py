@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Final
 
-from modalmotion.modes.label import ModeLabel
 from modalmotion.modes.topology import (
     CLOSED,
     CLOSED_CURVE,
@@ -14,6 +13,7 @@ from modalmotion.modes.topology import (
     PLANE,
     SPHERE,
     TORUS,
+    ModeLabel,
     Topology,
 )
 from modalmotion.numerals import counted

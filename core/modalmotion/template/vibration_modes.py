@@ -12,7 +12,7 @@ from modalmotion.mesh import connectivity_of
 from modalmotion.mesh.spring_modes import spring_modes
 from modalmotion.modes import ModeLabel, Modes, ModeSet, whole_counts
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.naming import modes_named
+from modalmotion.modes.order import modes_named
 from modalmotion.modes.topology import MESH
 from modalmotion.representation import shown
 from modalmotion.template.frequencies import frequencies_of

@@ -25,7 +25,7 @@ from modalmotion.errors import InputError, LimitError
 from modalmotion.fit.offsets import offset_reference
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes.modes import wave_pairs
+from modalmotion.modes.mode_set import wave_pairs
 from modalmotion.numeric.scale import power_of_two
 from modalmotion.pictures.view import upright
 from modalmotion.signature.making import ModalSignature, SignatureKind

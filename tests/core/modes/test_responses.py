@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from project import ROOT
 from scipy.integrate import solve_ivp
 
-from modalmotion.dynamics import (
+from modalmotion.errors import ShapeError
+from modalmotion.modes import (
     Oscillators,
     State,
     energy,
@@ -25,7 +26,6 @@ from modalmotion.dynamics import (
     rayleigh_damping,
     step_response,
 )
-from modalmotion.errors import ShapeError
 
 _spec = importlib.util.spec_from_file_location(
     "extremes_oscillator_rows", ROOT / "tests" / "extremes" / "extremes_oscillator_rows.py"

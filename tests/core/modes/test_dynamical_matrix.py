@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from modalmotion.dynamics import (
+from modalmotion.errors import ParameterError, ShapeError, TopologyError
+from modalmotion.modes import (
     HarmonicPotential,
     dynamical_matrices,
     polarised_waves,
     wave_field,
 )
-from modalmotion.errors import ParameterError, ShapeError, TopologyError
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CLOSED, CLOSED_CURVE, CYLINDER, TORUS, Topology
 

@@ -10,7 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from project import ROOT
 
-from modalmotion.dynamics import (
+from modalmotion.errors import ParameterError
+from modalmotion.modes import (
     Oscillators,
     State,
     exact_step,
@@ -22,7 +23,6 @@ from modalmotion.dynamics import (
     rayleigh_damping,
     step_response,
 )
-from modalmotion.errors import ParameterError
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CLOSED_CURVE, TORUS
 

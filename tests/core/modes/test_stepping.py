@@ -13,7 +13,8 @@ from project import ROOT
 from scipy.integrate import solve_ivp
 from threadpoolctl import threadpool_limits
 
-from modalmotion.dynamics import (
+from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
+from modalmotion.modes import (
     Oscillators,
     State,
     driven_states,
@@ -23,7 +24,6 @@ from modalmotion.dynamics import (
     modal_forces,
     phase_error,
 )
-from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, CYLINDER
 from modalmotion.modes.transform import project

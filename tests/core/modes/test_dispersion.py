@@ -7,15 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modalmotion.dynamics import (
+from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
+from modalmotion.modes import (
+    ModeLabel,
+    ModeSet,
     dispersion,
     first_zone,
     group_velocity,
     phase_velocity,
     wave_vectors,
 )
-from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
-from modalmotion.modes import ModeLabel, ModeSet
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import (
     CLOSED,

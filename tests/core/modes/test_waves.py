@@ -7,7 +7,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from modalmotion.dynamics import (
+from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.modes import (
+    ModeLabel,
     State,
     energy,
     free_states,
@@ -19,8 +21,6 @@ from modalmotion.dynamics import (
     travelling_wave,
     wave_vectors,
 )
-from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.modes import ModeLabel
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CLOSED, CLOSED_CURVE, CUP, CYLINDER, OPEN_CURVE, PLANE, TORUS
 

@@ -8,8 +8,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modalmotion.dynamics import twofold
-from modalmotion.dynamics.twofold import Twofold
+from modalmotion.modes import twofold
+from modalmotion.modes.twofold import Twofold
 
 number = st.floats(1e-60, 1e60)
 TINY = Fraction(1, 2**100)

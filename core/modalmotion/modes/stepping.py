@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.dynamics import twofold
-from modalmotion.dynamics.kernel import responses
-from modalmotion.dynamics.oscillators import Oscillators, State, per_mode, require_state
-from modalmotion.dynamics.twofold import Twofold
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
+from modalmotion.modes import twofold
+from modalmotion.modes.oscillators import Oscillators, State, per_mode, require_state
+from modalmotion.modes.responses import responses
+from modalmotion.modes.twofold import Twofold
 from modalmotion.representation import shown
 
 Array = NDArray[np.float64]

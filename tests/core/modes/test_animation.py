@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from modalmotion.dynamics import animate_along, directional_mode
 from modalmotion.errors import ShapeError
+from modalmotion.modes import animate_along, directional_mode
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CYLINDER
 
