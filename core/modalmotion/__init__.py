@@ -60,12 +60,12 @@ if TYPE_CHECKING:
     from modalmotion.exports.html import to_html as to_html
     from modalmotion.exports.plotting import plot as plot
     from modalmotion.exports.reading import read as read
-    from modalmotion.facts import Facts as Facts
     from modalmotion.formats import ReadLimits as ReadLimits
     from modalmotion.formats import read_npz as read_npz
     from modalmotion.formats import read_sequence as read_sequence
     from modalmotion.formats import write_npz as write_npz
     from modalmotion.formats.volumes import read_images as read_images
+    from modalmotion.mesh import Facts as Facts
     from modalmotion.mesh.sequence import MeshSequence as MeshSequence
     from modalmotion.mesh.sequence import mesh_sequence as mesh_sequence
     from modalmotion.modes import ModeLabel as ModeLabel

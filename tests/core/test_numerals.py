@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import modalmotion as mm
 from modalmotion.cli.commands import main
 from modalmotion.formats import read_sequence
-from modalmotion.mesh.frame_order import in_time_order
+from modalmotion.mesh.sequence import in_time_order
 from modalmotion.numerals import counted, numeral, with_interval
 from modalmotion.pictures.signature import signature_figure
 

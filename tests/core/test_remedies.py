@@ -22,9 +22,9 @@ from modalmotion.cli import main
 from modalmotion.clinical import clinical_readouts
 from modalmotion.codec import decode, encode
 from modalmotion.errors import ModalMotionError
-from modalmotion.facts import Facts, facts_from_texts
 from modalmotion.formats import ReadOptions, read_sequence, write_npz, write_raw
 from modalmotion.formats.raw import read_raw
+from modalmotion.mesh import Facts, facts_from_texts
 from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
 from modalmotion.modes.order import modes_named, parse_label
 from modalmotion.modes.topology import CUP

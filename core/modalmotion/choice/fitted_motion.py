@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.rigid import Rotations
 from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.harmonics import harmonics_of, require_harmonics
 from modalmotion.choice.parameters import ErrorKind
@@ -16,6 +15,7 @@ from modalmotion.choice.scene import LinearMotion
 from modalmotion.fit.basis import Basis
 from modalmotion.fit.fit import Fit
 from modalmotion.fit.superposition import measured
+from modalmotion.mesh.alignment import Rotations
 from modalmotion.modes import Modes
 from modalmotion.numeric.scale import root_mean_square
 

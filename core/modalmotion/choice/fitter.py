@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.displacements import DisplacementBlock, Displacements
-from modalmotion.alignment.reference import displacements_from
 from modalmotion.choice.parameters import SignatureKind, SignatureParameters
 from modalmotion.fit.basis import Basis
 from modalmotion.fit.fit import Fit, fit_displacements
 from modalmotion.fit.offsets import Offsets, offsets_of
 from modalmotion.fit.superposition import Superposition
+from modalmotion.mesh.alignment import DisplacementBlock, Displacements
+from modalmotion.mesh.reference import displacements_from
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.products import product
 from modalmotion.template import Template

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.errors import ModeCountError, ParameterError
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MEAN, Reference
 from modalmotion.modes.topology import MESH, Topology
 from modalmotion.numeric.kinds import one_of, real, truth, whole, whole_numbers

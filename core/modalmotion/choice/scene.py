@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.rigid import Rotations
 from modalmotion.choice.fitter import Fitter
 from modalmotion.fit.frame_errors import FrameErrors, errors_of_offsets
+from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.products import weighted_sum
 from modalmotion.numeric.scale import root_mean_square

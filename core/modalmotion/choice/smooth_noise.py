@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from modalmotion.choice.nested_sets import Ladder
-from modalmotion.mesh.connectivity import connectivity_of
+from modalmotion.mesh.triangles import connectivity_of
 from modalmotion.modes.topology import CLOSED
 from modalmotion.numeric.products import LARGEST_SINGLE_THREADED, product
 from modalmotion.template import Template

@@ -23,7 +23,7 @@ from modalmotion.classification.motion import Motion
 from modalmotion.classification.options import require_coverage
 from modalmotion.classification.outliers import OUT_OF_DOMAIN, UNREADABLE, Flag
 from modalmotion.errors import ModeCountError, TopologyError
-from modalmotion.facts import UNKNOWN
+from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MEAN, MeshSequence
 from modalmotion.modes.order import common_count
 from modalmotion.modes.topology import CYLINDER

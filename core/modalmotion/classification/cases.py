@@ -17,7 +17,7 @@ from modalmotion.errors import (
     OlderFileError,
     ParameterError,
 )
-from modalmotion.facts import Facts, Named
+from modalmotion.mesh import Facts, Named
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numerals import counted
 from modalmotion.representation import shown

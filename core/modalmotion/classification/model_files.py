@@ -20,10 +20,10 @@ from modalmotion.classification.outliers import CHECKS, PLACE, OutlierDetector
 from modalmotion.classification.performance import CrossValidation
 from modalmotion.classification.record import ModelRecord, require_model_name
 from modalmotion.errors import CorruptFileError, NotFoundError
-from modalmotion.facts import Facts
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
+from modalmotion.mesh import Facts
 from modalmotion.representation import shown
 
 FORM: Final = Form("model", 7)

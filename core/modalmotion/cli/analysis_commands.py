@@ -24,7 +24,7 @@ from modalmotion.cli.outputs import PICTURES, write_picture
 from modalmotion.cli.waiting import Waiting
 from modalmotion.errors import TopologyError
 from modalmotion.exports.surfaces import SUFFIXES, write_superposed
-from modalmotion.facts import facts_as_json
+from modalmotion.mesh import facts_as_json
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numerals import counted, numeral
 from modalmotion.signature.making import ModalSignature, SignatureKind

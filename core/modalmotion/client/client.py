@@ -42,8 +42,8 @@ from modalmotion.client.values import (
     template_modes_of,
 )
 from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.facts import Facts
 from modalmotion.formats.npz import read_npz
+from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.progress import Progress
 from modalmotion.signature.comparison import Comparison

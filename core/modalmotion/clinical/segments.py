@@ -12,10 +12,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import reference_positions
 from modalmotion.errors import TopologyError
-from modalmotion.facts import Facts
-from modalmotion.facts.facts import UNKNOWN
+from modalmotion.mesh import Facts
+from modalmotion.mesh.facts import UNKNOWN
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP
 from modalmotion.representation import shown

@@ -31,7 +31,7 @@ from modalmotion.clinical.wall_motion import (
     Measure,
     WallMotion,
 )
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP, SPHERE
 from modalmotion.template import Template

@@ -10,7 +10,7 @@ import numpy as np
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.errors import needs_extra
 from modalmotion.exports.table import Table, amplitude_table, direction_names, frame_table
-from modalmotion.facts import facts_as_json
+from modalmotion.mesh import facts_as_json
 from modalmotion.signature.making import ModalSignature
 
 if TYPE_CHECKING:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import reference_positions
 from modalmotion.errors import ParameterError
 from modalmotion.formats.gltf.morph_animation import MorphAnimation
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import (
     ModalSignature,

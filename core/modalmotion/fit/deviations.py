@@ -23,12 +23,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import reference_positions
 from modalmotion.fit.basis import Basis
 from modalmotion.mesh import mean_slopes, vertex_areas
+from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.normal_lines import vertex_normals
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
-from modalmotion.mesh.uncertainty import Uncertainty
 from modalmotion.numeric.products import product
 from modalmotion.numeric.scale import power_of_two
 from modalmotion.template import Template

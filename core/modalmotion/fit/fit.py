@@ -11,11 +11,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.displacements import Displacements, PositionBlock
-from modalmotion.alignment.reference_shape import ReferenceShape
-from modalmotion.alignment.rigid import Rotations
 from modalmotion.fit.basis import Basis
 from modalmotion.fit.frame_errors import FrameErrors, errors_of, rms_of
+from modalmotion.mesh.alignment import Displacements, PositionBlock, ReferenceShape, Rotations
 from modalmotion.numeric.products import product, tile
 from modalmotion.numeric.scale import lengths
 from modalmotion.representation import shown

@@ -16,12 +16,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from modalmotion.alignment.displacements import Displacements, PositionBlock
-from modalmotion.alignment.rigid import Rotations
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import oriented_faces
-from modalmotion.mesh.areas import face_normals
+from modalmotion.mesh.alignment import Displacements, PositionBlock, Rotations
 from modalmotion.mesh.normal_lines import NormalLines, vertex_normals
+from modalmotion.mesh.triangles import face_normals
 from modalmotion.numeric.products import product, weighted_sum
 from modalmotion.numeric.scale import power_of_two
 from modalmotion.representation import shown

@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import reference_positions
-from modalmotion.alignment.rigid import Rotations
 from modalmotion.fit.frame_errors import FrameErrors, errors_of_offsets
 from modalmotion.fit.offsets import offset_reference
+from modalmotion.mesh.alignment import Rotations
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, from_local, local_frames

@@ -16,7 +16,8 @@ import scipy
 from numpy.typing import NDArray
 
 from modalmotion.errors import LimitError, ParameterError
-from modalmotion.mesh import connectivity_of, graph_laplacian
+from modalmotion.mesh.laplacian import graph_laplacian
+from modalmotion.mesh.triangles import connectivity_of
 from modalmotion.modes.mode_set import Surface
 from modalmotion.modes.topology import ModeLabel
 from modalmotion.numeric.eigenpairs import MOST_EQUAL, lowest_eigenpairs

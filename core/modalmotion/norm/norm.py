@@ -24,10 +24,10 @@ from modalmotion.classification.motion import Motion
 from modalmotion.classification.record import require_model_name
 from modalmotion.clinical import Fraction, clinical_readouts
 from modalmotion.errors import ParameterError, TopologyError, UnlikeCasesError
-from modalmotion.facts import UNKNOWN, Facts, Named
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
+from modalmotion.mesh import UNKNOWN, Facts, Named
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm.deviation import (
     CohortDeviation,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import needs_extra
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.images.sequence import Image
-from modalmotion.mesh.plane_section import Edges
+from modalmotion.mesh.normal_lines import Edges
 from modalmotion.pictures.movie import write_gif
 from modalmotion.tracking.result import Track
 

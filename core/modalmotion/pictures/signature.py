@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import reference_positions
 from modalmotion.errors import needs_extra
 from modalmotion.mesh import lattice_faces
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.numerals import counted, numeral
 from modalmotion.pictures.cube import fill_cube

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 
 SYSTEM: Final = "urn:modalmotion:codes"
 """Of our own codes."""

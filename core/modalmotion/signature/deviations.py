@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.rigid import Rotations
 from modalmotion.choice.fitted_motion import Model
 from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.noise_level import measure_noise
@@ -16,8 +15,9 @@ from modalmotion.choice.parameters import SignatureKind
 from modalmotion.errors import ModeCountError
 from modalmotion.fit.basis import Basis, make_basis
 from modalmotion.fit.deviations import amplitude_deviations, turns_of_axes
+from modalmotion.mesh.alignment import Rotations
+from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.mesh.uncertainty import Uncertainty
 from modalmotion.numeric.products import product
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from modalmotion.alignment.rigid import Rotations
 from modalmotion.errors import ParameterError
+from modalmotion.mesh.alignment import Rotations
 from modalmotion.signature.making import ModalSignature
 
 

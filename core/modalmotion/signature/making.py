@@ -9,16 +9,16 @@ from importlib.metadata import version
 
 import numpy as np
 
-from modalmotion.alignment.reference import reference_positions
 from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.parameters import MOST_MODES, SignatureKind, SignatureParameters
 from modalmotion.choice.selection import select_model
 from modalmotion.errors import ParameterError
-from modalmotion.facts import NO_FACTS
 from modalmotion.fit.cache import TemplateCache
 from modalmotion.fit.fit import Fit
 from modalmotion.fit.strays import notes_on_strays
 from modalmotion.hdf5.image import INTENDED_USE
+from modalmotion.mesh import NO_FACTS
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import Topology
 from modalmotion.numerals import counted, numeral

@@ -8,12 +8,12 @@ from importlib import import_module
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.rigid import Rotations
 from modalmotion.arguments.tasks import Plotted, Saved
 from modalmotion.choice.fitted_motion import closure_gap
 from modalmotion.choice.parameters import SignatureKind, SignatureParameters
 from modalmotion.choice.reason import ModelChoice
-from modalmotion.facts import NO_FACTS, Facts
+from modalmotion.mesh import NO_FACTS, Facts
+from modalmotion.mesh.alignment import Rotations
 from modalmotion.modes import Modes
 from modalmotion.modes.topology import MESH, Topology
 from modalmotion.numeric.scale import root_mean_square

@@ -9,8 +9,7 @@ import numpy as np
 import scipy
 
 from modalmotion.errors import ParameterError
-from modalmotion.facts import Facts
-from modalmotion.mesh import Cavity
+from modalmotion.mesh import Cavity, Facts
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP
 from modalmotion.numeric.kinds import real, whole, whole_numbers

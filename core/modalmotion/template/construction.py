@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import middle_positions, reference_positions
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import lattice_faces
+from modalmotion.mesh.reference import middle_positions, reference_positions
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
-from modalmotion.facts import Corners, Facts, Named, Place
+from modalmotion.mesh import Corners, Facts, Named, Place
 from modalmotion.modes.topology import Topology
 from modalmotion.representation import shown
 

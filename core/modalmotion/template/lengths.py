@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.mesh import face_areas, face_gradients
-from modalmotion.mesh.curves import step_lengths
+from modalmotion.mesh.triangles import step_lengths
 from modalmotion.modes.topology import CLOSED, End, Topology
 from modalmotion.template.coordinates.axis import corner_steps
 from modalmotion.template.surface import Surface

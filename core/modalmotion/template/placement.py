@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.mesh.areas import mean_slopes
+from modalmotion.mesh.triangles import mean_slopes
 from modalmotion.modes.topology import CUP, CYLINDER, Topology
 from modalmotion.template.coordinates.axis import Axes, azimuth, origin_on
 from modalmotion.template.coordinates.value import Coordinates

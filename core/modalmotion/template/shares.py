@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.mesh.curves import curve_weights
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.mesh.triangles import curve_weights
 from modalmotion.modes.topology import Topology
 from modalmotion.template.surface import Surface
 from modalmotion.template.template import Weights

@@ -10,8 +10,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import middle_positions, reference_positions
 from modalmotion.errors import ParameterError, TopologyError
+from modalmotion.mesh.reference import middle_positions, reference_positions
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import CUP, CYLINDER, Topology
 from modalmotion.numeric.frozen_arrays import FrozenArrays

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ShapeError
 from modalmotion.mesh import Cavity
-from modalmotion.mesh.areas import face_normals
 from modalmotion.mesh.normal_lines import vertex_normals
+from modalmotion.mesh.triangles import face_normals
 from modalmotion.modes import ModeSet, lowest_modes, whole_count
 from modalmotion.modes.topology import CLOSED, OPEN_CURVE
 from modalmotion.numeric.products import product

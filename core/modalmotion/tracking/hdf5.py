@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 
 from modalmotion.errors import StoreError
-from modalmotion.facts import facts_as_json, facts_from_json
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import form_of
 from modalmotion.hdf5.image import UNKNOWN, Dataset, json_text
+from modalmotion.mesh import facts_as_json, facts_from_json
 from modalmotion.mesh.hdf5 import TRACK
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes import ModeSet

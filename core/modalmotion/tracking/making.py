@@ -15,9 +15,9 @@ from modalmotion.errors import (
     ShapeError,
     TopologyError,
 )
-from modalmotion.facts import Facts
 from modalmotion.images import ImageSequence
 from modalmotion.images.sequence import Images, images_in
+from modalmotion.mesh import Facts
 from modalmotion.mesh.checks import require_times
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import Topology

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from modalmotion.arguments.tasks import Recorded
 from modalmotion.errors import TopologyError
 from modalmotion.mesh.cavity import Cavity, cavity_of
+from modalmotion.mesh.checks import difference_deviation
 from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.mesh.uncertainty import difference_deviation
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import PLANE
 from modalmotion.numeric.frozen_arrays import FrozenArrays

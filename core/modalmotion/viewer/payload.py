@@ -12,7 +12,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import reference_positions
 from modalmotion.classification.answer import Classification
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.rates import Rates
@@ -24,6 +23,7 @@ from modalmotion.clinical.volume_curve import TWO_DEVIATIONS, Fraction
 from modalmotion.errors import InputError, LimitError
 from modalmotion.fit.offsets import offset_reference
 from modalmotion.hdf5.image import INTENDED_USE
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.mode_set import wave_pairs
 from modalmotion.numeric.scale import power_of_two

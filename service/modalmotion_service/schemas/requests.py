@@ -13,15 +13,15 @@ from modalmotion.classification import DEFAULT_MODEL, TrainingOptions
 from modalmotion.classification.model_files import RULE
 from modalmotion.codec import Effort
 from modalmotion.errors import ParameterError
-from modalmotion.facts import NAMES, NO_FACTS, Facts
-from modalmotion.facts.facts import (
+from modalmotion.formats import ReadLimits, ReadOptions
+from modalmotion.mesh import NAMES, NO_FACTS, Facts
+from modalmotion.mesh.facts import (
     LONGEST_MODALITY,
     Cavity,
     CoordinateSystem,
     Handedness,
     Tracking,
 )
-from modalmotion.formats import ReadLimits, ReadOptions
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.template import GivenLandmarks
 from modalmotion.template.body_frame import Components

@@ -14,7 +14,7 @@ from pydantic_core import from_json
 
 from modalmotion.choice.parameters import parameters_from_json
 from modalmotion.errors import LostFileError, NotFoundError, ParameterError
-from modalmotion.facts import Facts, facts_as_json
+from modalmotion.mesh import Facts, facts_as_json
 from modalmotion.modes.topology import SPHERE
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import StageReport

@@ -19,7 +19,7 @@ from modalmotion.errors import (
     TopologyError,
     UnlikeCasesError,
 )
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 from modalmotion.norm import Norm
 from modalmotion.norm.norm import parameters_of_controls
 from modalmotion.signature.making import SignatureParameters

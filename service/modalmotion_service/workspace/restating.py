@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from modalmotion.errors import NotFoundError
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 from modalmotion_service.http.timing import stage
 from modalmotion_service.schemas.requests import SequenceChange
 from modalmotion_service.work.tasks.sequences import restated

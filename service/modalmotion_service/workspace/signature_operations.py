@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 from typing import Final
 
 from modalmotion.exports.surfaces import SurfaceFormat
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 from modalmotion.stopwatch import StageReport
 from modalmotion_service.http.negotiation import (
     CSV,

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from template_surfaces import Moving, make_ventricle
 
-import modalmotion.alignment.reference as reference_module
-from modalmotion.alignment.reference_shape import ReferenceShape
+import modalmotion.mesh.reference as reference_module
 from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.fit.basis import make_basis
+from modalmotion.mesh.alignment import ReferenceShape
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.signature.making import modal_signature
 from modalmotion.template import choose_modes, make_template

@@ -19,7 +19,7 @@ from modalmotion.exports.table import (
     cohort_table,
     frame_table,
 )
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from slow_fits import assert_same, slow_fit
 from template_surfaces import Moving, describe, fit_sequence, make_tube, make_ventricle
 
-import modalmotion.alignment.displacements as displacements_module
+import modalmotion.mesh.alignment as displacements_module
 from modalmotion.choice.fitter import Fitter
 from modalmotion.errors import TopologyError
 from modalmotion.fit.basis import make_basis

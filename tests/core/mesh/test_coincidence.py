@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from modalmotion.mesh import coincidence
 from modalmotion.mesh.checks import FloatArray
-from modalmotion.mesh.coincidence import first_at_place
+from modalmotion.mesh.sequence import first_at_place
 
 # Few values, so that vertices meet in some frames and part in others.
 _PATHS = arrays(

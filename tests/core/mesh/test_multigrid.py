@@ -10,7 +10,7 @@ from template_surfaces import make_ventricle
 from threadpoolctl import threadpool_limits
 
 from modalmotion.mesh import cotangent_laplacian, dissection, multigrid, solve_positive_definite
-from modalmotion.mesh.multigrid import solve_by_multigrid
+from modalmotion.mesh.laplacian import solve_by_multigrid
 
 Floats = np.ndarray
 

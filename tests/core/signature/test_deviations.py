@@ -12,10 +12,9 @@ from template_surfaces import MAKERS
 
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.strain_of import strain
-from modalmotion.facts import Facts
-from modalmotion.mesh import lattice_faces
+from modalmotion.mesh import Facts, lattice_faces
+from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.mesh.uncertainty import Uncertainty
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.signature.comparison import compare
 from modalmotion.signature.first_modes import first_modes

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from modalmotion.alignment.reference import reference_positions
 from modalmotion.clinical.readouts import clinical_readouts
 from modalmotion.fit.basis import make_basis
 from modalmotion.fit.fit import project
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MEAN, mesh_sequence
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.signature.making import (

@@ -16,9 +16,9 @@ from clouds import breathing_spheroid, sampled
 from project import ROOT
 from viewed_surfaces import VIEWED, scaled, viewed
 
-from modalmotion.alignment.reference import reference_positions
 from modalmotion.classification import classify
 from modalmotion.codec import decode, encode
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from modalmotion.exports.surfaces import SurfaceFormat
-from modalmotion.facts import NO_FACTS
 from modalmotion.formats import Format, ReadOptions, write_npz
+from modalmotion.mesh import NO_FACTS
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.simulate import simulate_ventricle
 from modalmotion.store import SequenceRecord

@@ -9,7 +9,7 @@ from modalmotion.reports.codes import DICOM, LOINC, OWN, SYSTEM, concept
 from modalmotion.reports.content import Report
 
 if TYPE_CHECKING:
-    from modalmotion.facts import Facts
+    from modalmotion.mesh import Facts
     from modalmotion.reports.dicom.source import Study
 
 SCHEME: Final = "99MODALMOTION"

@@ -8,8 +8,8 @@ import zipfile
 from typing import Final
 
 from modalmotion.errors import ParameterError, needs_extra
-from modalmotion.facts import Facts
 from modalmotion.formats.volumes.stack import unheard
+from modalmotion.mesh import Facts
 from modalmotion.reports.content import Report
 from modalmotion.reports.dicom.source import Study
 from modalmotion.reports.moments import moments_of

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
 from modalmotion.classification.record import ModelRecord
-from modalmotion.facts import facts_from_json
+from modalmotion.mesh import facts_from_json
 from modalmotion.representation import shown
 from modalmotion.store.folder import ResultKind, ResultName
 from modalmotion.store.index.cursor import from_cursor, require_limit, to_cursor

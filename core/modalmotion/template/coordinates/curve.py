@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.mesh.curves import curve_weights, step_lengths
+from modalmotion.mesh.triangles import curve_weights, step_lengths
 from modalmotion.modes.topology import CLOSED_CURVE, Topology
 from modalmotion.numeric.products import second_moments, weighted_sum
 from modalmotion.template.coordinates.axis import any_across, towards

@@ -15,7 +15,7 @@ from modalmotion.classification import (
     load_model,
     shipped_for,
 )
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import model_from_hdf5, signature_from_hdf5
 from modalmotion_service.schemas.sequences import ReadingAnswer

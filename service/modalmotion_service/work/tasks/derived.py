@@ -12,7 +12,7 @@ from modalmotion.clinical.ventricle import ventricle_readouts
 from modalmotion.errors import ParameterError
 from modalmotion.exports.surfaces import SurfaceFormat, write_superposed
 from modalmotion.exports.table import frame_table
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 from modalmotion.pictures.readouts import volume_figure
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import Stopwatch

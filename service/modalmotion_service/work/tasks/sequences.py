@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import (

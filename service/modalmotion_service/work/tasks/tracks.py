@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Final, Literal
 
 from modalmotion.errors import NotFoundError, ParameterError
-from modalmotion.facts import Facts
 from modalmotion.images.hdf5 import read_images_file
+from modalmotion.mesh import Facts
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import (
     SequenceRecord,

@@ -10,9 +10,9 @@ from foreign_motions import figures
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from modalmotion.alignment.mean_shape import mean_shape
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import vertex_areas
+from modalmotion.mesh.reference import mean_shape
 from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct

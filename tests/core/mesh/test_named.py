@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from modalmotion.facts import Named
+from modalmotion.mesh import Named
 
 
 def test_order_does_not_matter_and_nothing_can_be_put() -> None:

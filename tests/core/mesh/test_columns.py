@@ -8,7 +8,7 @@ import pytest
 
 from modalmotion import Facts
 from modalmotion.errors import ParameterError
-from modalmotion.facts import facts_in, states_fact
+from modalmotion.mesh import facts_in, states_fact
 
 
 def test_further_columns_are_covariates_beside_the_facts() -> None:

@@ -5,8 +5,8 @@ from facts_samples import PLACE
 from hypothesis import given
 
 from modalmotion import ParameterError
-from modalmotion.facts import Place
-from modalmotion.facts.places import read_place
+from modalmotion.mesh import Place
+from modalmotion.mesh.facts import read_place
 
 
 @given(PLACE)

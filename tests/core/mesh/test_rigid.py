@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from modalmotion.alignment.rigid import kabsch
+from modalmotion.mesh.alignment import kabsch
 
 RNG = np.random.default_rng(0)
 

@@ -7,7 +7,7 @@ from facts_samples import FACTS
 from hypothesis import given
 
 from modalmotion import Facts, ParameterError
-from modalmotion.facts import NO_FACTS, facts_as_json, facts_from_texts, is_fact
+from modalmotion.mesh import NO_FACTS, facts_as_json, facts_from_texts, is_fact
 
 
 @given(FACTS)

@@ -8,8 +8,8 @@ from facts_samples import FACTS
 from hypothesis import given
 
 from modalmotion import Facts, ParameterError
-from modalmotion.facts import NAMES, NO_FACTS, facts_as_json, facts_from_json, facts_patched
-from modalmotion.facts.json_form import LONGEST_TEXT, read_object
+from modalmotion.mesh import NAMES, NO_FACTS, facts_as_json, facts_from_json, facts_patched
+from modalmotion.mesh.fact_forms import LONGEST_TEXT, read_object
 
 
 @given(FACTS)
