@@ -43,7 +43,7 @@ from modalmotion.simulate import (
     simulate_ventricle,
 )
 from modalmotion.template import make_template
-from modalmotion.template.directions import Direction, directions_on
+from modalmotion.template.body_frame import Direction, directions_on
 from modalmotion.template.vibration_modes import (
     lattice_modes,
     lattice_modes_named,

@@ -15,7 +15,7 @@ from modalmotion.fit.basis import Basis, largest_sound
 from modalmotion.modes import Modes, whole_count, whole_counts
 from modalmotion.numeric.qr import orthonormal, triangle_of
 from modalmotion.template import Template, choose_modes
-from modalmotion.template.loose_vertices import shapes_of
+from modalmotion.template.vibration_modes import shapes_of
 
 # Numbers in the shapes that are factored at once: 480 MB with their factor.
 _MOST_NUMBERS: Final = 30_000_000

@@ -20,8 +20,8 @@ from modalmotion.numeric.kinds import one_of, real, truth, whole, whole_numbers
 from modalmotion.representation import shown
 from modalmotion.template import GivenLandmarks, Weights
 from modalmotion.template.body_frame import Components
-from modalmotion.template.frequencies import require_wave_speed
 from modalmotion.template.landmarks import landmarks_in
+from modalmotion.template.vibration_modes import require_wave_speed
 
 # Above this a signature is no longer compact, and a typing error is more likely.
 MOST_MODES: Final = 2000

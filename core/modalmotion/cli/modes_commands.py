@@ -41,7 +41,7 @@ from modalmotion.signature.making import (
     resolve_template,
 )
 from modalmotion.template import Template, make_template
-from modalmotion.template.directions import Direction, directions_on
+from modalmotion.template.body_frame import Direction, directions_on
 from modalmotion.template.vibration_modes import (
     VibrationModes,
     lattice_modes,

@@ -21,8 +21,14 @@ from modalmotion.fit.offsets import offset_reference
 from modalmotion.numeric.products import product
 from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.template import Template
-from modalmotion.template.affine_motions import HELD, unit_coordinates
-from modalmotion.template.body_frame import Components, from_local, local_frames, to_local
+from modalmotion.template.body_frame import (
+    HELD,
+    Components,
+    from_local,
+    local_frames,
+    to_local,
+    unit_coordinates,
+)
 
 # Floats of positions held at once.
 _BLOCK: Final = 500_000

@@ -22,7 +22,7 @@ from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.template import Landmarks, Template
-from modalmotion.template.directions import Direction, directions_on
+from modalmotion.template.body_frame import Direction, directions_on
 
 ANTERIOR: Final = "anterior"
 """The landmark from which segments are counted: any place in the middle of the anterior wall."""

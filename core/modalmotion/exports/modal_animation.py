@@ -17,7 +17,7 @@ from modalmotion.signature.making import (
 )
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components
-from modalmotion.template.loose_vertices import shapes_of
+from modalmotion.template.vibration_modes import shapes_of
 
 
 def modal_animation(

@@ -14,7 +14,7 @@ from modalmotion.modes import Modes, whole_counts
 from modalmotion.numeric.products import product
 from modalmotion.numeric.qr import inverse_of_triangle, orthonormal, triangle_of
 from modalmotion.template import Template
-from modalmotion.template.loose_vertices import shapes_of
+from modalmotion.template.vibration_modes import shapes_of
 
 # Amplitudes lose this factor of the data's precision; beyond it they are not worth giving.
 LARGEST_CONDITION: Final = 1e8

@@ -32,7 +32,7 @@ from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.numeric.products import product
 from modalmotion.numeric.scale import power_of_two
 from modalmotion.template import Template
-from modalmotion.template.placement import Placement
+from modalmotion.template.template import Placement
 
 # Below this cosine the surface has turned away from the line: it meets it at the rim, whose
 # points move along the line as they are.

@@ -25,7 +25,7 @@ from modalmotion.numeric.products import product, weighted_sum
 from modalmotion.numeric.scale import power_of_two
 from modalmotion.representation import shown
 from modalmotion.template import Template
-from modalmotion.template.loose_vertices import nearest_in_use
+from modalmotion.template.vibration_modes import nearest_in_use
 
 # Below this the surface is no more on one side of its centroid than on the other: its winding
 # says then which side is outside.

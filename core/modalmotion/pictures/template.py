@@ -11,7 +11,7 @@ from modalmotion.errors import TopologyError, needs_extra
 from modalmotion.modes.topology import CLOSED
 from modalmotion.pictures.cube import fill_cube
 from modalmotion.pictures.view import faces_viewer, size_of, tilted, upright
-from modalmotion.template.coordinates.axis import corner_steps
+from modalmotion.template.axis import corner_steps
 from modalmotion.template.template import Template
 
 if TYPE_CHECKING:

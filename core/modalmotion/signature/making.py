@@ -28,7 +28,7 @@ from modalmotion.signature.value import ModalSignature
 from modalmotion.signature.volumes import enclosed_volumes
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.template import Template, make_template, require_same_mesh
-from modalmotion.template.frequencies import frequencies_of
+from modalmotion.template.vibration_modes import frequencies_of
 
 __all__ = [
     "INTENDED_USE",

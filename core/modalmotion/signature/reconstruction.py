@@ -15,7 +15,7 @@ from modalmotion.signature.making import (
     resolve_template,
 )
 from modalmotion.template import Template
-from modalmotion.template.loose_vertices import shapes_of
+from modalmotion.template.vibration_modes import shapes_of
 
 
 def reconstruct(

@@ -17,10 +17,10 @@ from modalmotion.mesh.hdf5 import TRACK
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import Topology
-from modalmotion.template.affine_motions import affine_shapes
+from modalmotion.template.body_frame import affine_shapes
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
-from modalmotion.template.loose_vertices import shapes_of
 from modalmotion.template.template import Template
+from modalmotion.template.vibration_modes import shapes_of
 from modalmotion.tracking.deviations import uncertainty_of
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.prior import Prior

@@ -20,9 +20,9 @@ from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import PLANE
 from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
-from modalmotion.template.affine_motions import affine_shapes
-from modalmotion.template.loose_vertices import shapes_of
+from modalmotion.template.body_frame import affine_shapes
 from modalmotion.template.template import Template
+from modalmotion.template.vibration_modes import shapes_of
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.normal_equations import NormalEquations
 from modalmotion.tracking.observation import Frame

@@ -33,7 +33,7 @@ from modalmotion.signature.mode_colours import COLOURS, mode_dash, mode_tone
 from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, local_frames
-from modalmotion.template.loose_vertices import nearest_in_use, shapes_of
+from modalmotion.template.vibration_modes import nearest_in_use, shapes_of
 from modalmotion.viewer.container import write_container
 from modalmotion.viewer.wave_names import wave_name
 

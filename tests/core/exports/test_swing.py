@@ -17,7 +17,7 @@ from modalmotion.modes.order import parse_label
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.template import Template, make_template
-from modalmotion.template.directions import Direction, directions_on
+from modalmotion.template.body_frame import Direction, directions_on
 from modalmotion.template.vibration_modes import VibrationModes, surface_modes_named
 
 

@@ -15,8 +15,7 @@ from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.template import GivenLandmarks, Weights, make_template
-from modalmotion.template.body_frame import Components
-from modalmotion.template.directions import vertex_normals
+from modalmotion.template.body_frame import Components, vertex_normals
 from modalmotion.template.hdf5 import template_from_hdf5, template_to_hdf5
 from modalmotion.template.template import is_merged
 

@@ -26,7 +26,7 @@ from modalmotion.modes.topology import CUP
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import fitted_on, reconstruct
 from modalmotion.simulate import Acquisition, simulate_ventricle
-from modalmotion.template.directions import Direction, directions_on
+from modalmotion.template.body_frame import Direction, directions_on
 from modalmotion.tracking import track
 from modalmotion.viewer.bundle_files import script, style
 from modalmotion.viewer.container import read_container

@@ -1,4 +1,4 @@
-"""Natural coordinates of cups: surfaces with one end open and a pole at the other."""
+"""Natural coordinates of cups, cylinders and spheres: a potential and an azimuth."""
 
 from __future__ import annotations
 
@@ -7,21 +7,22 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topology import CUP, CYLINDER, SPHERE
 from modalmotion.numeric.products import along, second_moments, weighted_sum
 from modalmotion.progress import ShareReport, silent
-from modalmotion.template.coordinates.axis import (
+from modalmotion.template.axis import (
     Axes,
     axes_about,
     azimuth,
     direction_between,
     lean,
     origin_on,
+    potential,
     principal_axes,
+    skewness,
+    widest_across,
 )
-from modalmotion.template.coordinates.potential import potential
-from modalmotion.template.coordinates.value import Coordinates
-from modalmotion.template.landmarks import Landmarks
+from modalmotion.template.landmarks import Coordinates, Landmarks
 from modalmotion.template.surface import Opening, Surface, mean_of
 
 # s = (1 - u / max u)^(5/8): 1/2 is exact on a flat disk, 3/4 serves a long tube.
@@ -226,3 +227,159 @@ def _agreement(surface: Surface) -> float:
     arms = np.stack([opening.centre for opening in surface.openings]) - surface.centroid
     reach = float(lengths @ np.linalg.norm(arms, axis=1))
     return float(np.linalg.norm(lengths @ arms)) / reach if reach > 0 else 0.0
+
+
+def cylinder_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
+    """Find the axis between the centres of both ends, and the side to which the wall leans.
+
+    Raises
+    ------
+    ParameterError
+        If a stated landmark gives no direction.
+    """
+    near, far, strength = _ends(surface, places)
+    apex, base = places.get("apex", near.centre), places.get("base", far.centre)
+    axis = direction_between(surface, apex, base)
+    return axes_about(surface, places, axis, lean(surface, axis), {"axis": strength})
+
+
+def cylinder_coordinates(
+    surface: Surface,
+    places: dict[str, NDArray[np.float64]],
+    axes: Axes,
+    report: ShareReport = silent,
+) -> Coordinates:
+    """Harmonic function between the openings, and azimuth about the axis.
+
+    s is 0 on the shorter opening and 1 on the longer one, unless a landmark says otherwise.
+
+    Parameters
+    ----------
+    surface : Surface
+        One piece with two openings.
+    places : dict of str to (3,) float64
+    axes : Axes
+        From `cylinder_axes`, which decide which end is which.
+    report : callable, optional
+        Told the share that is done.
+    """
+    axis = axes.axis
+    near, far = sorted(surface.openings, key=lambda opening: float(opening.centre @ axis))
+    origin = origin_on(surface, axis, places)
+    offsets = surface.vertices - origin
+    theta = azimuth(offsets, axis, axes.zero)
+    notes: list[str] = []
+    held = np.concatenate([near.vertices, far.vertices])
+    values = np.repeat([0.0, 1.0], [len(near.vertices), len(far.vertices)])
+    s = potential(surface, np.zeros(len(theta)), held, values, report)
+    if s is None:
+        notes.append("The triangles are too thin to solve on; s is the height along the axis.")
+        s = along(offsets, axis)
+        s = (s - s.min()) / (np.ptp(s) or 1.0)
+    landmarks = Landmarks(
+        origin=origin,
+        axis=axis,
+        theta_zero=axes.zero,
+        apex=places.get("apex", near.centre),
+        base=places.get("base", far.centre),
+        strengths={**axes.strengths, "apex": 1.0, "base": 1.0},
+        n_loops=2,
+        given=tuple(places),
+    )
+    return Coordinates(
+        CYLINDER, np.stack([np.clip(s, 0.0, 1.0), theta], axis=1), landmarks, tuple(notes)
+    )
+
+
+def _ends(
+    surface: Surface, places: dict[str, NDArray[np.float64]]
+) -> tuple[Opening, Opening, float]:
+    """Return the openings at s = 0 and at s = 1, and how well the shape distinguishes them."""
+    far, near = surface.openings
+    if "base" in places:
+        reference, strength = places["base"], 1.0
+    elif "apex" in places:
+        reference, strength = near.centre + far.centre - places["apex"], 1.0
+    else:
+        total = near.length + far.length
+        return near, far, (far.length - near.length) / total if total > 0 else 0.0
+    if np.linalg.norm(near.centre - reference) < np.linalg.norm(far.centre - reference):
+        near, far = far, near
+    return near, far, strength
+
+
+# The poles are reported as centroids of caps, weighted by this power of s.
+
+
+def sphere_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
+    """Find the longest axis of inertia towards its blunt end, and the widest direction across it.
+
+    Raises
+    ------
+    ParameterError
+        If a stated landmark gives no direction.
+    """
+    if {"apex", "base"} & set(places):
+        apex = places.get("apex", 2 * surface.centroid - places.get("base", surface.centroid))
+        base = places.get("base", 2 * surface.centroid - apex)
+        axis, strength, sense = direction_between(surface, apex, base), 1.0, 1.0
+    else:
+        variances, directions = principal_axes(surface)
+        axis = directions[0]
+        strength = float((variances[0] - variances[1]) / variances[0])
+        sense = skewness(surface, axis)
+    strengths = {"axis": strength, "apex": sense, "base": sense}
+    return axes_about(surface, places, axis, widest_across(surface, axis), strengths)
+
+
+def sphere_coordinates(
+    surface: Surface,
+    places: dict[str, NDArray[np.float64]],
+    axes: Axes,
+    report: ShareReport = silent,
+) -> Coordinates:
+    """Angle between the poles of the long axis, and azimuth about it.
+
+    s is 0 at the pointed end. It comes from a potential with the height as its source, which
+    on a round sphere is the height itself, and elsewhere is smooth where the height has folds.
+
+    Parameters
+    ----------
+    surface : Surface
+        One closed piece.
+    places : dict of str to (3,) float64
+    axes : Axes
+        From `sphere_axes`.
+    report : callable, optional
+        Told the share that is done.
+    """
+    axis = axes.axis
+    origin = origin_on(surface, axis, places)
+    height = along(surface.offsets, axis)
+    theta = azimuth(surface.vertices - origin, axis, axes.zero)
+    notes: list[str] = []
+    none = np.zeros(0, dtype=np.int64)
+    u = potential(surface, surface.areas * height, none, np.zeros(0), report)
+    if u is None:
+        notes.append("The triangles are too thin to solve on; s is the angle of the height.")
+        u = height
+    used = np.ones(len(u), dtype=np.bool_)
+    used[surface.connectivity.isolated] = False
+    low, high = u[used].min(), u[used].max()
+    # u is cos(pi s) turned over: its extremes are the poles.
+    s = np.arccos(np.clip((high + low - 2 * u) / ((high - low) or 1.0), -1.0, 1.0)) / np.pi
+    near, far = (
+        weighted_sum(surface.areas * cap, surface.vertices) / float((surface.areas * cap).sum())
+        for cap in ((1 - s) ** _CAP, s**_CAP)
+    )
+    landmarks = Landmarks(
+        origin=origin,
+        axis=axis,
+        theta_zero=axes.zero,
+        apex=places.get("apex", near),
+        base=places.get("base", far),
+        strengths=axes.strengths,
+        n_loops=0,
+        given=tuple(places),
+    )
+    return Coordinates(SPHERE, np.stack([s, theta], axis=1), landmarks, tuple(notes))
