@@ -85,11 +85,12 @@ if TYPE_CHECKING:
     from modalmotion.modes.transform import superpose as superpose
     from modalmotion.reports import Report as Report
     from modalmotion.reports.writing import report as report
+    from modalmotion.signature import measure_tradeoff as measure_tradeoff
     from modalmotion.signature.making import ModalSignature as ModalSignature
     from modalmotion.signature.making import SignatureParameters as SignatureParameters
     from modalmotion.signature.making import modal_signature as modal_signature
     from modalmotion.signature.reconstruction import reconstruct as reconstruct
-    from modalmotion.signature.resampling import resample as resample
+    from modalmotion.signature.reconstruction import resample as resample
     from modalmotion.simulate import Acquisition as Acquisition
     from modalmotion.simulate import VentricleParameters as VentricleParameters
     from modalmotion.simulate import simulate_ventricle as simulate_ventricle
@@ -98,7 +99,6 @@ if TYPE_CHECKING:
     from modalmotion.template import make_template as make_template
     from modalmotion.tracking import Track as Track
     from modalmotion.tracking import track as track
-    from modalmotion.tradeoff import measure_tradeoff as measure_tradeoff
     from modalmotion.viewer.widget import view as view
 
 __all__, __getattr__, __dir__ = public_list(globals())

@@ -25,9 +25,9 @@ from modalmotion.mesh.spring_modes import spring_modes
 from modalmotion.modes import HarmonicPotential, Oscillators, State, exact_step, polarised_waves
 from modalmotion.reports import report_of
 from modalmotion.representation import LONGEST_LINE, csv_text, shown
-from modalmotion.signature.comparison import compare
+from modalmotion.signature import measure_tradeoff
+from modalmotion.signature.distance import compare
 from modalmotion.store import ResultStore, backup, verify
-from modalmotion.tradeoff import measure_tradeoff
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,8 @@ from modalmotion.mesh import lattice_faces
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.pictures.template import template_figure
 from modalmotion.pictures.tradeoff import tradeoff_figure
-from modalmotion.signature.comparison import compare
-from modalmotion.tradeoff import measure_tradeoff
+from modalmotion.signature import measure_tradeoff
+from modalmotion.signature.distance import compare
 
 GRID = (12, 16)
 # Of every scale, and of the two that are farthest away; the others are for long counts.

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.arguments.tasks import Plotted, Saved
-from modalmotion.choice.parameters import ModeOrder
 from modalmotion.classification.explanation import ModeContribution, explain
 from modalmotion.classification.extractor import volume_share
 from modalmotion.classification.model import Model, Readable
@@ -28,8 +27,9 @@ from modalmotion.mesh.sequence import MEAN, MeshSequence
 from modalmotion.modes.order import common_count
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.representation import shown
-from modalmotion.signature.first_modes import first_modes
 from modalmotion.signature.making import ModalSignature, modal_signature, provenance
+from modalmotion.signature.parameters import ModeOrder
+from modalmotion.signature.value import first_modes
 
 # Level at which a case that is in no set is like no class.
 _STRICT: Final = 0.995

@@ -11,7 +11,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion.choice.parameters import parameters_from_json
 from modalmotion.classification.card import ModelCard
 from modalmotion.classification.extractor import Extractor
 from modalmotion.classification.model import Arrays, Model, Readable, answering_parts
@@ -25,6 +24,7 @@ from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.mesh import Facts
 from modalmotion.representation import shown
+from modalmotion.signature.parameters import parameters_from_json
 
 FORM: Final = Form("model", 7)
 

@@ -27,8 +27,8 @@ from modalmotion.exports.surfaces import SUFFIXES, write_superposed
 from modalmotion.mesh import facts_as_json
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numerals import counted, numeral
+from modalmotion.signature import Price, price_of
 from modalmotion.signature.making import ModalSignature, SignatureKind
-from modalmotion.tradeoff import Price, price_of
 
 
 @command("signature beat.npz --modes 18 -o beat.h5 --plot beat.png")

@@ -46,7 +46,7 @@ from modalmotion.formats.npz import read_npz
 from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.progress import Progress
-from modalmotion.signature.comparison import Comparison
+from modalmotion.signature.distance import Comparison
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 
 if TYPE_CHECKING:

@@ -13,7 +13,6 @@ from modalmotion.clinical.affine_superposition import superposed_positions
 from modalmotion.clinical.vertex_noise import volume_deviations
 from modalmotion.clinical.volume_curve import Fraction, VolumeCurve
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.fit.basis import make_basis
 from modalmotion.mesh import Cavity, cavity_of
 from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.facts import UNKNOWN
@@ -23,6 +22,7 @@ from modalmotion.modes.topology import CUP, PLANE
 from modalmotion.numerals import counted, numeral, with_article
 from modalmotion.numeric.scale import power_of_two
 from modalmotion.representation import shown
+from modalmotion.signature.basis import make_basis
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.template import Template

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from modalmotion.numerals import counted, numeral
 from modalmotion.pictures.trajectory import main_trajectories
 from modalmotion.signature.making import ModalSignature
-from modalmotion.signature.mode_colours import mode_colour
-from modalmotion.signature.plain_names import plain_name
+from modalmotion.signature.mode_names import mode_colour, plain_name
 
 # Of all that grows with the input: rows and curves, points of a curve, notes and letters of one.
 _MOST_ROWS: Final = 7

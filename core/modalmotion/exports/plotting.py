@@ -22,10 +22,10 @@ from modalmotion.pictures.strain import strain_figure
 from modalmotion.pictures.template import template_figure
 from modalmotion.pictures.track import data_figure, deviations_figure, usual_frame
 from modalmotion.pictures.tradeoff import tradeoff_figure
+from modalmotion.signature import Tradeoff
 from modalmotion.signature.making import ModalSignature, modal_signature
 from modalmotion.template import Template
 from modalmotion.tracking import Track
-from modalmotion.tradeoff import Tradeoff
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

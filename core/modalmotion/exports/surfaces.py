@@ -14,10 +14,8 @@ from modalmotion.exports.modal_animation import modal_animation
 from modalmotion.formats import write_glb, write_npz, write_ply_zip, write_vtkhdf
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.scale import lengths
-from modalmotion.signature.interpolation import at_times
 from modalmotion.signature.making import ModalSignature
-from modalmotion.signature.reconstruction import reconstruct
-from modalmotion.signature.resampling import resample
+from modalmotion.signature.reconstruction import at_times, reconstruct, resample
 from modalmotion.template import Template
 
 

@@ -50,8 +50,8 @@ from modalmotion.numerals import counted, numeral
 from modalmotion.numeric.kinds import real
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
-from modalmotion.signature.first_modes import first_modes
 from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
+from modalmotion.signature.value import first_modes
 
 FORM: Final = Form("norm", 2)
 

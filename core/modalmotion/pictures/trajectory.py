@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from modalmotion.numerals import numeral
 from modalmotion.pictures.unit import ShownUnit
 from modalmotion.signature.making import ModalSignature, SignatureKind
-from modalmotion.signature.mode_colours import COLOURS, mode_colour, mode_dash
-from modalmotion.signature.plain_names import plain_name
+from modalmotion.signature.mode_names import COLOURS, mode_colour, mode_dash, plain_name
 
 _MOST_COLOURED: Final = 6
 _OTHERS: Final = "#b9bdc1"

@@ -8,8 +8,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
-from modalmotion.choice.reason import ModelChoice
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import UNKNOWN, Dataset, json_text
@@ -19,6 +17,8 @@ from modalmotion.mesh.spring_modes import SpringModes
 from modalmotion.modes import Modes, ModeSet
 from modalmotion.modes.topology import MESH, Topology
 from modalmotion.signature.making import ModalSignature, SignatureParameters
+from modalmotion.signature.model import ModelChoice
+from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 
 FORM: Final = Form("signature", 5)

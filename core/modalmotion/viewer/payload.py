@@ -21,7 +21,6 @@ from modalmotion.clinical.strain import DEFINITIONS, Strain
 from modalmotion.clinical.ventricle import ventricle_readouts
 from modalmotion.clinical.volume_curve import TWO_DEVIATIONS, Fraction
 from modalmotion.errors import InputError, LimitError
-from modalmotion.fit.offsets import offset_reference
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence
@@ -29,8 +28,9 @@ from modalmotion.modes.mode_set import wave_pairs
 from modalmotion.numeric.scale import power_of_two
 from modalmotion.pictures.view import upright
 from modalmotion.signature.making import ModalSignature, SignatureKind
-from modalmotion.signature.mode_colours import COLOURS, mode_dash, mode_tone
+from modalmotion.signature.mode_names import COLOURS, mode_dash, mode_tone
 from modalmotion.signature.reconstruction import fitted_on
+from modalmotion.signature.superposition import offset_reference
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, local_frames
 from modalmotion.template.vibration_modes import nearest_in_use, shapes_of

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Type
 
 from pydantic import FailFast, Field, StringConstraints
 
-from modalmotion.choice.parameters import MOST_MODES
 from modalmotion.classification import DEFAULT_MODEL, TrainingOptions
 from modalmotion.classification.model_files import RULE
 from modalmotion.codec import Effort
@@ -22,12 +21,13 @@ from modalmotion.mesh.facts import (
     Handedness,
     Tracking,
 )
+from modalmotion.signature import MOST_OF_FRONT
 from modalmotion.signature.making import SignatureParameters
+from modalmotion.signature.parameters import MOST_MODES
 from modalmotion.template import GivenLandmarks
 from modalmotion.template.body_frame import Components
 from modalmotion.tracking.landmarks import landmarks_of, places_of
 from modalmotion.tracking.parameters import TrackParameters
-from modalmotion.tradeoff import MOST_OF_FRONT
 from modalmotion_service.schemas.fields import JsonBody, ModelName, Paging, SequenceId
 from modalmotion_service.schemas.from_core import descriptions, model_of, value_of
 

@@ -16,7 +16,7 @@ from modalmotion.modes.topology import (
     ModeLabel,
     Topology,
 )
-from modalmotion.signature.plain_names import plain_name
+from modalmotion.signature.mode_names import plain_name
 from modalmotion.template.body_frame import Components
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from template_surfaces import PHASES, SQUEEZE, describe, fit_sequence, shared
 
-from modalmotion.fit.basis import make_basis
 from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.signature.basis import make_basis
 from modalmotion.signature.distance import signature_distance
 from modalmotion.template import GivenLandmarks, choose_modes, make_template
 from modalmotion.template.body_frame import body_frame

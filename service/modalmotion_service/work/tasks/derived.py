@@ -14,12 +14,12 @@ from modalmotion.exports.surfaces import SurfaceFormat, write_superposed
 from modalmotion.exports.table import frame_table
 from modalmotion.mesh import Facts
 from modalmotion.pictures.readouts import volume_figure
+from modalmotion.signature import measure_tradeoff
 from modalmotion.signature.making import SignatureParameters
+from modalmotion.signature.tradeoff import as_plain
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import sequence_from_hdf5, signature_from_hdf5, template_from_hdf5
 from modalmotion.template.body_frame import Components
-from modalmotion.tradeoff import measure_tradeoff
-from modalmotion.tradeoff.plain import as_plain
 from modalmotion_service.http.negotiation import CSV, PNG
 from modalmotion_service.schemas.readouts import ReadoutsAnswer
 from modalmotion_service.schemas.signatures import TradeoffAnswer

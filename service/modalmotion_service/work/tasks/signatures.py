@@ -16,7 +16,7 @@ from modalmotion.exports.signature_pack import write_pack
 from modalmotion.exports.table import Recording, amplitude_table, cohort_table
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.signature.comparison import Comparison, compare
+from modalmotion.signature.distance import Comparison, compare
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import (
