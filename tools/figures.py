@@ -29,10 +29,10 @@ from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.order import parse_label
 from modalmotion.modes.oscillators import animate_along
 from modalmotion.modes.topology import CYLINDER, OPEN_CURVE, PLANE, TORUS
-from modalmotion.pictures.image_overlay import overlay_figure
 from modalmotion.pictures.modes import COLOURS, draw_shape
 from modalmotion.pictures.movie import Extent, draw_moved
-from modalmotion.pictures.trajectory import main_trajectories
+from modalmotion.pictures.signature import main_trajectories
+from modalmotion.pictures.track import overlay_figure
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import (

@@ -15,8 +15,8 @@ import modalmotion as mm
 from modalmotion.cli.commands import main
 from modalmotion.formats import read_sequence
 from modalmotion.mesh.sequence import in_time_order
-from modalmotion.numerals import counted, numeral, with_interval
 from modalmotion.pictures.signature import signature_figure
+from modalmotion.representation import counted, numeral, with_interval
 
 
 @given(st.floats(1e-300, 1e300), st.integers(1, 3), st.sampled_from([1, -1]))

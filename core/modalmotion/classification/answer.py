@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.arguments.tasks import Plotted, Saved
+from modalmotion.arguments.checking import Plotted, Saved
 from modalmotion.classification.explanation import ModeContribution, explain
 from modalmotion.classification.extractor import volume_share
 from modalmotion.classification.model import Model, Readable

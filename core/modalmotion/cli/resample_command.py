@@ -10,8 +10,8 @@ import click
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import command, json_option, output_option, tell
 from modalmotion.cli.waiting import Waiting
-from modalmotion.exports.surfaces import SUFFIXES, SurfaceFormat, write_surfaces
-from modalmotion.numerals import counted
+from modalmotion.exports.signature_pack import SUFFIXES, SurfaceFormat, write_surfaces
+from modalmotion.representation import counted
 from modalmotion.signature import reconstruction
 from modalmotion.store import write_atomic
 

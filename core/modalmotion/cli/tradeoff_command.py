@@ -25,7 +25,7 @@ from modalmotion.cli.options import (
 )
 from modalmotion.cli.outputs import write_picture
 from modalmotion.cli.waiting import Waiting
-from modalmotion.numerals import counted, numeral, with_article
+from modalmotion.representation import counted, numeral, with_article
 from modalmotion.signature import MOST_OF_FRONT, Tradeoff, measure_tradeoff
 from modalmotion.signature.parameters import SignatureParameters
 from modalmotion.signature.tradeoff import as_plain

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.arguments.tasks import Plotted
+from modalmotion.arguments.checking import Plotted
 from modalmotion.clinical.affine_superposition import superposed_positions
 from modalmotion.clinical.vertex_noise import volume_deviations
 from modalmotion.clinical.volume_curve import Fraction, VolumeCurve
@@ -19,9 +19,8 @@ from modalmotion.mesh.facts import UNKNOWN
 from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.modes.topology import CUP, PLANE
-from modalmotion.numerals import counted, numeral, with_article
-from modalmotion.numeric.scale import power_of_two
-from modalmotion.representation import shown
+from modalmotion.numeric.products import power_of_two
+from modalmotion.representation import counted, numeral, shown, with_article
 from modalmotion.signature.basis import make_basis
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.numeric.products import product, weighted_sum
-from modalmotion.numeric.scale import power_of_two
+from modalmotion.numeric.products import power_of_two, product, weighted_sum
 from modalmotion.representation import shown
 
 # Relative to the largest singular value of the covariance: below this a direction is not

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
-from modalmotion.numeric.frozen_arrays import FrozenArrays
-from modalmotion.representation import shown
+from modalmotion.representation import FrozenArrays, shown
 
 FloatArray = NDArray[np.float32] | NDArray[np.float64]
 AnyArray = TypeVar("AnyArray", bound=NDArray[Any])

@@ -22,7 +22,7 @@ import scipy
 from numpy.typing import NDArray
 
 from modalmotion.mesh.triangles import corners_of, face_normals
-from modalmotion.native import run
+from modalmotion.numeric.native import run
 from modalmotion.progress import ShareReport, share_fallen, silent
 
 

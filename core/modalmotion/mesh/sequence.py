@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from modalmotion.arguments.tasks import Recorded
+from modalmotion.arguments.checking import Recorded
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh.checks import (
     FloatArray,
@@ -25,9 +25,7 @@ from modalmotion.mesh.facts import NO_FACTS, Facts
 from modalmotion.mesh.triangles import connectivity_of
 from modalmotion.modes.order import require_shape
 from modalmotion.modes.topology import Topology
-from modalmotion.numerals import counted
-from modalmotion.numeric.frozen_arrays import FrozenArrays
-from modalmotion.representation import shown
+from modalmotion.representation import FrozenArrays, counted, shown
 
 # Odd numbers that mix the bits of x, y and z (Steele et al., Fast splittable pseudorandom number
 # generators, 2014).

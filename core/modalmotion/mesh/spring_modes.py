@@ -21,8 +21,7 @@ from modalmotion.mesh.triangles import connectivity_of
 from modalmotion.modes.mode_set import Surface
 from modalmotion.modes.topology import ModeLabel
 from modalmotion.numeric.eigenpairs import MOST_EQUAL, lowest_eigenpairs
-from modalmotion.numeric.frozen_arrays import FrozenArrays
-from modalmotion.representation import shown
+from modalmotion.representation import FrozenArrays, shown
 
 
 @shown()

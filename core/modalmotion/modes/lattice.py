@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arguments.checking import real, whole_numbers
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.order import (
@@ -26,7 +27,6 @@ from modalmotion.modes.order import (
 from modalmotion.modes.separable import Factors, expand, functions_at, functions_on, places_along
 from modalmotion.modes.topology import CLOSED, Topology, scales_of
 from modalmotion.modes.trigonometry import sin_pi
-from modalmotion.numeric.kinds import real, whole_numbers
 from modalmotion.representation import shown
 
 

@@ -24,8 +24,7 @@ from modalmotion.modes.topology import (
     odd_at_pole,
     scales_of,
 )
-from modalmotion.numeric.frozen_arrays import FrozenArrays
-from modalmotion.representation import shown
+from modalmotion.representation import FrozenArrays, shown
 
 
 class Surface(Protocol):

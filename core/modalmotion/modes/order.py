@@ -14,11 +14,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arguments.checking import whole
 from modalmotion.errors import LimitError, ModeCountError, ParameterError, ShapeError
 from modalmotion.modes.mode_set import Modes, ModeSet
 from modalmotion.modes.topology import CLOSED, End, ModeLabel, Topology, half_periods
-from modalmotion.numerals import with_article
-from modalmotion.numeric.kinds import whole
+from modalmotion.representation import with_article
 
 # Squared reciprocal reference lengths times 121, as integers: axis 11/20, circumference 1,
 # and 1/10 for a third axis (the thickness of a wall).

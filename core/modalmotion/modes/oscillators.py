@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.numeric.products import product
-from modalmotion.representation import shown
+from modalmotion.representation import FrozenArrays, shown
 
 
 @shown()

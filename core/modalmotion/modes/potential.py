@@ -16,14 +16,13 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arguments.checking import whole_numbers
 from modalmotion.errors import ParameterError, ShapeError, TopologyError
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.order import require_shape
 from modalmotion.modes.topology import Topology
 from modalmotion.modes.trigonometry import cos_pi, sin_pi
-from modalmotion.numeric.frozen_arrays import FrozenArrays
-from modalmotion.numeric.kinds import whole_numbers
-from modalmotion.representation import shown
+from modalmotion.representation import FrozenArrays, shown
 
 Array = NDArray[np.float64]
 Offset = tuple[int, ...]

@@ -24,7 +24,7 @@ from modalmotion.modes.lattice import Lattice, Places, spectrum_shape
 from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.separable import Factors
 from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, Topology
-from modalmotion.numeric.stacked_products import multiply
+from modalmotion.numeric.products import multiply
 
 # Numbers in a block of frames, 8 MB in float64.
 _BLOCK: Final = 1 << 20

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.arguments.tasks import Saved
+from modalmotion.arguments.checking import Saved, real
 from modalmotion.classification.answer import fitted_in, unlike
 from modalmotion.classification.cases import TrainingCase, with_covariates
 from modalmotion.classification.cohort import conditions_of
@@ -46,10 +46,8 @@ from modalmotion.norm.ranks import (
     whole,
     without_covariates,
 )
-from modalmotion.numerals import counted, numeral
-from modalmotion.numeric.kinds import real
 from modalmotion.progress import Progress
-from modalmotion.representation import shown
+from modalmotion.representation import counted, numeral, shown
 from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
 from modalmotion.signature.value import first_modes
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import needs_extra
 from modalmotion.mesh.sequence import MM_PER_UNIT
-from modalmotion.pictures.unit import ShownUnit, shown_unit
+from modalmotion.pictures.view import ShownUnit, shown_unit
 from modalmotion.signature.front import Front
 from modalmotion.signature.model import n_functions
 from modalmotion.signature.tradeoff import Tradeoff

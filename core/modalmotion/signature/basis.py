@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ModeCountError
 from modalmotion.modes import Modes, whole_counts
-from modalmotion.numeric.products import product
-from modalmotion.numeric.qr import inverse_of_triangle, orthonormal, triangle_of
+from modalmotion.numeric.products import inverse_of_triangle, orthonormal, product, triangle_of
 from modalmotion.template import ModeChoice, Template, choose_modes
 from modalmotion.template.vibration_modes import shapes_of
 

@@ -31,8 +31,7 @@ from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
-from modalmotion.numeric.products import product
-from modalmotion.numeric.scale import power_of_two
+from modalmotion.numeric.products import power_of_two, product
 from modalmotion.signature.basis import Basis, make_basis
 from modalmotion.signature.fitter import Fitter
 from modalmotion.signature.model import Model

@@ -19,11 +19,14 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh.alignment import Displacements, PositionBlock, ReferenceShape, Rotations
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.numerals import numeral
-from modalmotion.numeric.products import product, tile
-from modalmotion.numeric.quantile import exceeded_by_a_twentieth
-from modalmotion.numeric.scale import lengths, power_of_two
-from modalmotion.representation import shown
+from modalmotion.numeric.products import (
+    exceeded_by_a_twentieth,
+    lengths,
+    power_of_two,
+    product,
+    tile,
+)
+from modalmotion.representation import numeral, shown
 from modalmotion.signature.basis import Basis
 from modalmotion.template import Template
 from modalmotion.template.body_frame import to_local

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from modalmotion.mesh.alignment import DisplacementBlock, Displacements, Rotations
 from modalmotion.mesh.reference import displacements_from
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.numeric.products import product, weighted_sum
-from modalmotion.numeric.scale import root_mean_square
+from modalmotion.numeric.products import product, root_mean_square, weighted_sum
 from modalmotion.representation import shown
 from modalmotion.signature.basis import Basis
 from modalmotion.signature.fit import Fit, FrameErrors, errors_of_offsets, fit_displacements

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arguments.checking import whole
 from modalmotion.errors import InputError, ParameterError
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.modes.topology import CUP, CYLINDER, MESH, PLANE, Topology
-from modalmotion.numeric.kinds import whole
-from modalmotion.numeric.scale import root_mean_square
+from modalmotion.numeric.products import root_mean_square
 from modalmotion.representation import shown
 from modalmotion.signature.fitter import Fitter, SceneError
 from modalmotion.signature.making import resolve_parameters, resolve_sequence, resolve_template

@@ -18,8 +18,8 @@ from modalmotion.mesh.cavity import cavity_of
 from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import PLANE, Topology
-from modalmotion.numerals import counted, numeral
-from modalmotion.progress import ShareReport, silent
+from modalmotion.progress import ShareReport, Stopwatch, silent
+from modalmotion.representation import counted, numeral
 from modalmotion.signature.basis import TemplateCache
 from modalmotion.signature.deviations import deviations_of
 from modalmotion.signature.fit import Fit, notes_on_strays
@@ -27,7 +27,6 @@ from modalmotion.signature.fitter import Fitter
 from modalmotion.signature.parameters import MOST_MODES, SignatureKind, SignatureParameters
 from modalmotion.signature.selection import select_model
 from modalmotion.signature.value import ModalSignature
-from modalmotion.stopwatch import Stopwatch
 from modalmotion.template import Template, make_template, require_same_mesh
 from modalmotion.template.vibration_modes import frequencies_of
 

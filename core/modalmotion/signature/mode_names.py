@@ -16,7 +16,7 @@ from modalmotion.modes.topology import (
     ModeLabel,
     Topology,
 )
-from modalmotion.numerals import counted
+from modalmotion.representation import counted
 from modalmotion.template.body_frame import Components
 
 # Distinct for colour-blind readers too (Okabe and Ito, Color Universal Design, 2008).

@@ -12,8 +12,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.sequence import MEAN, MM_PER_UNIT, MeshSequence, Reference
 from modalmotion.modes import Modes
-from modalmotion.numeric.products import product
-from modalmotion.numeric.scale import root_mean_square
+from modalmotion.numeric.products import product, root_mean_square
 from modalmotion.representation import shown
 from modalmotion.signature.basis import Basis
 from modalmotion.signature.fit import Fit

@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.modes import Modes, whole_count, whole_counts
-from modalmotion.numeric.products import product
-from modalmotion.numeric.qr import orthonormal, tall_qr, triangle_of
-from modalmotion.numeric.scale import power_of_two
+from modalmotion.numeric.products import orthonormal, power_of_two, product, tall_qr, triangle_of
 from modalmotion.signature.basis import Basis, largest_sound
 from modalmotion.signature.fit import Fit
 from modalmotion.signature.fitter import Fitter

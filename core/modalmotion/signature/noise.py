@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.mesh.triangles import connectivity_of
 from modalmotion.modes.topology import CLOSED
-from modalmotion.numeric.products import LARGEST_SINGLE_THREADED, product
-from modalmotion.numeric.scale import power_of_two
+from modalmotion.numeric.products import LARGEST_SINGLE_THREADED, power_of_two, product
 from modalmotion.signature.fitter import Fitter
 from modalmotion.signature.model import Noise, over_time
 from modalmotion.signature.nested_modes import ENERGY_POOL, Ladder, ladder_of, sorted_ladder

@@ -12,11 +12,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from modalmotion.arguments.checking import one_of, real, truth, whole, whole_numbers
 from modalmotion.errors import ModeCountError, ParameterError
 from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MEAN, Reference
 from modalmotion.modes.topology import MESH, Topology
-from modalmotion.numeric.kinds import one_of, real, truth, whole, whole_numbers
 from modalmotion.representation import shown
 from modalmotion.template import GivenLandmarks, Weights
 from modalmotion.template.body_frame import Components

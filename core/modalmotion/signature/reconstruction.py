@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.numerals import numeral
-from modalmotion.representation import shown
+from modalmotion.representation import numeral, shown
 from modalmotion.signature.making import (
     ModalSignature,
     SignatureKind,

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ModeCountError, ToleranceError
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
-from modalmotion.numerals import counted
-from modalmotion.numeric.products import product
-from modalmotion.numeric.scale import lengths, root_mean_square
+from modalmotion.numeric.products import lengths, product, root_mean_square
+from modalmotion.representation import counted
 from modalmotion.signature.basis import Basis, TemplateCache, make_basis
 from modalmotion.signature.fit import Fit
 from modalmotion.signature.fitter import NUMBERS, Fitter, Scene, SceneKind, scene_of

@@ -23,8 +23,7 @@ from modalmotion.mesh.normal_lines import NormalLines, vertex_normals
 from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.mesh.triangles import face_normals
-from modalmotion.numeric.products import product, weighted_sum
-from modalmotion.numeric.scale import power_of_two
+from modalmotion.numeric.products import power_of_two, product, weighted_sum
 from modalmotion.representation import shown
 from modalmotion.signature.fit import FrameErrors, errors_of_offsets
 from modalmotion.template import Template

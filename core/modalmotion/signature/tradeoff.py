@@ -8,11 +8,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion.arguments.tasks import Plotted
+from modalmotion.arguments.checking import Plotted
 from modalmotion.errors import ToleranceError
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.numerals import counted, with_article
-from modalmotion.representation import shown
+from modalmotion.progress import Stopwatch
+from modalmotion.representation import counted, shown, with_article
 from modalmotion.signature.basis import make_basis
 from modalmotion.signature.fitter import NUMBERS, Fitter, LinearMotion, Scene, SceneKind, scene_of
 from modalmotion.signature.front import (
@@ -40,7 +40,6 @@ from modalmotion.signature.model import (
 )
 from modalmotion.signature.parameters import ErrorKind, ModeOrder, SignatureParameters
 from modalmotion.signature.value import ModalSignature
-from modalmotion.stopwatch import Stopwatch
 from modalmotion.template import Template, choose_modes
 from modalmotion.template.body_frame import Components
 

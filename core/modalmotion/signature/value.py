@@ -8,12 +8,12 @@ from importlib import import_module
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.arguments.tasks import Plotted, Saved
+from modalmotion.arguments.checking import Plotted, Saved
 from modalmotion.mesh import NO_FACTS, Facts
 from modalmotion.mesh.alignment import Rotations
 from modalmotion.modes.mode_set import Modes, whole_counts
 from modalmotion.modes.topology import MESH, Topology
-from modalmotion.numeric.scale import root_mean_square
+from modalmotion.numeric.products import root_mean_square
 from modalmotion.representation import shown
 from modalmotion.signature.model import ModelChoice, closure_gap
 from modalmotion.signature.parameters import SignatureKind, SignatureParameters

@@ -19,9 +19,15 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import connectivity_of, face_normals, oriented_faces
-from modalmotion.numeric.cholesky import gram, inverse_of_cholesky
-from modalmotion.numeric.products import along, product, second_moments, weighted_sum
-from modalmotion.numeric.scale import lengths
+from modalmotion.numeric.products import (
+    along,
+    gram,
+    inverse_of_cholesky,
+    lengths,
+    product,
+    second_moments,
+    weighted_sum,
+)
 from modalmotion.template.landmarks import Landmarks
 from modalmotion.template.template import Template
 from modalmotion.template.vibration_modes import nearest_in_use

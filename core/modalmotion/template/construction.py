@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arguments.checking import one_of
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.reference import middle_positions, reference_positions
@@ -15,8 +16,7 @@ from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.mesh.triangles import curve_weights
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
-from modalmotion.numeric.kinds import one_of
-from modalmotion.numeric.scale import power_of_two
+from modalmotion.numeric.products import power_of_two
 from modalmotion.progress import ShareReport, part_of, silent
 from modalmotion.template.axial_coordinates import (
     cup_axes,

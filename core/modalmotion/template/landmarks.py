@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import Corners, Facts, Named, Place
 from modalmotion.modes.topology import CLOSED, Topology
-from modalmotion.numerals import counted
 from modalmotion.numeric.products import weighted_sum
-from modalmotion.representation import shown
+from modalmotion.representation import counted, shown
 from modalmotion.template.surface import Surface
 
 # Below this a direction from an integral turns by more than a few degrees when the same

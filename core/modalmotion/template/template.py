@@ -20,8 +20,7 @@ from modalmotion.mesh.reference import middle_positions, reference_positions
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.mesh.triangles import mean_slopes, step_lengths
 from modalmotion.modes.topology import CLOSED, CUP, CYLINDER, End, Topology
-from modalmotion.numeric.frozen_arrays import FrozenArrays
-from modalmotion.representation import shown
+from modalmotion.representation import FrozenArrays, shown
 from modalmotion.template.axis import Axes, azimuth, corner_steps, origin_on
 from modalmotion.template.landmarks import Coordinates, GivenLandmarks, Landmarks, landmarks_in
 from modalmotion.template.surface import Opening, Surface

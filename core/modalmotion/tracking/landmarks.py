@@ -16,8 +16,7 @@ from modalmotion.errors import InputError, MalformedFileError, ParameterError
 from modalmotion.mesh import Facts
 from modalmotion.mesh.fact_forms import read_object
 from modalmotion.mesh.facts import WORDS
-from modalmotion.numerals import counted
-from modalmotion.representation import shown
+from modalmotion.representation import counted, shown
 from modalmotion.tracking.observation import NAMED_PLACES
 
 Landmarks = Mapping[str, NDArray[np.float64]]

@@ -9,6 +9,7 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arguments.checking import whole
 from modalmotion.errors import (
     ModeCountError,
     ParameterError,
@@ -21,7 +22,6 @@ from modalmotion.mesh import Facts
 from modalmotion.mesh.checks import require_times
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import Topology
-from modalmotion.numeric.kinds import whole
 from modalmotion.progress import Progress
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.contour_ends import with_contour_ends

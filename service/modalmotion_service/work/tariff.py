@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.errors import InputError
-from modalmotion.exports.surfaces import SurfaceFormat
+from modalmotion.exports.signature_pack import SurfaceFormat
 from modalmotion.formats.detect import Format, detect_format
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.signature.predicted_time import (

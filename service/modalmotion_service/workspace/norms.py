@@ -22,8 +22,8 @@ from modalmotion.errors import (
 from modalmotion.mesh import Facts
 from modalmotion.norm import Norm
 from modalmotion.norm.norm import parameters_of_controls
+from modalmotion.progress import StageReport
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.stopwatch import StageReport
 from modalmotion.store import ResultStore
 from modalmotion_service.errors import ConflictError
 from modalmotion_service.schemas.models import CohortDeviationAnswer

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from modalmotion.errors import ParameterError
-from modalmotion.exports.modal_animation import modal_animation
+from modalmotion.exports.animation import modal_animation
 from modalmotion.formats import read_sequence, write_glb
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CYLINDER

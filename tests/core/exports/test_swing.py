@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from modalmotion.errors import LimitError, ParameterError
-from modalmotion.exports.swing import one_by_one, swing
+from modalmotion.exports.animation import one_by_one, swing
 from modalmotion.formats import read_sequence, write_glb
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.mesh.standard_surfaces import standard_surface
@@ -105,7 +105,7 @@ def test_what_cannot_be_shown_is_refused(tube: Template, monkeypatch: pytest.Mon
         swing(tube, modes, np.ones(1), x, n_frames=10_001)
     assert caught.value.limit == "frames"
     small = replace(DEFAULT_LIMITS, decompressed_bytes=10 * tube.vertices.nbytes)
-    monkeypatch.setattr("modalmotion.exports.swing.DEFAULT_LIMITS", small)
+    monkeypatch.setattr("modalmotion.exports.animation.DEFAULT_LIMITS", small)
     swing(tube, modes, np.ones(1), x, n_frames=10).sequence()
     with pytest.raises(LimitError, match="GLB"):
         swing(tube, modes, np.ones(1), x, n_frames=11).sequence()

@@ -12,7 +12,7 @@ from viewed_surfaces import viewed
 
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.ventricle import ventricle_readouts
-from modalmotion.exports.table import (
+from modalmotion.exports.tables import (
     Recording,
     Table,
     amplitude_table,

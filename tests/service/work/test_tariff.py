@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from modalmotion.exports.surfaces import SurfaceFormat
+from modalmotion.exports.signature_pack import SurfaceFormat
 from modalmotion.formats import Format, ReadOptions, write_npz
 from modalmotion.mesh import NO_FACTS
 from modalmotion.signature.making import SignatureParameters

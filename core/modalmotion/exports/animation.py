@@ -1,7 +1,8 @@
-"""Modes that swing over a surface, as figure 3 of Nastar (1994), and the files of it."""
+"""Animated meshes of modes and of motions in them."""
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,16 +12,169 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import LimitError, ParameterError
-from modalmotion.formats import MorphAnimation
+from modalmotion.formats.gltf.morph_animation import MorphAnimation
+from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.limits import DEFAULT_LIMITS
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import Oscillators, State, free_response
 from modalmotion.modes.oscillators import animate_along, directional_mode
 from modalmotion.modes.topology import Topology
 from modalmotion.numeric.products import product
 from modalmotion.representation import shown
+from modalmotion.signature.making import (
+    ModalSignature,
+    SignatureKind,
+    resolve_sequence,
+    resolve_template,
+)
 from modalmotion.template import Template
-from modalmotion.template.vibration_modes import VibrationModes
+from modalmotion.template.body_frame import Components
+from modalmotion.template.vibration_modes import VibrationModes, shapes_of
+
+
+def modal_animation(
+    signature: ModalSignature,
+    sequence: MeshSequence,
+    max_targets: int | None = None,
+    *,
+    template: Template | None = None,
+) -> MorphAnimation:
+    """Turn a signature into targets and weights that play what `reconstruct` superposes.
+
+    Each mode and direction is one target, its amplitude the weight; those that carry most
+    motion come first. The mean translation and the rotation move the mesh as a whole.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    sequence : MeshSequence
+        The one it was made from: its reference frame gives the shape to deform.
+    max_targets : int, optional
+        Keep no more targets than these; `rms_left_out` then is the error this causes.
+    template : Template, optional
+        The one that the signature's parameters name, if they name one.
+
+    Returns
+    -------
+    MorphAnimation
+        The same positions as `reconstruct`, to rounding, where no target is left out.
+
+    Raises
+    ------
+    ParameterError
+        If the sequence is not the one the signature was made from, or `max_targets` is
+        negative.
+    """
+    if sequence.id != signature.sequence_id:
+        raise ParameterError(
+            "The signature was made from another sequence.",
+            remedy="Give the sequence whose id the signature names.",
+        )
+    if max_targets is not None and max_targets < 0:
+        raise ParameterError(
+            f"{max_targets} targets were requested.", remedy="Ask for none or more."
+        )
+    parameters = signature.parameters
+    if parameters.components != Components.CARTESIAN:
+        raise ParameterError(
+            "The amplitudes are radial, tangential and axial, which turn from vertex to vertex.",
+            remedy="Fit with components = cartesian.",
+        )
+    if signature.kind == SignatureKind.OFFSET:
+        raise ParameterError(
+            "Offsets move each vertex along its own normal, and a target moves all one way.",
+            remedy="Fit with kind = material, or write the superposed surfaces.",
+        )
+    resolved = resolve_sequence(sequence, parameters)
+    used = resolve_template(resolved, parameters, template)
+    start = reference_positions(sequence, parameters.reference)
+    centre = used.weights @ start
+    # (2) u = sum_p a_p phi_p, each shape taken about its own mean, which moves the whole.
+    phi = shapes_of(signature.modes, used)
+    means = used.weights @ phi
+    a = signature.amplitudes
+    drift = np.einsum("m,fmd->fd", means, a)
+    phi = phi - means
+    energy = _energies(used.weights, phi, a)
+    order = np.argsort(-energy.ravel(), kind="stable")
+    moving = order[energy.ravel()[order] > 0]
+    taken = moving if max_targets is None else moving[:max_targets]
+    modes, directions = np.divmod(taken, 3)
+    targets = np.zeros((len(taken), *start.shape), dtype=np.float32)
+    targets[np.arange(len(taken)), :, directions] = phi[:, modes].T
+    left_out = moving[len(taken) :]
+    labels = signature.modes.labels
+    return MorphAnimation(
+        base=start - centre,
+        targets=targets,
+        target_names=tuple(
+            f"{labels[mode]} {'xyz'[direction]}"
+            for mode, direction in zip(modes.tolist(), directions.tolist(), strict=True)
+        ),
+        weights=a.reshape(len(a), -1)[:, taken],
+        rotations=signature.rotations.matrices,
+        translations=centre + drift,
+        faces=sequence.faces,
+        times=signature.times,
+        unit=sequence.unit,
+        topology=sequence.topology,
+        grid=sequence.grid,
+        n_left_out=len(left_out),
+        rms_left_out=_root_mean_square(phi, a, left_out),
+    )
+
+
+def _energies(
+    weights: NDArray[np.float64], phi: NDArray[np.float64], a: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Mean square displacement of each mode and direction, relative, (modes, 3) float64."""
+    # Relative to the largest amplitude: squares of extreme ones overflow or vanish.
+    scale = float(np.abs(a).max(initial=0.0)) or 1.0
+    energies: NDArray[np.float64] = (weights @ phi**2)[:, None] * ((a / scale) ** 2).mean(axis=0)
+    return energies
+
+
+def _root_mean_square(
+    phi: NDArray[np.float64],
+    a: NDArray[np.float64],
+    indices: NDArray[np.int64],
+) -> float:
+    if not len(indices):
+        return 0.0
+    some = np.zeros((a.shape[1] * 3,))
+    some[indices] = 1.0
+    scale = float(np.abs(a).max(initial=0.0)) or 1.0
+    u = np.einsum("vm,fmd->fvd", phi, a / scale * some.reshape(-1, 3))
+    return scale * float(np.sqrt((u**2).sum(axis=2).mean()))
+
+
+FORM: Final = Form("vibration_modes", 1)
+
+
+def modes_to_npz(modes: VibrationModes) -> bytes:
+    """Write `modes` (labels), `angular_frequencies` and `shapes` as .npz."""
+    buffer = io.BytesIO()
+    np.savez(
+        buffer,
+        modes=np.array([str(label) for label in modes.labels]),
+        angular_frequencies=modes.angular_frequencies,
+        shapes=modes.shapes,
+    )
+    return buffer.getvalue()
+
+
+def modes_to_hdf5(modes: VibrationModes) -> bytes:
+    """Write labels, angular frequencies and shapes as a sealed HDF5 file."""
+    labels = [str(label) for label in modes.labels]
+    datasets = [
+        Dataset("angular_frequencies", modes.angular_frequencies, modes.frequency_unit, "mode"),
+        Dataset("shapes", modes.shapes, "1", "vertex, mode"),
+        json_text("labels", {"labels": labels, "notes": modes.notes}),
+    ]
+    return FORM.image({}, datasets, topology=modes.surface)
+
 
 Array = NDArray[np.float64]
 

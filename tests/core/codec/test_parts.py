@@ -11,18 +11,21 @@ from codec_sequences import errors_of, jointed, mesh_of_tube
 from numpy.typing import NDArray
 
 from modalmotion.codec import Effort, decode, encode, frames
-from modalmotion.codec.block import HASH_BYTES, read_block, write_block
-from modalmotion.codec.blocking import ModalBlock, attempt
-from modalmotion.codec.coder import Coder, read_varints, write_varint
-from modalmotion.codec.modes.lattice_modes import LatticeModes
-from modalmotion.codec.parts import segments
-from modalmotion.codec.parts.articulated import Articulated
-from modalmotion.codec.parts.parts import N_FUNCTIONS, Parts, code_labels
-from modalmotion.codec.parts.segments import segmented
-from modalmotion.codec.rounding import Guards
+from modalmotion.codec import parts as segments
+from modalmotion.codec.block import (
+    HASH_BYTES,
+    N_FUNCTIONS,
+    Parts,
+    code_labels,
+    read_block,
+    write_block,
+)
+from modalmotion.codec.coder import Coder, Guards, read_varints, write_varint
+from modalmotion.codec.frames import choose
+from modalmotion.codec.parts import Articulated, Trial, segmented
+from modalmotion.codec.search import ModalBlock, attempt
+from modalmotion.codec.spatial_modes import LatticeModes
 from modalmotion.codec.temporal import Temporal
-from modalmotion.codec.transforms import choose
-from modalmotion.codec.trial import Trial
 from modalmotion.errors import MalformedFileError
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CYLINDER

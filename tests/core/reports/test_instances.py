@@ -26,8 +26,8 @@ from modalmotion.formats.stl import read_stl
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.norm import train_norm
 from modalmotion.reports import Report, quantities_of, report_of
+from modalmotion.reports.content import moments_of
 from modalmotion.reports.dicom import Study, dicom_instances, dicom_zip, read_study
-from modalmotion.reports.moments import moments_of
 from modalmotion.simulate import MotionClass
 
 pydicom = pytest.importorskip("pydicom")

@@ -7,10 +7,9 @@ import pytest
 import scipy
 from numpy.typing import NDArray
 
-from modalmotion.codec.modes import joined
-from modalmotion.codec.modes.graph import edges_of, stiffness_of
-from modalmotion.codec.modes.modes_section import read_modes
-from modalmotion.codec.modes.patch_modes import Cut, PatchModes
+from modalmotion.codec import joined_modes as joined
+from modalmotion.codec.joined_modes import edges_of, stiffness_of
+from modalmotion.codec.spatial_modes import Cut, PatchModes, read_modes
 from modalmotion.errors import LimitError, MalformedFileError
 from modalmotion.mesh import lattice_faces
 from modalmotion.modes.topology import CYLINDER

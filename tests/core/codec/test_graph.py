@@ -7,7 +7,7 @@ import pytest
 import scipy
 from text_of_modes import patches_of as in_words
 
-from modalmotion.codec.modes.graph import edges_of, patches_of
+from modalmotion.codec.joined_modes import edges_of, patches_of
 
 
 @pytest.mark.parametrize("largest", [1, 2, 7, 60, 1000])

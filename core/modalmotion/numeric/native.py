@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 _ENDINGS: Final = {"win32": "dll", "darwin": "dylib"}
-_PACKAGE: Final = Path(__file__).parent
+_PACKAGE: Final = Path(__file__).parents[1]
 PATH: Final = _PACKAGE / "_native" / f"modalmotion.{_ENDINGS.get(sys.platform, 'so')}"
 """Where the build puts the library."""
 

@@ -1,10 +1,11 @@
-"""Tables of results: one row a measurement, as statistics packages read them."""
+"""Tables of signatures, as CSV, data frames and arrays with labels."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,15 @@ from numpy.typing import NDArray
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.ventricle import VentricleReadouts
 from modalmotion.clinical.volume_curve import Fraction
+from modalmotion.errors import needs_extra
+from modalmotion.mesh import facts_as_json
 from modalmotion.representation import csv_text, shown
 from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.template.body_frame import Components
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
 
 # Of the columns of a value and its interval.
 _ENDS: Final = ("", "_low", "_high")
@@ -228,3 +235,90 @@ def direction_names(signature: ModalSignature) -> tuple[str, ...]:
 
 def _cell(value: Any) -> Any:
     return "" if isinstance(value, float) and value != value else value
+
+
+def to_dataframe(result: ModalSignature | Table) -> pandas.DataFrame:
+    """Give a result as a long pandas data frame.
+
+    Parameters
+    ----------
+    result : ModalSignature or Table
+        Of a signature: a row for each frame, mode and direction, as `amplitude_table`.
+
+    Raises
+    ------
+    MissingExtraError
+        If pandas is not installed.
+    """
+    with needs_extra("tables"):
+        import pandas
+
+    table = result if isinstance(result, Table) else amplitude_table(result)
+    return pandas.DataFrame(table.columns)
+
+
+def to_xarray(
+    signature: ModalSignature, readouts: ClinicalReadouts | None = None
+) -> xarray.Dataset:
+    """Give a signature as an xarray dataset with named axes and units.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    readouts : ClinicalReadouts, optional
+        Adds the volume.
+
+    Returns
+    -------
+    xarray.Dataset
+        amplitude (frame, mode, direction), its deviation where that is known, its spectrum and
+        frequencies by mode, errors and volume by frame; coordinates label, wavenumber, time_s;
+        attributes unit, ids, notes. It goes to netCDF and back without loss.
+
+    Raises
+    ------
+    MissingExtraError
+        If xarray is not installed.
+    """
+    with needs_extra("tables"):
+        import xarray
+
+    unit = signature.unit or "length units"
+    lengths = {"units": unit}
+    variables: dict[str, Any] = {
+        "amplitude": (("frame", "mode", "direction"), signature.amplitudes, lengths),
+        "spectrum": ("mode", signature.deformation_spectrum, lengths),
+        "angular_frequency": ("mode", signature.angular_frequencies, {"units": "rad/s"}),
+        "rotation": (("frame", "row", "column"), signature.rotations.matrices),
+        "translation": (("frame", "axis_name"), signature.translations, lengths),
+    }
+    if signature.amplitude_deviations is not None:
+        sds = signature.amplitude_deviations
+        variables["deviation"] = (("frame", "mode", "direction"), sds, lengths)
+    for name, column in frame_table(signature, readouts).columns.items():
+        if name not in ("frame", "time_s", "unit"):
+            volume = readouts.volume_unit if readouts is not None else ""
+            units = volume if "volume" in name else unit
+            variables[name] = ("frame", column, {"units": units})
+    coordinates: dict[str, Any] = {
+        "frame": np.arange(signature.n_frames),
+        "mode": np.arange(len(signature.modes)),
+        "label": ("mode", np.array([str(label) for label in signature.modes.labels])),
+        "wavenumber": (("mode", "axis"), signature.modes.wavenumbers),
+        "direction": np.array(direction_names(signature)),
+        "axis_name": np.array(["x", "y", "z"]),
+    }
+    if signature.times is not None:
+        coordinates["time_s"] = ("frame", signature.times, {"units": "s"})
+    attributes = {
+        "unit": unit,
+        "surface": signature.surface,
+        "kind": signature.kind.value,
+        "sequence_id": signature.sequence_id,
+        "template_id": signature.template_id,
+        "rms_error": signature.rms_error,
+        "facts": json.dumps(facts_as_json(signature.facts)),
+        "notes": "\n".join(signature.notes),
+        "provenance": json.dumps(signature.provenance),
+    }
+    return xarray.Dataset(variables, coordinates, attributes)
