@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from template_surfaces import Moving, make_ventricle
 
-import modalmotion.mesh.reference as reference_module
-from modalmotion.mesh.alignment import ReferenceShape
+import modalmotion.signature.fitter as fitter_module
+from modalmotion.mesh.alignment import Displacements
+from modalmotion.mesh.reference import displacements_from
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.signature.basis import make_basis
 from modalmotion.signature.fitter import Fitter
@@ -46,14 +49,12 @@ def test_other_parameters_are_as_if_asked_at_first(
 def test_a_signature_centres_its_sequence_once(
     heart: Moving, way: dict[str, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    n_centred, centre = [], ReferenceShape.at
+    n_centred, centre = [], displacements_from
 
-    class Counted(ReferenceShape):
-        @staticmethod
-        def at(*arguments: object) -> ReferenceShape:
-            n_centred.append(1)
-            return centre(*arguments)  # type: ignore[arg-type]
+    def counted(*arguments: Any, **options: Any) -> Displacements:
+        n_centred.append(1)
+        return centre(*arguments, **options)
 
-    monkeypatch.setattr(reference_module, "ReferenceShape", Counted)
+    monkeypatch.setattr(fitter_module, "displacements_from", counted)
     modal_signature(mesh_sequence(*heart), SignatureParameters(**way))  # type: ignore[arg-type]
     assert len(n_centred) == 1
