@@ -61,7 +61,7 @@ export class Calls {
   classes = (id) => this.service.json(`/v1/signatures/${id}/classifications`);
   norms = () => this.service.json("/v1/norms");
   deviations = async (id, norm) =>
-    (await this.service.json(`/v1/norms/${encodeURIComponent(norm)}/deviations`, json("POST", { sequence_ids: [id] }))).deviations[0];
+    (await this.service.json(`/v1/norms/${encodeURIComponent(norm)}/deviations`, json("POST", { sequences: [id] }))).deviations[0];
 
   // Tracks.
   track = (id) => this.service.json(`/v1/tracks/${id}`);

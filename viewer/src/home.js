@@ -1,6 +1,6 @@
 // The page at /: a place to drop a file, a sample heart, and the recordings that are there.
 
-import { Refused } from "./api.js";
+import { BASE, Refused } from "./api.js";
 import { classSentence } from "./class_card.js";
 import { nameOfRecord } from "./compare.js";
 import { h } from "./dom.js";
@@ -112,7 +112,7 @@ export class Home {
     }
     if (!page.sequences.length) return;
     const rows = page.sequences.map((one) => {
-      const link = h("a", { href: `/view/${one.id}`, onclick: (event) => this.go(event, one.id) }, nameOfRecord(one));
+      const link = h("a", { href: `${BASE}/view/${one.id}`, onclick: (event) => this.go(event, one.id) }, nameOfRecord(one));
       const label = h("td", { class: "model-class" }, "–");
       this.classOf(one.id, label);
       return h("tr", {},
