@@ -44,7 +44,7 @@ _MADE: Final = {
     "TrainingCase": "Name a table: train('cases.csv', 'mine'), with the columns path, label and "
     "subject; or give [TrainingCase(sequence, label), ...].",
     "Track": "Make one: track(path) of images, clouds or contours, or load(path).",
-    "Path": "Name a file: pathlib.Path('...').",
+    "Path": "Name a file, a folder of frames, or a pattern such as 'frames/*.vtk'.",
     "bytes": "Give bytes, what encode made, or the path of a file that is there.",
 }
 # Of an array of positions: frames, vertices, directions.
@@ -178,7 +178,11 @@ def _meant(value: Any, hint: Any) -> Any:
         from modalmotion import read_cases
 
         return read_cases(Path(value))
-    made = (_made(value, one) for one in _alternatives(hint))
+    # A function that takes sequences too chooses the parameters of their signatures itself.
+    kinds = sorted(
+        _alternatives(hint), key=lambda of: getattr(of, "__name__", "") == "ModalSignature"
+    )
+    made = (_made(value, one) for one in kinds)
     return next((one for one in made if one is not None), None)
 
 
@@ -444,7 +448,7 @@ class Recorded(Saved, Plotted):
         return modalmotion.clinical_readouts(self.signature(*parameters, **fields), self)
 
     def encode(self: Any, **options: Any) -> Encoded:
-        """Compress it, `encode(rms=0.3)`: see `modalmotion.encode`."""
+        """Compress it, `encode()` or `encode(rms=0.3)`: see `modalmotion.encode`."""
         import modalmotion
 
         return modalmotion.encode(self, **options)

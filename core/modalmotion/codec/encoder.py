@@ -16,6 +16,7 @@ from modalmotion.codec.container import (
     write_stream,
 )
 from modalmotion.codec.frames import (
+    USUAL_SHARE,
     Choice,
     Effort,
     EncodedBlock,
@@ -55,6 +56,8 @@ def encode(
 ) -> Encoded:
     """Encode a mesh sequence at one of three targets.
 
+    Without a target the largest error is 0.3 % of the diagonal of the bounding box.
+
     Parameters
     ----------
     sequence : MeshSequence
@@ -82,10 +85,10 @@ def encode(
     Raises
     ------
     ParameterError
-        If there is not exactly one target, it is not positive, the effort is unknown, or no
+        If there are several targets, one is not positive, the effort is unknown, or no
         stream of so few bytes holds the sequence.
     """
-    target = require_target(rms, max_error, n_bytes)
+    target = require_target(rms, max_error, n_bytes, _usual_error(sequence))
     try:
         effort = Effort(effort)
     except ValueError:
@@ -114,6 +117,11 @@ def encode(
         encoded = min(encoded, quick, key=lambda one: one.n_bytes)
     report(1.0)
     return encoded
+
+
+def _usual_error(sequence: MeshSequence) -> float:
+    corners = sequence.vertices.min(axis=(0, 1)), sequence.vertices.max(axis=(0, 1))
+    return USUAL_SHARE * float(np.linalg.norm(np.subtract(*corners, dtype=np.float64)))
 
 
 def _at_error(
