@@ -19,7 +19,8 @@ from starlette.formparsers import MultiPartException, MultiPartParser
 from starlette.requests import Request
 
 from modalmotion.errors import LimitError, MalformedFileError, ParameterError
-from modalmotion.facts import NO_FACTS, Facts, column_of, facts_in, states_fact
+from modalmotion.mesh.fact_forms import column_of, facts_in, states_fact
+from modalmotion.mesh.facts import NO_FACTS, Facts
 from modalmotion.store.disk.atomic import cannot_write
 from modalmotion.store.record import require_name
 

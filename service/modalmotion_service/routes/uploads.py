@@ -13,7 +13,8 @@ from pydantic_core import from_json
 from starlette.datastructures import FormData, QueryParams, UploadFile
 
 from modalmotion.errors import LimitError, MalformedFileError, ParameterError
-from modalmotion.facts import NAMES, NO_FACTS, Facts, column_of, facts_from_texts, is_fact
+from modalmotion.mesh.fact_forms import column_of, facts_from_texts, is_fact
+from modalmotion.mesh.facts import NAMES, NO_FACTS, Facts
 from modalmotion_service.access.scopes import principal_of
 from modalmotion_service.http.forms import (
     FILES,

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar
 
 from pydantic import FailFast, Field
 
-from modalmotion.choice.parameters import MOST_MODES
 from modalmotion.classification import TrainingOptions
+from modalmotion.signature.parameters import MOST_MODES
 from modalmotion_service.schemas.from_core import (
     JsonBody,
     ModelName,

@@ -7,14 +7,9 @@ from typing import Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from modalmotion.facts import Facts, facts_as_json
-from modalmotion.facts.facts import (
-    Cavity,
-    CoordinateSystem,
-    Handedness,
-    Tracking,
-)
 from modalmotion.formats import Reading
+from modalmotion.mesh.fact_forms import facts_as_json
+from modalmotion.mesh.facts import Cavity, CoordinateSystem, Facts, Handedness, Tracking
 from modalmotion_service.audit.entry import AuditEntry
 from modalmotion_service.schemas.from_core import Paged, descriptions, read_from
 

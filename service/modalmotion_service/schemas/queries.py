@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, StringConstraints
 
-from modalmotion.choice.parameters import MOST_MODES
 from modalmotion.errors import ParameterError
+from modalmotion.signature.parameters import MOST_MODES
 from modalmotion_service.schemas.from_core import (
     JsonBody,
     Paging,

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.errors import InputError, LimitError
-from modalmotion.facts import NO_FACTS, Facts, facts_as_json, facts_from_json
 from modalmotion.formats import Parser, ParserHere, Reading, ReadLimits, ReadOptions, read_sequence
 from modalmotion.formats.frames.frame import SIGNATURE, TRACK
 from modalmotion.formats.parser.answer import Answer
@@ -19,6 +18,8 @@ from modalmotion.formats.parser.confinement import landlock_version
 from modalmotion.formats.parser.forks import ParserForks, ParserLostError
 from modalmotion.formats.volumes import read_images
 from modalmotion.images import ImageSequence
+from modalmotion.mesh.fact_forms import facts_as_json, facts_from_json
+from modalmotion.mesh.facts import NO_FACTS, Facts
 from modalmotion.progress import Progress
 from modalmotion.tracking.reading import Recorded, read_observed
 

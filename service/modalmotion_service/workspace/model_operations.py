@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from modalmotion.classification.evaluation import CaseAnswer
 from modalmotion.errors import NotFoundError, ParameterError
-from modalmotion.facts import Facts
+from modalmotion.mesh.facts import Facts
 from modalmotion.store import ResultStore
 from modalmotion_service.http.negotiation import CSV, JSON, PNG
 from modalmotion_service.schemas.cases import (

@@ -16,10 +16,10 @@ from modalmotion.classification import (
     shipped_for,
 )
 from modalmotion.errors import NotFoundError, TopologyError
-from modalmotion.facts import NO_FACTS, UNKNOWN, Facts
 from modalmotion.hdf5.sealed import is_sound
+from modalmotion.mesh.facts import NO_FACTS, UNKNOWN, Facts
+from modalmotion.progress import StageReport
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.stopwatch import StageReport
 from modalmotion.store import (
     KeptModel,
     ModelRecord,

@@ -18,11 +18,11 @@ from modalmotion.errors import (
     TopologyError,
     UnlikeCasesError,
 )
-from modalmotion.facts import Facts, Named
+from modalmotion.mesh.facts import Facts, Named
 from modalmotion.norm import Norm
 from modalmotion.norm.norm import parameters_of_controls
+from modalmotion.progress import StageReport
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.stopwatch import StageReport
 from modalmotion.store import ResultStore
 from modalmotion_service.errors import ConflictError, CostError
 from modalmotion_service.work.tasks import classification

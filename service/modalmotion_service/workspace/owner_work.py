@@ -15,8 +15,8 @@ from modalmotion.errors import (
     TopologyError,
     UnlikeCasesError,
 )
+from modalmotion.progress import StageReport
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.stopwatch import StageReport
 from modalmotion.store import ResultStore
 from modalmotion_service.work.engine import Engine
 from modalmotion_service.work.owner import work_of

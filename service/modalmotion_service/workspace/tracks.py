@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from modalmotion.errors import NotFoundError
-from modalmotion.stopwatch import StageReport
+from modalmotion.progress import StageReport
 from modalmotion.store import ImagesRecord, ResultStore, SequenceRecord
 from modalmotion.store.index.cursor import to_text
 from modalmotion.tracking.parameters import TrackParameters

@@ -25,7 +25,7 @@ from modalmotion.classification.evaluation import (
     Evaluation,
     evaluation_of,
 )
-from modalmotion.facts import Facts
+from modalmotion.mesh.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm import (
     Norm,
@@ -109,7 +109,7 @@ def classify_upload(
 
 def draw_card(card: dict[str, Any], title: str) -> bytes:
     """Draw the confusion matrix and the calibration curve of a card, as PNG."""
-    from modalmotion.pictures.model_card import card_figure
+    from modalmotion.pictures.classification import card_figure
 
     return png_of(card_figure(ModelCard.from_json(card), title))
 
@@ -132,7 +132,7 @@ def measure(
     if media_type == CSV:
         return result.as_csv().encode()
     if media_type == PNG:
-        from modalmotion.pictures.model_card import evaluation_figure
+        from modalmotion.pictures.classification import evaluation_figure
 
         return png_of(evaluation_figure(result))
     return EvaluationAnswer.of(result, version).model_dump_json().encode()

@@ -13,15 +13,16 @@ from modalmotion.classification.answer_hdf5 import classification_from_hdf5
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.ventricle import ventricle_readouts
 from modalmotion.errors import LimitError, ParameterError
-from modalmotion.exports.surfaces import SurfaceFormat, write_superposed
-from modalmotion.exports.table import frame_table
-from modalmotion.facts import Facts
+from modalmotion.exports.signature_pack import SurfaceFormat, write_superposed
+from modalmotion.exports.tables import frame_table
 from modalmotion.formats import ReadLimits
+from modalmotion.mesh.facts import Facts
 from modalmotion.pictures.readouts import volume_figure
+from modalmotion.progress import Stopwatch
 from modalmotion.reports import Report, fhir_json, report_of, report_pdf
 from modalmotion.reports.dicom import dicom_zip, read_study
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.stopwatch import Stopwatch
+from modalmotion.signature.tradeoff import as_plain, measure_tradeoff
 from modalmotion.store import (
     sequence_from_hdf5,
     signature_from_hdf5,
@@ -29,8 +30,6 @@ from modalmotion.store import (
     track_from_hdf5,
 )
 from modalmotion.template.body_frame import Components
-from modalmotion.tradeoff import measure_tradeoff
-from modalmotion.tradeoff.plain import as_plain
 from modalmotion.viewer.page import View, view_page
 from modalmotion.viewer.payload import frames_payload
 from modalmotion_service.http.negotiation import CSV, PDF, PNG

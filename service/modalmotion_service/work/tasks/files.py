@@ -11,9 +11,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from modalmotion.facts import Facts
-from modalmotion.fit.cache import TemplateCache
+from modalmotion.mesh.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.basis import TemplateCache
 from modalmotion.signature.making import ModalSignature
 from modalmotion.store import (
     SequenceRecord,

@@ -11,17 +11,17 @@ import numpy as np
 
 from modalmotion.codec import decode, encode
 from modalmotion.errors import LimitError
-from modalmotion.exports.vibration_modes import modes_to_hdf5, modes_to_npz
-from modalmotion.facts import Facts
+from modalmotion.exports.animation import modes_to_hdf5, modes_to_npz
 from modalmotion.formats import ReadLimits, write_npz, write_raw, write_vtkhdf
+from modalmotion.mesh.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.progress import Stopwatch
 from modalmotion.signature.making import (
     SignatureParameters,
     resolve_parameters,
     resolve_template,
 )
 from modalmotion.simulate import Acquisition, simulate_ventricle
-from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import (
     SequenceRecord,
     record_of,
@@ -193,7 +193,7 @@ def describe_template(path: Path) -> TemplateAnswer:
 
 def draw_template(path: Path) -> bytes:
     """Draw s and theta on a kept template's surface, as PNG."""
-    from modalmotion.pictures.template import template_figure
+    from modalmotion.pictures.modes import template_figure
 
     return png_of(template_figure(template_from_hdf5(path)))
 

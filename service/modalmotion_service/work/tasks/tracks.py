@@ -9,10 +9,10 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from modalmotion.errors import InputError, NotFoundError, ParameterError
-from modalmotion.facts import Facts
 from modalmotion.images import ImageSequence
 from modalmotion.images.hdf5 import read_images_file, write_images
-from modalmotion.stopwatch import Stopwatch
+from modalmotion.mesh.facts import Facts
+from modalmotion.progress import Stopwatch
 from modalmotion.store import (
     ImagesRecord,
     SequenceRecord,
@@ -107,7 +107,7 @@ def show_data(path: Path) -> bytes:
 
 def draw_overlay(path: Path, images: Path) -> bytes:
     """Draw the contours of a kept track over its images, as PNG."""
-    from modalmotion.pictures.image_overlay import overlay_figure
+    from modalmotion.pictures.track import overlay_figure
 
     return png_of(overlay_figure(track_from_hdf5(path), read_images_file(images)))
 
