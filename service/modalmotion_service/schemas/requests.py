@@ -234,7 +234,7 @@ MANY_SIGNATURES: Final = model_of(ManySignatures, SignatureParameters, **_SIGNAT
 
 
 class EncodingTarget(JsonBody):
-    """At what error, or at what size, to encode: one of the three."""
+    """At what error, or at what size, to encode: one of the three, or 0.3 % of the diagonal."""
 
     rms: float | None = Field(None, gt=0, description="RMS distance of all vertices, not exceeded.")
     max_error: float | None = Field(
