@@ -10,7 +10,7 @@ import numpy as np
 import modalmotion as mm
 
 # %%
-# 1,500 points a frame from a moving wall, each off by 0.5 mm.
+# 1,500 points per frame from a moving wall, each off by 0.5 mm.
 beat = mm.simulate_ventricle(acquisition=mm.Acquisition(n_frames=10))
 rng = np.random.default_rng(3)
 clouds = [

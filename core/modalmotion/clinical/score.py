@@ -1,4 +1,4 @@
-"""An estimated motion beside the true one, by the measures of published comparisons."""
+"""Comparison of an estimated motion with the true one, by published measures."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ WALLS: Final = 4
 """Landmarks: four around, at the middles of three thirds of the wall from apex to base."""
 
 PUBLISHED: Final = (2.9, 2.14, 1.96, 1.49)
-"""End-point errors that others state, mm, of recordings and landmarks of their own."""
+"""Published end-point errors, mm, of other recordings and landmarks."""
 
 
 @shown("end_point_end_systole", "along_normal", "ejection_fraction", "gls", "gcs", "inside")
 @dataclass(frozen=True)
 class Score:
-    """How far an estimated motion is from the true one.
+    """Errors of an estimated motion.
 
     Parameters
     ----------
     end_point, end_point_end_systole : float, mm
-        Mean distance of 12 landmarks that move with either surface from their places in the
-        first frame: over all later frames, and at the true end systole.
+        Mean distance between 12 landmarks moved by either surface: over all later frames, and at
+        the true end systole.
     along_normal : float, mm
         Mean distance of the true vertices from the estimated surface, all frames.
     ejection_fraction, gls, gcs : float, percentage points
-        Estimated less true.
+        Estimated minus true.
     inside : float or None
         Share of estimated vertices that are within 1.96 stated deviations of the true surface.
-        None where nothing is stated.
+        None if none are given.
     """
 
     end_point: float
@@ -60,17 +60,17 @@ def score(
     Parameters
     ----------
     truth, answer : MeshSequence
-        Of the same frames, in the same coordinates; meshes may differ. A unit that is not stated
-        is mm.
+        Of the same frames, in the same coordinates; meshes may differ. An unknown unit counts as
+        mm.
     deviations : (frames, vertices) float64, optional
-        Standard deviation that is stated of each vertex of the answer, across the surface, mm.
+        Stated standard deviation of each vertex of the answer, across the surface, mm.
 
     Raises
     ------
     ShapeError
         If the numbers of frames differ, or deviations do not belong to the answer.
     TopologyError
-        If a surface has no cavity, or is no cup, tube or sphere.
+        If a surface has no cavity, or is not a cup, tube or sphere.
     """
     if truth.n_frames != answer.n_frames:
         raise ShapeError(

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
 
 def to_dataframe(result: ModalSignature | Table) -> pandas.DataFrame:
-    """Give a result as a long pandas data frame.
+    """Return a result as a long pandas data frame.
 
     Parameters
     ----------
     result : ModalSignature or Table
-        Of a signature: a row for each frame, mode and direction, as `amplitude_table`.
+        For a signature, a row for each frame, mode and direction, as `amplitude_table`.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def to_dataframe(result: ModalSignature | Table) -> pandas.DataFrame:
 def to_xarray(
     signature: ModalSignature, readouts: ClinicalReadouts | None = None
 ) -> xarray.Dataset:
-    """Give a signature as an xarray dataset with named axes and units.
+    """Return a signature as an xarray dataset with named axes and units.
 
     Parameters
     ----------
@@ -52,9 +52,9 @@ def to_xarray(
     Returns
     -------
     xarray.Dataset
-        amplitude (frame, mode, direction), its deviation where that is known, its spectrum and
+        amplitude (frame, mode, direction), its deviation if known, its spectrum and
         frequencies by mode, errors and volume by frame; coordinates label, wavenumber, time_s;
-        attributes unit, ids, notes. It goes to netCDF and back without loss.
+        attributes unit, ids, notes. It can be written to netCDF and read back without loss.
 
     Raises
     ------

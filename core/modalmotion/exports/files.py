@@ -1,4 +1,4 @@
-"""Values as files, in the format that the end of a name says, and back."""
+"""Values as files, in the format of the name's suffix, and back."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ SURFACES: Final[dict[str, Callable[[MeshSequence], bytes]]] = {
     ".zip": write_ply_zip,
     ".raw": write_raw,
 }
-"""Ends of names of files that a moving surface is written to and read from."""
+"""Suffixes of files of moving surfaces that can be written and read."""
 
 _WRITERS: Final[tuple[tuple[type, dict[str, Callable[[Any], bytes]]], ...]] = (
     (MeshSequence, {**SURFACES, ".html": _page}),
@@ -95,7 +95,7 @@ _READERS: Final[dict[str, Callable[[Path], Any]]] = {
 
 
 def save(value: Any, path: str | Path) -> Path:
-    """Write a value to a file, in the format that the end of its name says.
+    """Write a value to a file, in the format of its suffix.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def save(value: Any, path: str | Path) -> Path:
         known = [*writers, *(PICTURES if isinstance(value, Plotted) else ())]
         what = with_article(type(value).__name__)
         raise ParameterError(
-            f"{path.name!r} names no format of {what}.",
+            f"{path.name!r} has no format for {what}.",
             remedy=f"End the name with {', '.join(known)}."
             if known
             else "Give a sequence, a track, a signature, a model, a class or a stream.",
@@ -146,7 +146,7 @@ def load(path: str | Path) -> Any:
     Returns
     -------
     MeshSequence, Track, ModalSignature, Model, Norm, Template or Classification
-        Of a stream the sequence that it decodes to.
+        For a stream, the decoded sequence.
 
     Raises
     ------
@@ -164,7 +164,7 @@ def load(path: str | Path) -> Any:
         if head.startswith(MAGIC):
             return decode(path.read_bytes())
         if head == SIGNATURE:
-            # Of other programs' HDF5 there is no form of ours.
+            # HDF5 of other programs has no form.
             kind = ""
             with suppress(StoreError):
                 kind = form_of(path).kind

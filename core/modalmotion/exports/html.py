@@ -1,4 +1,4 @@
-"""A signature as a piece of static HTML, as notebooks show values: no script, nothing loaded."""
+"""A signature as a piece of static HTML, for notebooks: no script, nothing loaded."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.mode_colours import mode_colour
 from modalmotion.signature.plain_names import plain_name
 
-# Of all that grows with the input: rows and curves, points of a curve, notes and letters of one.
+# Limits: rows and curves, points of a curve, notes, and letters of a note.
 _MOST_ROWS: Final = 7
 _MOST_POINTS: Final = 160
 _MOST_NOTES: Final = 4
@@ -25,7 +25,7 @@ _HEIGHT: Final = 130
 
 
 def to_html(signature: ModalSignature) -> str:
-    """Write a signature as HTML: its modes in words, their paths over time, error and caveats.
+    """Write a signature as HTML: its modes in words, their amplitudes over time, error and caveats.
 
     Parameters
     ----------
@@ -59,8 +59,9 @@ def to_html(signature: ModalSignature) -> str:
     return (
         f"<div><p><strong>Modal signature</strong>: {escape(signature.surface)}, {n} of "
         f"{counted(signature.n_vertices, 'vertex', 'vertices')}, {signature.n_amplitudes} "
-        f"amplitudes a frame. Error {numeral(signature.rms_error, of=motion)} {unit} RMS, at most "
-        f"{numeral(signature.max_error, of=motion)}, of {numeral(motion)} {unit} of motion.</p>"
+        f"amplitudes per frame. Error {numeral(signature.rms_error, of=motion)} {unit} RMS, "
+        f"at most {numeral(signature.max_error, of=motion)}, of {numeral(motion)} {unit} of "
+        "motion.</p>"
         f"{_curves(main_trajectories(signature)[:, order], colours)}"
         f"<table><thead><tr><th>mode</th><th>label</th><th>RMS ({unit})</th></tr></thead>"
         f"<tbody>{''.join(rows)}</tbody></table>{more}"
@@ -69,7 +70,7 @@ def to_html(signature: ModalSignature) -> str:
 
 
 def _curves(paths: NDArray[np.float64], colours: list[str]) -> str:
-    """Draw the paths of some modes over time, the first ones on top."""
+    """Draw the amplitudes of some modes over time, the first ones on top."""
     if len(paths) < 2 or not paths.size:
         return ""
     # Evenly spaced frames: a screen has no more columns.

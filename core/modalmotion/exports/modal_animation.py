@@ -27,10 +27,10 @@ def modal_animation(
     *,
     template: Template | None = None,
 ) -> MorphAnimation:
-    """Turn a signature into targets and weights that play what `reconstruct` superposes.
+    """Convert a signature to targets and weights that play the same as `reconstruct`.
 
-    Each mode and direction is one target, its amplitude the weight; those that carry most
-    motion come first. The mean translation and the rotation move the mesh as a whole.
+    Each mode and direction is one target, its amplitude the weight; those with most motion come
+    first. The mean translation and the rotation move the mesh as a whole.
 
     Parameters
     ----------
@@ -38,14 +38,14 @@ def modal_animation(
     sequence : MeshSequence
         The one it was made from: its reference frame gives the shape to deform.
     max_targets : int, optional
-        Keep no more targets than these; `rms_left_out` then is the error this causes.
+        Largest number of targets; `rms_left_out` is the error this causes.
     template : Template, optional
         The one that the signature's parameters name, if they name one.
 
     Returns
     -------
     MorphAnimation
-        The same positions as `reconstruct`, to rounding, where no target is left out.
+        The same positions as `reconstruct`, to rounding, if no target is left out.
 
     Raises
     ------
@@ -65,12 +65,12 @@ def modal_animation(
     parameters = signature.parameters
     if parameters.components != Components.CARTESIAN:
         raise ParameterError(
-            "The amplitudes are radial, tangential and axial, which turn from vertex to vertex.",
+            "The amplitudes are radial, tangential and axial: directions that differ by vertex.",
             remedy="Fit with components = cartesian.",
         )
     if signature.kind == SignatureKind.OFFSET:
         raise ParameterError(
-            "Offsets move each vertex along its own normal, and a target moves all one way.",
+            "Offsets move each vertex along its own normal; a target has one direction.",
             remedy="Fit with kind = material, or write the superposed surfaces.",
         )
     resolved = resolve_sequence(sequence, parameters)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PICTURES: Final = (".png", ".svg", ".pdf")
-"""Ends of the names of pictures."""
+"""Suffixes of pictures."""
 
 
 def picture_bytes(figure: Figure, kind: str) -> bytes:
@@ -24,18 +24,18 @@ def picture_bytes(figure: Figure, kind: str) -> bytes:
 
 
 def write_picture(figure: Figure, path: Path) -> None:
-    """Write a picture to a file, in the format that its suffix names.
+    """Write a picture to a file, in the format of its suffix.
 
     Raises
     ------
     ParameterError
-        If it names another.
+        If the suffix is another.
     StoreError
         If it cannot be written.
     """
     if path.suffix.lower() not in PICTURES:
         raise ParameterError(
-            f"{path.name!r} is not the name of a picture.",
+            f"{path.name!r} does not have the suffix of a picture.",
             remedy=f"Use a name that ends with {', '.join(PICTURES)}.",
         )
     write_atomic(path, picture_bytes(figure, path.suffix[1:].lower()))

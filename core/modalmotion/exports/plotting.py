@@ -1,4 +1,4 @@
-"""One picture of whatever is given: each value has a usual one. Needs matplotlib (plot)."""
+"""The default picture of a value. Needs matplotlib (plot)."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def plot(value: Any, path: str | Path | None = None) -> Figure:
     Parameters
     ----------
     value : object
-        A sequence (beside the superposition of its first 7 modes), a signature, read-outs, a
-        strain, a track, a class, a model, its card or its test, a trade or a template.
+        A sequence (with the superposition of its first 7 modes), a signature, read-outs, a strain,
+        a track, a class, a model, its card or its test, a trade-off or a template.
     path : str or Path, optional
         File to write as well: .png, .svg or .pdf.
 
@@ -50,12 +50,12 @@ def plot(value: Any, path: str | Path | None = None) -> Figure:
     Raises
     ------
     ParameterError
-        If there is no picture of that.
+        If the value has no picture.
     """
     figure = _drawn(value)
     if path is not None:
         write_picture(figure, Path(path))
-    # Read by notebooks, which know figures of pyplot alone.
+    # For notebooks, which display only figures of pyplot.
     figure._repr_png_ = lambda: picture_bytes(figure, "png")  # type: ignore[attr-defined]
     return figure
 

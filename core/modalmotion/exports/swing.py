@@ -1,4 +1,4 @@
-"""Modes that swing over a surface, as figure 3 of Nastar (1994), and the files of it."""
+"""Oscillating modes added to a surface, as in figure 3 of Nastar (1994), and their files."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from modalmotion.template.vibration_modes import VibrationModes
 
 Array = NDArray[np.float64]
 
-# Where modes are shown one by one: frames of each, s, and its reach as a share of the surface.
+# If modes are shown one by one: frames of each, s, and amplitude as a share of the surface.
 _FRAMES_OF_EACH: Final = 24
 _SECONDS_OF_EACH: Final = 1.0
 _REACH: Final = 0.15
@@ -82,15 +82,15 @@ class Swing:
         Raises
         ------
         LimitError
-            If they would take more memory than a file may.
+            If they would need more memory than a file may.
         """
         size = self.n_frames * self.reference.nbytes
         most = DEFAULT_LIMITS.decompressed_bytes
         if size > most:
             raise LimitError(
-                f"{self.n_frames} frames of {len(self.reference)} vertices take {size} bytes; at "
-                f"most {most} are held at once.",
-                remedy="Ask for fewer frames, or write GLB, which holds modes and not frames.",
+                f"{self.n_frames} frames of {len(self.reference)} vertices take {size} bytes; "
+                f"at most {most} may be in memory at once.",
+                remedy="Ask for fewer frames, or write GLB, which contains modes only.",
                 limit="decompressed_bytes",
                 details={"value": size, "most": most},
             )
@@ -131,7 +131,7 @@ def swing(
     together: bool = False,
     unit: str | None = None,
 ) -> Swing:
-    """Displace a surface by modes, and let go: each swings at its own frequency.
+    """Displace a surface by modes and release it: each oscillates at its own frequency.
 
     Parameters
     ----------
@@ -143,13 +143,13 @@ def swing(
     direction : (vertices, 3) float64
         Unit vectors.
     n_frames : int
-        Over one period of the slowest mode that swings; the last is one step before its end.
+        Over one period of the slowest mode; the last is one step before its end.
     seconds : float
-        How long that period lasts in the animation: time is stretched, ratios of frequencies stay.
+        Duration of that period in the animation: time is scaled, ratios of frequencies are kept.
     damping : float
         Share of the critical damping of each mode.
     together : bool
-        All modes swing in that same period, regardless of their frequencies.
+        All modes oscillate with that period, regardless of their frequencies.
     unit : str, optional
 
     Raises
@@ -169,7 +169,7 @@ def swing(
     _require_frames(n_frames, seconds)
     if not (math.isfinite(damping) and damping >= 0):
         raise ParameterError(
-            f"A damping of {damping} does not damp.", remedy="Use a finite share from 0 on."
+            f"A damping of {damping} does not damp.", remedy="Use a finite share of at least 0."
         )
     w = modes.angular_frequencies
     slowest = float(w[w > 0].min(initial=math.inf))
@@ -186,7 +186,7 @@ def swing(
 def one_by_one(
     template: Template, modes: VibrationModes, direction: Array, unit: str | None = None
 ) -> Swing:
-    """Show modes one after the other, each swinging once, with a visible amplitude.
+    """Show modes one after the other, each for one oscillation, with a visible amplitude.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ def _require_frames(n_frames: int, seconds: float) -> None:
         )
     if n_frames > DEFAULT_LIMITS.frames:
         raise LimitError(
-            f"{n_frames} frames were requested; at most {DEFAULT_LIMITS.frames} are made.",
+            f"{n_frames} frames were requested; at most {DEFAULT_LIMITS.frames} are allowed.",
             remedy="Ask for fewer frames.",
             limit="frames",
             details={"value": n_frames, "most": DEFAULT_LIMITS.frames},

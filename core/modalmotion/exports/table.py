@@ -1,4 +1,4 @@
-"""Tables of results: one row a measurement, as statistics packages read them."""
+"""Tables of results: one row per measurement, for statistics packages."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Table:
     def to_csv(self) -> str:
         """Write the table as CSV (RFC 4180); a missing number is empty.
 
-        Numbers are written so that reading them gives the same bits.
+        Numbers have enough digits to read back the same bits.
         """
         lists = [[_cell(value) for value in column.tolist()] for column in self.columns.values()]
         return csv_text([self.names, *zip(*lists, strict=True)], "\r\n")
@@ -62,8 +62,8 @@ def amplitude_table(signature: ModalSignature) -> Table:
     Returns
     -------
     Table
-        frame, time_s (NaN where unknown), mode (its rank), label, direction, amplitude, deviation
-        (its standard deviation, NaN where unknown), unit.
+        frame, time_s (NaN if unknown), mode (its rank), label, direction, amplitude, deviation
+        (its standard deviation, NaN if unknown), unit.
     """
     frames, modes, n = signature.amplitudes.shape
     directions = direction_names(signature)
@@ -90,13 +90,13 @@ def frame_table(
     readouts: ClinicalReadouts | None = None,
     ventricle: VentricleReadouts | None = None,
 ) -> Table:
-    """List what is known of each frame: motion, error, volume, segments, strain.
+    """List each frame: motion, error, volume, segments, strain.
 
     Parameters
     ----------
     signature : ModalSignature
     readouts : ClinicalReadouts, optional
-        Adds volume and its bound, in the unit that the columns name.
+        Adds volume and its bound, in the unit named in the columns.
     ventricle : VentricleReadouts, optional
         Adds inward motion of each segment, and strain with its standard deviation, percent.
     """
@@ -131,7 +131,7 @@ def frame_table(
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording of a cohort, with what is known of it.
+    """A recording of a cohort with its results.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ class Recording:
         Of its file, or its id.
     signature : ModalSignature
     readouts : ClinicalReadouts or None
-        None of a surface that encloses nothing.
+        None for a surface that encloses nothing.
     subject, label : str or None
     """
 
@@ -156,19 +156,19 @@ def cohort_table(recordings: Iterable[Recording]) -> Table:
     Parameters
     ----------
     recordings : iterable of Recording
-        They are gone through once.
+        Iterated once.
 
     Returns
     -------
     Table
         recording, sequence_id, subject, label, surface, frames, modes, duration_s, unit; motion and
-        errors, in that unit; volumes, ml (NaN where the unit is unknown); the ejection fraction or
+        errors, in that unit; volumes, ml (NaN if the unit is unknown); the ejection fraction or
         the volume change with its interval, percent; and for each mode and direction the RMS of its
-        amplitude over the frames. NaN where a recording has none.
+        amplitude over the frames. NaN if a recording has none.
     """
     rows = [_recording_row(one) for one in recordings]
     names = list(dict.fromkeys(name for row in rows for name in row))
-    # Amplitudes stand last, whichever recording has more of them.
+    # Amplitudes are the last columns, whichever recording has more of them.
     names.sort(key=lambda name: name.startswith("rms "))
     texts = {name for row in rows for name, value in row.items() if isinstance(value, str)}
     return Table(

@@ -1,4 +1,4 @@
-"""The cube that a surface is drawn in."""
+"""The cube in which a surface is drawn."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 def fill_cube(axes: Any, points: NDArray[np.float64]) -> None:
-    """Have points fill axes of equal scale, which are not shown themselves.
+    """Set invisible axes of equal scale that the points fill.
 
     Parameters
     ----------

@@ -67,7 +67,7 @@ def overlay_gif(track: Track, images: ImageSequence) -> bytes:
     Returns
     -------
     bytes
-        It takes as long as the recording where its times are known, else a second.
+        Its duration is that of the recording if its times are known, otherwise a second.
     """
     with needs_extra("plot"):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -89,7 +89,7 @@ def overlay_gif(track: Track, images: ImageSequence) -> bytes:
 
 
 class _Overlay:
-    """Contours of a track over images, sliced: what all frames have in common.
+    """Contours of a track over sliced images: what all frames share.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class _Overlay:
         self.n_planes = min(_N_PLANES, len(_planes(first, self._x)))
 
     def draw(self, k: int, all_axes: Sequence[Any]) -> None:
-        """Draw the planes of a frame, each into its axes; a missing frame is left empty."""
+        """Draw the planes of a frame, each into its axes; a missing frame is empty."""
         image = self._images.frames[k]
         chosen = [] if image is None else _planes(image, self._x)
         all_axes[0].set_title(f"frame {k}", fontsize=8)
@@ -133,7 +133,7 @@ def contours_in(
     edges : Edges
         Of the surface.
     shift : (3,) float64, mm
-        By which the plane shows everything aside.
+        Shift of the plane's content.
 
     Returns
     -------
@@ -146,7 +146,7 @@ def contours_in(
 
 
 def _planes(image: Image, x: NDArray[np.float64]) -> list[tuple[int, Plane]]:
-    """Choose planes to show, with their numbers; of a volume three through the surface's middle."""
+    """Choose planes to show, with their numbers; of a volume three through the surface's centre."""
     if isinstance(image, PlaneSet):
         numbers = np.unique(np.linspace(0, len(image) - 1, _N_PLANES).round().astype(np.int64))
         return [(k, image.planes[k]) for k in numbers.tolist()]

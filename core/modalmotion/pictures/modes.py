@@ -19,7 +19,7 @@ from modalmotion.template.vibration_modes import VibrationModes
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Blue where a shape is below zero, red where it is above: distinct for colour-blind readers too.
+# Blue below zero, red above: distinct for colour-blind readers too.
 COLOURS: Final = "RdBu_r"
 
 _MOST_PANELS: Final = 24
@@ -42,7 +42,7 @@ def modes_figure(template: Template, modes: VibrationModes) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    # Imported here: only pictures need it. A bare Figure has no window and no global state.
+    # Imported here because only pictures need it. A bare Figure has no window or global state.
     with needs_extra("plot"):
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import Normalize
@@ -102,7 +102,7 @@ def draw_shape(
     panel.view_init(elev=0, azim=-90)
     panel.set_proj_type("ortho")
     shown = template.faces
-    # A tube shows its inside too, a closed surface only its outside.
+    # A tube shows its inside as well, a closed surface only its outside.
     if template.surface is not None and all(e == CLOSED for e in template.surface.ends):
         shown = shown[faces_viewer(vertices, template)]
     colours = scale.to_rgba(phi[shown].mean(axis=1))

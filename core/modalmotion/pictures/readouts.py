@@ -18,7 +18,7 @@ _MESH = "#333333"
 
 
 def volume_figure(readouts: ClinicalReadouts) -> Figure:
-    """Draw the volume over time with its bound as a band, beside the mesh's own.
+    """Draw the volume over time with its bound as a band, and that of the mesh.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def volume_figure(readouts: ClinicalReadouts) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    # Imported here: only pictures need it. A bare Figure has no window and no global state.
+    # Imported here because only pictures need it. A bare Figure has no window or global state.
     with needs_extra("plot"):
         from matplotlib.figure import Figure
 
@@ -72,6 +72,6 @@ def volume_figure(readouts: ClinicalReadouts) -> Figure:
 
 
 def _side(frame: int, n_frames: int) -> str:
-    """Keep a label within the picture: on the right of its point, on its left, or about it."""
+    """Place a label within the picture: right of its point, left of it, or centred."""
     place = frame / max(1, n_frames - 1)
     return "left" if place < 0.2 else "right" if place > 0.8 else "center"

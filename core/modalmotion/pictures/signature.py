@@ -1,4 +1,4 @@
-"""A picture of a signature beside its sequence. Needs matplotlib (extra ``plot``)."""
+"""A picture of a signature with its sequence. Needs matplotlib (extra ``plot``)."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ _AZIMUTH = -70.0
 
 
 def signature_figure(sequence: MeshSequence, signature: ModalSignature) -> Figure:
-    """Draw a signature beside its motion: surfaces, trajectories, spectrum, error.
+    """Draw a signature with its motion: surfaces, trajectories, spectrum, error.
 
-    Above the reference, the frame farthest from it, its reconstruction, and the error; below the
+    Top: the reference, the frame farthest from it, its reconstruction, and the error. Bottom: the
     amplitudes over time, their spectrum, and motion and error by frame.
 
     Parameters
@@ -45,7 +45,7 @@ def signature_figure(sequence: MeshSequence, signature: ModalSignature) -> Figur
     -------
     matplotlib.figure.Figure
     """
-    # Imported here: only pictures need it. A bare Figure has no window and no global state.
+    # Imported here because only pictures need it. A bare Figure has no window or global state.
     with needs_extra("plot"):
         from matplotlib.figure import Figure
 
@@ -93,7 +93,8 @@ def _shown_unit(signature: ModalSignature) -> ShownUnit:
 def _title(signature: ModalSignature) -> str:
     return (
         f"{signature.surface}: {counted(signature.n_frames, 'frame')} of {signature.n_vertices} "
-        f"vertices, {counted(len(signature.modes), 'mode')}, {signature.compression:.0f}:1 a frame"
+        f"vertices, {counted(len(signature.modes), 'mode')}, "
+        f"{signature.compression:.0f}:1 per frame"
     )
 
 
@@ -155,9 +156,10 @@ def _faces(sequence: MeshSequence, signature: ModalSignature) -> NDArray[np.int6
 
 
 def _view(reference: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation that lays the longest axis upright, the next one across.
+    """Rotation that makes the longest axis upright, the next one horizontal.
 
-    The wider end is above, as ventricles are shown: the apex points down, for any axes of the file.
+    The wider end is at the top, as ventricles are shown: the apex points down, for any axes of the
+    file.
     """
     offsets = reference - reference.mean(axis=0)
     _, _, rows = np.linalg.svd(offsets, full_matrices=False)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SOFT: Final = "#7a828c"
-# Of GLS, GCS and GAS; told apart without colour too.
+# Of GLS, GCS and GAS; distinct without colour, too.
 _CURVES: Final = (("#1f5fa8", "-"), ("#b5533c", "--"), ("#3c7a4e", ":"))
 
 

@@ -1,4 +1,4 @@
-"""Pictures of a track: its data, its stated error, what was determined. Needs matplotlib (plot)."""
+"""Pictures of a track: data, stated error, share determined by data. Needs matplotlib (plot)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _N_FRAMES: Final = 6
 
 
 def data_figure(track: Track) -> Figure:
-    """Draw the data over the surface, in frames spread over the beat: those that counted, and not.
+    """Draw the data over the surface, outliers marked, in frames spread over the beat.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def data_figure(track: Track) -> Figure:
     TopologyError
         If the track is that of a curve.
     ParameterError
-        If it keeps none of its data.
+        If it has none of its data.
     """
     with needs_extra("plot"):
         from matplotlib.figure import Figure
@@ -50,8 +50,8 @@ def data_figure(track: Track) -> Figure:
     data = track.data
     if data is None:
         raise ParameterError(
-            "The track keeps none of the data that it was tracked through.",
-            remedy="Track the recording again: some of its points are kept since.",
+            "The track does not contain the data that it was tracked through.",
+            remedy="Track the recording again: newer tracks contain some of their points.",
         )
     shown = np.unique(np.linspace(0, track.n_frames - 1, _N_FRAMES).astype(np.int64))
     view = tilted(upright(track.template))
@@ -82,7 +82,7 @@ def data_figure(track: Track) -> Figure:
         unit = shown_unit(mean, track.sequence.unit)
         text = f"Data over the surface; residual RMS {numeral(mean / unit.size, 2)} {unit.name}"
         n_strays = int((data.weights < STRAY).sum())
-        left_out = f"; {n_strays} of {data.n_points} points hardly counted" if n_strays else ""
+        left_out = f"; {n_strays} of {data.n_points} points are outliers" if n_strays else ""
         figure.suptitle(text + left_out, fontsize=11)
     return figure
 
@@ -121,7 +121,7 @@ def deviations_figure(track: Track, frame: int) -> Figure:
     faces = track.template.faces
     figure = Figure(figsize=(8.2, 4.0), dpi=120, layout="constrained")
     unit = shown_unit(float(track.deviations[frame].max()), track.sequence.unit)
-    for k, name in enumerate(("across the surface", "along it, set by the prior")):
+    for k, name in enumerate(("across the surface", "along it, from the prior")):
         axes: Any = figure.add_subplot(1, 2, k + 1, projection="3d")
         values = track.deviations[frame, :, k][faces].mean(axis=1) / unit.size
         drawn = axes.plot_trisurf(
@@ -139,7 +139,7 @@ def deviations_figure(track: Track, frame: int) -> Figure:
 
 
 def determined_figure(track: Track) -> Figure:
-    """Draw how much of each mode the data have set: across the surface, and along it.
+    """Draw the share of each mode that the data determine: across the surface, and along it.
 
     Returns
     -------

@@ -15,7 +15,7 @@ _TILT: Final = 0.2
 
 
 def upright(template: Template) -> NDArray[np.float64]:
-    """Columns that lay the axis upright, its end on top, and theta = 0 to the front.
+    """Columns that make the axis upright, its end on top, and theta = 0 in front.
 
     Returns
     -------
@@ -27,7 +27,7 @@ def upright(template: Template) -> NDArray[np.float64]:
     if landmarks is None:
         used = np.delete(template.vertices / size_of(template), template.isolated, axis=0)
         _, _, (first, second, third) = np.linalg.svd(used - used.mean(axis=0), full_matrices=False)
-        # A torus lies, a sheet is seen from its normal.
+        # A torus is horizontal, a sheet is seen along its normal.
         axis, zero = (third, first) if len(closed) == 2 else (second, third)
     elif closed:
         axis, zero = landmarks.axis, landmarks.theta_zero
@@ -42,14 +42,14 @@ def size_of(template: Template) -> float:
 
 
 def tilted(view: NDArray[np.float64], tilt: float = _TILT) -> NDArray[np.float64]:
-    """Look at it a little from above, by so many radians."""
+    """View it slightly from above, by so many radians."""
     c, s = np.cos(tilt), np.sin(tilt)
     turned: NDArray[np.float64] = view @ np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
     return turned
 
 
 def faces_viewer(vertices: NDArray[np.float64], template: Template) -> NDArray[np.bool_]:
-    """Triangles that show their outside: all of a sheet, which has no outside."""
+    """Triangles whose outside is visible: all of a sheet, which has no outside."""
     faces = oriented_faces(template.faces, len(vertices))
     if faces is None or not template.topology.closed_axes:
         return np.ones(len(template.faces), dtype=np.bool_)

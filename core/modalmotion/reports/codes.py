@@ -1,7 +1,7 @@
-"""Codes of what is reported: one table, which a person reviews.
+"""Codes of reports: one table, for review.
 
-LOINC stands only where the sender states cavity and modality, since its terms name both; all
-else has a code of our own.
+LOINC is used only if the sender states cavity and modality, because its terms name both; all else
+has a code of our own.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ WITH_ENDS: Final = (
     *("ejection_fraction", "volume_change", "end_diastolic_volume", "end_systolic_volume"),
     *("stroke_volume", "gls", "gcs", "gas", "sdi"),
 )
-"""Codes whose numbers have an interval: each end of it has a code too."""
+"""Codes whose numbers have an interval; its ends have codes too."""
 
 # (code, cavities, modalities) -> LOINC code and its exact display.
 _LOINC: Final = {
@@ -60,27 +60,27 @@ DICOM: Final = {
     "gls": ("130670", "Longitudinal Lagrangian Strain"),
     "gcs": ("130677", "Circumferential Lagrangian Strain"),
 }
-"""Terms of DICOM (PS3.16, Annex D), without word of cavity or modality; of area there is none."""
+"""Terms of DICOM (PS3.16, Annex D), without cavity or modality; there is none for the area."""
 
 
 def own_coding(code: str) -> dict[str, str]:
-    """Give the Coding of one of our own codes."""
+    """Return the Coding of one of our own codes."""
     return {"system": SYSTEM, "code": code.replace("_", "-"), "display": OWN[code]}
 
 
 def end_coding(code: str, end: str) -> dict[str, str]:
-    """Give the Coding of the lower ("low") or upper ("high") end of a number's interval."""
+    """Return the Coding of the lower ("low") or upper ("high") end of a number's interval."""
     text = f"{OWN[code]}: {OWN[end].lower()}"
     return {"system": SYSTEM, "code": f"{code}-{end}".replace("_", "-"), "display": text}
 
 
 def code_systems() -> list[dict[str, Any]]:
-    """Give the codes of all reports as FHIR resources, for those who validate them.
+    """Return the codes of all reports as FHIR resources, for validators.
 
     Returns
     -------
     list of dict
-        CodeSystems, ready for JSON: our own, complete, and of LOINC the terms that we name.
+        CodeSystems, ready for JSON: our own, complete, and the LOINC terms that are used.
     """
     own = [own_coding(code) for code in OWN]
     own += [end_coding(code, end) for code in WITH_ENDS for end in ("low", "high")]
@@ -98,7 +98,7 @@ def code_systems() -> list[dict[str, Any]]:
 
 
 def concept(code: str, facts: Facts | None = None, text: str | None = None) -> dict[str, Any]:
-    """Give the CodeableConcept of a code.
+    """Return the CodeableConcept of a code.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def concept(code: str, facts: Facts | None = None, text: str | None = None) -> d
     facts : Facts, optional
         With a cavity and a modality a term of LOINC is named first.
     text : str, optional
-        In place of the code's display.
+        Instead of the code's display.
     """
     coding = [own_coding(code)]
     if facts is not None and facts.modality not in (None, "simulated"):

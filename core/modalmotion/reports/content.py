@@ -1,4 +1,4 @@
-"""What a report says of one recording, gathered once for every form of it."""
+"""Content of a report of one recording, gathered once for every form."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _OF_COMMANDS: Final = re.compile(r" \(--[^)]*\)|[;,] state [^.;]*--[^.;]*| by --
 @shown("sequence_id", "readouts", "classification", "deviation")
 @dataclass(frozen=True, eq=False)
 class Report:
-    """A signature with all that is read of it.
+    """A signature with everything computed from it.
 
     Parameters
     ----------
     signature : ModalSignature
     sequence : MeshSequence
     readouts : ClinicalReadouts or None
-        None where the surface encloses no volume.
+        None if the surface encloses no volume.
     ventricle : VentricleReadouts or None
     classification : Classification or None
     deviation : Deviation or None
@@ -40,9 +40,9 @@ class Report:
     issued : datetime
         Time of the result, with its zone.
     absent : tuple of str
-        Why something is not there.
+        Why something is missing.
     name : str
-        Of the recording or its subject, for the page alone: no other form names anybody.
+        Of the recording or its subject, for the page only: no other form contains names.
     """
 
     signature: ModalSignature
@@ -62,10 +62,10 @@ class Report:
 
     @property
     def caveats(self) -> tuple[str, ...]:
-        """What a reader should know, each once."""
+        """Caveats for the reader, each once."""
         notes = []
         if self.deviation is not None:
-            theirs = f"Recorded otherwise than the controls of {self.deviation.norm}"
+            theirs = f"Recorded differently from the controls of {self.deviation.norm}"
             notes += [f"{theirs}: {words}" for words in self.deviation.warnings]
             notes += self.deviation.notes
         notes += self.signature.notes
@@ -73,18 +73,18 @@ class Report:
             notes += self.readouts.notes
         if self.classification is not None:
             notes += self.classification.notes
-        # Whoever reads a report has no command line.
+        # Readers of a report have no command line.
         plain = [_OF_COMMANDS.sub("", note) for note in (*notes, *self.absent)]
         return tuple(dict.fromkeys(plain))
 
     @property
     def intended_use(self) -> str:
-        """What it is not."""
+        """Intended use."""
         return INTENDED_USE
 
     @property
     def digest(self) -> str:
-        """sha256 of what the report stands on, in hex: the recording and each result's origin."""
+        """sha256 of what the report is based on, in hex: the recording and each result's origin."""
         signature = self.signature
         parts = [signature.sequence_id, signature.parameters.key, str(signature.provenance)]
         if self.classification is not None:
@@ -104,7 +104,7 @@ def report_of(
     classification: Classification | None = None,
     deviation: Deviation | None = None,
 ) -> Report:
-    """Gather what is known of a recording.
+    """Gather the content of a report.
 
     Parameters
     ----------

@@ -30,21 +30,21 @@ from modalmotion.reports.quantities import Quantity, errors_of, quantities_of
 MEDIA_TYPE: Final = "application/fhir+json; fhirVersion=4.0"
 
 NOBODY: Final = "Not stated"
-"""In the place of a subject's name."""
+"""Instead of a subject's name."""
 NO_PERSON: Final = "No person: computed by the device"
-"""In the place of a performer's name."""
+"""Instead of a performer's name."""
 
 _NAMESPACE: Final = uuid.uuid5(uuid.NAMESPACE_OID, SYSTEM)
 
-# Shares of the usual step by which frames may be uneven and still count as even.
+# Tolerance of even spacing of frames, as a share of the usual step.
 _EVEN: Final = 1e-3
 
 
 def fhir_bundle(report: Report) -> Resource:
     """Write a report as a Bundle of the type collection.
 
-    DiagnosticReport, Observations, Device, Provenance. All are `preliminary`: a person has the
-    last word. No subject is named.
+    DiagnosticReport, Observations, Device, Provenance. All are `preliminary`: a person must confirm
+    them. No subject is named.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def _diagnostic_report(
 
 
 class Found(NamedTuple):
-    """What one Observation says.
+    """Content of one Observation.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def _observation(key: uuid.UUID, report: Report, found: Found) -> Resource:
         "status": "preliminary",
         "category": [{"coding": [{"system": CATEGORY, "code": "imaging", "display": "Imaging"}]}],
         "code": concept(found.name, report.sequence.facts),
-        # Of whom, when and by whom is for the receiver to add: no name or date is known here.
+        # Subject, time and performer are added by the receiver: no name or date is known here.
         "subject": {**unstated("unknown"), "display": NOBODY},
         "_effectiveDateTime": unstated("unknown"),
         "issued": report.issued.isoformat(),
@@ -186,7 +186,7 @@ def _amplitudes(report: Report) -> Found:
     directions = direction_names(signature)
     n = signature.amplitudes.shape[1] * len(directions)
     labels = ", ".join(f"{label} {way}" for label in signature.modes.labels for way in directions)
-    line = f"{n} modal amplitudes a frame, in {unit}, over {signature.n_frames} frames."
+    line = f"{n} modal amplitudes per frame, in {unit}, over {signature.n_frames} frames."
     text = "" if signature.times is not None else " Times are unknown: one period is one frame."
     return Found(
         "amplitudes",
@@ -211,7 +211,7 @@ def _volume_curve(readouts: ClinicalReadouts) -> Found:
 def _times(times: NDArray[np.float64]) -> Found:
     return Found(
         "times",
-        ["The frames are uneven in time; their times are stated here."],
+        ["The frames are uneven in time; their times are given here."],
         {"valueSampledData": sampled(1000.0 * times, "ms", "ms", times)},
     )
 
@@ -230,7 +230,7 @@ def _fit(report: Report) -> Found:
         {"code": concept("rms_error"), "valueQuantity": quantity(rms, unit, ucum)},
         {"code": concept("max_error"), "valueQuantity": quantity(most, unit, ucum)},
     ]
-    line = f"The modes leave an error of {rms:.3g} {unit} (RMS), at most {most:.3g} {unit}."
+    line = f"The error of the modes is {rms:.3g} {unit} (RMS), at most {most:.3g} {unit}."
     return Found("fit", [line], {"component": components})
 
 
@@ -247,7 +247,7 @@ def _class(report: Report) -> Found:
         for name, p in zip(answer.classes, answer.probabilities, strict=True)
     ]
     if answer.label is None:
-        why = "; ".join(answer.flags) or "the model cannot tell"
+        why = "; ".join(answer.flags) or "inconclusive"
         return Found(
             "class",
             [f"No class of motion: {why}."],

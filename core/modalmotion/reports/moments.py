@@ -8,7 +8,7 @@ from modalmotion.reports.content import Report
 
 
 def moments_of(report: Report) -> list[tuple[int, str]]:
-    """Give two frames with their names: the ends of diastole and systole, where there are any."""
+    """Return two frames with their names: the ends of diastole and systole, if there are any."""
     if report.readouts is None:
         middle = int(np.argmax(report.signature.motion_rms))
         return [(0, "first frame"), (middle, "largest motion")]

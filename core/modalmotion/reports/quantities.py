@@ -22,7 +22,7 @@ class Quantity:
         Code of `codes.OWN`.
     value, low, high : float
     unit : str
-        As people read it.
+        In words.
     ucum : str
         Its code in UCUM.
     """
@@ -36,7 +36,7 @@ class Quantity:
 
 
 def quantities_of(report: Report) -> tuple[Quantity, ...]:
-    """Give volumes, the share that is lost, strain and dyssynchrony, as far as there are any."""
+    """Return volumes, ejection fraction, strain and dyssynchrony, if there are any."""
     readouts = report.readouts
     if readouts is None:
         return ()
@@ -63,7 +63,7 @@ def quantities_of(report: Report) -> tuple[Quantity, ...]:
 
 
 def errors_of(report: Report) -> tuple[float, float]:
-    """Give the RMS and the largest error of the modes, in the unit of lengths."""
+    """Return the RMS and the largest error of the modes, in the unit of lengths."""
     signature = report.signature
     rms = float(np.sqrt(np.mean(signature.rms_errors**2)))
     return rms, float(signature.max_errors.max())

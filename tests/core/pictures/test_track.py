@@ -37,7 +37,7 @@ def test_points_lie_over_the_surface_of_each_frame() -> None:
         "frame 3",
     ]
     assert "mm; " in figure.get_suptitle()
-    assert "of 450 points hardly counted" in figure.get_suptitle()
+    assert "of 450 points are outliers" in figure.get_suptitle()
     assert drawn(figure).startswith(b"\x89PNG")
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from modalmotion.reports.dicom.source import Study
 
 SCHEME: Final = "99MODALMOTION"
-"""Of our own codes; DICOM wants 99 before those that are not registered."""
+"""Of our own codes; DICOM requires 99 before unregistered ones."""
 
 _NAMESPACE: Final = uuid.uuid5(uuid.NAMESPACE_OID, f"{SYSTEM}:dicom")
 # Longest code and longest meaning.
@@ -21,16 +21,16 @@ _MEANING: Final = 64
 
 
 def uid_of(report: Report, study: Study, name: str) -> str:
-    """Give the UID of an object: of the report, the study and the object's name.
+    """Return the UID of an object: of the report, the study and the object's name.
 
-    Of the form 2.25 (PS3.5, B.2), which needs no root of one's own.
+    Of the form 2.25 (PS3.5, B.2), which needs no registered root.
     """
     text = f"{report.digest} {study.header['StudyInstanceUID']} {name}"
     return f"2.25.{uuid.uuid5(_NAMESPACE, text).int}"
 
 
 def own_code(code: str, meaning: str | None = None) -> Any:
-    """Give a code of our own table."""
+    """Return a code of our own table."""
     from highdicom.sr import CodedConcept
 
     said = OWN[code] if meaning is None else meaning
@@ -38,7 +38,7 @@ def own_code(code: str, meaning: str | None = None) -> Any:
 
 
 def code_of(code: str, facts: Facts) -> Any:
-    """Give the code of a quantity: DICOM's, LOINC's where the FHIR bundle has that, or our own."""
+    """Return the code of a quantity: DICOM's, LOINC's as in the FHIR bundle, or our own."""
     from highdicom.sr import CodedConcept
 
     if code in DICOM:
@@ -50,14 +50,14 @@ def code_of(code: str, facts: Facts) -> Any:
 
 
 def ucum(code: str) -> Any:
-    """Give a unit."""
+    """Return a unit."""
     from highdicom.sr import CodedConcept
 
     return CodedConcept(code, "UCUM", {"1": "no units", "%": "percent"}.get(code, code))
 
 
 def stamp(dataset: Any, report: Report) -> None:
-    """Set all times of an object to that of the result, and say what made it."""
+    """Set all times of an object to that of the result, and its origin."""
     day, time = f"{report.issued:%Y%m%d}", f"{report.issued:%H%M%S}"
     for moment in ("InstanceCreation", "Content", "Series"):
         setattr(dataset, f"{moment}Date", day)

@@ -14,7 +14,7 @@ from modalmotion.reports.content import Report
 from modalmotion.reports.dicom.source import Study
 from modalmotion.reports.moments import moments_of
 
-# A zip knows no time before.
+# The earliest time in a zip.
 _NO_DATE: Final = (1980, 1, 1, 0, 0, 0)
 
 
@@ -24,7 +24,7 @@ def dicom_instances(report: Report, study: Study) -> dict[str, bytes]:
     Parameters
     ----------
     report : Report
-        Of surfaces in LPS mm, in the space of the instance that the study was read from.
+        Of surfaces in LPS mm, in the frame of reference of the study's instance.
     study : Study
 
     Returns
@@ -51,7 +51,7 @@ def dicom_instances(report: Report, study: Study) -> dict[str, bytes]:
     # They log ids, and warn with the values of headers.
     with unheard(*loggers):
         written = {"report.dcm": structured_report(report, study)}
-        # Points without triangles are no surface.
+        # Points without triangles are not a surface.
         moments = moments_of(report) if len(report.sequence.faces) else []
         for number, (frame, name) in enumerate(moments, 1):
             file = f"{name.replace(' ', '-')}.dcm"
@@ -76,7 +76,7 @@ def dicom_zip(report: Report, study: Study) -> bytes:
 
 
 def require_space(facts: Facts, unit: str | None) -> None:
-    """Check that coordinates are those of a patient as DICOM has them.
+    """Check that coordinates are patient coordinates of DICOM.
 
     Raises
     ------
@@ -86,14 +86,14 @@ def require_space(facts: Facts, unit: str | None) -> None:
     if facts.coordinates != "LPS":
         stated = "are not stated" if facts.coordinates == "unknown" else f"are {facts.coordinates}"
         raise ParameterError(
-            f"The coordinates {stated}; an object of a study lies in LPS.",
+            f"The coordinates {stated}; an object of a study must be in LPS.",
             remedy="State coordinates=LPS if x goes to the patient's left, y to the back and z to "
-            "the head, in the space of the study's images; else turn the points first.",
+            "the head, in the space of the study's images; otherwise convert the points first.",
             details={"fact": "coordinates"},
         )
     if unit != "mm":
         raise ParameterError(
-            f"The unit is {unit or 'unknown'}; an object of a study is in mm.",
+            f"The unit is {unit or 'unknown'}; an object of a study must be in mm.",
             remedy="State unit=mm, or send the points in mm.",
             details={"fact": "unit"},
         )

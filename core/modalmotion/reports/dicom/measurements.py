@@ -61,7 +61,7 @@ def structured_report(report: Report, study: Study) -> Any:
         )
     except KeyError:
         raise ParameterError(
-            "The instance is of a kind that is not known here.",
+            "The kind of the instance is not supported.",
             remedy="Send an image of the study, such as one of MR, CT or US.",
         ) from None
     stamp(written, report)
@@ -130,7 +130,7 @@ def _class(report: Report, study: Study) -> Any:
         said = _own("not-asked", "No model was asked")
         probabilities = []
     else:
-        why = "; ".join(answer.flags) or "the model cannot tell"
+        why = "; ".join(answer.flags) or "inconclusive"
         said = (
             _own("no-class", f"No class: {why}")
             if answer.label is None

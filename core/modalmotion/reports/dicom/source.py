@@ -1,4 +1,4 @@
-"""Whose study it is: the header of an instance, held in memory and nowhere else."""
+"""The patient's study: the header of an instance, kept in memory only."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from modalmotion.representation import shown
 class Study:
     """What is copied from an instance into objects of the same study.
 
-    Its `repr` says nothing of it: it names a patient.
+    Its `repr` does not show it, because it names a patient.
 
     Parameters
     ----------
@@ -31,11 +31,11 @@ class Study:
 
     @property
     def frame_of_reference(self) -> str | None:
-        """UID of the space that the instance lies in."""
+        """UID of the instance's frame of reference."""
         return self.header["FrameOfReferenceUID"] or None
 
     def dataset(self) -> Any:
-        """Give the header as a pydicom Dataset."""
+        """Return the header as a pydicom Dataset."""
         from pydicom.dataset import Dataset
 
         found = Dataset()
@@ -47,7 +47,7 @@ class Study:
 
 
 def read_study(source: bytes | Path, *, parser: Parser | None = None) -> Study:
-    """Read the header of an instance, in a process that is lost with what breaks it.
+    """Read the header of an instance, in a disposable process.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def read_study(source: bytes | Path, *, parser: Parser | None = None) -> Study:
     Raises
     ------
     MalformedFileError
-        If it is no DICOM instance; no value of it is named.
+        If it is not a DICOM instance; no value of it is named.
     MissingExtraError
         If pydicom is absent.
     """
