@@ -121,7 +121,7 @@ def test_pictures_of_every_kind(beat: mm.MeshSequence, tmp_path: Path) -> None:
     assert (tmp_path / "one.pdf").read_bytes().startswith(b"%PDF")
     with pytest.raises(mm.ParameterError, match="no picture of a str"):
         mm.plot("beat")
-    with pytest.raises(mm.ParameterError, match="not the name of a picture"):
+    with pytest.raises(mm.ParameterError, match="not have the suffix of a picture"):
         signature.plot("beat.jpg")
 
 

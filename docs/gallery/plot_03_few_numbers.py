@@ -16,7 +16,7 @@ print(signature)
 print(f"one number for {signature.compression:.0f} coordinates")
 
 # %%
-# Or say what error you accept: the fewest modes that hold it are found.
+# Or give an error: the fewest modes that meet it are found.
 print(beat.signature(tolerance=0.3))
 
 # %%

@@ -51,8 +51,8 @@ _SHOWN: Final = {
 def show(file: Path, as_json: bool) -> None:
     """Show what is in FILE.
 
-    A signature, sequence, track, template, class, model or stream of modalmotion's, or a moving
-    surface in any known format.
+    FILE is a signature, sequence, track, template, class, model or stream of modalmotion, or a
+    moving surface in any known format.
     """
     content = _content(file)
     if as_json:
@@ -89,7 +89,7 @@ def _content(file: Path) -> dict[str, Any]:
         reading = read_sequence(file)
     except InputError as error:
         raise click.ClickException(
-            f"{file.name} is neither a file of modalmotion's nor a moving surface: {error}"
+            f"{file.name} is neither a file of modalmotion nor a moving surface: {error}"
         ) from error
     return {
         **_shown("sequence", reading.sequence),

@@ -89,6 +89,6 @@ def _drawn(value: Any) -> Figure:
             return template_figure(value)
     raise ParameterError(
         f"There is no picture of {with_article(type(value).__name__)}.",
-        remedy="Give a sequence (read(path)), or what was made of one: a signature, read-outs, "
-        "strain, a track, a class, a model, a trade.",
+        remedy="Give a sequence (read(path)), or a result: a signature, read-outs, strain, a "
+        "track, a class, a model, a trade-off.",
     )

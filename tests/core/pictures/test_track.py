@@ -42,7 +42,7 @@ def test_points_lie_over_the_surface_of_each_frame() -> None:
 
 
 def test_a_track_without_its_data_says_so() -> None:
-    with pytest.raises(ParameterError, match="none of the data"):
+    with pytest.raises(ParameterError, match="not contain the data"):
         data_figure(replace(TRACK, data=None))
 
 
