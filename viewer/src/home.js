@@ -3,7 +3,7 @@
 import { BASE, Refused } from "./api.js";
 import { classSentence } from "./class_card.js";
 import { nameOfRecord } from "./compare.js";
-import { h } from "./dom.js";
+import { h, probability } from "./dom.js";
 import { worker } from "./head.js";
 
 const IMAGES = /\.(nii|nii\.gz|nrrd|mha|mhd|dcm)$/i;
@@ -140,7 +140,7 @@ export class Home {
       const answer = classifications[classifications.length - 1];
       if (!answer) return;
       const [label, rest] = classSentence(answer);
-      cell.textContent = answer.label === null ? label : `${label} (${answer.probability.toFixed(2)})`;
+      cell.textContent = answer.label === null ? label : `${label} (${probability(answer.probability)})`;
       cell.title = label + rest;
     } catch {
       // Whatever is wrong with one answer, the list is there.
