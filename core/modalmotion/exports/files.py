@@ -64,21 +64,21 @@ def read(path: str | Path, options: ReadOptions | None = None) -> MeshSequence:
     Returns
     -------
     MeshSequence
-        Of a track its sequence, with the track's own errors.
+        For a track its sequence, with the track's errors.
 
     Raises
     ------
     InputError
-        If it cannot be read; it says how to convert or track it.
+        If it cannot be read; the remedy is how to convert or track it.
 
     Warns
     -----
     UserWarning
-        Of what the reader changed or assumed; `read_sequence` gives it as notes.
+        About what the reader changed or assumed; `read_sequence` returns it as notes.
     """
     reading = read_recording(Path(path), options)
     for note in reading.notes:
-        # Of whoever called it, through the check of its arguments.
+        # Of the caller, through the check of its arguments.
         warnings.warn(note, stacklevel=3)
     return reading.sequence
 
@@ -86,7 +86,7 @@ def read(path: str | Path, options: ReadOptions | None = None) -> MeshSequence:
 def read_recording(
     path: Path, options: ReadOptions | None = None, *, progress: Progress | None = None
 ) -> Reading:
-    """Read a moving surface with its notes; of the file of a track its sequence and errors.
+    """Read a moving surface with its notes; for a track its sequence and errors.
 
     A compressed stream is decoded.
     """
@@ -95,7 +95,7 @@ def read_recording(
     if stream is not None:
         return options.apply(Reading(decode(stream, limits=options.limits), format="stream"))
     if path.suffix.lower() in (".h5", ".hdf5"):
-        # Tracking is imported for these alone.
+        # Tracking is imported for these only.
         from modalmotion.tracking.hdf5 import kept_track
 
         track = kept_track(path)
@@ -105,7 +105,7 @@ def read_recording(
 
 
 def stream_at(path: Path) -> bytes | None:
-    """Give the bytes of a compressed stream, or None if the file is something else."""
+    """Return the bytes of a compressed stream, or None if the file is something else."""
     if not path.is_file():
         return None
     with path.open("rb") as file:

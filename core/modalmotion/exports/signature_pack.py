@@ -316,7 +316,7 @@ SUFFIXES = {
     ".glb": SurfaceFormat.GLB,
     ".zip": SurfaceFormat.PLY,
 }
-"""Format by the end of a file's name."""
+"""Format by suffix."""
 
 
 def write_superposed(
@@ -344,9 +344,9 @@ def write_superposed(
     times : (n,) float64, s, optional
         Those of the frames by default.
     phases : list of float or int, optional
-        In place of times: shares of the cycle, or how many in even steps; see `resample`.
+        Instead of times: shares of the cycle, or a number of even steps; see `resample`.
     max_targets : int, optional
-        Of a GLB: keep no more targets than these, those that carry most motion.
+        For a GLB: largest number of targets, those with most motion.
 
     Returns
     -------
@@ -355,12 +355,12 @@ def write_superposed(
     Raises
     ------
     ParameterError
-        If a time lies outside the recording, the sequence is another, or both times and phases
+        If a time is outside the recording, the sequence is another, or both times and phases
         are chosen, or phases of a GLB.
     """
     if phases is not None and (times is not None or surface_format == SurfaceFormat.GLB):
         raise ParameterError(
-            "Phases came with times, or for a GLB, which has all frames.",
+            "Phases were given with times, or for a GLB, which has all frames.",
             remedy="Give one of times and phases, and another format for phases.",
         )
     moved = signature if times is None else at_times(signature, times)

@@ -140,7 +140,7 @@ def card_figure(card: ModelCard, title: str) -> Figure:
     -------
     matplotlib.figure.Figure
         The confusion matrix by shares of the true class, with counts; the ROC curve of each class;
-        and the share of right answers against the stated probability.
+        and the share of correct answers against the stated probability.
     """
     return _figure(f"{title}: {_accuracy(card)}", card.classes, card)
 
@@ -247,7 +247,7 @@ def _draw_confusion(
     shares = np.divide(counts, totals, out=np.zeros_like(counts), where=totals > 0)
     answers = [*classes, "no class"][: counts.shape[1]]
     axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
-    # Figures can be read in a small matrix; a large one is read by its shades.
+    # Numbers are legible in a small matrix; a large one has shades only.
     size = 9 if len(classes) <= 8 else 7
     if len(classes) <= 25:
         for (row, column), count in np.ndenumerate(counts):
@@ -285,7 +285,7 @@ def _draw_calibration(
         return
     probability, share, n_cases = (np.array(column) for column in zip(*bins, strict=True))
     axes.plot([0, 1], [0, 1], color=_SOFT, linewidth=1, linestyle="--", label="as stated")
-    # Repetitions answer to the same cases again.
+    # Repetitions are on the same cases.
     low, high = _wilson(share, n_cases / n_repetitions)
     axes.errorbar(
         *(probability, share),

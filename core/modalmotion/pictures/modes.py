@@ -120,7 +120,7 @@ def _draw_line(panel: Any, template: Template, phi: NDArray[np.float64], largest
     panel.tick_params(labelsize=7)
 
 
-# Lines of equal coordinate are drawn this many to the unit: tenths of s, twelfths of a turn.
+# Lines of equal coordinate per unit: tenths of s, twelfths of a turn.
 _LINES = {True: 12, False: 10}
 
 
@@ -144,7 +144,7 @@ def template_figure(template: Template) -> Figure:
     TopologyError
         If it has no triangles, or no natural coordinates.
     """
-    # Imported here: only pictures need it. A bare Figure has no window and no global state.
+    # Imported here because only pictures need it. A bare Figure has no window or global state.
     with needs_extra("plot"):
         from matplotlib.figure import Figure
 
@@ -196,16 +196,16 @@ def _draw(
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
     used = np.unique(template.faces)
-    # At any size: the picture has no axes, and so no unit.
+    # The picture has no axes, so its unit is arbitrary.
     size = size_of(template)
     centre = (template.vertices[used] / size).mean(axis=0)
     vertices = (template.vertices / size - centre) @ view
     fill_cube(panel, vertices[used])
     panel.view_init(elev=0, azim=-90)
     panel.set_proj_type("ortho")
-    # Lines lie on the triangles; Matplotlib would sort them behind.
+    # Lines are on the triangles; Matplotlib would sort them behind.
     panel.computed_zorder = False
-    # Triangles that face away are left out: lines would shine through them.
+    # Triangles that face away are not drawn, because lines would show through them.
     values = _corners(template, axis, closed)
     corners = vertices[template.faces]
     ahead = faces_viewer(vertices, template)

@@ -83,7 +83,7 @@ def _side(frame: int, n_frames: int) -> str:
 
 
 _SOFT: Final = "#7a828c"
-# Of GLS, GCS and GAS; told apart without colour too.
+# Of GLS, GCS and GAS; distinct without colour, too.
 _CURVES: Final = (("#1f5fa8", "-"), ("#b5533c", "--"), ("#3c7a4e", ":"))
 
 
@@ -139,9 +139,9 @@ _LETTERS: Final = 62
 
 
 def bulls_eye_figure(regions: RegionalMotion, frame: int | None = None) -> Figure:
-    """Draw the inward motion of each segment, or of each ring where segments are unknown.
+    """Draw the inward motion of each segment, or of each ring if segments are unknown.
 
-    Anterior is above, septal on the left, as the standard has it.
+    Anterior is at the top, septal on the left, as in the standard.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def bulls_eye_figure(regions: RegionalMotion, frame: int | None = None) -> Figur
 
 
 def most_moved(regions: RegionalMotion) -> int:
-    """Frame in which the wall is farthest inward, by the mean of its segments."""
+    """Frame with the largest mean inward motion of the segments."""
     known = np.isfinite(regions.shares).any(axis=0)
     return int(np.nanmean(regions.shares[:, known], axis=1).argmax()) if known.any() else 0
 

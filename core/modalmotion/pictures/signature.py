@@ -45,7 +45,7 @@ def draw_trajectories(axes: Any, signature: ModalSignature, shown: ShownUnit) ->
     """Draw amplitudes over time, the largest modes in colour."""
     at, label = _times(signature)
     trajectories, colours = main_trajectories(signature) / shown.size, _colours(signature)
-    # The largest last, so that they lie above.
+    # The largest last, so that they are on top.
     for mode in np.argsort(signature.deformation_spectrum, kind="stable"):
         colour = colours[mode]
         is_named = colour != _OTHERS
@@ -93,14 +93,14 @@ def draw_errors(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
         fontsize=10,
     )
     axes.set(xlabel=label, ylabel=shown.name)
-    # Above the curves there is room for the legend.
+    # There is space for the legend above the curves.
     axes.set_ylim(0.0, 1.18 * max(float(motion.max()), float(largest.max())) or 1.0)
     axes.grid(alpha=0.25)
     axes.legend(fontsize=8, frameon=False, ncols=3, loc="upper center", columnspacing=1.2)
 
 
 def _colours(signature: ModalSignature) -> list[str]:
-    """Give a colour to each of the largest modes that move at all."""
+    """Assign a colour to each of the largest moving modes."""
     spectrum = signature.deformation_spectrum
     colours = [_OTHERS] * len(spectrum)
     for mode in np.argsort(-spectrum, kind="stable")[:_MOST_COLOURED].tolist():
@@ -110,7 +110,7 @@ def _colours(signature: ModalSignature) -> list[str]:
 
 
 def _names(signature: ModalSignature) -> list[str]:
-    """Say of each mode what it looks like, once for a pair, and its label."""
+    """Describe each mode, once for a pair, with its label."""
     components = signature.parameters.components
     is_offset = signature.kind == SignatureKind.OFFSET
     names, before = [], ""

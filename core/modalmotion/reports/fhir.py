@@ -30,7 +30,7 @@ from modalmotion.reports.content import (
 
 _DECIMALS: Final = 17
 
-# The extension that stands in an element's place.
+# The extension that replaces an element.
 _ABSENT_HERE: Final = "http://hl7.org/fhir/StructureDefinition/data-absent-reason"
 
 Resource = dict[str, Any]
@@ -56,7 +56,7 @@ def narrative(*lines: str) -> Resource:
 
 
 def unstated(reason: str) -> Resource:
-    """Say in an element's place why it has no value."""
+    """Write the reason for a missing element."""
     return {"extension": [{"url": _ABSENT_HERE, "valueCode": reason}]}
 
 
@@ -70,7 +70,7 @@ def quantity(value: float, unit: str, ucum: str) -> Resource:
 def sampled(
     values: NDArray[np.float64], unit: str, ucum: str, times: NDArray[np.float64] | None
 ) -> Resource:
-    """Write rows of numbers as SampledData; the period is in ms, or 1 where times are unknown."""
+    """Write rows of numbers as SampledData; the period is in ms, or 1 if times are unknown."""
     n = len(values)
     period = 1.0
     if times is not None and n > 1 and times[-1] > times[0]:
@@ -85,12 +85,12 @@ def sampled(
 
 
 def _decimal(value: float) -> str:
-    """Write a number as SampledData has it, without an exponent."""
+    """Write a number for SampledData, without an exponent."""
     return np.format_float_positional(value, trim="-")
 
 
 def absent(code: str, text: str) -> Resource:
-    """Say in the place of a value why there is none."""
+    """Write the reason for a missing value."""
     return {"dataAbsentReason": {"coding": [{"system": ABSENT, "code": code}], "text": text}}
 
 
