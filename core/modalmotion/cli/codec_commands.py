@@ -40,9 +40,10 @@ def encode(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Compress the sequence in FILE at an error (in its unit) or a size that you choose.
+    """Compress the sequence in FILE at an error or a size that you choose.
 
-    Without either, the largest error is 0.3 % of the diagonal of its bounding box.
+    Errors are in the length unit of FILE. Without either, the largest error is 0.3 % of the
+    diagonal of its bounding box.
     """
     from modalmotion.codec import encode as compress
 
@@ -103,7 +104,7 @@ def decode(
 ) -> None:
     """Decode a compressed STREAM, or some of its frames and vertices.
 
-    Of some vertices come the triangles between them.
+    A range of vertices includes the triangles between them.
     """
     from modalmotion.codec import decode as expand
     from modalmotion.codec import inspect

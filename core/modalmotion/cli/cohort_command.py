@@ -82,9 +82,9 @@ def cohort(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Fit a signature to every recording that FILE names, and keep them in a store.
+    """Fit signatures of all recordings that FILE lists, into a store.
 
-    FILE is a manifest (.csv; path and, where they are known, label, subject and facts) or a folder.
+    FILE is a manifest (.csv; path and, if known, label, subject and facts) or a folder.
     A path of a manifest may be a URL, such as s3://bucket/beat.npz. Given again after an
     interruption, the command does what is unfinished. `modalmotion store export` packs the results.
     """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +15,6 @@ from modalmotion.cli.options import (
     Member,
     command,
     json_option,
-    list_written,
     output_option,
     surface_options,
     tell,
@@ -122,13 +120,9 @@ def modes(
     """
     surface = _surface(source, grid, topology, stated)
     vibration_modes = _lowest(surface, modes)
-    if as_json:
-        click.echo(json.dumps(_numbers(vibration_modes), indent=2))
-    else:
-        click.echo("\n".join(_table(vibration_modes)))
     if output is not None:
         _write_modes(output, surface, vibration_modes, direction)
-    list_written(output, as_json=as_json)
+    tell(_numbers(vibration_modes), _table(vibration_modes), output, as_json=as_json)
 
 
 @command("animate beat.npz --mode 1,1,cos=5 --mode 0,2,sin=3 -o swing.glb")
@@ -154,7 +148,7 @@ def modes(
 @click.option(
     "--damping", default=0.0, show_default=True, help="Share of each mode's critical damping."
 )
-@click.option("--together", is_flag=True, help="All modes swing in the same period.")
+@click.option("--together", is_flag=True, help="All modes have the same period.")
 @json_option
 @surface_options
 def animate(
@@ -171,11 +165,11 @@ def animate(
     topology: str | None,
     **stated: Any,
 ) -> None:
-    """Add modes over the surface in FILE and let them swing.
+    """Animate vibration modes of the surface in FILE.
 
-    Frame 0 is the surface displaced by all of them; then it is let go, and each mode swings as
-    a cosine at its own frequency, stretched in time so that the slowest takes --seconds. Mode 0
-    does not swing. FILE may be the name of a topology, as for `modalmotion modes`; its radius is 1.
+    Frame 0 is the surface displaced by all of them; from there each mode oscillates as a cosine at
+    its own frequency, stretched in time so that the slowest takes --seconds. Mode 0 does not
+    oscillate. FILE may be the name of a topology, as for `modalmotion modes`; its radius is 1.
     """
     from modalmotion.exports.swing import swing
 

@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 )
 @json_option
 def report(source: Path, out: Path, as_json: bool, **options: Any) -> None:
-    """Report on the sequence in FILE: PDF for people, FHIR for systems, CSV, a page to look at.
+    """Report on the sequence in FILE, for people (PDF) and systems (FHIR, CSV).
 
-    FILE may be a label map of any segmenter too, which is tracked first; or images, points or
+    FILE may also be a segmentation (a label map), which is tracked first; or images, points or
     contours, with --landmarks.
-    A folder gets report.pdf, report.fhir.json, frames.csv and view.html. A person has the last
-    word: all is marked as preliminary.
+    A folder gets report.pdf, report.fhir.json, frames.csv and view.html. All results are marked as
+    preliminary until a person confirms them.
     """
     from modalmotion.reports.codes import OWN
     from modalmotion.reports.quantities import quantities_of

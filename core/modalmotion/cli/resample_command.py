@@ -32,7 +32,7 @@ def resample(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Write the surface in FILE at any phase of its cycle, and how far off that may be."""
+    """Write the surface in FILE at any phase of its cycle, with its uncertainty."""
     if bool(phases) == (frames is not None):
         raise click.UsageError("Give one of --phase and --frames.")
     with Waiting(source) as waiting:

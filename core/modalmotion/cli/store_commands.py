@@ -28,7 +28,7 @@ _OWNER = click.option("--owner", help="Owner of the store, in a service's data f
 
 @click.group()
 def store() -> None:
-    """Look after a folder of results: back up, restore, verify, rebuild, export.
+    """Maintain a folder of results: back up, restore, verify, rebuild, export.
 
     Except for `backup`, no server may have it open.
     """

@@ -31,7 +31,7 @@ from modalmotion.signature.making import ModalSignature
     "--classify/--no-classify",
     default=True,
     show_default=True,
-    help="Show what the shipped model says of the motion.",
+    help="Show the class of the motion by the shipped model.",
 )
 @json_option
 @fit_options
@@ -43,10 +43,10 @@ def view(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Write a page on which the surface in FILE moves, beside its reconstruction.
+    """Write an HTML page that shows the surface in FILE moving, with its modes.
 
-    The page is one file: it opens from disk in any browser and needs no network. Of a track's .h5
-    the data that it was tracked through are drawn over the surface. If FILE is a compressed
+    The page is one file: it opens from disk in any browser and needs no network. For a track
+    (.h5) the data that it was fitted to are drawn over the surface. If FILE is a compressed
     stream, the page contains it and decodes it.
     """
     from modalmotion.store import write_atomic
