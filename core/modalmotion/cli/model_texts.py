@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Final
 
-from modalmotion.numerals import numeral
+from modalmotion.representation import numeral
 
 if TYPE_CHECKING:
     from modalmotion.classification import Classification, Comparison, Evaluation, Model, ModelCard

@@ -50,10 +50,10 @@ from modalmotion.client.values import (
     pack_of,
 )
 from modalmotion.errors import ShapeError
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.progress import Progress
-from modalmotion.signature.comparison import Comparison
+from modalmotion.signature.distance import Comparison
 from modalmotion.signature.making import ModalSignature
 
 if TYPE_CHECKING:
