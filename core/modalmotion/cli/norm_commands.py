@@ -17,7 +17,7 @@ from modalmotion.cli.outputs import OutputFile
 
 @click.group()
 def norm() -> None:
-    """Compare recordings with those of your own controls."""
+    """Compare recordings with your own controls."""
 
 
 @norm.command(epilog=example("norm train controls.csv --name volunteers -o volunteers.h5"))
@@ -26,11 +26,11 @@ def norm() -> None:
 @click.option("--name", required=True, help="Of the norm: lower-case letters, digits, '._-'.")
 @click.option("-o", "--out", required=True, type=OutputFile(), help="File to write (HDF5).")
 @click.option(
-    "--modes", default=7, show_default=True, help="Modes of the signatures; 3 amplitudes a frame."
+    "--modes", default=7, show_default=True, help="Modes of the signatures; 3 amplitudes per frame."
 )
 @click.option(
     "--topology",
-    help="cup, sphere, ..., or mesh for spring modes; all controls decide it together by default.",
+    help="cup, sphere, ..., or mesh for spring modes; found from all controls by default.",
 )
 @json_option
 def train(
@@ -43,10 +43,10 @@ def train(
     unit: str | None,
     skip_unreadable: bool,
 ) -> None:
-    """Make a norm from recordings of controls, one of each person.
+    """Make a norm of recordings of controls, one of each person.
 
-    MANIFEST is a table with the column path and, if known, subject and facts; labels are not
-    read. FILES are files of sequences.
+    MANIFEST is a table with the column path and, if known, subject and facts; labels are ignored.
+    FILES are files of sequences.
     """
     from modalmotion.norm import norm_to_hdf5, train_norm
     from modalmotion.store import write_atomic
@@ -75,7 +75,7 @@ def train(
     "--level",
     default=0.05,
     show_default=True,
-    help="Share of recordings like the controls that may be called a deviation.",
+    help="Level: share of recordings like the controls that are called a deviation.",
 )
 @json_option
 def ask(
@@ -86,10 +86,10 @@ def ask(
     unit: str | None,
     skip_unreadable: bool,
 ) -> None:
-    """Measure how far recordings deviate from the controls in the file NORM.
+    """Compare recordings with the controls of NORM, a file.
 
-    Five or more are also compared as a group: a warning is given if they seem to come from another
-    machine or protocol. MANIFEST and FILES are as for training.
+    Five or more are also compared together, with a warning if machine or protocol differ. MANIFEST
+    and FILES are as for training.
     """
     from modalmotion.norm import cohort_deviation, norm_from_hdf5
     from modalmotion.norm.norm import FEWEST_RECORDINGS, others_than

@@ -28,12 +28,11 @@ if TYPE_CHECKING:
 )
 @json_option
 def report(source: Path, out: Path, as_json: bool, **options: Any) -> None:
-    """Report on the sequence in FILE, for people (PDF) and systems (FHIR, CSV).
+    """Report on the sequence in FILE: PDF, FHIR, CSV and HTML.
 
-    FILE may also be a segmentation (a label map), which is tracked first; or images, points or
-    contours, with --landmarks.
-    A folder gets report.pdf, report.fhir.json, frames.csv and view.html. All results are marked as
-    preliminary until a person confirms them.
+    FILE may also be a label map, which is tracked first; or images, points or contours, with
+    --landmarks. A folder gets report.pdf, report.fhir.json, frames.csv and view.html, all marked as
+    preliminary.
     """
     from modalmotion.reports.content import OWN, quantities_of
     from modalmotion.reports.writing import write_report

@@ -98,7 +98,7 @@ def _written(result: Track, suffix: str) -> bytes:
 
 def _numbers(result: Track) -> dict[str, Any]:
     volumes, deviations, images = result.volumes, result.volume_deviations, result.images
-    # An image is segmented by a surface that encloses something.
+    # An image is segmented by a surface that encloses a volume.
     assert volumes is not None  # noqa: S101
     assert deviations is not None  # noqa: S101
     assert images is not None  # noqa: S101
