@@ -42,8 +42,7 @@ def encode(
 ) -> None:
     """Compress the sequence in FILE at a given error (in its unit) or size.
 
-    Errors are in the length unit of FILE. Without either, the largest error is 0.3 % of the
-    diagonal of its bounding box.
+    Without either, the largest error is 0.3 % of the diagonal of its bounding box.
     """
     from modalmotion.codec import encode as compress
 
