@@ -6,19 +6,19 @@ import asyncio
 import contextlib
 import json
 from dataclasses import replace
+from importlib.util import find_spec
 from typing import Annotated, Final
 
 from fastapi import Depends, Query, Response
 from fastapi import Request as HttpRequest
 
 from modalmotion.errors import NotFoundError
-from modalmotion.facts import facts_as_json
+from modalmotion.mesh import facts_as_json
 from modalmotion.reports.dicom import require_space
 from modalmotion_service.errors import BusyError
-from modalmotion_service.http.bodies import body_of
-from modalmotion_service.http.judged_router import JudgedRouter
+from modalmotion_service.http.judged_router import JudgedRouter, body_of
 from modalmotion_service.http.negotiation import CSV, HTML, JSON, PNG, RAW, VIEW, ZIP
-from modalmotion_service.http.timing import stage
+from modalmotion_service.http.observation import stage
 from modalmotion_service.routes.asked import (
     Asked,
     AskedAny,
@@ -28,21 +28,22 @@ from modalmotion_service.routes.asked import (
     temporary_file,
 )
 from modalmotion_service.routes.described import answers, body
-from modalmotion_service.schemas.fields import Paging, SequenceId, SignatureKey
+from modalmotion_service.schemas.cases import FeatureOptions, FeaturesRequest
+from modalmotion_service.schemas.from_core import Paging, SequenceId, SignatureKey
 from modalmotion_service.schemas.models import FeaturesAnswer
+from modalmotion_service.schemas.queries import (
+    DistanceRequest,
+    Reconstruction,
+    ReportRequest,
+    ViewRequest,
+)
 from modalmotion_service.schemas.readouts import ReadoutsAnswer, StrainAnswer
 from modalmotion_service.schemas.requests import (
     MANY_SIGNATURES,
     SIGNATURE,
     ClassificationRequest,
-    DistanceRequest,
-    FeatureOptions,
-    FeaturesRequest,
     ManySignatures,
-    Reconstruction,
-    ReportRequest,
     SignatureRequest,
-    ViewRequest,
 )
 from modalmotion_service.schemas.results import ClassificationAnswer, ClassificationPageAnswer
 from modalmotion_service.schemas.signatures import (
@@ -51,7 +52,7 @@ from modalmotion_service.schemas.signatures import (
     SignaturePageAnswer,
     SignatureSummary,
 )
-from modalmotion_service.work.tasks import reports
+from modalmotion_service.work.tasks import derived
 from modalmotion_service.workspace import signature_operations as operations
 from modalmotion_service.workspace.analysis import USUAL
 from modalmotion_service.workspace.models import KeptClassification
@@ -187,7 +188,13 @@ async def _instance(request: HttpRequest) -> SpoolFile:
     return file
 
 
-@router.post("/signatures/{key}/dicom", **answers(ZIP, waits=False), openapi_extra=_DICOM)
+@router.post(
+    "/signatures/{key}/dicom",
+    **answers(ZIP, waits=False),
+    openapi_extra=_DICOM,
+    # Where the extra is absent it is answered 501.
+    include_in_schema=find_spec("highdicom") is not None,
+)
 async def dicom_of_signature(
     key: SignatureKey,
     file: Annotated[SpoolFile, Depends(_instance)],
@@ -214,7 +221,7 @@ async def dicom_of_signature(
             ):
                 with analysis.output() as output, stage("report"):
                     await analysis.work(
-                        reports.make_dicom,
+                        derived.make_dicom,
                         one,
                         file.path,
                         asked.state.settings.read_limits,
