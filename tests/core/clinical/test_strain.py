@@ -132,7 +132,7 @@ def test_rows_of_a_track_keep_their_heights_however_its_vertices_slide() -> None
     def bowl(polar: NDArray[np.float64], *axes: float) -> NDArray[np.float64]:
         across = np.sin(polar)
         unit = (across * np.cos(around), across * np.sin(around), -np.cos(polar))
-        return np.stack(unit, axis=1) * np.array(axes)
+        return np.asarray(np.stack(unit, axis=1) * np.array(axes))
 
     slid = polar + 0.1 * np.sin(2.0 * polar)
     frames = np.stack([bowl(polar, 25, 25, 80), bowl(slid, 20, 20, 70)])
