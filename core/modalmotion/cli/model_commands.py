@@ -27,6 +27,7 @@ from modalmotion.cli.options import (
     list_written,
     plot_option,
     surface_options,
+    tell,
 )
 from modalmotion.cli.outputs import OutputFile, write_picture
 
@@ -74,10 +75,9 @@ def evaluate(
         write_picture(evaluation_figure(result), plot)
     if cases_file is not None:
         write_atomic(cases_file, result.as_csv().encode())
-    click.echo(json.dumps(result.as_json(), indent=2) if as_json else evaluation_lines(result))
-    for note in left_out_notes(left_out):
-        click.echo(note, err=as_json)
-    list_written(plot, cases_file, as_json=as_json)
+    notes = list(left_out_notes(left_out))
+    found = {**result.as_json(), "left_out": notes}
+    tell(found, [evaluation_lines(result), *notes], plot, cases_file, as_json=as_json)
 
 
 @command("compare-models mine.h5 other.h5 cases.csv")
@@ -96,10 +96,10 @@ def compare_models(
     unit: str | None,
     skip_unreadable: bool,
 ) -> None:
-    """Compare two models, on the same labelled sequences: MODEL and OTHER.
+    """Compare two models on the same labelled sequences.
 
-    Each is a file or a name. MANIFEST and FILES are as for training, of subjects that neither model
-    was trained on. Cases of one subject count together.
+    MODEL and OTHER are each a file or a name. MANIFEST and FILES are as for training, of subjects
+    that neither model was trained on. Cases of one subject count together.
     """
     from modalmotion.classification import compare_models as compare
     from modalmotion.classification.cases import left_out_notes
@@ -121,7 +121,7 @@ def compare_models(
     "--model",
     default="ventricle-simulated",
     show_default=True,
-    help="Model: the name of a shipped one, or a file. The default reads displacements where the "
+    help="Model: the name of an included one, or a file. The default reads displacements if the "
     "file states tracking=material, the surface's offsets otherwise.",
 )
 @coverage_option
@@ -136,7 +136,7 @@ def classify(
     as_json: bool,
     **stated: Any,
 ) -> None:
-    """Name the motion class of the sequence in FILE."""
+    """Classify the motion of the sequence in FILE."""
     from modalmotion.classification import classify as ask
     from modalmotion.classification import shipped_for
     from modalmotion.mesh.sequence import MeshSequence
@@ -156,8 +156,7 @@ def classify(
         from modalmotion.pictures.classification import answer_figure
 
         write_picture(answer_figure(result), plot)
-    click.echo(answer_json(result) if as_json else answer_lines(result))
-    list_written(plot, as_json=as_json)
+    tell(answer_json(result), [answer_lines(result)], plot, as_json=as_json)
 
 
 @command("card mine.h5 --markdown -o README.md")
@@ -168,9 +167,9 @@ def classify(
 @click.option("-o", "--out", type=OutputFile(), help="File to write.")
 @json_option
 def card(model: str, markdown: bool, out: Path | None, as_json: bool) -> None:
-    """Say what MODEL was made of, and how well it does.
+    """Show the training and the performance of MODEL.
 
-    MODEL is a file, or the name of a shipped one.
+    MODEL is a file, or the name of an included model.
     """
     from modalmotion.classification import card_markdown
     from modalmotion.store import write_atomic

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 import numpy as np
 
-from modalmotion.cli.options import command, json_option, list_written, options_of, output_option
+from modalmotion.cli.options import command, json_option, options_of, output_option, tell
 from modalmotion.cli.outputs import MOVING, PICTURES, OutputFile, write_picture
 from modalmotion.cli.tracking_options import tracking_options
 from modalmotion.errors import ParameterError
@@ -52,7 +51,7 @@ _PICTURES: Final = ("data", "deviations", "determined")
 @click.option(
     "--plot",
     type=OutputFile(*PICTURES, MOVING),
-    help="Picture to write (.png, .svg, .pdf); of images a .gif of all frames too.",
+    help="Picture to write (.png, .svg, .pdf); for images also a .gif of all frames.",
 )
 @click.option(
     "--picture",
@@ -74,9 +73,9 @@ def track(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Track a surface through the frames in IN, which need not correspond.
+    """Track a surface through the frames in IN, without correspondence between them.
 
-    IN is a folder or zip with one mesh, cloud or set of contours a frame, an npz of points and
+    IN is a folder or zip with one mesh, cloud or set of contours per frame, an npz of points and
     offsets, or images: NIfTI, NRRD, MetaImage, or a folder or zip of DICOM. The motion follows the
     data along the surface's normals.
     """
@@ -100,19 +99,15 @@ def track(
         write_atomic(plot, overlay_gif(result, recorded.images))
     elif plot is not None:
         write_picture(_figure(result, recorded, picture), plot)
-    if as_json:
-        click.echo(json.dumps(_numbers(result), indent=2))
-    else:
-        notes = [f"note: {note}" for note in result.notes]
-        click.echo("\n".join([*_lines(result), *notes]))
-    list_written(output, plot, as_json=as_json)
+    notes = [f"note: {note}" for note in result.notes]
+    tell(_numbers(result), [*_lines(result), *notes], output, plot, as_json=as_json)
 
 
 def _require_images(recorded: Recorded, picture: str) -> None:
     """Refuse a moving picture of what has none, before any work."""
     if recorded.images is None or picture != _PICTURES[0]:
         raise ParameterError(
-            "A .gif shows contours over images, and of nothing else there is one.",
+            "A .gif is available only for contours over images.",
             remedy="Name a .png, or track images with --picture data.",
         )
 

@@ -1,8 +1,7 @@
-"""The command that measures speed and numbers against accuracy."""
+"""The command that measures size and time against accuracy."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,13 +13,13 @@ from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
     command,
     json_option,
-    list_written,
     merge_option,
     mode_options,
     options_of,
     picture_option,
     signature_parameters,
     surface_options,
+    tell,
     verbose_option,
 )
 from modalmotion.cli.outputs import write_picture
@@ -61,7 +60,7 @@ def tradeoff(
     verbose: bool,
     **options: Any,
 ) -> None:
-    """Measure what each choice of modes costs and loses on the sequence in FILE.
+    """Measure error, size and time of each number of modes for the sequence in FILE.
 
     Choose a point of the front by --modes, --tolerance, --tolerance-share or --auto.
     """
@@ -83,11 +82,10 @@ def tradeoff(
                 write_picture(tradeoff_figure(result), plot)
     price = replace(result.chosen.price, milliseconds=waiting.milliseconds())
     result = replace(result, chosen=replace(result.chosen, price=price))
-    click.echo(json.dumps(as_plain(result), indent=2) if as_json else _lines(result, verbose))
-    list_written(plot, as_json=as_json)
+    tell(as_plain(result), _lines(result, verbose), plot, as_json=as_json)
 
 
-def _lines(result: Tradeoff, verbose: bool) -> str:
+def _lines(result: Tradeoff, verbose: bool) -> list[str]:
     front, price = result.front, result.chosen.price
     unit, motion = front.unit or "length units", front.motion_rms
     lines = [
@@ -120,18 +118,17 @@ def _lines(result: Tradeoff, verbose: bool) -> str:
     lines += price_lines(price) if verbose else []
     if result.chosen.signature is not None:
         lines += [f"note: {note}" for note in result.chosen.signature.notes]
-    lines += [f"note: {note}" for note in result.chosen.notes]
-    return "\n".join(lines)
+    return lines + [f"note: {note}" for note in result.chosen.notes]
 
 
 def describe(result: Tradeoff) -> str:
     """Describe the choice in a line."""
     price, signature = result.chosen.price, result.chosen.signature
     if signature is None:
-        return f"{result.chosen.kind} motion, {price.amplitudes_per_frame} numbers a frame"
+        return f"{result.chosen.kind} motion, {price.amplitudes_per_frame} numbers per frame"
     count = counted(len(signature.modes), "mode")
     text = f"{count}, {signature.surface}, {signature.parameters.components}"
     harmonics = signature.parameters.harmonics
     if harmonics is not None:
         text += f", {counted(harmonics, 'harmonic')}"
-    return f"{text}: {price.amplitudes_per_frame} amplitudes a frame"
+    return f"{text}: {price.amplitudes_per_frame} amplitudes per frame"
