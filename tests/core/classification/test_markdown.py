@@ -71,7 +71,7 @@ def test_the_command_on_the_page_names_a_file_that_is_one(card: ModelCard) -> No
     for odd in ("a\n```\nb.h5", "a`b.h5"):
         assert shown("mine", file=odd) == f"{asked} mine.h5"
     page = card_markdown("mine", "0" * 64, card)
-    assert "only models that come with the package have names" in page
+    assert "only models included in the package have names" in page
 
 
 def test_texts_of_others_stay_texts(card: ModelCard) -> None:

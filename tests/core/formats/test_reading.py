@@ -125,7 +125,7 @@ def test_raw_numbers_take_their_shape_from_what_is_stated() -> None:
             LimitError,
             "vertices",
         ),
-        (ReadOptions(), MalformedFileError, "no format that is read"),
+        (ReadOptions(), MalformedFileError, "Unrecognised file format"),
     ],
 )
 def test_raw_numbers_that_do_not_fit_say_why(

@@ -45,7 +45,7 @@ ENDS = {"apex": [-1.0, -2.0, -3.0], "base": [1.0, 2.0, 3.0]}
     ("observed", "more", "match", "remedy"),
     [
         (on_a_line, {}, "frame 0.* lie on a line", "open curve"),
-        (on_a_line, {"topology": "cup", "landmarks": ENDS}, "lie on a line", "surface as start"),
+        (on_a_line, {"topology": "cup", "landmarks": ENDS}, "are on a line", "surface as start"),
         (in_a_plane, {}, "frame 0.* lie in a plane", "topology plane"),
         (lambda: [np.eye(3)[:2]] * 3, {}, "has 2 points", "surface as start"),
         (lambda: [None] * 3, {}, "Nothing was observed in any frame", "at least one frame"),

@@ -44,7 +44,7 @@ def off(result: Track) -> float:
 
 def doubts(result: Track) -> str:
     """What is noted besides what all tracks say."""
-    usual = ("undetermined", "along the surface it is the prior's", "so round about the axis")
+    usual = ("undetermined", "along the surface it comes from the prior", "so round about the axis")
     return " ".join(n for n in result.notes if not any(part in n for part in usual))
 
 
@@ -117,7 +117,7 @@ def test_an_object_that_is_cut_off_says_so_and_how_unsure_its_fraction_is() -> N
     ("landmarks", "told"),
     [
         ({name: place + 20.0 * AXES[:, 0] for name, place in LANDMARKS.items()}, "check both"),
-        ({"apex": LANDMARKS["base"], "base": LANDMARKS["apex"]}, "taken for one another"),
+        ({"apex": LANDMARKS["base"], "base": LANDMARKS["apex"]}, "are the two swapped"),
     ],
     ids=["aside", "swapped"],
 )
