@@ -105,7 +105,7 @@ def test_a_card_without_figures_says_so(card: ModelCard) -> None:
     )
     page = card_markdown("mine", "0" * 64, bare)
     assert "model-index" not in head_of(page)
-    assert "nothing is known" in page
+    assert "its accuracy is unknown" in page
 
 
 def test_the_command_gives_it_in_three_forms(tmp_path: Path) -> None:

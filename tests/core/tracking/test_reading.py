@@ -194,6 +194,6 @@ def test_landmarks_stand_in_an_npz_as_text_too(tmp_path: Path) -> None:
     assert np.isnan(found.landmarks["apex"][1]).all()
     assert found.coordinates == "RAS"
     np.savez(tmp_path / "a.npz", **{**arrays, "apex": "0,0,1"})
-    with pytest.raises(InputError, match="'apex' holds") as caught:
+    with pytest.raises(InputError, match="'apex' contains") as caught:
         read_observed(tmp_path / "a.npz")
     assert "as numbers" in caught.value.remedy
