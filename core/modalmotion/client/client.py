@@ -483,25 +483,17 @@ class Client:
 
     # Classes and models.
 
-    def classify(
-        self,
-        sequence_id: str,
-        *,
-        covariates: Mapping[str, float | str] | None = None,
-        **options: Option,
-    ) -> Info:
+    def classify(self, sequence_id: str, **options: Option) -> Info:
         """Ask a model for the class of a stored sequence's motion.
 
         Parameters
         ----------
         sequence_id : str
-        covariates : mapping of str to (float or str), optional
-            Such as an age: over those stored with the sequence.
         **options
             model, the shipped one by default; coverage.
         """
         path = f"/v1/signatures/{segment(sequence_id)}/classifications"
-        call = _posted(path, {**options, "covariates": covariates or None})
+        call = _posted(path, options)
         # A job's result is the list of all models' answers: of what is kept this one's is asked.
         while (answer := self._connection.send(call)).status == 202:
             awaited(self._connection, answer, _content, call.accept)

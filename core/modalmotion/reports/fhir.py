@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from modalmotion.clinical import ClinicalReadouts
 from modalmotion.exports.table import direction_names
 from modalmotion.norm import Deviation
+from modalmotion.numerals import probability
 from modalmotion.reports.codes import CATEGORY, OWN, SYSTEM, concept, end_coding
 from modalmotion.reports.content import Report
 from modalmotion.reports.fhir_elements import (
@@ -253,7 +254,7 @@ def _class(report: Report) -> Found:
             [f"No class of motion: {why}."],
             {**absent("unknown", why), "method": _model(answer.model, answer.model_id)},
         )
-    line = f"Class of motion: {answer.label} (probability {answer.probability:.3f})."
+    line = f"Class of motion: {answer.label} (probability {probability(answer.probability)})."
     value = {"coding": [_own_class(answer.label)], "text": answer.label}
     method = _model(answer.model, answer.model_id)
     return Found(

@@ -15,7 +15,7 @@ from modalmotion.clinical.strain import DEFINITIONS
 from modalmotion.errors import needs_extra
 from modalmotion.mesh import face_normals, oriented_faces
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.numerals import counted, with_interval
+from modalmotion.numerals import counted, probability, with_interval
 from modalmotion.pictures.strain import draw_strain, mark_moments
 from modalmotion.reports.codes import OWN
 from modalmotion.reports.content import Report
@@ -282,8 +282,9 @@ def _sections(report: Report) -> list[tuple[str, list[str], str]]:
         said = [f"No class: {'; '.join(answer.flags) or 'the model cannot tell'}."]
     elif answer is not None:
         others = [name for name in answer.class_set if name != answer.label]
+        sure = probability(answer.probability)
         said = [
-            f"{answer.label}, probability {answer.probability:.3f} (model {answer.model}).",
+            f"{answer.label}, probability {sure} (model {answer.model}).",
             f"Not ruled out at {100 * answer.coverage:.0f} %: {', '.join(others)}."
             if others
             else f"No other class remains at {100 * answer.coverage:.0f} %.",

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 
 from modalmotion.classification.evaluation import CaseAnswer
 from modalmotion.errors import NotFoundError, ParameterError
-from modalmotion.facts import Facts
 from modalmotion.store import ResultStore
 from modalmotion_service.work.tasks import evaluation
 from modalmotion_service.workspace.analysis import Analysis
@@ -112,9 +111,8 @@ class Evaluations:
             nonlocal done
             for number in numbers:
                 case = cases[number]
-                stated = Facts(covariates=case.covariates)
                 for model, its in zip(models, answers, strict=True):
-                    kept, _ = await self._models.classification(case.id, model, coverage, stated)
+                    kept, _ = await self._models.classification(case.id, model, coverage)
                     result = kept.result
                     its[number] = CaseAnswer(
                         name="",
