@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from exact_solutions import lowest_eigenpairs, stiffness_matrix
 from experiments import Row, quick, timed
 from measure import beside_numpy, medians
 from noisy_surfaces import individual
-from sparse_lattices import lowest_eigenpairs, stiffness_matrix
 from template_remeshing import subdivided
 from tradeoff_bases import BELTRAMI, CLOSED, beltrami_modes, fronts
 

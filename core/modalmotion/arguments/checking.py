@@ -32,7 +32,7 @@ _MADE: Final = {
     "TrainingCase": "Name a table: train('cases.csv', 'mine'), with the columns path, label and "
     "subject; or give [TrainingCase(sequence, label), ...].",
     "Track": "Make one: track(path) of images, clouds or contours, or load(path).",
-    "Path": "Name a file: pathlib.Path('...').",
+    "Path": "Name a file, a folder of frames, or a pattern such as 'frames/*.vtk'.",
     "bytes": "Give bytes, what encode made, or the path of a file that is there.",
 }
 # Of an array of positions: frames, vertices, directions.
@@ -166,7 +166,11 @@ def _meant(value: Any, hint: Any) -> Any:
         from modalmotion import read_cases
 
         return read_cases(Path(value))
-    made = (_made(value, one) for one in _alternatives(hint))
+    # A function that takes sequences too chooses the parameters of their signatures itself.
+    kinds = sorted(
+        _alternatives(hint), key=lambda of: getattr(of, "__name__", "") == "ModalSignature"
+    )
+    made = (_made(value, one) for one in kinds)
     return next((one for one in made if one is not None), None)
 
 

@@ -75,7 +75,7 @@ class Recorded(Saved, Plotted):
         return modalmotion.clinical_readouts(self.signature(*parameters, **fields), self)
 
     def encode(self: Any, **options: Any) -> Encoded:
-        """Compress it, `encode(rms=0.3)`: see `modalmotion.encode`."""
+        """Compress it, `encode()` or `encode(rms=0.3)`: see `modalmotion.encode`."""
         import modalmotion
 
         return modalmotion.encode(self, **options)

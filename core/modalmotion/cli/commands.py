@@ -55,6 +55,14 @@ COMMANDS: Final = {
 }
 """Module and help line of each; a command's imports happen when it is called."""
 
+MEANT: Final = {
+    "help": "--help",
+    **dict.fromkeys(("ef", "strain", "volume", "volumes"), "readouts"),
+    **dict.fromkeys(("info", "inspect", "load", "read"), "show"),
+    "plot": "signature FILE --plot beat.png",
+}
+"""Commands that are asked for by other names."""
+
 
 class _Commands(click.Group):
     """Adds registered commands, and reports our own errors without a traceback."""
@@ -78,7 +86,8 @@ class _Commands(click.Group):
         try:
             return super().resolve_command(ctx, args)
         except click.UsageError as error:
-            near = get_close_matches(args[0], self.list_commands(ctx), n=2)
+            near = [MEANT[args[0]]] if args[0] in MEANT else []
+            near = near or get_close_matches(args[0], self.list_commands(ctx), n=2)
             if not near:
                 raise
             text = f"{error.message.rstrip('.')}. Did you mean {' or '.join(near)}?"

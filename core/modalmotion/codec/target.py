@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Final
 
 from modalmotion.errors import ParameterError
 from modalmotion.numeric.kinds import real, whole
@@ -33,8 +34,21 @@ class Target:
     value: float
 
 
-def require_target(rms: float | None, max_error: float | None, n_bytes: int | None) -> Target:
-    """Check that there is exactly one target, positive and finite.
+USUAL_SHARE: Final = 0.003
+"""Largest error, as a share of the diagonal of the sequence's bounding box, if no target is set."""
+
+
+def require_target(
+    rms: float | None, max_error: float | None, n_bytes: int | None, usual: float
+) -> Target:
+    """Check that there is at most one target, positive and finite.
+
+    Parameters
+    ----------
+    rms, max_error : float or None, length unit
+    n_bytes : int or None
+    usual : float, length unit
+        Largest error if none of them is given.
 
     Raises
     ------
@@ -47,12 +61,12 @@ def require_target(rms: float | None, max_error: float | None, n_bytes: int | No
         Measure.BYTES: n_bytes,
     }
     targets = [(measure, value) for measure, value in bounds.items() if value is not None]
-    if len(targets) != 1:
+    if not targets:
+        return Target(Measure.MAX_ERROR, usual)
+    if len(targets) > 1:
         raise ParameterError(
-            f"There are several targets: {', '.join(m for m, _ in targets)}."
-            if targets
-            else "Neither an error nor a size is stated.",
-            remedy="Ask for one of rms, max_error and bytes (in Python n_bytes).",
+            f"Several targets are set: {', '.join(m for m, _ in targets)}.",
+            remedy="Set one of rms, max_error and bytes (in Python n_bytes).",
         )
     measure, value = targets[0]
     value = (whole if measure == Measure.BYTES else real)(measure.value, value)

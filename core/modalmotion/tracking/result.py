@@ -164,7 +164,7 @@ class ImageAnswer:
         object.__setattr__(self, "shifts", tuple(tuple(row) for row in self.shifts))
 
 
-@shown("sequence", "modes", "noise", "prior", "gap", "unseen")
+@shown("sequence", "ejection_fraction:%", "modes", "noise", "gap", "unseen")
 @dataclass(frozen=True, eq=False)
 class Track(FrozenArrays, Recorded):
     """Motion of a surface found from observations, with its uncertainty.

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 from dataclasses import replace
+from importlib.util import find_spec
 from typing import Annotated, Final
 
 from fastapi import Depends, Query, Response
@@ -187,7 +188,13 @@ async def _instance(request: HttpRequest) -> SpoolFile:
     return file
 
 
-@router.post("/signatures/{key}/dicom", **answers(ZIP, waits=False), openapi_extra=_DICOM)
+@router.post(
+    "/signatures/{key}/dicom",
+    **answers(ZIP, waits=False),
+    openapi_extra=_DICOM,
+    # Where the extra is absent it is answered 501.
+    include_in_schema=find_spec("highdicom") is not None,
+)
 async def dicom_of_signature(
     key: SignatureKey,
     file: Annotated[SpoolFile, Depends(_instance)],

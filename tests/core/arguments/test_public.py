@@ -29,6 +29,13 @@ def test_names_are_those_that_type_checkers_read(tmp_path: Path) -> None:
         get("other")
 
 
+def test_packages_within_are_found_by_their_names() -> None:
+    # In a process of its own: here others have imported them.
+    code = "import modalmotion as mm; print(mm.simulate.__name__, mm.tracking.track.__name__)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["modalmotion.simulate", "track"]
+
+
 def test_the_store_hands_out_all_that_it_names() -> None:
     path = Path(store.__file__)
     aliases = [

@@ -317,7 +317,9 @@ def test_reasons_of_the_class_set_the_modes_and_a_narrow_page_has_all(
     with chromium.open(beat_page, viewport={"width": 380, "height": 800}) as opened:
         page = opened.shown().page
         sentence = page.locator(".class .sentence").text_content()
-        assert re.match(r"Normal with probability (0\.\d\d|1\.00); .+ at 90 %", sentence), sentence
+        assert re.match(r"Normal with probability (0\.\d\d|> 0\.99); .+ at 90 %", sentence), (
+            sentence
+        )
         assert "object" not in page.locator(".class").text_content()
         page.get_by_text("What moved the answer").click()
         reason = page.locator(".reasons button:not(:disabled)").first

@@ -196,6 +196,15 @@ class Index:
             put_records(connection, records)
             put_results(connection, results.items())
 
+    def replace(
+        self, old_id: str, record: SequenceRecord, results: Mapping[ResultName, str]
+    ) -> None:
+        """Put a record with results in the place of another sequence, in one transaction."""
+        with self.database.write(erases=True) as connection:
+            connection.execute("DELETE FROM sequences WHERE id = ?", (old_id,))
+            put_records(connection, [record])
+            put_results(connection, results.items())
+
     @property
     def is_clean(self) -> bool:
         """Whether the process that had the store open last closed it in order."""
