@@ -21,7 +21,7 @@ from modalmotion.errors import (
 )
 from modalmotion.facts import Facts
 from modalmotion.norm import Norm
-from modalmotion.norm.norm import parameters_of_controls
+from modalmotion.norm.training import parameters_of_controls
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import StageReport
 from modalmotion.store import ResultStore

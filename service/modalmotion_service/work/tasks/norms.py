@@ -16,7 +16,8 @@ from modalmotion.norm import (
     norm_to_hdf5,
     train_norm,
 )
-from modalmotion.norm.norm import Control, Reading
+from modalmotion.norm.reading import Reading
+from modalmotion.norm.training import Control
 from modalmotion.signature.making import ModalSignature
 from modalmotion.store import sequence_from_hdf5, signature_from_hdf5
 from modalmotion_service.schemas.models import CohortDeviationAnswer, DeviationAnswer
