@@ -35,9 +35,9 @@ _LEAST_MOTION: Final = 0.003
 _LEAST_SMOOTH: Final = 0.5
 # A step over so much of the extent of a cycle skips frames, unless one in training is as large.
 _LARGEST_STEP: Final = 0.6
-# Of the symmetries: a class farther than this on the other side of none, in standard deviations,
-# is an image of another, so that an image tells nothing.
-_OTHER_SIDE: Final = -1.0
+# Where the image of a class is nearer to another than this share of its distance from the class
+# itself, the one is the image of the other, and an image is no fault.
+_IMAGE: Final = 1.0 / 3.0
 # A motion so small has no kind; its logarithm is still a number.
 _NO_MOTION: Final = 1e-12
 # Pairs of a case and a training case that are compared at once.
@@ -400,7 +400,8 @@ def with_limits(detector: OutlierDetector, scores: Array, groups: Labels) -> Out
         beyond = ((own - limits)[:, varies] / widths[varies]).max(axis=1)
         limits[varies] += max(0.0, _limit(beyond)) * widths[varies]
     turned = slice(CHECKS.index("mirrored"), None)
-    is_told = detector.centres.min(axis=0) > _OTHER_SIDE
+    images = [detector.distances(detector.means * signs) for signs in detector.signs]
+    is_told = [not (apart < _IMAGE * apart.diagonal()[:, None]).any() for apart in images]
     limits[turned] = np.where(is_told, np.maximum(limits[turned], 0.0), np.inf)
     return replace(detector, limits=limits)
 

@@ -103,11 +103,11 @@ def test_frames_missing_within_a_cycle_are_noticed() -> None:
 
 def test_classes_that_are_images_of_one_another_are_no_sign_of_an_image() -> None:
     scores = np.random.default_rng(8).normal(size=(400, len(CHECKS)))
-    one_way = np.array([[3.0, 3.0], [3.0, 2.0]])
-    both_ways = np.array([[3.0, 3.0], [3.0, -3.0]])
-    for centres, is_told in ((one_way, True), (both_ways, False)):
-        detector = replace(model().outliers, centres=centres)
-        limits = with_limits(detector, scores, np.arange(400)).limits
+    detector = model().outliers
+    backwards = np.stack([detector.means[0], detector.means[0] * detector.signs[1]])
+    for means, is_told in ((detector.means, True), (backwards, False)):
+        own = replace(detector, means=means)
+        limits = with_limits(own, scores, np.arange(400)).limits
         assert np.isfinite(limits[:-1]).all()
         assert np.isfinite(limits[-1]) == is_told
 
