@@ -18,7 +18,7 @@ from real_data import is_there
 from threadpoolctl import threadpool_limits
 
 from modalmotion.codec import Effort, decode, encode
-from modalmotion.codec.measure import measure
+from modalmotion.codec.search import measure
 from modalmotion.mesh.sequence import MeshSequence
 
 Positions = NDArray[np.float32]

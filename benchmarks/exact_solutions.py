@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import eigsh
 
 import modalmotion as mm
-from modalmotion.dynamics import Oscillators, State, exact_step
 from modalmotion.mesh.laplacian import graph_laplacian
+from modalmotion.modes import Oscillators, State, exact_step
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CLOSED, End
 from modalmotion.tracking import track

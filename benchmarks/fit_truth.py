@@ -20,8 +20,8 @@ from noisy_surfaces import (
 )
 
 import modalmotion as mm
-from modalmotion.choice.parameters import ErrorKind
-from modalmotion.fit.basis import make_basis
+from modalmotion.signature.basis import make_basis
+from modalmotion.signature.parameters import ErrorKind
 from modalmotion.template import choose_modes, make_template
 from modalmotion.template.landmarks import GivenLandmarks
 

@@ -12,7 +12,7 @@ from measure import beside_numpy, medians
 from noisy_surfaces import individual
 
 import modalmotion as mm
-from modalmotion.dynamics import State, driven_states, exact_step, mode_oscillators
+from modalmotion.modes import State, driven_states, exact_step, mode_oscillators
 
 COUNTS, OF_VERTICES = (3, 7, 21, 54), "of 4,000 vertices by"
 

@@ -11,8 +11,8 @@ from template_remeshing import subdivided
 from tradeoff_bases import BELTRAMI, CLOSED, beltrami_modes, fronts
 
 import modalmotion as mm
-from modalmotion.dynamics import dispersion, wave_vectors
-from modalmotion.fit.basis import make_basis
+from modalmotion.modes import dispersion, wave_vectors
+from modalmotion.signature.basis import make_basis
 from modalmotion.template import choose_modes
 
 SHAPES: dict[mm.Topology, tuple[tuple[int, ...], ...]] = {

@@ -16,25 +16,25 @@ from click.testing import CliRunner
 from remedy_sentences import named_in, remedies, sentences
 from template_surfaces import MAKERS, Moving, cut_in_two
 
-from modalmotion.choice.parameters import ModeOrder
 from modalmotion.classification import SignatureFeatures, TrainingCase, TrainingOptions, train
 from modalmotion.cli import main
 from modalmotion.clinical import clinical_readouts
 from modalmotion.codec import decode, encode
 from modalmotion.errors import ModalMotionError
-from modalmotion.facts import Facts, facts_from_texts
 from modalmotion.formats import ReadOptions, read_sequence, write_npz, write_raw
 from modalmotion.formats.raw import read_raw
+from modalmotion.mesh import Facts, facts_from_texts
 from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
-from modalmotion.modes.naming import modes_named, parse_label
+from modalmotion.modes.order import modes_named, parse_label
 from modalmotion.modes.topology import CUP
-from modalmotion.signature.comparison import compare
+from modalmotion.signature.distance import compare
 from modalmotion.signature.making import (
     ModalSignature,
     SignatureKind,
     SignatureParameters,
     modal_signature,
 )
+from modalmotion.signature.parameters import ModeOrder
 from modalmotion.template import GivenLandmarks, make_template
 from modalmotion.template.body_frame import Components
 from modalmotion.template.vibration_modes import surface_modes

@@ -23,12 +23,12 @@ from modalmotion.cli.options import (
 from modalmotion.cli.outputs import PICTURES, write_picture
 from modalmotion.cli.waiting import Waiting
 from modalmotion.errors import TopologyError
-from modalmotion.exports.surfaces import SUFFIXES, write_superposed
-from modalmotion.facts import facts_as_json
+from modalmotion.exports.signature_pack import SUFFIXES, write_superposed
+from modalmotion.mesh import facts_as_json
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.numerals import counted, numeral
+from modalmotion.representation import counted, numeral
+from modalmotion.signature import Price, price_of
 from modalmotion.signature.making import ModalSignature, SignatureKind
-from modalmotion.tradeoff import Price, price_of
 
 
 @command("signature beat.npz --modes 18 -o beat.h5 --plot beat.png")

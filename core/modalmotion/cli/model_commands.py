@@ -69,7 +69,7 @@ def evaluate(
     with click.progressbar(sources_, label="cases", file=sys.stderr) as bar:
         result = test(stored_model, bar, coverage, left_out=left_out if skip_unreadable else None)
     if plot is not None:
-        from modalmotion.pictures.model_card import evaluation_figure
+        from modalmotion.pictures.classification import evaluation_figure
 
         write_picture(evaluation_figure(result), plot)
     if cases_file is not None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Final
 
-from modalmotion.numerals import numeral, probability
+from modalmotion.representation import numeral, probability
 
 if TYPE_CHECKING:
     from modalmotion.classification import Classification, Comparison, Evaluation, Model, ModelCard

@@ -32,16 +32,16 @@ from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes import ModeLabel
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.naming import parse_label
+from modalmotion.modes.order import parse_label
 from modalmotion.modes.topology import MESH, Topology
-from modalmotion.numerals import counted, numeral
+from modalmotion.representation import counted, numeral
 from modalmotion.signature.making import (
     SignatureParameters,
     resolve_parameters,
     resolve_template,
 )
 from modalmotion.template import Template, make_template
-from modalmotion.template.directions import Direction, directions_on
+from modalmotion.template.body_frame import Direction, directions_on
 from modalmotion.template.vibration_modes import (
     VibrationModes,
     lattice_modes,
@@ -177,7 +177,7 @@ def animate(
     a cosine at its own frequency, stretched in time so that the slowest takes --seconds. Mode 0
     does not swing. FILE may be the name of a topology, as for `modalmotion modes`; its radius is 1.
     """
-    from modalmotion.exports.swing import swing
+    from modalmotion.exports.animation import swing
 
     labels, amplitudes = _terms(terms)
     surface = _surface(source, grid, topology, stated)
@@ -292,8 +292,7 @@ def _numbers(vibration_modes: VibrationModes) -> dict[str, object]:
 def _write_modes(
     output: Path, surface: _Surface, vibration_modes: VibrationModes, direction: Direction
 ) -> None:
-    from modalmotion.exports.swing import one_by_one
-    from modalmotion.exports.vibration_modes import modes_to_hdf5, modes_to_npz
+    from modalmotion.exports.animation import modes_to_hdf5, modes_to_npz, one_by_one
     from modalmotion.formats import write_glb
     from modalmotion.store import write_atomic
 
@@ -313,7 +312,7 @@ def _write_modes(
 
 
 def _write_animation(output: Path, template: Template, motion: Any, step: float) -> None:
-    from modalmotion.exports.surfaces import SUFFIXES, SurfaceFormat, write_surfaces
+    from modalmotion.exports.signature_pack import SUFFIXES, SurfaceFormat, write_surfaces
     from modalmotion.formats import write_glb
     from modalmotion.store import write_atomic
 

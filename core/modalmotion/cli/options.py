@@ -15,9 +15,9 @@ from typing import Any, Final, Literal, TypeVar, Union, get_args, get_origin, ge
 
 import click
 
-from modalmotion.choice.parameters import USUAL_MODES, SignatureParameters
 from modalmotion.cli.outputs import PICTURES, OutputFile
 from modalmotion.mesh.sequence import MEAN, Reference
+from modalmotion.signature.parameters import USUAL_MODES, SignatureParameters
 
 E = TypeVar("E", bound=Enum)
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]

@@ -18,11 +18,10 @@ from modalmotion.clinical.plain import ventricle_json
 from modalmotion.clinical.strain import DEFINITIONS
 from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_readouts
 from modalmotion.errors import TopologyError
-from modalmotion.exports.table import direction_names
+from modalmotion.exports.tables import direction_names
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion.numerals import counted, numeral
-from modalmotion.pictures.bulls_eye import bulls_eye_figure, most_moved
-from modalmotion.pictures.readouts import volume_figure
+from modalmotion.pictures.readouts import bulls_eye_figure, most_moved, volume_figure
+from modalmotion.representation import counted, numeral
 
 
 @command("readouts beat.npz --modes 18 -o volumes.png")

@@ -14,7 +14,7 @@ from modalmotion.cli.reported import Wanted, report_options
 from modalmotion.cli.waiting import Waiting
 
 if TYPE_CHECKING:
-    from modalmotion.reports.quantities import Quantity
+    from modalmotion.reports.content import Quantity
 
 
 @command("report map.nii.gz -o folder")
@@ -35,8 +35,7 @@ def report(source: Path, out: Path, as_json: bool, **options: Any) -> None:
     A folder gets report.pdf, report.fhir.json, frames.csv and view.html. A person has the last
     word: all is marked as preliminary.
     """
-    from modalmotion.reports.codes import OWN
-    from modalmotion.reports.quantities import quantities_of
+    from modalmotion.reports.content import OWN, quantities_of
     from modalmotion.reports.writing import write_report
     from modalmotion.viewer.page import View
 

@@ -10,9 +10,9 @@ import click
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import command, json_option, output_option, tell
 from modalmotion.cli.waiting import Waiting
-from modalmotion.exports.surfaces import SUFFIXES, SurfaceFormat, write_surfaces
-from modalmotion.numerals import counted
-from modalmotion.signature import resampling
+from modalmotion.exports.signature_pack import SUFFIXES, SurfaceFormat, write_surfaces
+from modalmotion.representation import counted
+from modalmotion.signature import reconstruction
 from modalmotion.store import write_atomic
 
 _SUFFIXES = {suffix: kind for suffix, kind in SUFFIXES.items() if kind != SurfaceFormat.GLB}
@@ -39,7 +39,9 @@ def resample(
         with waiting.watch.stage("read"):
             sequence = read(source, **options)
         with waiting.watch.stage("resample"):
-            result = resampling.resample(sequence, frames if frames is not None else sorted(phases))
+            result = reconstruction.resample(
+                sequence, frames if frames is not None else sorted(phases)
+            )
         with waiting.watch.stage("write"):
             kind = _SUFFIXES[output.suffix.lower()]
             fields = {"deviation": result.deviations} if kind == SurfaceFormat.VTKHDF else None
@@ -52,6 +54,6 @@ def resample(
     }
     said = [
         f"{counted(len(result.phases), 'frame')}, {result.course} in time",
-        resampling.note_on(result),
+        reconstruction.note_on(result),
     ]
     tell(found, said, output, as_json=as_json)

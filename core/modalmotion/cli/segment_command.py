@@ -16,7 +16,7 @@ from modalmotion.formats import read_sequence, write_npz
 from modalmotion.formats.ply.ply import write_ply
 from modalmotion.formats.volumes import read_images
 from modalmotion.images import ImageSequence
-from modalmotion.pictures.image_overlay import overlay_figure
+from modalmotion.pictures.track import overlay_figure
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5

@@ -14,7 +14,7 @@ import click
 
 from modalmotion.cli.options import example, json_option, tell
 from modalmotion.cli.outputs import OutputFile, OutputFolder
-from modalmotion.numerals import counted
+from modalmotion.representation import counted
 
 if TYPE_CHECKING:
     from modalmotion.exports.signature_pack import PackReport

@@ -24,7 +24,7 @@ from modalmotion.cli.waiting import Waiting
 from modalmotion.clinical import ClinicalReadouts, clinical_readouts
 from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_readouts
 from modalmotion.errors import InputError, ModalMotionError, ParameterError
-from modalmotion.exports.table import Recording, Table, amplitude_table, cohort_table, frame_table
+from modalmotion.exports.tables import Recording, Table, amplitude_table, cohort_table, frame_table
 from modalmotion.formats import ReadOptions
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature

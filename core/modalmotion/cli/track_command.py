@@ -16,14 +16,15 @@ from modalmotion.cli.outputs import MOVING, PICTURES, OutputFile, write_picture
 from modalmotion.cli.tracking_options import tracking_options
 from modalmotion.errors import ParameterError
 from modalmotion.formats import read_sequence, write_npz
-from modalmotion.numerals import numeral
-from modalmotion.pictures.image_overlay import overlay_figure, overlay_gif
 from modalmotion.pictures.track import (
     data_figure,
     determined_figure,
     deviations_figure,
+    overlay_figure,
+    overlay_gif,
     usual_frame,
 )
+from modalmotion.representation import numeral
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5

@@ -9,7 +9,6 @@ from typing import Any
 
 import click
 
-from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.cli.analysis_commands import price_lines
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
@@ -26,10 +25,11 @@ from modalmotion.cli.options import (
 )
 from modalmotion.cli.outputs import write_picture
 from modalmotion.cli.waiting import Waiting
-from modalmotion.numerals import counted, numeral, with_article
+from modalmotion.representation import counted, numeral, with_article
+from modalmotion.signature import MOST_OF_FRONT, Tradeoff, measure_tradeoff
+from modalmotion.signature.parameters import SignatureParameters
+from modalmotion.signature.tradeoff import as_plain
 from modalmotion.template.body_frame import Components
-from modalmotion.tradeoff import MOST_OF_FRONT, Tradeoff, measure_tradeoff
-from modalmotion.tradeoff.plain import as_plain
 
 
 @command("tradeoff beat.npz --tolerance 1 -o tradeoff.png")

@@ -88,7 +88,7 @@ def train(
         model = fit(cases, name, training_options, bar)
     write_atomic(out, model_to_hdf5(model))
     if plot is not None:
-        from modalmotion.pictures.model_card import card_figure
+        from modalmotion.pictures.classification import card_figure
 
         write_picture(card_figure(model.card, name), plot)
     said = [card_lines(model.name, model.id, model.card)]

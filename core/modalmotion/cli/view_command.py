@@ -12,7 +12,7 @@ from modalmotion.classification.answer import Classification
 from modalmotion.cli.files import fitted, sequence_argument
 from modalmotion.cli.options import command, fit_options, json_option, output_option, tell
 from modalmotion.cli.waiting import Waiting
-from modalmotion.exports.reading import stream_at
+from modalmotion.exports.files import stream_at
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP
 from modalmotion.signature.making import ModalSignature
@@ -79,7 +79,7 @@ def _answer(sequence: MeshSequence, signature: ModalSignature) -> Classification
 def _stream(path: Path, sequence: MeshSequence) -> bytes | None:
     """Give the bytes of a compressed file, if a page can decode them to this sequence."""
     from modalmotion.codec import decode, inspect
-    from modalmotion.codec.modes.modes_section import STORED
+    from modalmotion.codec.spatial_modes import STORED
 
     data = stream_at(path)
     if data is None or inspect(data).modes == STORED:

@@ -11,7 +11,7 @@ from typing import Final, Self
 
 import click
 
-from modalmotion.stopwatch import Stopwatch
+from modalmotion.progress import Stopwatch
 
 # A stage that is done sooner is not named while it lasts.
 _PATIENCE_SECONDS: Final = 1.0

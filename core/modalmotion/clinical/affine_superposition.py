@@ -15,14 +15,20 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.fit.basis import Basis
-from modalmotion.fit.fit import project
-from modalmotion.fit.offsets import offset_reference
 from modalmotion.numeric.products import product
+from modalmotion.signature.basis import Basis
+from modalmotion.signature.fit import project
 from modalmotion.signature.making import ModalSignature, SignatureKind
+from modalmotion.signature.superposition import offset_reference
 from modalmotion.template import Template
-from modalmotion.template.affine_motions import HELD, unit_coordinates
-from modalmotion.template.body_frame import Components, from_local, local_frames, to_local
+from modalmotion.template.body_frame import (
+    HELD,
+    Components,
+    from_local,
+    local_frames,
+    to_local,
+    unit_coordinates,
+)
 
 # Floats of positions held at once.
 _BLOCK: Final = 500_000

@@ -8,21 +8,20 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import reference_positions
-from modalmotion.arguments.tasks import Plotted
+from modalmotion.arguments.checking import Plotted
 from modalmotion.clinical.affine_superposition import superposed_positions
 from modalmotion.clinical.vertex_noise import volume_deviations
 from modalmotion.clinical.volume_curve import Fraction, VolumeCurve
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.facts.facts import UNKNOWN
-from modalmotion.fit.basis import make_basis
 from modalmotion.mesh import Cavity, cavity_of
+from modalmotion.mesh.checks import Uncertainty
+from modalmotion.mesh.facts import UNKNOWN
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
-from modalmotion.mesh.uncertainty import Uncertainty
 from modalmotion.modes.topology import CUP, PLANE
-from modalmotion.numerals import counted, numeral, with_article
-from modalmotion.numeric.scale import power_of_two
-from modalmotion.representation import shown
+from modalmotion.numeric.products import power_of_two
+from modalmotion.representation import counted, numeral, shown, with_article
+from modalmotion.signature.basis import make_basis
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.template import Template

@@ -12,17 +12,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import reference_positions
 from modalmotion.errors import TopologyError
-from modalmotion.facts import Facts
-from modalmotion.facts.facts import UNKNOWN
+from modalmotion.mesh import Facts
+from modalmotion.mesh.facts import UNKNOWN
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.template import Landmarks, Template
-from modalmotion.template.directions import Direction, directions_on
+from modalmotion.template.body_frame import Direction, directions_on
 
 ANTERIOR: Final = "anterior"
 """The landmark from which segments are counted: any place in the middle of the anterior wall."""

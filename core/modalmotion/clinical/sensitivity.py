@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.rigid import Rotations
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.smooth_wall import smooth_walls
 from modalmotion.clinical.strain import DEFINITIONS, measures_of
 from modalmotion.clinical.wall_motion import WallMotion
 from modalmotion.errors import InputError
 from modalmotion.mesh import cavity_of
-from modalmotion.mesh.cavity_gradient import volume_gradient
+from modalmotion.mesh.alignment import Rotations
+from modalmotion.mesh.cavity import volume_gradient
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes import ModeLabel
 from modalmotion.representation import shown

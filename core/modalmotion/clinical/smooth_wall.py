@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.modes.topology import CUP, CYLINDER, SPHERE, Topology
-from modalmotion.numeric.qr import inverse_of_triangle, tall_qr
+from modalmotion.numeric.products import inverse_of_triangle, tall_qr
 from modalmotion.template import Template
 
 # Functions along s and highest wave around, from fine to coarse: the finest of which the mesh

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from modalmotion.arguments.tasks import Plotted
+from modalmotion.arguments.checking import Plotted
 from modalmotion.clinical.dyssynchrony import (
     dyssynchrony,
     segment_volumes,
@@ -31,7 +31,7 @@ from modalmotion.clinical.wall_motion import (
     Measure,
     WallMotion,
 )
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP, SPHERE
 from modalmotion.template import Template

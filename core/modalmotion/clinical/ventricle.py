@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
-from modalmotion.arguments.tasks import Plotted
+from modalmotion.arguments.checking import Plotted
 from modalmotion.clinical.rates import Rates, rates_of
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.segments import RegionalMotion, regional_motion

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from modalmotion.clinical.smooth_wall import smooth_walls
 from modalmotion.errors import InputError
 from modalmotion.mesh import Cavity
-from modalmotion.mesh.cavity_gradient import volume_gradient
+from modalmotion.mesh.cavity import volume_gradient
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.numeric.scale import power_of_two
+from modalmotion.numeric.products import power_of_two
 from modalmotion.template import Template
 
 

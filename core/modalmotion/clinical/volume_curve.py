@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.mesh.uncertainty import difference_deviation
+from modalmotion.mesh.checks import difference_deviation
 from modalmotion.representation import shown
 
 TWO_DEVIATIONS: Final = 2.0

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.clinical.smooth_wall import Places, Slopes, SmoothWall
-from modalmotion.mesh.uncertainty import Uncertainty
+from modalmotion.mesh.checks import Uncertainty
 
 LONGITUDINAL: Final = "longitudinal"
 CIRCUMFERENTIAL: Final = "circumferential"

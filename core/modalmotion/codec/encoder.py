@@ -7,15 +7,27 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.codec.container import LARGEST_BLOCK, Header, write_stream
-from modalmotion.codec.faces import MOST_RELATIONS, write_faces
-from modalmotion.codec.frames import EncodedBlock, encode_frames
-from modalmotion.codec.measure import Encoded, Errors, measure
-from modalmotion.codec.modes.modes_section import STORED
-from modalmotion.codec.size_search import MOST_TRIALS, try_sizes
-from modalmotion.codec.stored import store_positions
-from modalmotion.codec.target import USUAL_SHARE, Effort, Measure, Target, require_target
-from modalmotion.codec.transforms import Choice, choose
+from modalmotion.codec.block import store_positions
+from modalmotion.codec.container import (
+    LARGEST_BLOCK,
+    MOST_RELATIONS,
+    Header,
+    write_faces,
+    write_stream,
+)
+from modalmotion.codec.frames import (
+    USUAL_SHARE,
+    Choice,
+    Effort,
+    EncodedBlock,
+    Measure,
+    Target,
+    choose,
+    encode_frames,
+    require_target,
+)
+from modalmotion.codec.search import MOST_TRIALS, Encoded, Errors, measure, try_sizes
+from modalmotion.codec.spatial_modes import STORED
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import ShareReport, part_of, silent

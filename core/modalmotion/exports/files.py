@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from modalmotion.arguments.tasks import Plotted
+from modalmotion.arguments.checking import Plotted
 from modalmotion.classification import Classification, Model
 from modalmotion.codec import Encoded, decode
 from modalmotion.codec.container import MAGIC
 from modalmotion.errors import NotFoundError, ParameterError, StoreError
-from modalmotion.exports.html import to_html
-from modalmotion.exports.picture_files import PICTURES
-from modalmotion.exports.reading import read
-from modalmotion.exports.table import amplitude_table
+from modalmotion.exports.plotting import PICTURES, to_html
+from modalmotion.exports.tables import amplitude_table
 from modalmotion.formats import (
+    ReadOptions,
+    read_sequence,
     write_glb,
     write_npz,
     write_ply_zip,
@@ -24,11 +25,13 @@ from modalmotion.formats import (
     write_vtkhdf,
 )
 from modalmotion.formats.gltf.morph_animation import frame_animation
+from modalmotion.formats.result import Reading
 from modalmotion.hdf5.form import form_of
 from modalmotion.hdf5.gate import SIGNATURE
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm import Norm, norm_from_hdf5, norm_to_hdf5
-from modalmotion.numerals import with_article
+from modalmotion.progress import Progress
+from modalmotion.representation import with_article
 from modalmotion.signature.making import ModalSignature, modal_signature
 from modalmotion.store import (
     classification_from_hdf5,
@@ -47,6 +50,67 @@ from modalmotion.store import (
 )
 from modalmotion.template import Template
 from modalmotion.tracking import Track
+
+
+def read(path: str | Path, options: ReadOptions | None = None) -> MeshSequence:
+    """Read a moving surface: a file, a folder of frames, or a pattern such as "scan_*.ply".
+
+    Parameters
+    ----------
+    path : str or Path
+    options : ReadOptions, optional
+        What the file does not state: `read(path, unit="mm")`.
+
+    Returns
+    -------
+    MeshSequence
+        Of a track its sequence, with the track's own errors.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read; it says how to convert or track it.
+
+    Warns
+    -----
+    UserWarning
+        Of what the reader changed or assumed; `read_sequence` gives it as notes.
+    """
+    reading = read_recording(Path(path), options)
+    for note in reading.notes:
+        # Of whoever called it, through the check of its arguments.
+        warnings.warn(note, stacklevel=3)
+    return reading.sequence
+
+
+def read_recording(
+    path: Path, options: ReadOptions | None = None, *, progress: Progress | None = None
+) -> Reading:
+    """Read a moving surface with its notes; of the file of a track its sequence and errors.
+
+    A compressed stream is decoded.
+    """
+    options = ReadOptions() if options is None else options
+    stream = stream_at(path)
+    if stream is not None:
+        return options.apply(Reading(decode(stream, limits=options.limits), format="stream"))
+    if path.suffix.lower() in (".h5", ".hdf5"):
+        # Tracking is imported for these alone.
+        from modalmotion.tracking.hdf5 import kept_track
+
+        track = kept_track(path)
+        if track is not None:
+            return options.apply(Reading(track.sequence, format="hdf5"))
+    return read_sequence(path, options, progress=progress)
+
+
+def stream_at(path: Path) -> bytes | None:
+    """Give the bytes of a compressed stream, or None if the file is something else."""
+    if not path.is_file():
+        return None
+    with path.open("rb") as file:
+        start = file.read(len(MAGIC))
+        return start + file.read() if start == MAGIC else None
 
 
 def _page(sequence: MeshSequence) -> bytes:

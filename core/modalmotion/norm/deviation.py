@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from modalmotion.numerals import numeral
-from modalmotion.representation import shown
+from modalmotion.representation import numeral, shown
 
 # First words of the columns about an axis.
 _ABOUT_AXIS: Final = {

@@ -14,17 +14,17 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.arguments.tasks import Saved
+from modalmotion.arguments.checking import Saved, real
 from modalmotion.classification.answer import fitted_in, unlike
 from modalmotion.classification.extractor import Extractor
 from modalmotion.classification.model import Readable
 from modalmotion.classification.record import require_model_name
 from modalmotion.clinical import Fraction
 from modalmotion.errors import ParameterError, UnlikeCasesError
-from modalmotion.facts import UNKNOWN
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
+from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm.deviation import (
     CohortDeviation,
@@ -51,9 +51,7 @@ from modalmotion.norm.reading import (
     reading_of,
     warnings_of,
 )
-from modalmotion.numerals import counted, numeral
-from modalmotion.numeric.kinds import real
-from modalmotion.representation import shown
+from modalmotion.representation import counted, numeral, shown
 from modalmotion.signature.making import ModalSignature
 
 FORM: Final = Form("norm", 2)

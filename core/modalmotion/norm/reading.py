@@ -17,8 +17,8 @@ from modalmotion.clinical import Fraction, clinical_readouts
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import shown
-from modalmotion.signature.first_modes import first_modes
 from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.value import first_modes
 
 QUANTITIES: Final = ("share", "end_diastolic_volume", "end_systolic_volume")
 """Share of the volume that is lost, percent; volumes, ml, NaN where the unit is unknown."""

@@ -9,16 +9,15 @@ from typing import Any, Final
 from modalmotion.classification.cases import TrainingCase, with_covariates
 from modalmotion.classification.record import require_model_name
 from modalmotion.errors import ParameterError
-from modalmotion.facts import Facts, Named
+from modalmotion.mesh import Facts, Named
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm.norm import LEVEL, Norm
 from modalmotion.norm.ranks import (
     fewest_controls,
 )
 from modalmotion.norm.reading import reading_of
-from modalmotion.numerals import counted
 from modalmotion.progress import Progress
-from modalmotion.representation import shown
+from modalmotion.representation import counted, shown
 from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
 
 FEWEST_CONTROLS: Final = 9

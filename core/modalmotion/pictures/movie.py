@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from modalmotion.errors import needs_extra
 from modalmotion.mesh import face_normals
 from modalmotion.modes.topology import CLOSED_CURVE
-from modalmotion.numeric.scale import lengths
-from modalmotion.pictures.cube import fill_cube
+from modalmotion.numeric.products import lengths
 from modalmotion.pictures.modes import COLOURS
-from modalmotion.pictures.view import tilted, upright
+from modalmotion.pictures.view import fill_cube, tilted, upright
 from modalmotion.template.template import Template
 
 Array = NDArray[np.float64]

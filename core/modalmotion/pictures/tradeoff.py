@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.choice.harmonics import n_functions
 from modalmotion.errors import needs_extra
 from modalmotion.mesh.sequence import MM_PER_UNIT
-from modalmotion.pictures.unit import ShownUnit, shown_unit
-from modalmotion.tradeoff.answer import Tradeoff
-from modalmotion.tradeoff.front import Front
+from modalmotion.pictures.view import ShownUnit, shown_unit
+from modalmotion.signature.front import Front
+from modalmotion.signature.model import n_functions
+from modalmotion.signature.tradeoff import Tradeoff
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -15,12 +15,9 @@ from modalmotion.clinical.strain import DEFINITIONS
 from modalmotion.errors import needs_extra
 from modalmotion.mesh import face_normals, oriented_faces
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.numerals import counted, probability, with_interval
-from modalmotion.pictures.strain import draw_strain, mark_moments
-from modalmotion.reports.codes import OWN
-from modalmotion.reports.content import Report
-from modalmotion.reports.moments import moments_of
-from modalmotion.reports.quantities import quantities_of
+from modalmotion.pictures.readouts import draw_strain, mark_moments
+from modalmotion.reports.content import OWN, Report, moments_of, quantities_of
+from modalmotion.representation import counted, probability, with_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,8 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from modalmotion.facts import Facts
-from modalmotion.mesh import Cavity
+from modalmotion.mesh import Cavity, Facts
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP
 from modalmotion.simulate.classes import MotionClass

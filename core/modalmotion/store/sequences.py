@@ -11,8 +11,8 @@ from types import MappingProxyType
 from typing import Any
 
 from modalmotion.errors import NotFoundError, ParameterError, StoreError
-from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
+from modalmotion.mesh import NO_FACTS, Facts
 from modalmotion.mesh.hdf5 import read_sequence, sequence_to_hdf5
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.store.deletion import begin_deletion, finish_deletion

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from fastapi import Depends, Query, Response
 
-from modalmotion.facts import NO_FACTS, Facts, facts_patched
+from modalmotion.mesh import NO_FACTS, Facts, facts_patched
 from modalmotion.store import SequenceRecord
 from modalmotion_service.http.bodies import body_of
 from modalmotion_service.http.gate import note_facts

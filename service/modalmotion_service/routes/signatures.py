@@ -13,7 +13,7 @@ from fastapi import Depends, Query, Response
 from fastapi import Request as HttpRequest
 
 from modalmotion.errors import NotFoundError
-from modalmotion.facts import facts_as_json
+from modalmotion.mesh import facts_as_json
 from modalmotion.reports.dicom import require_space
 from modalmotion_service.errors import BusyError
 from modalmotion_service.http.bodies import body_of

@@ -17,8 +17,8 @@ def test_names_are_those_that_type_checkers_read(tmp_path: Path) -> None:
     path = tmp_path / "__init__.py"
     path.write_text(
         "if TYPE_CHECKING:\n"
-        "    from modalmotion.numerals import numeral as numeral\n"
-        "    from modalmotion.numerals import (\n        counted as counted,\n    )\n"
+        "    from modalmotion.representation import numeral as numeral\n"
+        "    from modalmotion.representation import (\n        counted as counted,\n    )\n"
         "    from elsewhere import other as other\n"
     )
     package = {"__file__": str(path), "__name__": "made_up"}

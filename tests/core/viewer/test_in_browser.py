@@ -16,9 +16,9 @@ from clouds import breathing_spheroid, sampled
 from project import ROOT
 from viewed_surfaces import VIEWED, scaled, viewed
 
-from modalmotion.alignment.reference import reference_positions
 from modalmotion.classification import classify
 from modalmotion.codec import decode, encode
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
@@ -26,7 +26,7 @@ from modalmotion.modes.topology import CUP
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import fitted_on, reconstruct
 from modalmotion.simulate import Acquisition, simulate_ventricle
-from modalmotion.template.directions import Direction, directions_on
+from modalmotion.template.body_frame import Direction, directions_on
 from modalmotion.tracking import track
 from modalmotion.viewer.bundle_files import script, style
 from modalmotion.viewer.container import read_container

@@ -24,13 +24,13 @@ import modalmotion as mm
 from modalmotion.classification import classify
 from modalmotion.client import Client
 from modalmotion.errors import ParameterError
-from modalmotion.exports.table import frame_table
+from modalmotion.exports.tables import frame_table
 from modalmotion.formats import write_npz
 from modalmotion.formats.parser.registry import ParserHere
 from modalmotion.limits import DEFAULT_LIMITS
-from modalmotion.numerals import probability
 from modalmotion.reports import fhir_json, report_figure, report_of
 from modalmotion.reports.dicom import dicom_instances, read_study
+from modalmotion.representation import probability
 from modalmotion.simulate import MotionClass
 from modalmotion_service.schemas.readouts import ReadoutsAnswer
 
