@@ -15,7 +15,6 @@ from modalmotion.cli.options import (
     command,
     json_option,
     list_written,
-    merge_option,
     mode_options,
     options_of,
     picture_option,
@@ -51,7 +50,6 @@ from modalmotion.template.body_frame import Components
 @verbose_option
 @mode_options
 @surface_options
-@merge_option
 def tradeoff(
     source: Path,
     components: Components | None,

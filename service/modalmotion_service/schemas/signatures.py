@@ -256,7 +256,6 @@ class SignatureAnswer(BaseModel):
     )
     translations: list[list[float]] = Field(description="Path of the centroid.")
     angular_frequencies: list[float] = Field(description="rad per s, at the stated wave speed.")
-    wave_speed: float
     lengths: list[float] = Field(description="Of the surface along each natural coordinate.")
     rotations: list[list[list[float]]] = Field(description="3 x 3 matrix of each frame.")
     rotation_determined: list[bool]
@@ -330,7 +329,6 @@ class SignatureAnswer(BaseModel):
             volumes=None if signature.volumes is None else signature.volumes.tolist(),
             translations=signature.translations.tolist(),
             angular_frequencies=signature.angular_frequencies.tolist(),
-            wave_speed=parameters.wave_speed,
             lengths=list(signature.lengths),
             rotations=signature.rotations.matrices.tolist(),
             rotation_determined=signature.rotations.is_determined.tolist(),

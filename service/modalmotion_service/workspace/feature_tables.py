@@ -11,6 +11,7 @@ from modalmotion.classification import CaseFile, TrainingOptions
 from modalmotion.classification.cases import UNUSABLE, LeftOut, case_name, named
 from modalmotion.errors import ModeCountError, TopologyError, UnlikeCasesError
 from modalmotion.mesh import Named
+from modalmotion.modes.topology import MESH
 from modalmotion.progress import StageReport
 from modalmotion.signature.making import SignatureParameters
 from modalmotion_service.errors import CostError
@@ -77,7 +78,7 @@ class FeatureTables:
         # As `feature_table` does it where the sequences are at hand.
         attempts = [(own, False)]
         if own.topology is None:
-            attempts.append((replace(own, closed_form=False), False))
+            attempts.append((replace(own, topology=MESH), False))
         if leaves_out:
             attempts.append((own, True))
         unlike: UnlikeCasesError | None = None

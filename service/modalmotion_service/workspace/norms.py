@@ -20,6 +20,7 @@ from modalmotion.errors import (
     UnlikeCasesError,
 )
 from modalmotion.mesh import Facts
+from modalmotion.modes.topology import MESH
 from modalmotion.norm import Norm
 from modalmotion.norm.norm import parameters_of_controls
 from modalmotion.progress import StageReport
@@ -112,7 +113,7 @@ class Norms:
             if topology is not None:
                 raise
             try:
-                return await make_with(replace(parameters, closed_form=False))
+                return await make_with(replace(parameters, topology=MESH))
             except (UnlikeCasesError, TopologyError, ModeCountError):
                 raise unlike from None
         except ParameterError as error:
