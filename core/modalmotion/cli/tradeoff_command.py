@@ -61,7 +61,7 @@ def tradeoff(
 ) -> None:
     """Measure what each choice of modes costs and loses on the sequence in FILE.
 
-    Choose a point of the front by --modes, --tolerance, --tolerance-share or --auto.
+    Choose a point of the front by --modes, --tolerance or --auto.
     """
     parameters = signature_parameters(options)
     with Waiting(source) as waiting:

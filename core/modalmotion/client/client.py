@@ -679,7 +679,7 @@ class Client(Caller):
         source : path, bytes or MeshSequence
         progress : callable, optional
         **options
-            How to read the file; topology, reference, weights, landmarks, merge_vertices, ...
+            How to read the file; topology, reference, weights, landmarks, ...
         """
 
     def templates(self, *, page: int = 100) -> list[str]:

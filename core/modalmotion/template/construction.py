@@ -373,8 +373,8 @@ def _require_left(faces: NDArray[np.int64]) -> None:
         raise TopologyError(
             f"Each of the {len(faces)} triangles has two corners at the same place in every frame, "
             "so there is no surface.",
-            remedy="Send a surface that is spread out, or set merge_vertices to false "
-            "(--no-merge-vertices): each vertex then counts by itself.",
+            remedy="Send a surface that is spread out: vertices that coincide in every frame are "
+            "merged.",
         )
 
 
