@@ -199,7 +199,10 @@ def test_the_picture_shows_every_branch_and_the_chosen_point(beat: MeshSequence)
 
 def test_a_static_scene_can_be_drawn() -> None:
     still = mesh_sequence(
-        np.repeat(ventricle(grid=(4, 6)).vertices[:1], 3, axis=0), grid=(4, 6), topology="cup"
+        np.repeat(ventricle(grid=(4, 6)).vertices[:1], 3, axis=0),
+        grid=(4, 6),
+        topology="cup",
+        unit="mm",
     )
     found = measure_tradeoff(still, SignatureParameters(tolerance=0.1))
     tradeoff_figure(found).savefig("/dev/null", format="png")
