@@ -1,5 +1,6 @@
 """How the site is built: `make site`."""
 
+import shutil
 import sys
 import tomllib
 from pathlib import Path
@@ -84,7 +85,8 @@ def _block(page: HTML5Translator, node: nodes.math_block) -> None:
 def _write_pages(_: Sphinx) -> None:
     """Write pages of texts that are elsewhere: cards in the files of models, and the root's."""
     folder = Path(__file__).parent / "_made"
-    folder.mkdir(exist_ok=True)
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
     for name in available_models():
         model = load_model(name)
         card = card_markdown(model.name, model.id, model.card)
