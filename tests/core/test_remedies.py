@@ -289,12 +289,12 @@ TRIED = (
         ),
     ),
     Try(
-        "Write the coordinates in a larger or smaller unit, as numbers near 1.",
+        "Use a larger or smaller unit, with numbers near 1.",
         lambda: sized(1e-150),
         (lambda _: sized(1e-2),),
     ),
     Try(
-        "State the unit of the sequence; shares of the volume need none.",
+        "Give the unit of the sequence; the ejection fraction needs none.",
         lambda: clinical_readouts(without_unit(), surface(unit=None)).millilitres,
         (
             lambda _: clinical_readouts(fitted(), surface()).millilitres,
@@ -564,7 +564,7 @@ ELSEWHERE = {
     "Give rng=numpy.random.default_rng(seed)": "tests/core/simulate",
     "Use what `view_payload`": "tests/core/viewer",
     "Leave --bulls-eye out": "tests/core/cli",
-    "State times or the interval of frames": "tests/core/clinical",
+    "Give the times or the interval of the frames": "tests/core/clinical",
     "numpy.array": "written as it stands",
     "numpy.savez": "written as it stands",
     "`modalmotion ": "the command exists, see above; a store or a service of another",

@@ -59,7 +59,7 @@ sequence_argument = several(
 def read(source: Path, **stated: Any) -> MeshSequence:
     """Read a sequence: a file, a folder of frames, or a pattern of their names.
 
-    Of a track's own file its sequence is read, with what the track says of its errors. Frames that
+    For a track its sequence is read, with the errors of the track. Frames that
     are files of their own show a progress bar; unused content and assumptions are printed.
 
     Parameters

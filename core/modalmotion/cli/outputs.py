@@ -63,7 +63,7 @@ class OutputFile(click.Path):
 
 
 class OutputFolder(click.Path):
-    """A folder to write in, which is there or can be made; or one file of those it would hold.
+    """A folder to write to, which exists or can be made; or one of the files it would contain.
 
     Parameters
     ----------

@@ -37,10 +37,10 @@ from modalmotion.representation import counted, numeral
 def readouts(
     source: Path, plot: Path | None, bulls_eye: Path | None, as_json: bool, **options: Any
 ) -> None:
-    """Read volume and ejection fraction of the surface in FILE, with their bounds.
+    """Compute volume, ejection fraction and strain of the cavity in FILE, with intervals.
 
-    The share of its volume that is lost is an ejection fraction where --cavity is stated or the
-    surface is a cup, else a volume change.
+    The relative change of volume is an ejection fraction if --cavity is given or the surface is a
+    cup, otherwise a volume change.
     """
     with Waiting(source) as waiting:
         sequence, signature = fitted(source, waiting, options)
@@ -79,8 +79,8 @@ def _lines(readouts: ClinicalReadouts) -> list[str]:
         names, mesh = ("surface", "signature"), readouts.curve
     lines = [
         (
-            f"{readouts.n_amplitudes} amplitudes a frame; {counted(readouts.n_openings, 'opening')}"
-            f"{', capped' if readouts.n_openings else ''}"
+            f"{readouts.n_amplitudes} amplitudes per frame; "
+            f"{counted(readouts.n_openings, 'opening')}{', capped' if readouts.n_openings else ''}"
         ),
         f"{'':>24}{names[0]:>12}{'low':>10}{'high':>10}{names[1]:>10}",
     ]

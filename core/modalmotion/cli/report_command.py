@@ -28,12 +28,11 @@ if TYPE_CHECKING:
 )
 @json_option
 def report(source: Path, out: Path, as_json: bool, **options: Any) -> None:
-    """Report on the sequence in FILE: PDF for people, FHIR for systems, CSV, a page to look at.
+    """Report on the sequence in FILE: PDF, FHIR, CSV and HTML.
 
-    FILE may be a label map of any segmenter too, which is tracked first; or images, points or
-    contours, with --landmarks.
-    A folder gets report.pdf, report.fhir.json, frames.csv and view.html. A person has the last
-    word: all is marked as preliminary.
+    FILE may also be a label map, which is tracked first; or images, points or contours, with
+    --landmarks. A folder gets report.pdf, report.fhir.json, frames.csv and view.html, all marked as
+    preliminary.
     """
     from modalmotion.reports.content import OWN, quantities_of
     from modalmotion.reports.writing import write_report

@@ -22,7 +22,7 @@ _SUFFIXES = {suffix: kind for suffix, kind in SUFFIXES.items() if kind != Surfac
 @sequence_argument
 @output_option("File to write: .npz, .vtkhdf or .zip (of PLY).", *_SUFFIXES)
 @click.option("--phase", "phases", type=float, multiple=True, help="Share of the cycle, 0 to 1.")
-@click.option("--frames", type=click.IntRange(2), help="In place of phases: so many in even steps.")
+@click.option("--frames", type=click.IntRange(2), help="Instead of phases: number of even steps.")
 @json_option
 def resample(
     source: Path,
@@ -32,7 +32,7 @@ def resample(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Write the surface in FILE at any phase of its cycle, and how far off that may be."""
+    """Write the surface in FILE at any phase of its cycle, with its deviation."""
     if bool(phases) == (frames is not None):
         raise click.UsageError("Give one of --phase and --frames.")
     with Waiting(source) as waiting:

@@ -23,8 +23,8 @@ from modalmotion.tracking.hdf5 import track_from_hdf5
 def score(truth: Path, answer: Path, as_json: bool) -> None:
     """Compare the motion in ANSWER with the true one in TRUTH.
 
-    ANSWER is a track (.h5), with the deviations that it states, or a sequence in any form that is
-    read; .npz may hold `deviations` (frames, vertices), mm.
+    ANSWER is a track (.h5), with its deviations, or a sequence in any format; .npz may contain
+    `deviations` (frames, vertices), mm.
     """
     deviations = None
     if answer.suffix.lower() in (".h5", ".hdf5"):

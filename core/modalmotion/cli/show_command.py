@@ -49,7 +49,7 @@ _SHOWN: Final = {
 def show(file: Path, as_json: bool) -> None:
     """Show what is in FILE.
 
-    A signature, sequence, track, template, class, model or stream of modalmotion's; a moving
+    FILE is a signature, sequence, track, template, class, model or stream of modalmotion; a moving
     surface in any known format, as a file or a folder of frames; or images.
     """
     content = _content(file)
@@ -92,7 +92,7 @@ def _content(file: Path) -> dict[str, Any]:
         reading = read_sequence(file)
     except InputError as error:
         raise click.ClickException(
-            f"{file.name} is neither a file of modalmotion's nor a moving surface: {error}"
+            f"{file.name} is neither a file of modalmotion nor a moving surface: {error}"
         ) from error
     return {
         **_shown("sequence", reading.sequence),

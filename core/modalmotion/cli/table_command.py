@@ -37,13 +37,13 @@ from modalmotion.tracking.recording import sequence_of
 @click.option(
     "--frames",
     is_flag=True,
-    help="A row a frame in place of a row an amplitude: motion and error, volume in ml, inward "
+    help="One row per frame instead of per amplitude: motion and error, volume in ml, inward "
     "motion of each segment and strain in percent.",
 )
 @click.option(
     "--skip-unreadable",
     is_flag=True,
-    help="Of a manifest: go on without recordings that cannot be used; they are named.",
+    help="For a manifest: continue without recordings that cannot be used; they are named.",
 )
 @fit_options
 def table(

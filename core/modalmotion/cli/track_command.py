@@ -52,7 +52,7 @@ _PICTURES: Final = ("data", "deviations", "determined")
 @click.option(
     "--plot",
     type=OutputFile(*PICTURES, MOVING),
-    help="Picture to write (.png, .svg, .pdf); of images a .gif of all frames too.",
+    help="Picture to write (.png, .svg, .pdf); for images also a .gif of all frames.",
 )
 @click.option(
     "--picture",
@@ -74,9 +74,9 @@ def track(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Track a surface through the frames in IN, which need not correspond.
+    """Track a surface through the frames in IN, without correspondence between them.
 
-    IN is a folder or zip with one mesh, cloud or set of contours a frame, an npz of points and
+    IN is a folder or zip with one mesh, cloud or set of contours per frame, an npz of points and
     offsets, or images: NIfTI, NRRD, MetaImage, or a folder or zip of DICOM. The motion follows the
     data along the surface's normals.
     """
@@ -112,7 +112,7 @@ def _require_images(recorded: Recorded, picture: str) -> None:
     """Refuse a moving picture of what has none, before any work."""
     if recorded.images is None or picture != _PICTURES[0]:
         raise ParameterError(
-            "A .gif shows contours over images, and of nothing else there is one.",
+            "A .gif is available only for contours over images.",
             remedy="Name a .png, or track images with --picture data.",
         )
 

@@ -1,4 +1,4 @@
-"""The command that measures speed and numbers against accuracy."""
+"""The command that measures size and time against accuracy."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def tradeoff(
     verbose: bool,
     **options: Any,
 ) -> None:
-    """Measure what each choice of modes costs and loses on the sequence in FILE.
+    """Measure error, size and time of each number of modes for the sequence in FILE.
 
     Choose a point of the front by --modes, --tolerance or --auto.
     """
@@ -126,10 +126,10 @@ def describe(result: Tradeoff) -> str:
     """Describe the choice in a line."""
     price, signature = result.chosen.price, result.chosen.signature
     if signature is None:
-        return f"{result.chosen.kind} motion, {price.amplitudes_per_frame} numbers a frame"
+        return f"{result.chosen.kind} motion, {price.amplitudes_per_frame} numbers per frame"
     count = counted(len(signature.modes), "mode")
     text = f"{count}, {signature.surface}, {signature.parameters.components}"
     harmonics = signature.parameters.harmonics
     if harmonics is not None:
         text += f", {counted(harmonics, 'harmonic')}"
-    return f"{text}: {price.amplitudes_per_frame} amplitudes a frame"
+    return f"{text}: {price.amplitudes_per_frame} amplitudes per frame"

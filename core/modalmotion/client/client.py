@@ -609,7 +609,7 @@ class Client(Caller):
             As for `train`.
         norm : str
         level : float
-            Share of recordings like the controls that may be called a deviation.
+            Level: share of recordings like the controls that are called a deviation.
 
         Returns
         -------

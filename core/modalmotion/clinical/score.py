@@ -1,4 +1,4 @@
-"""An estimated motion beside the true one, by the measures of published comparisons."""
+"""Comparison of an estimated motion with the true one, by published measures."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ PUBLISHED: Final = "2.9, 2.14, 1.96, 1.49"
 )
 @dataclass(frozen=True)
 class Score:
-    """How far an estimated motion is from the true one.
+    """Errors of an estimated motion.
 
     Parameters
     ----------
     end_point, end_point_end_systole : float, mm
-        Mean distance of 12 landmarks that move with either surface from their places in the
-        first frame: over all later frames, and at the true end systole.
+        Mean distance between 12 landmarks moved by either surface: over all later frames, and at
+        the true end systole.
     along_normal : float, mm
         Mean distance of the true vertices from the estimated surface, all frames.
     ejection_fraction, gls, gcs : float, percentage points
-        Estimated less true.
+        Estimated minus true.
     inside : float or None
         Share of estimated vertices within 1.96 stated deviations of the true surface. None if no
         deviation is stated.
@@ -65,8 +65,8 @@ def score(
     Parameters
     ----------
     truth, answer : MeshSequence
-        Of the same frames, in the same coordinates; meshes may differ. A unit that is not stated
-        is mm.
+        Of the same frames, in the same coordinates; meshes may differ. An unknown unit counts as
+        mm.
     deviations : (frames, vertices) float64, optional
         Stated standard deviation of each vertex of the answer across the surface, mm; 0 if none
         is stated of a vertex.
@@ -78,7 +78,7 @@ def score(
     NonFiniteError
         If a deviation is negative or not a number.
     TopologyError
-        If a surface has no cavity, or is no cup, tube or sphere.
+        If a surface has no cavity, or is not a cup, tube or sphere.
     """
     if truth.n_frames != answer.n_frames:
         raise ShapeError(

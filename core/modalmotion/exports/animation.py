@@ -41,10 +41,10 @@ def modal_animation(
     *,
     template: Template | None = None,
 ) -> MorphAnimation:
-    """Turn a signature into targets and weights that play what `reconstruct` superposes.
+    """Convert a signature to targets and weights that play the same as `reconstruct`.
 
-    Each mode and direction is one target, its amplitude the weight; those that carry most
-    motion come first. The mean translation and the rotation move the mesh as a whole.
+    Each mode and direction is one target, its amplitude the weight; those with most motion come
+    first. The mean translation and the rotation move the mesh as a whole.
 
     Parameters
     ----------
@@ -52,14 +52,14 @@ def modal_animation(
     sequence : MeshSequence
         The one it was made from: its reference frame gives the shape to deform.
     max_targets : int, optional
-        Keep no more targets than these; `rms_left_out` then is the error this causes.
+        Largest number of targets; `rms_left_out` is the error this causes.
     template : Template, optional
         The one that the signature's parameters name, if they name one.
 
     Returns
     -------
     MorphAnimation
-        The same positions as `reconstruct`, to rounding, where no target is left out.
+        The same positions as `reconstruct`, to rounding, if no target is left out.
 
     Raises
     ------
@@ -79,12 +79,12 @@ def modal_animation(
     parameters = signature.parameters
     if parameters.components != Components.CARTESIAN:
         raise ParameterError(
-            "The amplitudes are radial, tangential and axial, which turn from vertex to vertex.",
+            "The amplitudes are radial, tangential and axial: directions that differ by vertex.",
             remedy="Fit with components = cartesian.",
         )
     if signature.kind == SignatureKind.OFFSET:
         raise ParameterError(
-            "Offsets move each vertex along its own normal, and a target moves all one way.",
+            "Offsets move each vertex along its own normal; a target has one direction.",
             remedy="Fit with kind = material, or write the superposed surfaces.",
         )
     resolved = resolve_sequence(sequence, parameters)
@@ -178,7 +178,7 @@ def modes_to_hdf5(modes: VibrationModes) -> bytes:
 
 Array = NDArray[np.float64]
 
-# Where modes are shown one by one: frames of each, s, and its reach as a share of the surface.
+# If modes are shown one by one: frames of each, s, and amplitude as a share of the surface.
 _FRAMES_OF_EACH: Final = 24
 _SECONDS_OF_EACH: Final = 1.0
 _REACH: Final = 0.15
@@ -236,15 +236,15 @@ class Swing:
         Raises
         ------
         LimitError
-            If they would take more memory than a file may.
+            If they would need more memory than a file may.
         """
         size = self.n_frames * self.reference.nbytes
         most = DEFAULT_LIMITS.decompressed_bytes
         if size > most:
             raise LimitError(
-                f"{self.n_frames} frames of {len(self.reference)} vertices take {size} bytes; at "
-                f"most {most} are held at once.",
-                remedy="Ask for fewer frames, or write GLB, which holds modes and not frames.",
+                f"{self.n_frames} frames of {len(self.reference)} vertices take {size} bytes; "
+                f"at most {most} may be in memory at once.",
+                remedy="Ask for fewer frames, or write GLB, which contains modes only.",
                 limit="decompressed_bytes",
                 details={"value": size, "most": most},
             )
@@ -285,7 +285,7 @@ def swing(
     together: bool = False,
     unit: str | None = None,
 ) -> Swing:
-    """Displace a surface by modes, and let go: each swings at its own frequency.
+    """Displace a surface by modes and release it: each oscillates at its own frequency.
 
     Parameters
     ----------
@@ -297,13 +297,13 @@ def swing(
     direction : (vertices, 3) float64
         Unit vectors.
     n_frames : int
-        Over one period of the slowest mode that swings; the last is one step before its end.
+        Over one period of the slowest mode; the last is one step before its end.
     seconds : float
-        How long that period lasts in the animation: time is stretched, ratios of frequencies stay.
+        Duration of that period in the animation: time is scaled, ratios of frequencies are kept.
     damping : float
         Share of the critical damping of each mode.
     together : bool
-        All modes swing in that same period, regardless of their frequencies.
+        All modes oscillate with that period, regardless of their frequencies.
     unit : str, optional
 
     Raises
@@ -323,7 +323,7 @@ def swing(
     _require_frames(n_frames, seconds)
     if not (math.isfinite(damping) and damping >= 0):
         raise ParameterError(
-            f"A damping of {damping} does not damp.", remedy="Use a finite share from 0 on."
+            f"A damping of {damping} does not damp.", remedy="Use a finite share of at least 0."
         )
     w = modes.angular_frequencies
     slowest = float(w[w > 0].min(initial=math.inf))
@@ -340,7 +340,7 @@ def swing(
 def one_by_one(
     template: Template, modes: VibrationModes, direction: Array, unit: str | None = None
 ) -> Swing:
-    """Show modes one after the other, each swinging once, with a visible amplitude.
+    """Show modes one after the other, each for one oscillation, with a visible amplitude.
 
     Parameters
     ----------
@@ -385,7 +385,7 @@ def _require_frames(n_frames: int, seconds: float) -> None:
         )
     if n_frames > DEFAULT_LIMITS.frames:
         raise LimitError(
-            f"{n_frames} frames were requested; at most {DEFAULT_LIMITS.frames} are made.",
+            f"{n_frames} frames were requested; at most {DEFAULT_LIMITS.frames} are allowed.",
             remedy="Ask for fewer frames.",
             limit="frames",
             details={"value": n_frames, "most": DEFAULT_LIMITS.frames},

@@ -1,4 +1,4 @@
-"""Values as files, in the format that the end of a name says, and back."""
+"""Values as files, in the format of the name's suffix, and back."""
 
 from __future__ import annotations
 
@@ -64,21 +64,21 @@ def read(path: str | Path, options: ReadOptions | None = None) -> MeshSequence:
     Returns
     -------
     MeshSequence
-        Of a track its sequence, with the track's own errors.
+        For a track its sequence, with the track's errors.
 
     Raises
     ------
     InputError
-        If it cannot be read; it says how to convert or track it.
+        If it cannot be read; the remedy is how to convert or track it.
 
     Warns
     -----
     UserWarning
-        Of what the reader changed or assumed; `read_sequence` gives it as notes.
+        About what the reader changed or assumed; `read_sequence` returns it as notes.
     """
     reading = read_recording(Path(path), options)
     for note in reading.notes:
-        # Of whoever called it, through the check of its arguments.
+        # Of the caller, through the check of its arguments.
         warnings.warn(note, stacklevel=3)
     return reading.sequence
 
@@ -86,7 +86,7 @@ def read(path: str | Path, options: ReadOptions | None = None) -> MeshSequence:
 def read_recording(
     path: Path, options: ReadOptions | None = None, *, progress: Progress | None = None
 ) -> Reading:
-    """Read a moving surface with its notes; of the file of a track its sequence and errors.
+    """Read a moving surface with its notes; for a track its sequence and errors.
 
     A compressed stream is decoded.
     """
@@ -95,7 +95,7 @@ def read_recording(
     if stream is not None:
         return options.apply(Reading(decode(stream, limits=options.limits), format="stream"))
     if path.suffix.lower() in (".h5", ".hdf5"):
-        # Tracking is imported for these alone.
+        # Tracking is imported for these only.
         from modalmotion.tracking.hdf5 import kept_track
 
         track = kept_track(path)
@@ -105,7 +105,7 @@ def read_recording(
 
 
 def stream_at(path: Path) -> bytes | None:
-    """Give the bytes of a compressed stream, or None if the file is something else."""
+    """Return the bytes of a compressed stream, or None if the file is something else."""
     if not path.is_file():
         return None
     with path.open("rb") as file:
@@ -127,7 +127,7 @@ SURFACES: Final[dict[str, Callable[[MeshSequence], bytes]]] = {
     ".zip": write_ply_zip,
     ".raw": write_raw,
 }
-"""Ends of names of files that a moving surface is written to and read from."""
+"""Suffixes of files of moving surfaces that can be written and read."""
 
 _WRITERS: Final[tuple[tuple[type, dict[str, Callable[[Any], bytes]]], ...]] = (
     (MeshSequence, {**SURFACES, ".html": _page}),
@@ -159,7 +159,7 @@ _READERS: Final[dict[str, Callable[[Path], Any]]] = {
 
 
 def save(value: Any, path: str | Path) -> Path:
-    """Write a value to a file, in the format that the end of its name says.
+    """Write a value to a file, in the format of its suffix.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def save(value: Any, path: str | Path) -> Path:
         known = [*writers, *(PICTURES if isinstance(value, Plotted) else ())]
         what = with_article(type(value).__name__)
         raise ParameterError(
-            f"{path.name!r} names no format of {what}.",
+            f"{path.name!r} has no format for {what}.",
             remedy=f"End the name with {', '.join(known)}."
             if known
             else "Give a sequence, a track, a signature, a model, a class or a stream.",
@@ -210,7 +210,7 @@ def load(path: str | Path) -> Any:
     Returns
     -------
     MeshSequence, Track, ModalSignature, Model, Norm, Template or Classification
-        Of a stream the sequence that it decodes to.
+        For a stream, the decoded sequence.
 
     Raises
     ------
@@ -228,7 +228,7 @@ def load(path: str | Path) -> Any:
         if head.startswith(MAGIC):
             return decode(path.read_bytes())
         if head == SIGNATURE:
-            # Of other programs' HDF5 there is no form of ours.
+            # HDF5 of other programs has no form.
             kind = ""
             with suppress(StoreError):
                 kind = form_of(path).kind

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PICTURES: Final = (".png", ".svg", ".pdf")
-"""Ends of the names of pictures."""
+"""Suffixes of pictures."""
 
 
 def picture_bytes(figure: Figure, kind: str) -> bytes:
@@ -45,7 +45,7 @@ def picture_bytes(figure: Figure, kind: str) -> bytes:
 
 
 def write_picture(figure: Figure, path: Path) -> None:
-    """Write a picture to a file, in the format that its suffix names.
+    """Write a picture to a file, in the format of its suffix.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def write_picture(figure: Figure, path: Path) -> None:
     """
     if path.suffix.lower() not in PICTURES:
         raise ParameterError(
-            f"{path.name!r} is not the name of a picture.",
+            f"{path.name!r} does not have the suffix of a picture.",
             remedy=f"Use a name that ends with {', '.join(PICTURES)}.",
         )
     write_atomic(path, picture_bytes(figure, path.suffix[1:].lower()))
@@ -68,8 +68,8 @@ def plot(value: Any, path: str | Path | None = None) -> Figure:
     Parameters
     ----------
     value : object
-        A sequence (beside the superposition of its first 7 modes), a signature, read-outs, a
-        strain, a track, a class, a model, its card or its test, a trade or a template.
+        A sequence (with the superposition of its first 7 modes), a signature, read-outs, a strain,
+        a track, a class, a model, its card or its test, a trade-off or a template.
     path : str or Path, optional
         File to write as well: .png, .svg or .pdf.
 
@@ -81,12 +81,12 @@ def plot(value: Any, path: str | Path | None = None) -> Figure:
     Raises
     ------
     ParameterError
-        If there is no picture of that.
+        If the value has no picture.
     """
     figure = _drawn(value)
     if path is not None:
         write_picture(figure, Path(path))
-    # Read by notebooks, which know figures of pyplot alone.
+    # For notebooks, which display only figures of pyplot.
     figure._repr_png_ = lambda: picture_bytes(figure, "png")  # type: ignore[attr-defined]
     return figure
 
@@ -120,12 +120,12 @@ def _drawn(value: Any) -> Figure:
             return template_figure(value)
     raise ParameterError(
         f"There is no picture of {with_article(type(value).__name__)}.",
-        remedy="Give a sequence (read(path)), or what was made of one: a signature, read-outs, "
-        "strain, a track, a class, a model, a trade.",
+        remedy="Give a sequence (read(path)), or a result: a signature, read-outs, strain, a "
+        "track, a class, a model, a trade-off.",
     )
 
 
-# Of all that grows with the input: rows and curves, points of a curve, notes and letters of one.
+# Limits: rows and curves, points of a curve, notes, and letters of a note.
 _MOST_ROWS: Final = 7
 _MOST_POINTS: Final = 160
 _MOST_NOTES: Final = 4
@@ -136,7 +136,7 @@ _HEIGHT: Final = 130
 
 
 def to_html(signature: ModalSignature) -> str:
-    """Write a signature as HTML: its modes in words, their paths over time, error and caveats.
+    """Write a signature as HTML: its modes in words, their amplitudes over time, error and caveats.
 
     Parameters
     ----------
@@ -170,8 +170,9 @@ def to_html(signature: ModalSignature) -> str:
     return (
         f"<div><p><strong>Modal signature</strong>: {escape(signature.surface)}, {n} of "
         f"{counted(signature.n_vertices, 'vertex', 'vertices')}, {signature.n_amplitudes} "
-        f"amplitudes a frame. Error {numeral(signature.rms_error, of=motion)} {unit} RMS, at most "
-        f"{numeral(signature.max_error, of=motion)}, of {numeral(motion)} {unit} of motion.</p>"
+        f"amplitudes per frame. Error {numeral(signature.rms_error, of=motion)} {unit} RMS, "
+        f"at most {numeral(signature.max_error, of=motion)}, of {numeral(motion)} {unit} of "
+        "motion.</p>"
         f"{_curves(main_trajectories(signature)[:, order], colours)}"
         f"<table><thead><tr><th>mode</th><th>label</th><th>RMS ({unit})</th></tr></thead>"
         f"<tbody>{''.join(rows)}</tbody></table>{more}"
@@ -180,7 +181,7 @@ def to_html(signature: ModalSignature) -> str:
 
 
 def _curves(paths: NDArray[np.float64], colours: list[str]) -> str:
-    """Draw the paths of some modes over time, the first ones on top."""
+    """Draw the amplitudes of some modes over time, the first ones on top."""
     if len(paths) < 2 or not paths.size:
         return ""
     # Evenly spaced frames: a screen has no more columns.

@@ -40,7 +40,7 @@ from modalmotion.template import Template
 
 FORM: Final = Form("export", 3)
 
-# Signatures held before they are written: appending one at a time takes three times as long.
+# Signatures in memory before they are written: appending one at a time takes three times as long.
 _BATCH: Final = 256
 
 # Rows of a chunk: a pack of few signatures stays small, one of many reads fast.
@@ -103,7 +103,7 @@ class PackReport:
     n_signatures : int
         Packed.
     failures : tuple of (str, str)
-        Sequence and reason of each signature that does not read as it was written.
+        Sequence and reason of each signature that cannot be read as written.
     """
 
     n_signatures: int
@@ -126,9 +126,9 @@ def export(
 ) -> PackReport:
     """Pack the trajectories of all signatures of a store into one HDF5 file.
 
-    Signatures with the same parameters, modes and unit form a group; their frames follow
-    one another, and `n_frames` says how many belong to each. A damaged signature costs only
-    itself: the report names it.
+    Signatures with the same parameters, modes and unit form a group; their frames follow one
+    another, and `n_frames` says how many belong to each. A damaged signature is left out: the
+    report names it.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def export(
     Raises
     ------
     NotFoundError
-        If the store does not exist, or holds no signatures: no file is written then.
+        If the store does not exist, or has no signatures; no file is written then.
     CorruptFileError
         If all of them are damaged.
     StoreError
@@ -176,7 +176,7 @@ def export(
 
 
 def _as_oserror(error: OSError | RuntimeError) -> OSError:
-    """Give what HDF5 met: closing a file that cannot be written names it in its text alone."""
+    """Return the cause of an HDF5 error: on closing an unwritable file it is in the text only."""
     if isinstance(error, OSError) and error.errno:
         return error
     number = re.search(r"errno = (\d+)", str(error))
@@ -192,7 +192,7 @@ def write_pack(path: Path, signatures: Iterable[tuple[ModalSignature, SequenceRe
     Parameters
     ----------
     path : Path
-        Replaced if it exists; removed where it cannot be written as a whole.
+        Replaced if it exists; removed if it cannot be written completely.
     signatures : iterable of (ModalSignature, SequenceRecord)
         Consumed a batch at a time.
 
@@ -203,7 +203,7 @@ def write_pack(path: Path, signatures: Iterable[tuple[ModalSignature, SequenceRe
     """
     import h5py
 
-    # HDF5 itself would lose the error of a disk that is full, and leave a file that is broken.
+    # HDF5 itself would lose the error of a full disk, and a broken file would remain.
     image = io.BytesIO()
     with h5py.File(image, "w", libver="v110") as file:
         _pack(file, signatures)
@@ -218,7 +218,7 @@ def _pack_store(store: ResultStore, file: Any, progress: Progress | None) -> Pac
     names = store.all_signatures()
     if not names:
         raise NotFoundError(
-            f"The store '{store.root.name}' holds no signatures, so there is nothing to pack.",
+            f"The store '{store.root.name}' has no signatures to pack.",
             remedy="Fit signatures first: modalmotion signature, or a cohort into this folder.",
         )
     failures: list[tuple[str, str]] = []
@@ -237,7 +237,7 @@ def _pack_store(store: ResultStore, file: Any, progress: Progress | None) -> Pac
     _pack(file, read())
     if len(failures) == len(names):
         raise CorruptFileError(
-            f"None of {len(names)} signatures reads as it was written. {failures[0][1]}"
+            f"None of {len(names)} signatures can be read as written. {failures[0][1]}"
         )
     return PackReport(len(names) - len(failures), tuple(failures))
 
@@ -316,7 +316,7 @@ SUFFIXES = {
     ".glb": SurfaceFormat.GLB,
     ".zip": SurfaceFormat.PLY,
 }
-"""Format by the end of a file's name."""
+"""Format by suffix."""
 
 
 def write_superposed(
@@ -344,9 +344,9 @@ def write_superposed(
     times : (n,) float64, s, optional
         Those of the frames by default.
     phases : list of float or int, optional
-        In place of times: shares of the cycle, or how many in even steps; see `resample`.
+        Instead of times: shares of the cycle, or a number of even steps; see `resample`.
     max_targets : int, optional
-        Of a GLB: keep no more targets than these, those that carry most motion.
+        For a GLB: largest number of targets, those with most motion.
 
     Returns
     -------
@@ -355,12 +355,12 @@ def write_superposed(
     Raises
     ------
     ParameterError
-        If a time lies outside the recording, the sequence is another, or both times and phases
+        If a time is outside the recording, the sequence is another, or both times and phases
         are chosen, or phases of a GLB.
     """
     if phases is not None and (times is not None or surface_format == SurfaceFormat.GLB):
         raise ParameterError(
-            "Phases came with times, or for a GLB, which has all frames.",
+            "Phases were given with times, or for a GLB, which has all frames.",
             remedy="Give one of times and phases, and another format for phases.",
         )
     moved = signature if times is None else at_times(signature, times)

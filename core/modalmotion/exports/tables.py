@@ -53,7 +53,7 @@ class Table:
     def to_csv(self) -> str:
         """Write the table as CSV (RFC 4180); a missing number is empty.
 
-        Numbers are written so that reading them gives the same bits.
+        Numbers have enough digits to read back the same bits.
         """
         lists = [[_cell(value) for value in column.tolist()] for column in self.columns.values()]
         return csv_text([self.names, *zip(*lists, strict=True)], "\r\n")
@@ -97,13 +97,13 @@ def frame_table(
     readouts: ClinicalReadouts | None = None,
     ventricle: VentricleReadouts | None = None,
 ) -> Table:
-    """List what is known of each frame: motion, error, volume, segments, strain.
+    """List each frame: motion, error, volume, segments, strain.
 
     Parameters
     ----------
     signature : ModalSignature
     readouts : ClinicalReadouts, optional
-        Adds volume and its bound, in the unit that the columns name.
+        Adds volume and its bound, in the unit named in the columns.
     ventricle : VentricleReadouts, optional
         Adds inward motion of each segment, and strain with its standard deviation, percent.
     """
@@ -138,7 +138,7 @@ def frame_table(
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording of a cohort, with what is known of it.
+    """A recording of a cohort with its results.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class Recording:
         Of its file, or its id.
     signature : ModalSignature
     readouts : ClinicalReadouts or None
-        None of a surface that encloses nothing.
+        None for a surface that encloses nothing.
     subject, label : str or None
     """
 
@@ -163,19 +163,19 @@ def cohort_table(recordings: Iterable[Recording]) -> Table:
     Parameters
     ----------
     recordings : iterable of Recording
-        They are gone through once.
+        Iterated once.
 
     Returns
     -------
     Table
         recording, sequence_id, subject, label, surface, frames, modes, duration_s, unit; motion and
-        errors, in that unit; volumes, ml (NaN where the unit is unknown); the ejection fraction or
+        errors, in that unit; volumes, ml (NaN if the unit is unknown); the ejection fraction or
         the volume change with its interval, percent; and for each mode and direction the RMS of its
-        amplitude over the frames. NaN where a recording has none.
+        amplitude over the frames. NaN if a recording has none.
     """
     rows = [_recording_row(one) for one in recordings]
     names = list(dict.fromkeys(name for row in rows for name in row))
-    # Amplitudes stand last, whichever recording has more of them.
+    # Amplitudes are the last columns, whichever recording has more of them.
     names.sort(key=lambda name: name.startswith("rms "))
     texts = {name for row in rows for name, value in row.items() if isinstance(value, str)}
     return Table(
@@ -238,12 +238,12 @@ def _cell(value: Any) -> Any:
 
 
 def to_dataframe(result: ModalSignature | Table) -> pandas.DataFrame:
-    """Give a result as a long pandas data frame.
+    """Return a result as a long pandas data frame.
 
     Parameters
     ----------
     result : ModalSignature or Table
-        Of a signature: a row for each frame, mode and direction, as `amplitude_table`.
+        For a signature, a row for each frame, mode and direction, as `amplitude_table`.
 
     Raises
     ------
@@ -260,7 +260,7 @@ def to_dataframe(result: ModalSignature | Table) -> pandas.DataFrame:
 def to_xarray(
     signature: ModalSignature, readouts: ClinicalReadouts | None = None
 ) -> xarray.Dataset:
-    """Give a signature as an xarray dataset with named axes and units.
+    """Return a signature as an xarray dataset with named axes and units.
 
     Parameters
     ----------
@@ -271,9 +271,9 @@ def to_xarray(
     Returns
     -------
     xarray.Dataset
-        amplitude (frame, mode, direction), its deviation where that is known, its spectrum and
+        amplitude (frame, mode, direction), its deviation if known, its spectrum and
         frequencies by mode, errors and volume by frame; coordinates label, wavenumber, time_s;
-        attributes unit, ids, notes. It goes to netCDF and back without loss.
+        attributes unit, ids, notes. It can be written to netCDF and read back without loss.
 
     Raises
     ------

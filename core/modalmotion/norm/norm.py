@@ -269,7 +269,7 @@ class Norm(Saved):
             A sequence is fitted in the controls' modes; a signature has no volumes. One of the
             controls is compared with the others.
         level : float
-            Share of recordings like the controls that may be called a deviation.
+            Level: share of recordings like the controls that are called a deviation.
 
         Returns
         -------

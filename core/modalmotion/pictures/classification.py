@@ -24,7 +24,7 @@ _IN_SET = "#2f6690"
 _RULED_OUT = "#c9c4bc"
 _AGAINST = "#b5533c"
 
-# More classes, and more modes, than can be read.
+# Most classes and modes that are legible.
 _MOST_CLASSES: Final = 20
 _MOST_MODES: Final = 10
 
@@ -37,8 +37,8 @@ _LINE: Final = 0.17
 def answer_figure(result: Classification) -> Figure:
     """Draw the probability of each class, the class set, and the reasons of the prediction.
 
-    Below are the first notes: why there is no class, or why no class is in the set, and what was
-    made of a handedness that is not stated. An answer without a class is these words alone.
+    Below are the first notes: why there is no class, or why no class is in the set, and how an
+    unknown handedness was treated. An answer without a class shows these notes only.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def answer_figure(result: Classification) -> Figure:
     n_modes = min(len(result.explanation), _MOST_MODES)
     n_panels = 1 + bool(n_modes)
     width = 5.6 * n_panels + 0.6
-    # Equal probabilities are no measurement, so an answer without a class has no bars.
+    # Equal probabilities are not a measurement, so an answer without a class has no bars.
     notes = result.notes[: len(result.flags) or _MOST_NOTES]
     text = "\n".join(fill(note, int(_LETTERS_PER_INCH * width)) for note in notes)
     bars = 1.6 + 0.34 * max(n_classes, n_modes, 3) if has_label else 0.6
@@ -92,7 +92,7 @@ def _draw_classes(axes: Any, result: Classification) -> None:
     axes.set_xlim(0.0, 1.12)
     axes.set_xlabel("probability", color=_INK)
     level = f"{100 * result.coverage:g} %"
-    title = f"Blue cannot be ruled out at {level}"
+    title = f"Blue cannot be excluded at {level}"
     if not result.class_set:
         title = f"Unlike every class at {level}"
     axes.set_title(title, fontsize=10, color=_INK)
@@ -111,7 +111,7 @@ def _draw_modes(axes: Any, result: Classification) -> None:
     ]
     axes.set_yticks(range(len(parts)), names, fontsize=8)
     axes.set_xlabel("for (blue) and against the class, log of odds", color=_INK)
-    axes.set_title("What moved it: modes, with their RMS amplitude", fontsize=10, color=_INK)
+    axes.set_title("Modes that determined it, with their RMS amplitude", fontsize=10, color=_INK)
     _plain(axes)
 
 
@@ -140,7 +140,7 @@ def card_figure(card: ModelCard, title: str) -> Figure:
     -------
     matplotlib.figure.Figure
         The confusion matrix by shares of the true class, with counts; the ROC curve of each class;
-        and the share of right answers against the stated probability.
+        and the share of correct answers against the stated probability.
     """
     return _figure(f"{title}: {_accuracy(card)}", card.classes, card)
 
@@ -247,7 +247,7 @@ def _draw_confusion(
     shares = np.divide(counts, totals, out=np.zeros_like(counts), where=totals > 0)
     answers = [*classes, "no class"][: counts.shape[1]]
     axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
-    # Figures can be read in a small matrix; a large one is read by its shades.
+    # Numbers are legible in a small matrix; a large one has shades only.
     size = 9 if len(classes) <= 8 else 7
     if len(classes) <= 25:
         for (row, column), count in np.ndenumerate(counts):
@@ -285,7 +285,7 @@ def _draw_calibration(
         return
     probability, share, n_cases = (np.array(column) for column in zip(*bins, strict=True))
     axes.plot([0, 1], [0, 1], color=_SOFT, linewidth=1, linestyle="--", label="as stated")
-    # Repetitions answer to the same cases again.
+    # Repetitions are on the same cases.
     low, high = _wilson(share, n_cases / n_repetitions)
     axes.errorbar(
         *(probability, share),

@@ -19,7 +19,7 @@ from modalmotion.template.vibration_modes import VibrationModes
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Blue where a shape is below zero, red where it is above: distinct for colour-blind readers too.
+# Blue below zero, red above: distinct for colour-blind readers too.
 COLOURS: Final = "RdBu_r"
 
 _MOST_PANELS: Final = 24
@@ -42,7 +42,7 @@ def modes_figure(template: Template, modes: VibrationModes) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    # Imported here: only pictures need it. A bare Figure has no window and no global state.
+    # Imported here because only pictures need it. A bare Figure has no window or global state.
     with needs_extra("plot"):
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import Normalize
@@ -102,7 +102,7 @@ def draw_shape(
     panel.view_init(elev=0, azim=-90)
     panel.set_proj_type("ortho")
     shown = template.faces
-    # A tube shows its inside too, a closed surface only its outside.
+    # A tube shows its inside as well, a closed surface only its outside.
     if template.surface is not None and all(e == CLOSED for e in template.surface.ends):
         shown = shown[faces_viewer(vertices, template)]
     colours = scale.to_rgba(phi[shown].mean(axis=1))
@@ -120,7 +120,7 @@ def _draw_line(panel: Any, template: Template, phi: NDArray[np.float64], largest
     panel.tick_params(labelsize=7)
 
 
-# Lines of equal coordinate are drawn this many to the unit: tenths of s, twelfths of a turn.
+# Lines of equal coordinate per unit: tenths of s, twelfths of a turn.
 _LINES = {True: 12, False: 10}
 
 
@@ -144,7 +144,7 @@ def template_figure(template: Template) -> Figure:
     TopologyError
         If it has no triangles, or no natural coordinates.
     """
-    # Imported here: only pictures need it. A bare Figure has no window and no global state.
+    # Imported here because only pictures need it. A bare Figure has no window or global state.
     with needs_extra("plot"):
         from matplotlib.figure import Figure
 
@@ -196,16 +196,16 @@ def _draw(
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
     used = np.unique(template.faces)
-    # At any size: the picture has no axes, and so no unit.
+    # The picture has no axes, so its unit is arbitrary.
     size = size_of(template)
     centre = (template.vertices[used] / size).mean(axis=0)
     vertices = (template.vertices / size - centre) @ view
     fill_cube(panel, vertices[used])
     panel.view_init(elev=0, azim=-90)
     panel.set_proj_type("ortho")
-    # Lines lie on the triangles; Matplotlib would sort them behind.
+    # Lines are on the triangles; Matplotlib would sort them behind.
     panel.computed_zorder = False
-    # Triangles that face away are left out: lines would shine through them.
+    # Triangles that face away are not drawn, because lines would show through them.
     values = _corners(template, axis, closed)
     corners = vertices[template.faces]
     ahead = faces_viewer(vertices, template)

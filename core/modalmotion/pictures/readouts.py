@@ -23,7 +23,7 @@ _MESH = "#333333"
 
 
 def volume_figure(readouts: ClinicalReadouts) -> Figure:
-    """Draw the volume over time with its bound as a band, beside the mesh's own.
+    """Draw the volume over time with its bound as a band, and that of the mesh.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def volume_figure(readouts: ClinicalReadouts) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    # Imported here: only pictures need it. A bare Figure has no window and no global state.
+    # Imported here because only pictures need it. A bare Figure has no window or global state.
     with needs_extra("plot"):
         from matplotlib.figure import Figure
 
@@ -77,13 +77,13 @@ def volume_figure(readouts: ClinicalReadouts) -> Figure:
 
 
 def _side(frame: int, n_frames: int) -> str:
-    """Keep a label within the picture: on the right of its point, on its left, or about it."""
+    """Place a label within the picture: right of its point, left of it, or centred."""
     place = frame / max(1, n_frames - 1)
     return "left" if place < 0.2 else "right" if place > 0.8 else "center"
 
 
 _SOFT: Final = "#7a828c"
-# Of GLS, GCS and GAS; told apart without colour too.
+# Of GLS, GCS and GAS; distinct without colour, too.
 _CURVES: Final = (("#1f5fa8", "-"), ("#b5533c", "--"), ("#3c7a4e", ":"))
 
 
@@ -139,9 +139,9 @@ _LETTERS: Final = 62
 
 
 def bulls_eye_figure(regions: RegionalMotion, frame: int | None = None) -> Figure:
-    """Draw the inward motion of each segment, or of each ring where segments are unknown.
+    """Draw the inward motion of each segment, or of each ring if segments are unknown.
 
-    Anterior is above, septal on the left, as the standard has it.
+    Anterior is at the top, septal on the left, as in the standard.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def bulls_eye_figure(regions: RegionalMotion, frame: int | None = None) -> Figur
 
 
 def most_moved(regions: RegionalMotion) -> int:
-    """Frame in which the wall is farthest inward, by the mean of its segments."""
+    """Frame with the largest mean inward motion of the segments."""
     known = np.isfinite(regions.shares).any(axis=0)
     return int(np.nanmean(regions.shares[:, known], axis=1).argmax()) if known.any() else 0
 

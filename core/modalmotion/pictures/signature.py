@@ -1,4 +1,4 @@
-"""A picture of a signature beside its sequence. Needs matplotlib (extra ``plot``)."""
+"""A picture of a signature with its sequence. Needs matplotlib (extra ``plot``)."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def draw_trajectories(axes: Any, signature: ModalSignature, shown: ShownUnit) ->
     """Draw amplitudes over time, the largest modes in colour."""
     at, label = _times(signature)
     trajectories, colours = main_trajectories(signature) / shown.size, _colours(signature)
-    # The largest last, so that they lie above.
+    # The largest last, so that they are on top.
     for mode in np.argsort(signature.deformation_spectrum, kind="stable"):
         colour = colours[mode]
         is_named = colour != _OTHERS
@@ -93,14 +93,14 @@ def draw_errors(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
         fontsize=10,
     )
     axes.set(xlabel=label, ylabel=shown.name)
-    # Above the curves there is room for the legend.
+    # There is space for the legend above the curves.
     axes.set_ylim(0.0, 1.18 * max(float(motion.max()), float(largest.max())) or 1.0)
     axes.grid(alpha=0.25)
     axes.legend(fontsize=8, frameon=False, ncols=3, loc="upper center", columnspacing=1.2)
 
 
 def _colours(signature: ModalSignature) -> list[str]:
-    """Give a colour to each of the largest modes that move at all."""
+    """Assign a colour to each of the largest moving modes."""
     spectrum = signature.deformation_spectrum
     colours = [_OTHERS] * len(spectrum)
     for mode in np.argsort(-spectrum, kind="stable")[:_MOST_COLOURED].tolist():
@@ -110,7 +110,7 @@ def _colours(signature: ModalSignature) -> list[str]:
 
 
 def _names(signature: ModalSignature) -> list[str]:
-    """Say of each mode what it looks like, once for a pair, and its label."""
+    """Describe each mode, once for a pair, with its label."""
     components = signature.parameters.components
     is_offset = signature.kind == SignatureKind.OFFSET
     names, before = [], ""
@@ -140,9 +140,9 @@ _AZIMUTH = -70.0
 
 
 def signature_figure(sequence: MeshSequence, signature: ModalSignature) -> Figure:
-    """Draw a signature beside its motion: surfaces, trajectories, spectrum, error.
+    """Draw a signature with its motion: surfaces, trajectories, spectrum, error.
 
-    Above the reference, the frame farthest from it, its reconstruction, and the error; below the
+    Top: the reference, the frame farthest from it, its reconstruction, and the error. Bottom: the
     amplitudes over time, their spectrum, and motion and error by frame.
 
     Parameters
@@ -155,7 +155,7 @@ def signature_figure(sequence: MeshSequence, signature: ModalSignature) -> Figur
     -------
     matplotlib.figure.Figure
     """
-    # Imported here: only pictures need it. A bare Figure has no window and no global state.
+    # Imported here because only pictures need it. A bare Figure has no window or global state.
     with needs_extra("plot"):
         from matplotlib.figure import Figure
 
@@ -203,7 +203,8 @@ def _shown_unit(signature: ModalSignature) -> ShownUnit:
 def _title(signature: ModalSignature) -> str:
     return (
         f"{signature.surface}: {counted(signature.n_frames, 'frame')} of {signature.n_vertices} "
-        f"vertices, {counted(len(signature.modes), 'mode')}, {signature.compression:.0f}:1 a frame"
+        f"vertices, {counted(len(signature.modes), 'mode')}, "
+        f"{signature.compression:.0f}:1 per frame"
     )
 
 
@@ -265,9 +266,10 @@ def _faces(sequence: MeshSequence, signature: ModalSignature) -> NDArray[np.int6
 
 
 def _view(reference: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation that lays the longest axis upright, the next one across.
+    """Rotation that makes the longest axis upright, the next one horizontal.
 
-    The wider end is above, as ventricles are shown: the apex points down, for any axes of the file.
+    The wider end is at the top, as ventricles are shown: the apex points down, for any axes of the
+    file.
     """
     offsets = reference - reference.mean(axis=0)
     _, _, rows = np.linalg.svd(offsets, full_matrices=False)

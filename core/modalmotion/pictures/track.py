@@ -29,7 +29,7 @@ _N_FRAMES: Final = 6
 
 
 def data_figure(track: Track) -> Figure:
-    """Draw the data over the surface, in frames spread over the beat: those that counted, and not.
+    """Draw the data over the surface, outliers marked, in frames spread over the beat.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def data_figure(track: Track) -> Figure:
     TopologyError
         If the track is that of a curve.
     ParameterError
-        If it keeps none of its data.
+        If it has none of its data.
     """
     with needs_extra("plot"):
         from matplotlib.figure import Figure
@@ -54,8 +54,8 @@ def data_figure(track: Track) -> Figure:
     data = track.data
     if data is None:
         raise ParameterError(
-            "The track keeps none of the data that it was tracked through.",
-            remedy="Track the recording again: some of its points are kept since.",
+            "The track does not contain the data that it was tracked through.",
+            remedy="Track the recording again: newer tracks contain some of their points.",
         )
     shown = np.unique(np.linspace(0, track.n_frames - 1, _N_FRAMES).astype(np.int64))
     view = tilted(upright(track.template))
@@ -86,7 +86,7 @@ def data_figure(track: Track) -> Figure:
         unit = shown_unit(mean, track.sequence.unit)
         text = f"Data over the surface; residual RMS {numeral(mean / unit.size, 2)} {unit.name}"
         n_strays = int((data.weights < STRAY).sum())
-        left_out = f"; {n_strays} of {data.n_points} points hardly counted" if n_strays else ""
+        left_out = f"; {n_strays} of {data.n_points} points are outliers" if n_strays else ""
         figure.suptitle(text + left_out, fontsize=11)
     return figure
 
@@ -125,7 +125,7 @@ def deviations_figure(track: Track, frame: int) -> Figure:
     faces = track.template.faces
     figure = Figure(figsize=(8.2, 4.0), dpi=120, layout="constrained")
     unit = shown_unit(float(track.deviations[frame].max()), track.sequence.unit)
-    for k, name in enumerate(("across the surface", "along it, set by the prior")):
+    for k, name in enumerate(("across the surface", "along it, from the prior")):
         axes: Any = figure.add_subplot(1, 2, k + 1, projection="3d")
         values = track.deviations[frame, :, k][faces].mean(axis=1) / unit.size
         drawn = axes.plot_trisurf(
@@ -143,7 +143,7 @@ def deviations_figure(track: Track, frame: int) -> Figure:
 
 
 def determined_figure(track: Track) -> Figure:
-    """Draw how much of each mode the data have set: across the surface, and along it.
+    """Draw the share of each mode that the data determine: across the surface, and along it.
 
     Returns
     -------
@@ -227,7 +227,7 @@ def overlay_gif(track: Track, images: ImageSequence) -> bytes:
     Returns
     -------
     bytes
-        It takes as long as the recording where its times are known, else a second.
+        Its duration is that of the recording if its times are known, otherwise a second.
     """
     with needs_extra("plot"):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -249,7 +249,7 @@ def overlay_gif(track: Track, images: ImageSequence) -> bytes:
 
 
 class _Overlay:
-    """Contours of a track over images, sliced: what all frames have in common.
+    """Contours of a track over sliced images: what all frames share.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ class _Overlay:
         self.n_planes = min(_N_PLANES, len(_planes(first, self._x)))
 
     def draw(self, k: int, all_axes: Sequence[Any]) -> None:
-        """Draw the planes of a frame, each into its axes; a missing frame is left empty."""
+        """Draw the planes of a frame, each into its axes; a missing frame is empty."""
         image = self._images.frames[k]
         chosen = [] if image is None else _planes(image, self._x)
         all_axes[0].set_title(f"frame {k}", fontsize=8)
@@ -293,7 +293,7 @@ def contours_in(
     edges : Edges
         Of the surface.
     shift : (3,) float64, mm
-        By which the plane shows everything aside.
+        Shift of the plane's content.
 
     Returns
     -------
@@ -306,7 +306,7 @@ def contours_in(
 
 
 def _planes(image: Image, x: NDArray[np.float64]) -> list[tuple[int, Plane]]:
-    """Choose planes to show, with their numbers; of a volume three through the surface's middle."""
+    """Choose planes to show, with their numbers; of a volume three through the surface's centre."""
     if isinstance(image, PlaneSet):
         numbers = np.unique(np.linspace(0, len(image) - 1, _N_PLANES).round().astype(np.int64))
         return [(k, image.planes[k]) for k in numbers.tolist()]

@@ -17,7 +17,7 @@ _TILT: Final = 0.2
 
 
 def upright(template: Template) -> NDArray[np.float64]:
-    """Columns that lay the axis upright, its end on top, and theta = 0 to the front.
+    """Columns that make the axis upright, its end on top, and theta = 0 in front.
 
     Returns
     -------
@@ -29,7 +29,7 @@ def upright(template: Template) -> NDArray[np.float64]:
     if landmarks is None:
         used = np.delete(template.vertices / size_of(template), template.isolated, axis=0)
         _, _, (first, second, third) = np.linalg.svd(used - used.mean(axis=0), full_matrices=False)
-        # A torus lies, a sheet is seen from its normal.
+        # A torus is horizontal, a sheet is seen along its normal.
         axis, zero = (third, first) if len(closed) == 2 else (second, third)
     elif closed:
         axis, zero = landmarks.axis, landmarks.theta_zero
@@ -44,14 +44,14 @@ def size_of(template: Template) -> float:
 
 
 def tilted(view: NDArray[np.float64], tilt: float = _TILT) -> NDArray[np.float64]:
-    """Look at it a little from above, by so many radians."""
+    """View it slightly from above, by so many radians."""
     c, s = np.cos(tilt), np.sin(tilt)
     turned: NDArray[np.float64] = view @ np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
     return turned
 
 
 def faces_viewer(vertices: NDArray[np.float64], template: Template) -> NDArray[np.bool_]:
-    """Triangles that show their outside: all of a sheet, which has no outside."""
+    """Triangles whose outside is visible: all of a sheet, which has no outside."""
     faces = oriented_faces(template.faces, len(vertices))
     if faces is None or not template.topology.closed_axes:
         return np.ones(len(template.faces), dtype=np.bool_)
@@ -63,7 +63,7 @@ def faces_viewer(vertices: NDArray[np.float64], template: Template) -> NDArray[n
 
 
 def fill_cube(axes: Any, points: NDArray[np.float64]) -> None:
-    """Have points fill axes of equal scale, which are not shown themselves.
+    """Set invisible axes of equal scale that the points fill.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ _LETTERS: Final = {"LPS": ("L", "P", "S"), "RAS": ("R", "A", "S")}
 
 
 def round_length(longest: float) -> float:
-    """Longest of 1, 2 and 5 times a power of ten that is not longer."""
+    """Largest of 1, 2 and 5 times a power of ten that is not longer."""
     power = 10.0 ** math.floor(math.log10(longest))
     return next(k * power for k in (5.0, 2.0, 1.0) if k * power <= longest * (1 + 1e-12))
 
@@ -146,18 +146,18 @@ def draw_scale(
     Parameters
     ----------
     axes : matplotlib 3D axes
-        Orthographic: else no bar is true everywhere.
+        Orthographic, so that the bar is valid everywhere.
     box : (points, 3) float64
-        As drawn: of what is seen.
+        As drawn.
     view : (3, 3) float64
         Positions of the file, as rows, times it are in the axes of the picture.
     size : float
         Length that is drawn as 1.
     unit : str or None
     coordinates : {"LPS", "RAS", "unknown"}
-        Of the file: letters of the patient's sides stand for x, y and z where they are known.
+        Of the file: letters of the patient's sides replace x, y and z if they are known.
     azimuth : float
-        From which the axes are seen, degrees.
+        Of the view, degrees.
     """
     low, high = box.min(axis=0), box.max(axis=0)
     extent, middle = float((high - low).max()), (low + high) / 2
@@ -170,7 +170,7 @@ def draw_scale(
     length = round_length(_LONGEST * extent * size / shown.size)
     start = down + 0.05 * extent * right
     end = start + length * shown.size / size * right
-    # Below the box of the axes, which keep their size.
+    # Below the box of the axes, whose size is unchanged.
     line = {"color": _INK, "clip_on": False, "in_layout": False}
     axes.plot(*zip(start, end, strict=True), lw=2.2, solid_capstyle="butt", **line)
     style = {"color": _INK, "fontsize": 8, "ha": "center", "va": "top", "in_layout": False}

@@ -33,14 +33,14 @@ _OF_COMMANDS: Final = re.compile(r" \(--[^)]*\)|[;,] state [^.;]*--[^.;]*| by --
 @shown("sequence_id", "readouts", "classification", "deviation")
 @dataclass(frozen=True, eq=False)
 class Report:
-    """A signature with all that is read of it.
+    """A signature with everything computed from it.
 
     Parameters
     ----------
     signature : ModalSignature
     sequence : MeshSequence
     readouts : ClinicalReadouts or None
-        None where the surface encloses no volume.
+        None if the surface encloses no volume.
     ventricle : VentricleReadouts or None
     classification : Classification or None
     deviation : Deviation or None
@@ -48,9 +48,9 @@ class Report:
     issued : datetime
         Time of the result, with its zone.
     absent : tuple of str
-        Why something is not there.
+        Why something is missing.
     name : str
-        Of the recording or its subject, for the page alone: no other form names anybody.
+        Of the recording or its subject, for the page only: no other form contains names.
     """
 
     signature: ModalSignature
@@ -70,10 +70,10 @@ class Report:
 
     @property
     def caveats(self) -> tuple[str, ...]:
-        """What a reader should know, each once."""
+        """Caveats for the reader, each once."""
         notes = []
         if self.deviation is not None:
-            theirs = f"Recorded otherwise than the controls of {self.deviation.norm}"
+            theirs = f"Recorded differently from the controls of {self.deviation.norm}"
             notes += [f"{theirs}: {words}" for words in self.deviation.warnings]
             notes += self.deviation.notes
         notes += self.signature.notes
@@ -81,18 +81,18 @@ class Report:
             notes += self.readouts.notes
         if self.classification is not None:
             notes += self.classification.notes
-        # Whoever reads a report has no command line.
+        # Readers of a report have no command line.
         plain = [_OF_COMMANDS.sub("", note) for note in (*notes, *self.absent)]
         return tuple(dict.fromkeys(plain))
 
     @property
     def intended_use(self) -> str:
-        """What it is not."""
+        """Intended use."""
         return INTENDED_USE
 
     @property
     def digest(self) -> str:
-        """sha256 of what the report stands on, in hex: the recording and each result's origin."""
+        """sha256 of what the report is based on, in hex: the recording and each result's origin."""
         signature = self.signature
         parts = [signature.sequence_id, signature.parameters.key, str(signature.provenance)]
         if self.classification is not None:
@@ -112,7 +112,7 @@ def report_of(
     classification: Classification | None = None,
     deviation: Deviation | None = None,
 ) -> Report:
-    """Gather what is known of a recording.
+    """Gather the content of a report.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ class Quantity:
 
 
 def quantities_of(report: Report) -> tuple[Quantity, ...]:
-    """Give volumes, the share that is lost, strain and dyssynchrony, as far as there are any."""
+    """Return volumes, ejection fraction, strain and dyssynchrony, if there are any."""
     readouts = report.readouts
     if readouts is None:
         return ()
@@ -218,7 +218,7 @@ def quantities_of(report: Report) -> tuple[Quantity, ...]:
 
 
 def errors_of(report: Report) -> tuple[float, float]:
-    """Give the RMS and the largest error of the modes, in the unit of lengths."""
+    """Return the RMS and the largest error of the modes, in the unit of lengths."""
     signature = report.signature
     rms = float(np.sqrt(np.mean(signature.rms_errors**2)))
     return rms, float(signature.max_errors.max())
@@ -263,7 +263,7 @@ WITH_ENDS: Final = (
     *("ejection_fraction", "volume_change", "end_diastolic_volume", "end_systolic_volume"),
     *("stroke_volume", "gls", "gcs", "gas", "sdi"),
 )
-"""Codes whose numbers have an interval: each end of it has a code too."""
+"""Codes whose numbers have an interval; its ends have codes too."""
 
 # (code, cavities, modalities) -> LOINC code and its exact display.
 _LOINC: Final = {
@@ -274,27 +274,27 @@ DICOM: Final = {
     "gls": ("130670", "Longitudinal Lagrangian Strain"),
     "gcs": ("130677", "Circumferential Lagrangian Strain"),
 }
-"""Terms of DICOM (PS3.16, Annex D), without word of cavity or modality; of area there is none."""
+"""Terms of DICOM (PS3.16, Annex D), without cavity or modality; there is none for the area."""
 
 
 def own_coding(code: str) -> dict[str, str]:
-    """Give the Coding of one of our own codes."""
+    """Return the Coding of one of our own codes."""
     return {"system": SYSTEM, "code": code.replace("_", "-"), "display": OWN[code]}
 
 
 def end_coding(code: str, end: str) -> dict[str, str]:
-    """Give the Coding of the lower ("low") or upper ("high") end of a number's interval."""
+    """Return the Coding of the lower ("low") or upper ("high") end of a number's interval."""
     text = f"{OWN[code]}: {OWN[end].lower()}"
     return {"system": SYSTEM, "code": f"{code}-{end}".replace("_", "-"), "display": text}
 
 
 def code_systems() -> list[dict[str, Any]]:
-    """Give the codes of all reports as FHIR resources, for those who validate them.
+    """Return the codes of all reports as FHIR resources, for validators.
 
     Returns
     -------
     list of dict
-        CodeSystems, ready for JSON: our own, complete, and of LOINC the terms that we name.
+        CodeSystems, ready for JSON: our own, complete, and the LOINC terms that are used.
     """
     own = [own_coding(code) for code in OWN]
     own += [end_coding(code, end) for code in WITH_ENDS for end in ("low", "high")]
@@ -312,7 +312,7 @@ def code_systems() -> list[dict[str, Any]]:
 
 
 def concept(code: str, facts: Facts | None = None, text: str | None = None) -> dict[str, Any]:
-    """Give the CodeableConcept of a code.
+    """Return the CodeableConcept of a code.
 
     Parameters
     ----------
@@ -321,7 +321,7 @@ def concept(code: str, facts: Facts | None = None, text: str | None = None) -> d
     facts : Facts, optional
         With a cavity and a modality a term of LOINC is named first.
     text : str, optional
-        In place of the code's display.
+        Instead of the code's display.
     """
     coding = [own_coding(code)]
     if facts is not None and facts.modality not in (None, "simulated"):
@@ -332,7 +332,7 @@ def concept(code: str, facts: Facts | None = None, text: str | None = None) -> d
 
 
 def moments_of(report: Report) -> list[tuple[int, str]]:
-    """Give two frames with their names: the ends of diastole and systole, where there are any."""
+    """Return two frames with their names: the ends of diastole and systole, if there are any."""
     if report.readouts is None:
         middle = int(np.argmax(report.signature.motion_rms))
         return [(0, "first frame"), (middle, "largest motion")]

@@ -37,7 +37,7 @@ from modalmotion.representation import shown
 class Study:
     """What is copied from an instance into objects of the same study.
 
-    Its `repr` says nothing of it: it names a patient.
+    Its `repr` does not show it, because it names a patient.
 
     Parameters
     ----------
@@ -49,11 +49,11 @@ class Study:
 
     @property
     def frame_of_reference(self) -> str | None:
-        """UID of the space that the instance lies in."""
+        """UID of the instance's frame of reference."""
         return self.header["FrameOfReferenceUID"] or None
 
     def dataset(self) -> Any:
-        """Give the header as a pydicom Dataset."""
+        """Return the header as a pydicom Dataset."""
         from pydicom.dataset import Dataset
 
         found = Dataset()
@@ -65,7 +65,7 @@ class Study:
 
 
 def read_study(source: bytes | Path, *, parser: Parser | None = None) -> Study:
-    """Read the header of an instance, in a process that is lost with what breaks it.
+    """Read the header of an instance, in a disposable process.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def read_study(source: bytes | Path, *, parser: Parser | None = None) -> Study:
     Raises
     ------
     MalformedFileError
-        If it is no DICOM instance; no value of it is named.
+        If it is not a DICOM instance; no value of it is named.
     MissingExtraError
         If pydicom is absent.
     """
@@ -91,7 +91,7 @@ def read_study(source: bytes | Path, *, parser: Parser | None = None) -> Study:
     return Study(parser.parse("study", data).info["header"])
 
 
-# A zip knows no time before.
+# The earliest time in a zip.
 _NO_DATE: Final = (1980, 1, 1, 0, 0, 0)
 
 
@@ -101,7 +101,7 @@ def dicom_instances(report: Report, study: Study) -> dict[str, bytes]:
     Parameters
     ----------
     report : Report
-        Of surfaces in LPS mm, in the space of the instance that the study was read from.
+        Of surfaces in LPS mm, in the frame of reference of the study's instance.
     study : Study
 
     Returns
@@ -126,7 +126,7 @@ def dicom_instances(report: Report, study: Study) -> dict[str, bytes]:
     # They log ids, and warn with the values of headers.
     with unheard(*loggers):
         written = {"report.dcm": structured_report(report, study)}
-        # Points without triangles are no surface.
+        # Points without triangles are not a surface.
         moments = moments_of(report) if len(report.sequence.faces) else []
         for number, (frame, name) in enumerate(moments, 1):
             file = f"{name.replace(' ', '-')}.dcm"
@@ -151,7 +151,7 @@ def dicom_zip(report: Report, study: Study) -> bytes:
 
 
 def require_space(facts: Facts, unit: str | None) -> None:
-    """Check that coordinates are those of a patient as DICOM has them.
+    """Check that coordinates are patient coordinates of DICOM.
 
     Raises
     ------
@@ -161,14 +161,14 @@ def require_space(facts: Facts, unit: str | None) -> None:
     if facts.coordinates != "LPS":
         stated = "are not stated" if facts.coordinates == "unknown" else f"are {facts.coordinates}"
         raise ParameterError(
-            f"The coordinates {stated}; an object of a study lies in LPS.",
+            f"The coordinates {stated}; an object of a study must be in LPS.",
             remedy="State coordinates=LPS if x goes to the patient's left, y to the back and z to "
-            "the head, in the space of the study's images; else turn the points first.",
+            "the head, in the space of the study's images; otherwise convert the points first.",
             details={"fact": "coordinates"},
         )
     if unit != "mm":
         raise ParameterError(
-            f"The unit is {unit or 'unknown'}; an object of a study is in mm.",
+            f"The unit is {unit or 'unknown'}; an object of a study must be in mm.",
             remedy="State unit=mm, or send the points in mm.",
             details={"fact": "unit"},
         )
@@ -178,7 +178,7 @@ _LIBRARIES: Final = ("highdicom", "pydicom")
 
 
 SCHEME: Final = "99MODALMOTION"
-"""Of our own codes; DICOM wants 99 before those that are not registered."""
+"""Of our own codes; DICOM requires 99 before unregistered ones."""
 
 _NAMESPACE: Final = uuid.uuid5(uuid.NAMESPACE_OID, f"{SYSTEM}:dicom")
 # Longest code and longest meaning.
@@ -186,16 +186,16 @@ _MEANING: Final = 64
 
 
 def uid_of(report: Report, study: Study, name: str) -> str:
-    """Give the UID of an object: of the report, the study and the object's name.
+    """Return the UID of an object: of the report, the study and the object's name.
 
-    Of the form 2.25 (PS3.5, B.2), which needs no root of one's own.
+    Of the form 2.25 (PS3.5, B.2), which needs no registered root.
     """
     text = f"{report.digest} {study.header['StudyInstanceUID']} {name}"
     return f"2.25.{uuid.uuid5(_NAMESPACE, text).int}"
 
 
 def own_code(code: str, meaning: str | None = None) -> Any:
-    """Give a code of our own table."""
+    """Return a code of our own table."""
     from highdicom.sr import CodedConcept
 
     said = OWN[code] if meaning is None else meaning
@@ -203,7 +203,7 @@ def own_code(code: str, meaning: str | None = None) -> Any:
 
 
 def code_of(code: str, facts: Facts) -> Any:
-    """Give the code of a quantity: DICOM's, LOINC's where the FHIR bundle has that, or our own."""
+    """Return the code of a quantity: DICOM's, LOINC's as in the FHIR bundle, or our own."""
     from highdicom.sr import CodedConcept
 
     if code in DICOM:
@@ -222,7 +222,7 @@ def ucum(code: str) -> Any:
 
 
 def stamp(dataset: Any, report: Report) -> None:
-    """Set all times of an object to that of the result, and say what made it."""
+    """Set all times of an object to that of the result, and its origin."""
     day, time = f"{report.issued:%Y%m%d}", f"{report.issued:%H%M%S}"
     for moment in ("InstanceCreation", "Content", "Series"):
         setattr(dataset, f"{moment}Date", day)
@@ -281,7 +281,7 @@ def structured_report(report: Report, study: Study) -> Any:
         )
     except KeyError:
         raise ParameterError(
-            "The instance is of a kind that is not known here.",
+            "The kind of the instance is not supported.",
             remedy="Send an image of the study, such as one of MR, CT or US.",
         ) from None
     stamp(written, report)
@@ -350,7 +350,7 @@ def _class(report: Report, study: Study) -> Any:
         said = _own("not-asked", "No model was asked")
         probabilities = []
     else:
-        why = "; ".join(answer.flags) or "the model cannot tell"
+        why = "; ".join(answer.flags) or "inconclusive"
         said = (
             _own("no-class", f"No class: {why}")
             if answer.label is None

@@ -100,7 +100,7 @@ def test_what_is_neither_is_refused_in_words(tmp_path: Path) -> None:
     path.write_text("Dear all")
     run = CliRunner().invoke(main, ["show", str(path)])
     assert run.exit_code == 1
-    assert "neither a file of modalmotion's nor a moving surface" in run.output
+    assert "neither a file of modalmotion nor a moving surface" in run.output
 
 
 def test_a_mistyped_command_is_answered_with_the_intended_one() -> None:
