@@ -115,6 +115,7 @@ def test_what_cannot_be_held_is_refused_with_the_best(kind: ErrorKind) -> None:
     assert caught.value.code == "tolerance_unreachable"
     best, count = caught.value.details["best_error"], caught.value.details["best_modes"]
     assert isinstance(count, int)
+    assert isinstance(best, float)
     alone = modal_signature(coarse, SignatureParameters(modes=count))
     assert best == pytest.approx(stated_error(alone, kind), rel=1e-9)
     others = [
