@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from remedy_sentences import named_in, remedies, sentences
 from template_surfaces import MAKERS, Moving
 
-from modalmotion.classification import SignatureFeatures, TrainingCase, TrainingOptions, train
+from modalmotion.classification import TrainingCase, TrainingOptions, train
 from modalmotion.cli import main
 from modalmotion.clinical import clinical_readouts
 from modalmotion.codec import decode, encode
@@ -144,11 +144,6 @@ def of_balls(seed: int = 0, *, as_sequences: bool = False) -> list[TrainingCase]
 BEATS = [
     case.motion for case in of_balls(as_sequences=True) if isinstance(case.motion, MeshSequence)
 ]
-
-
-def refitted() -> ModalSignature:
-    parameters = SignatureFeatures().fit(BEATS).readable_.parameters
-    return modal_signature(BEATS[0], parameters)
 
 
 def with_one(text: str, place: int) -> object:
@@ -419,14 +414,6 @@ TRIED = (
         (
             lambda _: fitted(kind=SignatureKind.OFFSET),
             lambda _: fitted(kind=SignatureKind.MATERIAL, components=Components.CYLINDRICAL),
-        ),
-    ),
-    Try(
-        "Fit it with the parameters in `readable_.parameters`, or give the sequence itself",
-        lambda: SignatureFeatures().fit(BEATS).transform([fitted(BEATS[0], modes=7)]),
-        (
-            lambda _: SignatureFeatures().fit(BEATS).transform([refitted()]),
-            lambda _: SignatureFeatures().fit(BEATS).transform(BEATS[:1]),
         ),
     ),
     Try(

@@ -56,5 +56,5 @@ def test_a_signature_centres_its_sequence_once(
         return centre(*arguments, **options)
 
     monkeypatch.setattr(fitter_module, "displacements_from", counted)
-    modal_signature(mesh_sequence(*heart), SignatureParameters(**way))  # type: ignore[arg-type]
+    modal_signature(mesh_sequence(*heart, unit="mm"), SignatureParameters(**way))  # type: ignore[arg-type]
     assert len(n_centred) == 1
