@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from browser import browser
+from http_reference import http_reference
 from play import play_page, sample_stream
 from project import ROOT
 
@@ -53,6 +54,26 @@ def test_there_is_one_version() -> None:
     ):
         named = re.findall(pattern, (ROOT / file).read_text(), re.MULTILINE)
         assert set(named) == {version}, file
+
+
+def test_every_call_of_the_interface_has_its_parameters_on_the_page() -> None:
+    interface = json.loads((ROOT / "openapi" / "openapi.json").read_text())
+    page = http_reference(interface)
+    sections = dict(re.findall(r"^### `(.+)`\n((?:(?!^##).*\n)*)", page, re.MULTILINE))
+    calls = {
+        f"{method.upper()} {path}": call
+        for path, methods in interface["paths"].items()
+        for method, call in methods.items()
+    }
+    assert sections.keys() == calls.keys()
+    for name, call in calls.items():
+        assert call["summary"] in sections[name]
+        for parameter in call.get("parameters", []):
+            own = parameter.get("name", parameter.get("$ref", "").rpartition("/")[2])
+            assert f"| `{own}` |" in sections[name], name
+    body = sections["POST /v1/sequences/{sequence_id}/signatures"]
+    assert "| `components` | body | `cartesian`" in body
+    assert "| `grid` | body | array of integer or null |" in body
 
 
 def test_there_is_a_gallery_of_twelve_questions() -> None:

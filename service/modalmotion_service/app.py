@@ -17,42 +17,39 @@ from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion_service.access.keys import KeyRing, KeySnapshot
 from modalmotion_service.access.logins import logins_of
 from modalmotion_service.access.rates import Rates
+from modalmotion_service.audit.entry import Lines
 from modalmotion_service.audit.log import AuditLog, AuditStream, Notes
-from modalmotion_service.audit.stream import Lines
-from modalmotion_service.contract.document import completed
+from modalmotion_service.document import completed
 from modalmotion_service.http import problems
-from modalmotion_service.http.admission import BodyLimits, Concurrency, WholeAnswers
-from modalmotion_service.http.api_version import API_VERSION
-from modalmotion_service.http.departure import Departure
+from modalmotion_service.http.admission import BodyLimits, Concurrency, Departure, WholeAnswers
 from modalmotion_service.http.gate import Access, Gate, require_judged
-from modalmotion_service.http.head import HeadAsGet
-from modalmotion_service.http.judged_router import JudgedRouter
+from modalmotion_service.http.heads import (
+    API_VERSION,
+    HeadAsGet,
+    Prefix,
+    RequestHeadCheck,
+    SecurityHeaders,
+)
 from modalmotion_service.http.observation import Observation
-from modalmotion_service.http.prefix import Prefix
-from modalmotion_service.http.request_head import RequestHeadCheck
-from modalmotion_service.http.security_headers import SecurityHeaders
-from modalmotion_service.monitoring.metrics import Meter, MeteredExecutor, Metrics, StateOfThings
+from modalmotion_service.monitoring.metrics import Meter, Metrics, StateOfThings
 from modalmotion_service.monitoring.telemetry import Telemetry, Tracing
 from modalmotion_service.routes import (
     files,
-    jobs,
     models,
-    norms,
     operation,
     recordings,
     sequences,
     signatures,
-    templates,
     views,
 )
+from modalmotion_service.routes.described import BODIES, EXAMPLES
 from modalmotion_service.routes.stateless import stateless_routes
 from modalmotion_service.schemas.general import Problem
-from modalmotion_service.schemas.requests import BODIES, EXAMPLES
 from modalmotion_service.settings import Settings
-from modalmotion_service.work.parsing import say_whether_confined
 from modalmotion_service.work.pool import WorkerPool, open_engine
+from modalmotion_service.work.upload import say_whether_confined
+from modalmotion_service.workspace.background import for_ever
 from modalmotion_service.workspace.owners import Owners, trainings_at_once
-from modalmotion_service.workspace.perseverance import for_ever
 
 
 class _App(FastAPI):
@@ -83,11 +80,11 @@ async def _forget(log: Notes, days: float) -> None:
 
 def judged_routes() -> list[BaseRoute]:
     """Give all routes, made once for all applications of a process."""
-    modules = (
-        *(sequences, signatures, files, recordings, templates),
-        *(models, norms, jobs, operation),
-    )
-    routers: list[JudgedRouter] = [*(module.router for module in modules), views.pages]
+    routers = [
+        *(sequences.router, signatures.router, files.router, recordings.router),
+        *(sequences.of_templates, models.router, models.of_norms),
+        *(operation.of_jobs, operation.router, views.pages),
+    ]
     return [route for router in routers for route in router.routes]
 
 
@@ -110,7 +107,7 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        engine = MeteredExecutor(await asyncio.to_thread(open_engine, chosen), metrics, telemetry)
+        engine = await asyncio.to_thread(open_engine, chosen)
         if engine.are_parsers_confined is not None:
             say_whether_confined()
         # Processes of its own, on this machine: no request waits for a training.
@@ -122,7 +119,9 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
             # Trainings are few, and wait for their signatures first.
             is_eager=False,
         )
-        owners = Owners(chosen, engine, MeteredExecutor(training_pool, metrics, telemetry))
+        watchers = (metrics.watch, *(() if telemetry is None else (telemetry.task,)))
+        engine.watchers = training_pool.watchers = watchers
+        owners = Owners(chosen, engine, training_pool)
         things = StateOfThings(owners, metrics, engine)
         metrics.registry.register(things)
         try:

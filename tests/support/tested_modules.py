@@ -41,7 +41,7 @@ def graph() -> dict[str, set[str]]:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     added = project["entry-points"]["modalmotion.commands"].values()
     imported["modalmotion.cli.commands"] |= {
-        *(f"modalmotion.cli.{module}" for module, _ in COMMANDS.values()),
+        *(f"modalmotion.cli.{module}" for module in COMMANDS.values()),
         *(entry.partition(":")[0] for entry in added),
     }
     return imported

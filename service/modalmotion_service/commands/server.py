@@ -20,19 +20,16 @@ from fastapi import FastAPI
 from modalmotion.errors import ParameterError
 from modalmotion.store import ResultStore
 from modalmotion_service.access.keys import KeyRing, KeySnapshot, parts_of
-from modalmotion_service.access.principal import LOCAL
-from modalmotion_service.access.scopes import Scope
+from modalmotion_service.access.scopes import LOCAL, Scope
 from modalmotion_service.access.site import is_loopback
 from modalmotion_service.app import create_app
-from modalmotion_service.audit.key_events import note_key
-from modalmotion_service.audit.log import Notes
-from modalmotion_service.environment import unknown_variables
+from modalmotion_service.audit.log import Notes, note_key
 from modalmotion_service.http.connections import protocol_with_deadline, room_for_connections
 from modalmotion_service.log_lines import log_config
-from modalmotion_service.settings import Settings
-from modalmotion_service.work.allocation import keep_freed_memory
+from modalmotion_service.settings import Settings, unknown_variables
 from modalmotion_service.work.pool import open_engine
 from modalmotion_service.work.temporary import temporary_folder
+from modalmotion_service.work.worker import keep_freed_memory
 
 
 def secured(settings: Settings, host: str) -> Settings:
