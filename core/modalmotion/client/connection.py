@@ -52,7 +52,7 @@ class Call:
     Parameters
     ----------
     method, path : str
-        The path begins with a slash, and may hold a query.
+        The path begins with a slash, and may contain a query.
     query : mapping
     accept : str
         Media type of the answer.

@@ -14,7 +14,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.mesh import Facts, facts_as_json
 
 Option = Any
-"""Value of an option, as JSON, NumPy or an enumeration has it; None leaves it to the service. Facts
+"""Value of an option, as JSON, NumPy or an enumeration has it; None is the default of the service. Facts
 are several options at once."""
 
 # Neither a separator, nor the end of a path, nor a name such as "..".

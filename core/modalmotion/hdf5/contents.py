@@ -36,14 +36,14 @@ class Contents:
     arrays: dict[str, NDArray[Any]]
 
     def text(self, name: str) -> str:
-        """Attribute that holds text."""
+        """Text of an attribute."""
         value = self.attributes[name]
         if not isinstance(value, str):
             raise TypeError(f"attribute {name} is not text")
         return value
 
     def optional_text(self, name: str) -> str | None:
-        """Attribute that holds text, None where there is no such attribute."""
+        """Text of an attribute, None if there is no such attribute."""
         return self.text(name) if name in self.attributes else None
 
     @property
@@ -53,14 +53,14 @@ class Contents:
         return None if unit == UNKNOWN else unit
 
     def json(self, name: str, kind: type[T]) -> T:
-        """Value of a dataset that holds JSON of type `kind`."""
+        """JSON value of a dataset, of type `kind`."""
         value = json.loads(bytes(self.arrays[name][()]))
         if not isinstance(value, kind):
             raise TypeError(f"dataset {name} does not hold a {kind.__name__}")
         return value
 
     def number(self, name: str) -> Any:
-        """Value of a dataset that holds one number."""
+        """Value of a dataset with a single number."""
         return self.array(name, ()).item()
 
     def array(self, name: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
@@ -75,7 +75,7 @@ class Contents:
 
 
 def contents_of(name: str, data: bytes) -> Contents:
-    """Read all of an HDF5 file, and nothing that lies outside of it or takes more than its size.
+    """Read all of an HDF5 file, and nothing outside of it or larger than it.
 
     Raises
     ------

@@ -2,7 +2,7 @@
 
 The HDF5 library follows external storage, external links and virtual layouts to any file of
 the machine by itself, and allocates what a shape declares. So a file is walked first, from
-memory, and let through only if everything in it lies in it.
+memory, and accepted only if all its data are within it.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def open_gated(data: bytes, limits: ReadLimits) -> Iterator[Any]:
     ----------
     data : bytes
     limits : ReadLimits
-        `decompressed_bytes` holds for all datasets together.
+        `decompressed_bytes` limits all datasets together.
 
     Yields
     ------
@@ -59,7 +59,7 @@ def open_gated(data: bytes, limits: ReadLimits) -> Iterator[Any]:
     Raises
     ------
     MalformedFileError
-        If the file cannot be read, or holds anything but plain datasets.
+        If the file cannot be read, or contains anything but plain datasets.
     LimitError
         If it declares more than is accepted.
     """

@@ -3,7 +3,7 @@
 The HDF5 library takes 2 ms for the forty objects and attributes of a signature, five times as
 long as writing them durably. So it lays out each kind of image once (names, types, shapes,
 attributes), and values are put where it left room for them. The result is byte for byte what
-the library itself would have written, which the tests hold.
+the library itself would have written, which the tests check.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Layout:
 
 
 def json_text(name: str, value: object) -> Dataset:
-    """Dataset that holds a value as JSON, in ASCII."""
+    """Dataset with a value as JSON, in ASCII."""
     text = _JSON.encode(value).encode()
     size = -(-len(text) // _TEXT_STEP) * _TEXT_STEP
     return Dataset(name, np.array(text.ljust(size), dtype=f"S{size}"), "none", "")
@@ -92,7 +92,7 @@ def sealed_image(
     Raises
     ------
     StoreError
-        If an attribute is not a text that HDF5 can hold.
+        If HDF5 cannot store an attribute as text.
     """
     arrays = [d.values if d.values.flags.c_contiguous else d.values.copy() for d in datasets]
     layout = Layout(
@@ -103,7 +103,7 @@ def sealed_image(
             for d, a in zip(datasets, arrays, strict=True)
         ),
     )
-    # Arrays are joined as they lie in memory, without a copy of their own.
+    # Arrays are joined from memory, without a copy of their own.
     values: list[bytes | memoryview] = [value.encode("ascii") for value in ids.values()]
     values += [array.data for array in arrays]
     return seal([values[p] if isinstance(p, int) else p for p in _skeleton(layout)])
@@ -116,7 +116,7 @@ def write_image(layout: Layout, ids: Sequence[str], arrays: Sequence[NDArray[Any
     -------
     image : bytes
     offsets : list of int or None
-        Where the values of each dataset lie; None for those without any.
+        Offset of the values of each dataset; None for those without any.
     """
     import h5py
 
@@ -210,7 +210,7 @@ def _skeleton(layout: Layout) -> tuple[bytes | int, ...]:
 
 
 def _marks(layout: Layout) -> list[str]:
-    # Text that stands nowhere else in the image, for control characters are in no attribute.
+    # Text that occurs nowhere else in the image, for control characters are in no attribute.
     return [
         f"\x01{number:02x}".ljust(length, "\x02")[:length]
         for number, (_, length) in enumerate(layout.ids)

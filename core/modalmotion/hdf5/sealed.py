@@ -73,7 +73,7 @@ def require_sealed(path: Path) -> None:
 
 
 def digest_of(data: bytes) -> str:
-    """sha256 in hex that a sealed file states of itself."""
+    """sha256 in the seal of a file, in hex."""
     return data[-65:-1].decode()
 
 
@@ -127,7 +127,7 @@ def load_sealed(source: bytes | Path) -> tuple[str, bytes]:
 
 
 def is_sound(path: Path) -> bool:
-    """Tell whether a sealed file is there as it was written."""
+    """Whether a sealed file exists and is undamaged."""
     try:
         load_sealed(path)
     except StoreError:

@@ -41,7 +41,7 @@ from modalmotion.viewer.wave_names import wave_name
 _SMALLEST: Final = 1e-9
 _LARGEST: Final = 1e9
 
-# Stands for a segment in which no vertex lies: JSON and single precision have no NaN to send.
+# Marks a segment without vertices: JSON and single precision have no NaN to send.
 _UNKNOWN: Final = -1e9
 
 # A first frame this near after the last, in usual steps, closes a cycle; nearer repeats it.
@@ -259,7 +259,7 @@ def _cycle(signature: ModalSignature, period: float | None) -> str:
     if n < 3 or gap > _CLOSES:
         return "open"
     if period is not None and signature.times is not None:
-        # A wall at rest says nothing of whether the last frame is the first again.
+        # A wall at rest does not show whether the last frame repeats the first.
         span = float(signature.times[-1] - signature.times[0])
         return "closes" if period > span + 0.5 * span / (n - 1) else "repeats"
     return "repeats" if gap < _REPEATS else "closes"
@@ -451,7 +451,7 @@ def _segment_words(
 def _known(
     values: NDArray[np.float64], deviations: NDArray[np.float64] | None = None
 ) -> dict[str, Any]:
-    """Values of segments at end systole, None where no vertex lies, and half of each interval."""
+    """Values of segments at end systole, None for those without vertices, and half of each interval."""
 
     def plain(numbers: NDArray[np.float64]) -> list[float | None]:
         return [float(f"{x:.4g}") if np.isfinite(x) else None for x in numbers.tolist()]

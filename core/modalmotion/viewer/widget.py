@@ -29,7 +29,7 @@ def view(
     motion : MeshSequence, ModalSignature or Track
         Of a track the data are drawn over its surface.
     sequence : MeshSequence, optional
-        The one that a signature was made from, which holds its surface.
+        The sequence of the signature, which contains its surface.
     parameters : SignatureParameters, optional
         With which a sequence is fitted: 7 modes by default.
     template : Template, optional
