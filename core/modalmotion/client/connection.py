@@ -253,7 +253,7 @@ def _plain_key(key: str) -> str:
     plain = key.strip()
     if _KEY.fullmatch(plain) is None:
         raise ParameterError(
-            "The key is empty, or holds blanks or characters outside ASCII.",
+            "The key is empty, or contains blanks or characters outside ASCII.",
             remedy="Give it as `modalmotion keys create` showed it.",
         )
     return plain

@@ -210,7 +210,7 @@ def _read(tree: Any, expected: Any, body: memoryview) -> Any:
         return {_read(name, key, body): _read(value, item, body) for name, value in tree.items()}
     if isinstance(origin, type) and issubclass(origin, Sequence):
         return [_read(value, inner[0], body) for value in _require(tree, isinstance(tree, list))]
-    # An alias: what it stands for.
+    # An alias: what it represents.
     if (meant := getattr(expected, "__value__", None)) is not None:
         return _read(tree, meant, body)
     raise AnswerError(f"no answer can be {expected}")

@@ -86,7 +86,7 @@ class Retention:
     jobs : Jobs
     keys : IdempotencyKeys
     spool : Spool
-        Where the files lie.
+        Where the files are.
     root : Path
         Of the store.
     file_age : timedelta
