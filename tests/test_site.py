@@ -141,3 +141,17 @@ def test_the_page_itself_forbids_every_request(play: str) -> None:
     (packed,) = re.findall(r'id="packed">([^<]+)<', play)
     inner = gzip.decompress(base64.b64decode(packed)).decode()
     assert "default-src 'none'" in re.findall(r'Policy" content="([^"]+)"', inner)[0]
+
+
+@pytest.mark.every(4)
+@pytest.mark.parametrize(
+    "page", sorted((ROOT / "docs/gallery").glob("plot_*.py")), ids=lambda p: p.stem
+)
+def test_examples_of_the_gallery_run_and_draw(page: Path) -> None:
+    pytest.importorskip("nibabel")
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pyplot.switch_backend("Agg")
+    namespace: dict[str, object] = {}
+    exec(page.read_text(), namespace)  # noqa: S102 (our own example)
+    assert "figure" in namespace or pyplot.get_fignums()
+    pyplot.close("all")

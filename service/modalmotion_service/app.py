@@ -1,17 +1,18 @@
-"""The application."""
+"""The application, with a store or without one."""
 
 from __future__ import annotations
 
 import asyncio
 import shutil
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from functools import partial
-from typing import Any
+from typing import Any, Final, NoReturn
 
 from fastapi import Depends, FastAPI
 from fastapi.middleware.cors import CORSMiddleware
-from starlette.routing import BaseRoute
+from fastapi.routing import APIRoute
+from starlette.routing import BaseRoute, Route
 
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion_service.access.keys import KeyRing, KeySnapshot
@@ -20,6 +21,7 @@ from modalmotion_service.access.rates import Rates
 from modalmotion_service.audit.entry import Lines
 from modalmotion_service.audit.log import AuditLog, AuditStream, Notes
 from modalmotion_service.document import completed
+from modalmotion_service.errors import NeedsStoreError
 from modalmotion_service.http import problems
 from modalmotion_service.http.admission import BodyLimits, Concurrency, Departure, WholeAnswers
 from modalmotion_service.http.gate import Access, Gate, require_judged
@@ -43,7 +45,6 @@ from modalmotion_service.routes import (
     views,
 )
 from modalmotion_service.routes.described import BODIES, EXAMPLES
-from modalmotion_service.routes.stateless import stateless_routes
 from modalmotion_service.schemas.general import Problem
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.pool import WorkerPool, open_engine
@@ -214,3 +215,54 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
     routes = judged_routes()
     app.router.routes.extend(stateless_routes(routes) if chosen.stateless else routes)
     return app
+
+
+SERVED: Final = frozenset(
+    (
+        *(("POST", f"/v1/{name}") for name in ("signature", "classify", "encode", "decode")),
+        *(("GET", f"/v1/{name}") for name in ("limits", "models", "templates")),
+        ("GET", "/v1/models/{name}"),
+        ("GET", "/v1/templates/{template_id}"),
+        ("GET", "/v1/templates/{template_id}/modes"),
+        *(("GET", f"/health/{name}") for name in ("live", "ready")),
+        ("GET", "/metrics"),
+    )
+)
+"""Calls whose answer hangs on nothing that was sent before, by method and template."""
+
+
+def stateless_routes(routes: Iterable[BaseRoute]) -> list[BaseRoute]:
+    """Give routes that serve what needs no store, and refuse the rest by name.
+
+    Parameters
+    ----------
+    routes : iterable of route
+        Of a service with a store.
+    """
+    return [route if _is_served(route) else _refused(route) for route in routes]
+
+
+def _is_served(route: BaseRoute) -> bool:
+    return isinstance(route, Route) and any(
+        (method, route.path) in SERVED for method in route.methods or ()
+    )
+
+
+def _refused(route: BaseRoute) -> APIRoute:
+    assert isinstance(route, Route)  # noqa: S101 (all of ours are)
+    return APIRoute(
+        route.path,
+        _refuse,
+        response_model=None,
+        methods=sorted(route.methods or ()),
+        include_in_schema=False,
+        dependencies=[Depends(require_judged)],
+    )
+
+
+def _refuse() -> NoReturn:
+    raise NeedsStoreError(
+        "This service keeps nothing, and the call needs a store.",
+        remedy="Send the sequence with POST /v1/signature or POST /v1/classify, which need none, "
+        "or ask a service that was started without --stateless.",
+    )

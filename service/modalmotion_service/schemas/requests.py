@@ -15,7 +15,6 @@ from modalmotion.errors import ParameterError
 from modalmotion.formats import ReadLimits, ReadOptions
 from modalmotion.mesh.facts import (
     LONGEST_MODALITY,
-    NAMES,
     NO_FACTS,
     Cavity,
     CoordinateSystem,
@@ -112,12 +111,6 @@ class SequenceChange(JsonBody):
 class Reading(JsonBody):
     """How to read a file, and statements that override its own."""
 
-    def stated_facts(self) -> dict[str, Any]:
-        """Facts that are stated here, ready for `facts_from_texts`."""
-        known = type(self).model_fields
-        values = {name: getattr(self, name) for name in NAMES if name in known}
-        return {name: value for name, value in values.items() if value is not None}
-
     @cached_property
     def _options(self) -> ReadOptions:
         return value_of(self, ReadOptions, facts=NO_FACTS)
@@ -141,10 +134,6 @@ _READING: Final[dict[str, Any]] = {
     "n_vertices": {"ge": 1},
     **_FACT_FIELDS,
 }
-
-
-class FileStatements(Reading):
-    """Statements about a file."""
 
 
 class SequenceStatements(Reading):

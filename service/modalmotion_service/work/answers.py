@@ -15,7 +15,7 @@ import json
 import math
 import types
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import lru_cache
 from pathlib import Path
@@ -50,12 +50,6 @@ class AnswerError(Exception):
 
 class TaskError(Exception):
     """A task failed in a way that nobody foresaw; the text is its traceback."""
-
-
-@dataclass(frozen=True)
-class _Piece:
-    place: int
-    length: int
 
 
 def answer_of(function: Callable[..., Any], args: Any, kwargs: Any) -> bytes:

@@ -217,7 +217,6 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     sequences.draw_template: _picture,
     sequences.modes_of_template: _modes,
     classification.name_class: _reading,
-    classification.require_loads: _reading,
     classification.classify_upload: _signature,
     classification.draw_card: _picture,
     classification.measure: lambda args: _picture(args) + _CASE * len(args[2]),

@@ -228,16 +228,6 @@ class Models(ModelVersions):
         self._analysis = analysis
         self._shared_work = SharedWork()
 
-    async def require_sound(self, model: ChosenModel) -> None:
-        """Check that a version can be used.
-
-        Raises
-        ------
-        CorruptFileError
-            If its file is damaged.
-        """
-        await self._analysis.work(classification.require_loads, model.source)
-
     async def draw(self, model: KeptModel) -> bytes:
         """Draw the confusion matrix and the calibration curve of a model's card, as PNG."""
         return await self._analysis.work(

@@ -116,10 +116,6 @@ class OwnerWork:
         self.quota = quota
         self._shared_work = SharedWork()
 
-    def within_store(self, path: Path) -> str:
-        """Path of a result within the data folder."""
-        return path.relative_to(self._store.root).as_posix()
-
     async def work(self, task: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         """Have a worker do a task."""
         terms = self._tariff.terms(task, args)

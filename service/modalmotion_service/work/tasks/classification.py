@@ -89,11 +89,6 @@ def name_class(
     )
 
 
-def require_loads(model: Path | str) -> None:
-    """Load a model, which checks its file."""
-    loaded(model)
-
-
 def classify_upload(
     upload: Upload,
     parameters: SignatureParameters,  # noqa: ARG001 (they are the model's; its price is read here)
