@@ -1,7 +1,9 @@
 # Two stages: the build of a virtual environment, and the image that runs it: the
 # service, the scheduler and the workers of a cluster alike. Every package is one file with a known
 # hash (requirements.txt, by tools/requirements.py), of the version in constraints.txt that the tests
-# run with, on this version of Python.
+# run with, on this version of Python. For both kinds of machine:
+#   docker buildx build --platform linux/amd64,linux/arm64 .
+# Neither has been built yet; the tests check the file and the hashes, not the image.
 FROM python:3.11-slim AS build
 # requirements-slim.txt: the service alone, without pictures, images, DICOM, logins, traces, cluster.
 ARG REQUIREMENTS=requirements.txt

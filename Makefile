@@ -18,7 +18,7 @@ SPREAD := -n 3 --dist loadfile --no-loadscope-reorder
 # processes, each of which would compile all modules anew where bytecode is not kept.
 LEAN := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: site demo serve aarch64 view viewer wasm wheels test check format truth mutants bench soak openapi clean
+.PHONY: site sbom demo serve aarch64 view viewer wasm wheels test check format truth mutants bench soak openapi clean
 .DEFAULT_GOAL := test
 
 $(BIN)/python:
@@ -84,7 +84,7 @@ soak: $(VENV)/.dev
 viewer:
 	cd viewer && npm ci --silent --no-fund --no-audit && npm run --silent build
 
-# For five kinds of machines from this one, in dist/.
+# For five kinds of machines from this one, and the sources, in dist/; each twice, to the same bytes.
 wheels: $(VENV)/.wheels
 	$(VENV)/wheels/bin/python tools/wheels.py
 
@@ -101,7 +101,16 @@ $(VENV)/.wheels: constraints.txt | $(BIN)/python
 	$(VENV)/wheels/bin/pip install --quiet --disable-pip-version-check -c constraints.txt hatchling ziglang lief
 	@touch $@
 
-# The site in site/, as it stands in docs/; every example of the gallery runs.
+# What `pip install modalmotion[all]` installs, with licences, and what the viewer contains, as CycloneDX.
+sbom: wheels
+	rm -rf $(VENV)/installed $(VENV)/sbom
+	$(BIN)/python -m venv $(VENV)/sbom
+	$(VENV)/sbom/bin/pip install --quiet --disable-pip-version-check -c constraints.txt cyclonedx-bom
+	$(BIN)/python -m venv --without-pip $(VENV)/installed
+	$(BIN)/pip --python $(VENV)/installed/bin/python install --quiet --disable-pip-version-check -c constraints.txt --find-links dist 'modalmotion[all]'
+	$(VENV)/sbom/bin/python tools/sbom.py $(VENV)/installed/bin/python dist
+
+# The site in site/ of the sources in docs/; every example of the gallery runs. It opens from disk.
 site: $(VENV)/.site
 	MPLBACKEND=Agg $(BIN)/python -m sphinx --fail-on-warning --keep-going -b html docs site
 

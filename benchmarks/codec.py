@@ -18,7 +18,7 @@ from real_data import is_there
 from threadpoolctl import threadpool_limits
 
 from modalmotion.codec import Effort, decode, encode
-from modalmotion.codec.measure import measure
+from modalmotion.codec.search import measure
 from modalmotion.mesh.sequence import MeshSequence
 
 Positions = NDArray[np.float32]
@@ -63,7 +63,7 @@ class Peer:
     """A coder: from positions and a setting to a number of bytes, and to what `decode` takes."""
 
     encode: Callable[[Positions, float], tuple[int, Any]]
-    decode: Callable[[Any], Positions] = lambda decoded: decoded
+    decode: Callable[[Any], Positions]
 
     def at_rms(self, exact: Positions, wanted: float) -> float | None:
         """Find the coarsest setting that keeps an RMS."""
@@ -85,7 +85,6 @@ def peers_of(sequence: MeshSequence) -> dict[str, Peer]:
         "SZ3, interpolated": ("pysz", _by_volumes(grid, *_sz3("INTERP_LORENZO"))),
         "SZ3, predicted": ("pysz", _by_volumes(grid, *_sz3("LORENZO_REG"))),
         "SZ3 in HDF5": ("hdf5plugin", _by_volumes(grid, _to_hdf5, _from_hdf5)),
-        "Draco, each frame": ("DracoPy", Peer(partial(_draco, sequence.faces))),
     }
     return {name: peer for name, (module, peer) in peers.items() if find_spec(module)}
 
@@ -140,16 +139,3 @@ def _to_hdf5(volume: Volume, bound: float) -> tuple[int, io.BytesIO]:
 def _from_hdf5(file: io.BytesIO) -> Any:
     with import_module("h5py").File(file, "r") as h5:
         return h5["x"][:]
-
-
-def _draco(faces: NDArray[np.int64], exact: Positions, setting: float) -> tuple[int, Positions]:
-    """Draco, frame by frame: bytes with vertices reordered, errors with their order kept."""
-    draco = import_module("DracoPy")
-    bits = np.clip(np.ceil(np.log2(float(np.ptp(exact, axis=1).max()) / setting)), 1, 24)
-    known = {"faces": faces.astype(np.uint32) if len(faces) else None, "compression_level": 10}
-    total, decoded = 0, np.empty_like(exact)
-    for frame, positions in enumerate(exact):
-        pack = partial(draco.encode, positions, quantization_bits=int(bits), **known)
-        total += len(pack())
-        decoded[frame] = draco.decode(pack(preserve_order=True)).points
-    return total, decoded

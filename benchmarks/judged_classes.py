@@ -10,6 +10,7 @@ import labelled_cases as labelled
 import numpy as np
 from altered_beats import ALTERED, mirror_image
 from foreign_motions import FLAGGED
+from measure import side_by_side
 from third_generator import hearts
 
 from modalmotion.classification import (
@@ -26,7 +27,7 @@ from modalmotion.classification.train_shipped import RECIPES
 from modalmotion.classification.train_shipped import hearts as own_hearts
 from modalmotion.mesh import Cavity
 from modalmotion.signature.making import modal_signature
-from modalmotion.simulate import MotionClass, simulate_cohort
+from modalmotion.simulate import MotionClass, simulate_cohort, simulate_ventricle
 
 ALTERATIONS: Final = ("motion x3", "motion x0.2", "mirrored", "frames missing in systole")
 
@@ -149,6 +150,16 @@ def flagged(n_per_class: int, n_foreign: int, seed: int) -> tuple[float, ...]:
     kinds = [[ALTERED[what][0](beat, rng) for beat in beats] for what in ALTERATIONS]
     kinds += [[draw(rng) for draw in FLAGGED.values() for _ in range(n_foreign)], beats]
     return tuple(float(np.mean([bool(classify(one).flags) for one in kind])) for kind in kinds)
+
+
+def time_of_answer(seed: int) -> float:
+    """Time of a class, the signature being there, over that of a decomposition of 120 x 120."""
+    model, work = load_model(DEFAULT_MODEL), np.random.default_rng(seed).random((120, 120))
+    beat = simulate_ventricle(rng=np.random.default_rng([seed, 6]))
+    signature = modal_signature(beat, model.signature_parameters)
+    calls = {"class": lambda: classify(signature, model), "svd": lambda: np.linalg.svd(work)}
+    of_class, of_svd = side_by_side(calls, 20).values()
+    return float(of_class.min() / of_svd.min())
 
 
 def _figures(found: Evaluation) -> tuple[float, ...]:

@@ -10,11 +10,8 @@ from functools import partial
 from typing import Final, Literal
 
 import judged_classes as judged
-import numpy as np
 from experiments import Row, experiment, quick, timed
-from measure import side_by_side
 
-from modalmotion import classify, load_model, modal_signature, simulate_ventricle
 from modalmotion.classification import DEFAULT_MODEL, OFFSET_MODEL
 
 _Figure = tuple[str, str, float | tuple[float, float], Literal["lower", "higher"]]
@@ -101,11 +98,6 @@ def flags(seed: int) -> tuple[float, ...]:
     return judged.flagged(6, 2, seed)
 
 
-@timed(Row("classes.answer.times", "time of a class over that of a singular value decomposition"))
-def answer(seed: int) -> float:
-    model, work = load_model(DEFAULT_MODEL), np.random.default_rng(seed).random((120, 120))
-    beat = simulate_ventricle(rng=np.random.default_rng([seed, 6]))
-    signature = modal_signature(beat, model.signature_parameters)
-    calls = {"class": lambda: classify(signature, model), "svd": lambda: np.linalg.svd(work)}
-    of_class, of_svd = side_by_side(calls, 20).values()
-    return float(of_class.min() / of_svd.min())
+timed(Row("classes.answer.times", "time of a class over that of a singular value decomposition"))(
+    judged.time_of_answer
+)

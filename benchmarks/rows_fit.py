@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
-from functools import partial
-
 import numpy as np
 from experiments import Row, experiment, quick, rows, timed
-from fit_truth import auto_of, changed_kind, deviations_of
-from measure import medians
-from mixed_noise import with_noise
-from noisy_surfaces import individual, moving_body, moving_tube, smoothed
+from fit_truth import auto_of, changed_kind, pooled_deviations, times_of
+from noisy_surfaces import individual
 from real_data import recording
 
 import modalmotion as mm
-from modalmotion.choice.parameters import ErrorKind
 
 HEART, OUTER = "heart/lv_endocardium", "heart/epicardium"
 REAL = {"endocardium": HEART, "epicardium": OUTER, "tongue": "tongue/00_pada", "fox": "fox/walk"}
@@ -81,27 +74,14 @@ def auto(seed: int) -> tuple[float, ...]:
     return (*worst, 100 * float(np.mean(inside)))
 
 
-@experiment(
+experiment(
     Row("fit.deviations.independent", "stated over true deviation of amplitudes", goal=(0.9, 1.15)),
     Row("fit.deviations.mixed", "the same, noise mixed over neighbours", goal=(0.8, 1.25)),
     Row("fit.deviations.worst", "the same, independent, furthest surface, as a factor", goal=1.25),
     Row("fit.deviations.own", "true deviation over that on a fixed template, largest", goal=1.5),
     Row("fit.deviations.marked", "stated over true, apex and a wall stated", goal=(0.9, 1.15)),
     needs=(HEART, OUTER),
-)
-def deviations(seed: int) -> tuple[float, ...]:
-    """Of five surfaces, 7 modes, 0.6 mm, on templates made from the noisy recording; 60 draws."""
-    rng = np.random.default_rng([seed, 0])
-    simulated = (make(rng) for make in (individual, moving_body, moving_tube))
-    surfaces = [smoothed(HEART), smoothed(OUTER), *simulated]
-    drawn = [[deviations_of(clean, n, rng) for clean in surfaces] for n in (0, 5)]
-    # Each (kinds of noise, surfaces).
-    stated, true, fixed = np.moveaxis(np.array(drawn), 2, 0)
-    pooled = np.sqrt((stated**2).sum(axis=1) / (true**2).sum(axis=1))
-    furthest = np.maximum(stated / true, true / stated)[0].max()
-    marked = np.array([deviations_of(clean, 0, rng, is_marked=True) for clean in surfaces[:3]])
-    of_marked = np.sqrt((marked[:, 0] ** 2).sum() / (marked[:, 1] ** 2).sum())
-    return (*pooled, furthest, (true / fixed)[0].max(), of_marked)
+)(pooled_deviations)
 
 
 @experiment(
@@ -120,21 +100,5 @@ def kind(seed: int) -> tuple[float, ...]:
     needs=(HEART,),
 )
 def times(seed: int) -> tuple[float, ...]:
-    heart, fit, asked = recording(HEART), mm.modal_signature, mm.SignatureParameters
-    clean = individual(np.random.default_rng([seed, 0]), n_vertices=500)
-    small = with_noise(clean, 0.5, np.random.default_rng([seed, 1]))
-
-    def refuse() -> None:
-        for kind in (ErrorKind.RMS, ErrorKind.MAX):
-            with suppress(mm.ToleranceError):
-                fit(small, asked(tolerance=1e-3, tolerance_of=kind))
-
-    calls: dict[str, Callable[[], object]] = {
-        "plain": partial(fit, heart),
-        "deviations": partial(fit, heart, asked(deviations=True)),
-        "auto": partial(fit, heart, asked(auto=True)),
-        "small": partial(fit, small),
-        "refusal": refuse,
-    }
-    plain, with_deviations, with_auto, few, refusal = medians(calls, 5)
+    plain, with_deviations, with_auto, few, refusal = times_of(recording(HEART), seed)
     return with_deviations / plain, with_auto / plain, refusal / few

@@ -6,24 +6,17 @@ from functools import partial
 
 from drawn_labels import CAVITY, drawn_maps
 from experiments import Row, experiment
-from judged_images import drawn_figures, tracked, valve_figures
+from judged_images import drawn_figures, labelled, phantoms, real_images, tracked, valve_figures
 from judged_tracks import (
     Judged,
-    beside_contours,
     standard_figures,
     standard_rows,
     strain_figures,
     strain_rows,
 )
-from phantoms import labelled, phantoms
-from real_data import DATA, recording
 from seen_surfaces import Truth
 
-from modalmotion.formats.volumes import read_images
 from modalmotion.tracking import track
-from modalmotion.tracking.reading import read_observed
-
-FILES = DATA / "cine" / "contours"
 
 _KINDS = (
     ("ct", "CT of 1.5 mm", 0.4, 1.0, 6, 1.5),
@@ -92,16 +85,9 @@ def shifted(seed: int) -> tuple[float, ...]:
     return (*of(trabeculae=0), *of(trabeculae=6))
 
 
-@experiment(
+experiment(
     Row("images.real.distance", "cine MRI to contours of it", "mm", goal=2, tolerance=0.05),
     Row("images.real.ef", "EF beside a fitted mesh's", "points", goal=6, tolerance=0.5),
     Row("images.real.r", "volumes with its", better="higher", goal=0.98, tolerance=0.003),
     needs=("cine/dicom", "cine/contours", "heart/lv_endocardium"),
-)
-def real(_: int) -> tuple[float, ...]:
-    recorded = read_observed(FILES)
-    # The middle of all valve points: with the outer contours they are no rim of the inner surface.
-    base = read_observed(FILES, contours=("LV_",)).landmarks["base"]
-    marks = {"apex": recorded.landmarks["apex"][0], "base": base}
-    result = track(read_images(FILES.with_name("dicom")), landmarks=marks)
-    return beside_contours(result, recorded, Truth.of(recording("heart/lv_endocardium")))
+)(real_images)

@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 from functools import partial
-from unittest.mock import patch
 
 import numpy as np
-from driven_frames import drive_frames
+from exact_solutions import apart_at_rest, forced_error, largest_residual
 from experiments import Row, quick, rows, timed
 from extremes import SECTIONS
-from forced import forced_error
 from measure import beside_numpy, medians
-from mixed_noise import with_noise
 from noisy_surfaces import individual
-from sparse_lattices import largest_residual
 
 import modalmotion as mm
-from modalmotion.dynamics import State, driven_states, exact_step, mode_oscillators
-from modalmotion.tracking import track
-from modalmotion.tracking.map_frames import joined
+from modalmotion.modes import State, driven_states, exact_step, mode_oscillators
 
 COUNTS, OF_VERTICES = (3, 7, 21, 54), "of 4,000 vertices by"
 
@@ -43,18 +37,9 @@ def closed_forms(seed: int) -> tuple[float, float]:
     return max(map(largest_residual, lattices)), forced_error(np.random.default_rng([seed, 0]))
 
 
-@quick(Row("mission.rest_point", "track from where the data let eq. 3 rest", "mm", goal=1e-5))
-def rest_point(seed: int) -> float:
-    rng = np.random.default_rng([seed, 1])
-    beat = with_noise(individual(rng, grid=(12, 24), n_frames=6), 0.5, rng)
-    start = mm.mesh_sequence(beat.vertices[:1], beat.faces, topology="cup", unit="mm")
-    with patch("modalmotion.tracking.map_frames.joined", wraps=joined) as solved:
-        result = track(list(beat.vertices), start=start, modes=7, unit="mm")
-    # Its last equations, (Q (x) K + A) a = b, driven from the start's shape; frame 0 is known.
-    matrices, vectors, stiffness, Q = solved.call_args_list[1].args
-    driven = drive_frames(matrices, vectors, stiffness, Q, 0.0 * vectors, 0)
-    apart = driven.path[-1].reshape(result.amplitudes.shape) - result.amplitudes
-    return float(np.abs(result.shapes @ apart).max())
+quick(Row("mission.rest_point", "track from where the data let eq. 3 rest", "mm", goal=1e-5))(
+    apart_at_rest
+)
 
 
 @timed(Row("mission.animation", "time, a million nodes over a thousand", goal=1.5, tolerance=0.15))

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+from exact_solutions import lowest_eigenpairs, stiffness_matrix
 from experiments import Row, quick, timed
 from measure import beside_numpy, medians
 from noisy_surfaces import individual
-from sparse_lattices import lowest_eigenpairs, stiffness_matrix
 from template_remeshing import subdivided
 from tradeoff_bases import BELTRAMI, CLOSED, beltrami_modes, fronts
 
 import modalmotion as mm
-from modalmotion.dynamics import dispersion, wave_vectors
-from modalmotion.fit.basis import make_basis
+from modalmotion.modes import dispersion, wave_vectors
+from modalmotion.signature.basis import make_basis
 from modalmotion.template import choose_modes
 
 SHAPES: dict[mm.Topology, tuple[tuple[int, ...], ...]] = {

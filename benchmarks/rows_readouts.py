@@ -11,15 +11,13 @@ from experiments import Row, experiment, quick
 from read_hearts import (
     MESHES,
     hearts,
+    held_out_phases,
+    late_walls,
     noisy,
     peak_rates,
     read,
     shrinking_ellipsoid,
-    true_dyssynchrony,
 )
-
-import modalmotion as mm
-from modalmotion.simulate import Acquisition, MotionClass, draw_parameters, simulate_ventricle
 
 NOISES = (0.0, 0.6, 1.0, 1.5)
 FIGURES = {
@@ -95,62 +93,18 @@ def laws(seed: int) -> tuple[float, float]:
     return changed, float(np.mean(off))
 
 
-@experiment(
+experiment(
     Row(
         "readouts.sdi.0", "dyssynchrony index of a late wall off by, 25 frames", "points", goal=0.5
     ),
     Row("readouts.sdi.1", "the same, 1 mm of noise", "points", goal=1.5),
     Row("readouts.sdi.inside", "index of a late wall within its interval", "%", goal=(92.0, 100.0)),
-)
-def late_walls(seed: int) -> tuple[float, ...]:
-    off: dict[float, list[float]] = {0.0: [], 1.0: []}
-    inside = []
-    for k in range(12):
-        state = [seed, k]
-        parameters = draw_parameters(MotionClass.DYSSYNCHRONY, np.random.default_rng(state))
-        many, few = (
-            simulate_ventricle(
-                parameters,
-                grid=(24, 48),
-                acquisition=Acquisition(n_frames=n),
-                rng=np.random.default_rng(state),
-            )
-            for n in (400, 25)
-        )
-        true = true_dyssynchrony(many)
-        for noise, errors in off.items():
-            found = mm.strain(noisy(few, noise, np.random.default_rng(state))).dyssynchrony
-            assert found is not None
-            errors.append(abs(found.value - true))
-            inside.append(found.low <= true <= found.high)
-    return (*(float(np.mean(each)) for each in off.values()), 100 * float(np.mean(inside)))
+)(late_walls)
 
-
-@experiment(
+experiment(
     Row("readouts.phases.off", "held-out frames off, of straight lines' error", goal=0.5),
     Row("readouts.phases.inside", "held-out coordinates within two deviations", goal=(0.9, 0.98)),
-)
-def phases(seed: int) -> tuple[float, float]:
-    """Every second of 30 frames is held out, without noise and with 0.3 mm of it.
-
-    Errors are those of the first, for noise of what is held out nothing foresees.
-    """
-    ratios, inside = [], []
-    for k, label in enumerate(list(MotionClass) * 2):
-        rng = np.random.default_rng([seed, k])
-        frames = Acquisition(n_frames=30)
-        parameters = draw_parameters(label, rng)
-        clean = simulate_ventricle(parameters, grid=(12, 24), acquisition=frames, rng=rng)
-        for noise in (0.0, 0.3):
-            x = noisy(clean, noise, rng).vertices.astype(np.float64)
-            known = replace(clean, vertices=x[::2], times=None)  # even steps of the cycle
-            found = mm.resample(known, list((np.arange(15) + 0.5) / 15))
-            errors = np.abs(found.sequence.vertices - x[1::2])
-            inside.append(float((errors <= 2.0 * found.deviations[:, :, None]).mean()))
-            if not noise:
-                straight = (x[::2] + np.roll(x[::2], -1, axis=0)) / 2.0 - x[1::2]
-                ratios.append(float(np.sqrt((errors**2).mean() / (straight**2).mean())))
-    return float(np.mean(ratios)), float(np.mean(inside))
+)(held_out_phases)
 
 
 @quick(

@@ -9,22 +9,18 @@ import numpy as np
 from drawn_contours import contoured
 from experiments import Row, experiment, quick, timed
 from judged_tracks import (
-    beside_contours,
+    beside_products,
     judged,
+    real_contours,
     standard_figures,
     standard_rows,
     strain_figures,
     strain_rows,
 )
-from measure import medians
-from real_data import DATA, recording
+from real_data import recording
 from seen_surfaces import Truth, dented, quartered, seen_clouds, ventricles
 
-from modalmotion.tracking import track
-from modalmotion.tracking.parameters import TrackParameters
-from modalmotion.tracking.reading import read_observed
-
-HEART, FILES = "heart/lv_endocardium", DATA / "cine" / "contours"
+HEART = "heart/lv_endocardium"
 
 
 @quick(
@@ -128,22 +124,11 @@ def heart(seed: int) -> tuple[float, ...]:
     return found.distance, abs(found.off)
 
 
-@experiment(
+experiment(
     Row("tracking.real_contours.distance", "from real contours", "mm", goal=0.9, tolerance=0.02),
     Row("tracking.real_contours.ef", "EF beside a fitted mesh's", "points", 1.5, "lower", 0.2),
     needs=(HEART, "cine/contours"),
-)
-def real_contours(_: int) -> tuple[float, ...]:
-    recorded = read_observed(FILES)
-    result = TrackParameters(topology="cup", unit="mm").follow(recorded)
-    return beside_contours(result, recorded, Truth.of(recording(HEART)))[:2]
-
+)(real_contours)
 
 # pycpd takes 97 times as long for a pair of frames (docs/decisions/0033-tracking.md).
-@timed(Row("tracking.time", "time of a frame beside 1,000 x 1,000 products"))
-def speed(seed: int) -> float:
-    (truth, rng), *_ = ventricles(seed, 1)
-    frames, matrix = truth.seen(2000, 1.0, rng), rng.normal(size=(1000, 1000))
-    tracked = partial(track, frames, start=truth.start(), unit="mm")
-    of_track, of_product = medians({"track": tracked, "product": lambda: matrix @ matrix}, 3)
-    return of_track / len(frames) / of_product
+timed(Row("tracking.time", "time of a frame beside 1,000 x 1,000 products"))(beside_products)

@@ -14,9 +14,9 @@ from real_data import ROOT, is_there, recording
 from tradeoff_bases import BELTRAMI, CLOSED, PCA, SPRINGS, Front, fronts, surfaces
 
 import modalmotion as mm
-from modalmotion.choice.fitter import Fitter
-from modalmotion.fit.basis import make_basis
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.signature.basis import make_basis
+from modalmotion.signature.fitter import Fitter
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import signature_to_hdf5
 from modalmotion.template import choose_modes, make_template

@@ -13,7 +13,7 @@ import compile_library as build
 import pytest
 from project import ROOT
 
-from modalmotion import native
+from modalmotion.numeric import native
 
 needs_compiler = pytest.mark.skipif(
     build.system_compiler() is None, reason="this machine has no C compiler"

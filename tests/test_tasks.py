@@ -101,7 +101,7 @@ def test_results_are_loaded_as_what_they_are(beat: mm.MeshSequence, tmp_path: Pa
     assert mm.load(mm.save(template, tmp_path / "t.h5")).id == template.id
     stream = beat.encode(rms=0.5)
     assert mm.load(stream.save(tmp_path / "b.mms")).n_frames == beat.n_frames
-    with pytest.raises(mm.ParameterError, match="names no format of a ModalSignature") as caught:
+    with pytest.raises(mm.ParameterError, match="has no format for a ModalSignature") as caught:
         signature.save(tmp_path / "s.npz")
     assert ".h5, .csv" in caught.value.remedy
     with pytest.raises(mm.NotFoundError):
@@ -121,7 +121,7 @@ def test_pictures_of_every_kind(beat: mm.MeshSequence, tmp_path: Path) -> None:
     assert (tmp_path / "one.pdf").read_bytes().startswith(b"%PDF")
     with pytest.raises(mm.ParameterError, match="no picture of a str"):
         mm.plot("beat")
-    with pytest.raises(mm.ParameterError, match="not the name of a picture"):
+    with pytest.raises(mm.ParameterError, match="not have the suffix of a picture"):
         signature.plot("beat.jpg")
 
 

@@ -23,16 +23,16 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from modalmotion.clinical import clinical_readouts
-from modalmotion.dynamics import dispersion, group_velocity, phase_velocity
-from modalmotion.dynamics.animation import animate_along
 from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.modes import dispersion, group_velocity, phase_velocity
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.naming import parse_label
+from modalmotion.modes.order import parse_label
+from modalmotion.modes.oscillators import animate_along
 from modalmotion.modes.topology import CYLINDER, OPEN_CURVE, PLANE, TORUS
-from modalmotion.pictures.image_overlay import overlay_figure
 from modalmotion.pictures.modes import COLOURS, draw_shape
 from modalmotion.pictures.movie import Extent, draw_moved
-from modalmotion.pictures.trajectory import main_trajectories
+from modalmotion.pictures.signature import main_trajectories
+from modalmotion.pictures.track import overlay_figure
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import (
@@ -43,7 +43,7 @@ from modalmotion.simulate import (
     simulate_ventricle,
 )
 from modalmotion.template import make_template
-from modalmotion.template.directions import Direction, directions_on
+from modalmotion.template.body_frame import Direction, directions_on
 from modalmotion.template.vibration_modes import (
     lattice_modes,
     lattice_modes_named,

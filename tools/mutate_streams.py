@@ -67,10 +67,10 @@ def decode_mutants(count: int, library: Path) -> None:
     import numpy as np
     from codec_sequences import jointed, lattice_sequence, small_mesh_of_tube
 
-    from modalmotion import native
     from modalmotion.codec import decode, encode
     from modalmotion.errors import ModalMotionError
     from modalmotion.limits import ReadLimits
+    from modalmotion.numeric import native
 
     native.library.cache_clear()
     native.PATH, native._COMPILER = library, library.parent / "none"  # type: ignore[misc]

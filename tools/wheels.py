@@ -1,7 +1,8 @@
-"""Wheels for all machines from this one, in dist/: `make wheels`.
+"""Wheels for all machines from this one and the sources, in dist/: `make wheels`.
 
-Each is built twice, with nothing kept in between, and has to be the same file; its library exports
-what the sources export and needs nothing. Only this machine's own is run by the tests.
+Each is built twice, with nothing kept in between, and has to be the same file. The library of a
+wheel exports what the sources export and needs nothing. Only this machine's own is run by the
+tests. SOURCE_DATE_EPOCH is the date of all files, 2 February 2020 by default.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -26,31 +28,34 @@ _OF_MACOS: Final = {"_mh_dylib_header", "__dso_handle", "dyld_stub_binder", "_bz
 
 
 def main() -> None:
-    """Build, check and list the wheels."""
-    for target in library.TARGETS:
+    """Build, check and list the wheels and the sources."""
+    dist = ROOT / "dist"
+    dist.mkdir(exist_ok=True)
+    for target in [*library.TARGETS, None]:
         if target == "wasm32":
             continue
         with tempfile.TemporaryDirectory() as folder:
-            again = build(target, Path(folder)).read_bytes()
-        wheel = build(target, ROOT / "dist")
-        data = wheel.read_bytes()
-        if data != again:
-            sys.exit(f"{wheel.name} is another file when it is built again.")
+            built, again = (build(target, Path(folder, name)) for name in ("built", "again"))
+            data = built.read_bytes()
+            if data != again.read_bytes():
+                sys.exit(f"{built.name} is another file when it is built again.")
+            file = Path(shutil.copy(built, dist))
         if len(data) > LARGEST_BYTES:
-            sys.exit(f"{wheel.name} has {len(data)} bytes, over {LARGEST_BYTES}.")
-        size = check_library(wheel)
-        print(f"{hashlib.sha256(data).hexdigest()}  {len(data)}  {size}  {wheel.name}")
+            sys.exit(f"{file.name} has {len(data)} bytes, over {LARGEST_BYTES}.")
+        size = "-" if target is None else check_library(file)
+        print(f"{hashlib.sha256(data).hexdigest()}  {len(data)}  {size}  {file.name}")
 
 
-def build(target: str, folder: Path) -> Path:
-    """Build the wheel for a target, without anything that an earlier build left."""
+def build(target: str | None, folder: Path) -> Path:
+    """Build the wheel for a target, or the sources, without anything that an earlier build left."""
+    kind = "sdist" if target is None else "wheel"
     with tempfile.TemporaryDirectory() as cache:
         done = subprocess.run(
-            [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)],
+            [sys.executable, "-m", "hatchling", "build", "-t", kind, "-d", str(folder)],
             cwd=ROOT,
             env={
                 **os.environ,
-                library.VARIABLE: target,
+                **({} if target is None else {library.VARIABLE: target}),
                 "ZIG_GLOBAL_CACHE_DIR": cache,
                 "ZIG_LOCAL_CACHE_DIR": cache,
             },
@@ -60,8 +65,9 @@ def build(target: str, folder: Path) -> Path:
         )
     if done.returncode:
         sys.exit(done.stderr)
-    (wheel,) = folder.glob(f"*-{library.TARGETS[target].platform}.whl")
-    return wheel
+    ending = ".tar.gz" if target is None else f"-{library.TARGETS[target].platform}.whl"
+    (built,) = folder.glob(f"*{ending}")
+    return built
 
 
 def check_library(wheel: Path) -> int:

@@ -53,19 +53,19 @@ if TYPE_CHECKING:
     from modalmotion.errors import StoreError as StoreError
     from modalmotion.errors import ToleranceError as ToleranceError
     from modalmotion.errors import TopologyError as TopologyError
-    from modalmotion.exports.data_frames import to_dataframe as to_dataframe
-    from modalmotion.exports.data_frames import to_xarray as to_xarray
     from modalmotion.exports.files import load as load
+    from modalmotion.exports.files import read as read
     from modalmotion.exports.files import save as save
-    from modalmotion.exports.html import to_html as to_html
     from modalmotion.exports.plotting import plot as plot
-    from modalmotion.exports.reading import read as read
-    from modalmotion.facts import Facts as Facts
+    from modalmotion.exports.plotting import to_html as to_html
+    from modalmotion.exports.tables import to_dataframe as to_dataframe
+    from modalmotion.exports.tables import to_xarray as to_xarray
     from modalmotion.formats import ReadLimits as ReadLimits
     from modalmotion.formats import read_npz as read_npz
     from modalmotion.formats import read_sequence as read_sequence
     from modalmotion.formats import write_npz as write_npz
     from modalmotion.formats.volumes import read_images as read_images
+    from modalmotion.mesh import Facts as Facts
     from modalmotion.mesh.sequence import MeshSequence as MeshSequence
     from modalmotion.mesh.sequence import mesh_sequence as mesh_sequence
     from modalmotion.modes import ModeLabel as ModeLabel
@@ -85,11 +85,12 @@ if TYPE_CHECKING:
     from modalmotion.modes.transform import superpose as superpose
     from modalmotion.reports import Report as Report
     from modalmotion.reports.writing import report as report
+    from modalmotion.signature import measure_tradeoff as measure_tradeoff
     from modalmotion.signature.making import ModalSignature as ModalSignature
     from modalmotion.signature.making import SignatureParameters as SignatureParameters
     from modalmotion.signature.making import modal_signature as modal_signature
     from modalmotion.signature.reconstruction import reconstruct as reconstruct
-    from modalmotion.signature.resampling import resample as resample
+    from modalmotion.signature.reconstruction import resample as resample
     from modalmotion.simulate import Acquisition as Acquisition
     from modalmotion.simulate import VentricleParameters as VentricleParameters
     from modalmotion.simulate import simulate_ventricle as simulate_ventricle
@@ -98,7 +99,6 @@ if TYPE_CHECKING:
     from modalmotion.template import make_template as make_template
     from modalmotion.tracking import Track as Track
     from modalmotion.tracking import track as track
-    from modalmotion.tradeoff import measure_tradeoff as measure_tradeoff
     from modalmotion.viewer.widget import view as view
 
 __all__, __getattr__, __dir__ = public_list(globals())

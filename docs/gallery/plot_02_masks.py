@@ -2,7 +2,7 @@
 What is the ejection fraction of this segmentation?
 ===================================================
 
-From a label map of any segmenter to volumes, ejection fraction and strain, without an option.
+From any label map to volumes, ejection fraction and strain, with default options.
 """
 
 import tempfile
@@ -15,7 +15,7 @@ import modalmotion as mm
 
 # %%
 # A short-axis stack of 12 phases with the usual labels: 3 the cavity, 2 its wall.
-# Here two ellipsoids that are cut at the base stand for
+# Here two ellipsoids that are cut at the base replace
 # the output of a segmenter.
 axes = [1.5 * np.arange(72), 1.5 * np.arange(72), 8.0 * np.arange(14)]  # mm
 x, y, z = np.meshgrid(*axes, indexing="ij")
@@ -40,7 +40,7 @@ image.to_filename(folder / "map.nii.gz")
 
 # %%
 # On the command line this is ``modalmotion report map.nii.gz -o out/``, which writes
-# a PDF too.
+# a PDF as well.
 track = mm.track(folder / "map.nii.gz")
 print(track)
 fraction, bound = track.ejection_fraction, track.ejection_fraction_bound
@@ -48,5 +48,5 @@ print(f"ejection fraction {fraction:.1f} +- {bound:.1f} %")
 print(track.strain())
 
 # %%
-# The surface over the labels: look before you believe.
+# The surface over the labels, to check the result.
 figure = mm.plot(track)

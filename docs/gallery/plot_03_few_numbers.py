@@ -2,7 +2,7 @@
 How few numbers describe this motion?
 =====================================
 
-A modal signature: a few amplitudes a frame, and the error that they leave.
+A modal signature: a few amplitudes per frame, and their residual error.
 """
 
 import modalmotion as mm
@@ -10,13 +10,13 @@ import modalmotion as mm
 beat = mm.simulate_ventricle()
 
 # %%
-# Seven modes are 21 amplitudes a frame, for 2,048 vertices.
+# Seven modes are 21 amplitudes per frame, for 2,048 vertices.
 signature = beat.signature(modes=7)
 print(signature)
 print(f"one number for {signature.compression:.0f} coordinates")
 
 # %%
-# Or say what error you accept: the fewest modes that hold it are found.
+# Or give an error: the fewest modes that meet it are found.
 print(beat.signature(tolerance=0.3))
 
 # %%

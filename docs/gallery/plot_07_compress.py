@@ -2,7 +2,7 @@
 How small can this recording be?
 ================================
 
-A stream with an error that you choose and that is never exceeded.
+A stream with a chosen error that is never exceeded.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 How do I send a moving surface to a colleague?
 ==============================================
 
-One HTML file that moves, and needs nothing else.
+One HTML file with the moving surface, without dependencies.
 """
 
 import tempfile
@@ -15,5 +15,5 @@ page = beat.save(Path(tempfile.mkdtemp()) / "beat.html")
 print(f"{page.stat().st_size / 1e3:.0f} kB")
 
 # %%
-# Its modes can be pushed, and its motion coloured. The same at one moment:
+# Its modes can be changed, and its motion coloured. The same at one moment:
 figure = mm.plot(beat)

@@ -1,5 +1,5 @@
 """
-Does it work for things that are no hearts?
+Does it work for other organs than hearts?
 ===========================================
 
 A tongue in speech as an open curve; the same calls as for a heart.

@@ -2,7 +2,7 @@
 Which kind of motion is this?
 =============================
 
-A class with its probability and the set that holds the true class in 90 % of cases; or no class,
+A class with its probability and the set that contains the true class in 90 % of cases; or no class,
 and why.
 """
 
@@ -16,6 +16,6 @@ answer = beat.classify()
 print(answer)
 
 # %%
-# The shipped model knows simulated ventricles only. Train your own on labelled
+# The included model was trained on simulated ventricles only. Train your own on labelled
 # recordings: see the guide on classes.
 figure = mm.plot(answer)

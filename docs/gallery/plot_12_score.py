@@ -2,7 +2,7 @@
 How good is my tracking?
 ========================
 
-An estimated motion beside the true one, by the measures of published comparisons.
+Comparison of an estimated motion with the true one, by published measures.
 """
 
 from dataclasses import replace
@@ -17,7 +17,7 @@ truth = mm.simulate_ventricle(acquisition=mm.Acquisition(n_frames=8))
 x = truth.vertices.astype(float)
 
 # %%
-# Two estimates: one that sees nine tenths of the motion, one with an error of 1 mm at
+# Two estimates: one with nine tenths of the motion, one with an error of 1 mm at
 # each vertex.
 noise = np.random.default_rng(0).normal(size=x.shape)
 estimates = {

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 import modalmotion as mm
 from modalmotion.cli.commands import main
 from modalmotion.formats import read_sequence
-from modalmotion.mesh.frame_order import in_time_order
-from modalmotion.numerals import counted, numeral, with_interval
+from modalmotion.mesh.sequence import in_time_order
 from modalmotion.pictures.signature import signature_figure
+from modalmotion.representation import counted, numeral, with_interval
 
 
 @given(st.floats(1e-300, 1e300), st.integers(1, 3), st.sampled_from([1, -1]))

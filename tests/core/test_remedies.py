@@ -16,25 +16,25 @@ from click.testing import CliRunner
 from remedy_sentences import named_in, remedies, sentences
 from template_surfaces import MAKERS, Moving, cut_in_two
 
-from modalmotion.choice.parameters import ModeOrder
 from modalmotion.classification import SignatureFeatures, TrainingCase, TrainingOptions, train
 from modalmotion.cli import main
 from modalmotion.clinical import clinical_readouts
 from modalmotion.codec import decode, encode
 from modalmotion.errors import ModalMotionError
-from modalmotion.facts import Facts, facts_from_texts
 from modalmotion.formats import ReadOptions, read_sequence, write_npz, write_raw
 from modalmotion.formats.raw import read_raw
+from modalmotion.mesh import Facts, facts_from_texts
 from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
-from modalmotion.modes.naming import modes_named, parse_label
+from modalmotion.modes.order import modes_named, parse_label
 from modalmotion.modes.topology import CUP
-from modalmotion.signature.comparison import compare
+from modalmotion.signature.distance import compare
 from modalmotion.signature.making import (
     ModalSignature,
     SignatureKind,
     SignatureParameters,
     modal_signature,
 )
+from modalmotion.signature.parameters import ModeOrder
 from modalmotion.template import GivenLandmarks, make_template
 from modalmotion.template.body_frame import Components
 from modalmotion.template.vibration_modes import surface_modes
@@ -323,12 +323,12 @@ TRIED = (
         ),
     ),
     Try(
-        "Write the coordinates in a larger or smaller unit, as numbers near 1.",
+        "Use a larger or smaller unit, with numbers near 1.",
         lambda: sized(1e-150),
         (lambda _: sized(1e-2),),
     ),
     Try(
-        "State the unit of the sequence; shares of the volume need none.",
+        "Give the unit of the sequence; the ejection fraction needs none.",
         lambda: clinical_readouts(without_unit(), surface(unit=None)).millilitres,
         (
             lambda _: clinical_readouts(fitted(), surface()).millilitres,
@@ -600,7 +600,7 @@ ELSEWHERE = {
     "Give rng=numpy.random.default_rng(seed)": "tests/core/simulate",
     "Use what `view_payload`": "tests/core/viewer",
     "Leave --bulls-eye out": "tests/core/cli",
-    "State times or the interval of frames": "tests/core/clinical",
+    "Give the times or the interval of the frames": "tests/core/clinical",
     "numpy.array": "written as it stands",
     "numpy.savez": "written as it stands",
     "`modalmotion ": "the command exists, see above; a store or a service of another",

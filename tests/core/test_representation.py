@@ -18,16 +18,16 @@ from reachable_values import reachable_values
 import modalmotion as mm
 from modalmotion.classification import TrainingCase, TrainingOptions, classify, load_model
 from modalmotion.codec import encode, inspect
-from modalmotion.dynamics import HarmonicPotential, Oscillators, State, exact_step, polarised_waves
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.limits import NO_LIMITS
 from modalmotion.mesh import cavity_of, connectivity_of
 from modalmotion.mesh.spring_modes import spring_modes
+from modalmotion.modes import HarmonicPotential, Oscillators, State, exact_step, polarised_waves
 from modalmotion.reports import report_of
 from modalmotion.representation import LONGEST_LINE, csv_text, shown
-from modalmotion.signature.comparison import compare
+from modalmotion.signature import measure_tradeoff
+from modalmotion.signature.distance import compare
 from modalmotion.store import ResultStore, backup, verify
-from modalmotion.tradeoff import measure_tradeoff
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import pytest
 
-from modalmotion.stopwatch import Stopwatch
+from modalmotion.progress import Stopwatch
 
 
 def test_shares_never_fall_and_end_where_they_add_up() -> None:

@@ -14,7 +14,8 @@ import mpmath as mp
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.dynamics import (
+from modalmotion.errors import ParameterError
+from modalmotion.modes import (
     Oscillators,
     State,
     energy,
@@ -24,7 +25,6 @@ from modalmotion.dynamics import (
     ramp_response,
     step_response,
 )
-from modalmotion.errors import ParameterError
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CYLINDER
 

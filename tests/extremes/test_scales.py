@@ -10,14 +10,14 @@ import pytest
 
 import modalmotion as mm
 from modalmotion.codec import decode, encode
-from modalmotion.exports.surfaces import SurfaceFormat, write_superposed
+from modalmotion.exports.signature_pack import SurfaceFormat, write_superposed
 from modalmotion.formats import read_npz, write_raw
 from modalmotion.mesh import lattice_faces
 from modalmotion.modes.topology import CYLINDER
-from modalmotion.pictures.template import template_figure
+from modalmotion.pictures.modes import template_figure
 from modalmotion.pictures.tradeoff import tradeoff_figure
-from modalmotion.signature.comparison import compare
-from modalmotion.tradeoff import measure_tradeoff
+from modalmotion.signature import measure_tradeoff
+from modalmotion.signature.distance import compare
 
 GRID = (12, 16)
 # Of every scale, and of the two that are farthest away; the others are for long counts.

@@ -32,10 +32,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.dynamics import Oscillators, State, exact_step
 from modalmotion.errors import ToleranceError
-from modalmotion.numeric.cholesky import inverse_of_cholesky
-from modalmotion.numeric.products import product
+from modalmotion.modes import Oscillators, State, exact_step
+from modalmotion.numeric.products import inverse_of_cholesky, product
 
 STEP: Final = 4.0
 """Length of a step, in units of 1 / W."""

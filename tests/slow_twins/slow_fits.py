@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from template_surfaces import Floats
 
-from modalmotion.fit.fit import Fit
+from modalmotion.signature.fit import Fit
 from modalmotion.template import Template
 
 

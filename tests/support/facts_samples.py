@@ -7,7 +7,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from modalmotion import Facts
-from modalmotion.facts import WORDS
+from modalmotion.mesh import WORDS
 
 _LETTERS = st.characters(categories=["Lu", "Ll", "Lo", "Nd", "Pd", "Sc"])
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from modalmotion.reports import codes
+from modalmotion.reports import content as codes
 
 HERE = Path(__file__).parent / "hapi"
 TOOLS = ("mvn", "java")

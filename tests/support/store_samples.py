@@ -11,12 +11,12 @@ from types import MappingProxyType
 
 import numpy as np
 
-from modalmotion.choice.parameters import parameters_as_json
 from modalmotion.classification.answer import Classification
 from modalmotion.classification.explanation import ModeContribution
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.signature.parameters import parameters_as_json
 from modalmotion.store import KeptModel, ModelRecord, ResultStore, SequencePage
 from modalmotion.store.deletion import TOMBSTONES
 from modalmotion.template import Template

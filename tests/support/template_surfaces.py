@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from project import DATA
 from scipy.spatial import ConvexHull, Delaunay
 
-from modalmotion.choice.fitter import Fitter
-from modalmotion.choice.parameters import SignatureParameters
-from modalmotion.fit.basis import Basis, make_basis
-from modalmotion.fit.fit import Fit
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.signature.basis import Basis, make_basis
+from modalmotion.signature.fit import Fit
+from modalmotion.signature.fitter import Fitter
+from modalmotion.signature.parameters import SignatureParameters
 from modalmotion.template import GivenLandmarks, Template, Weights, choose_modes, make_template
 from modalmotion.template.body_frame import Components, body_frame
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.choice.parameters import ErrorKind, ModeOrder
 from modalmotion.errors import InputError, ToleranceError
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence, mesh_sequence
 from modalmotion.signature.making import (
@@ -17,6 +16,7 @@ from modalmotion.signature.making import (
     resolve_sequence,
     resolve_template,
 )
+from modalmotion.signature.parameters import ErrorKind, ModeOrder
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 

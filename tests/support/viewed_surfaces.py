@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from modalmotion.choice.parameters import SignatureKind, SignatureParameters
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS
 from modalmotion.signature.making import ModalSignature, modal_signature
+from modalmotion.signature.parameters import SignatureKind, SignatureParameters
 from modalmotion.template.body_frame import Components
 
 VIEWED: Final = ("cup", "cylinder", "sphere", "plane", "torus", "mesh", "local", "offset")

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.native import library
+from modalmotion.numeric.native import library
 
 ROOM = 17
 """The status of too little room."""

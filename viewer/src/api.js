@@ -7,6 +7,9 @@ export class Refused extends Error {
   }
 }
 
+// Where a proxy has the service under a path: what stands before the folder of this script.
+export const BASE = import.meta.url.startsWith("http") ? new URL("..", import.meta.url).pathname.slice(0, -1) : "";
+
 let key = null;
 // One question for all calls that wait for its answer.
 let question = null;
@@ -16,19 +19,24 @@ export class Service {
     this.askKey = askKey;
   }
 
-  async call(path, { method = "GET", accept, body, type, isJob } = {}) {
+  // A job's result is fetched from its link, or by the same request again if `isAskedAgain`.
+  async call(path, { method = "GET", accept, body, type, isJob, isAskedAgain } = {}) {
     for (;;) {
       const used = key;
       const headers = { Accept: accept || "application/json" };
       if (key) headers.Authorization = `Bearer ${key}`;
       if (type) headers["Content-Type"] = type;
       if (isJob) headers.Prefer = "respond-async";
-      const answer = await fetch(path, { method, headers, body, credentials: "omit" });
+      const answer = await fetch(BASE + path, { method, headers, body, credentials: "omit" });
       if (answer.status === 401) {
         await this.anotherKey(used);
         continue;
       }
-      if (answer.status === 202) return this.result(answer.headers.get("Location"), accept);
+      if (answer.status === 202) {
+        const result = await this.result(answer.headers.get("Location"), accept);
+        if (isAskedAgain) continue;
+        return result;
+      }
       if (!answer.ok) throw new Refused(answer.status, await answer.json().catch(() => ({})));
       return answer;
     }
@@ -44,7 +52,7 @@ export class Service {
   async result(location, accept) {
     for (;;) {
       await new Promise((done) => setTimeout(done, 700));
-      const job = await (await this.call(location)).json();
+      const job = await (await this.call(location.replace(BASE, ""))).json();
       if (this.onJob) this.onJob(job);
       if (job.state === "succeeded") return this.call(job.result, { accept });
       if (job.state !== "queued" && job.state !== "running")
@@ -62,7 +70,7 @@ export class Service {
       const send = () => {
         const used = key;
         const request = new XMLHttpRequest();
-        request.open("POST", path);
+        request.open("POST", BASE + path);
         if (key) request.setRequestHeader("Authorization", `Bearer ${key}`);
         request.setRequestHeader("Content-Type", "application/octet-stream");
         request.responseType = "json";

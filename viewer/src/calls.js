@@ -56,12 +56,13 @@ export class Calls {
       add(await this.buffer(`${here}/view?first=${first}&stop=${Math.min(first + n, motion.nFrames)}`));
   }
 
-  // Classes and norms.
-  classify = (id) => this.service.json(`/v1/signatures/${id}/classifications`, { method: "POST" });
+  // Classes and norms. The result of a classification's job is the list of all models' answers: the
+  // request is sent again, for this model's, which is stored by then.
+  classify = (id) => this.service.json(`/v1/signatures/${id}/classifications`, { method: "POST", isAskedAgain: true });
   classes = (id) => this.service.json(`/v1/signatures/${id}/classifications`);
   norms = () => this.service.json("/v1/norms");
   deviations = async (id, norm) =>
-    (await this.service.json(`/v1/norms/${encodeURIComponent(norm)}/deviations`, json("POST", { sequence_ids: [id] }))).deviations[0];
+    (await this.service.json(`/v1/norms/${encodeURIComponent(norm)}/deviations`, json("POST", { sequences: [id] }))).deviations[0];
 
   // Tracks.
   track = (id) => this.service.json(`/v1/tracks/${id}`);

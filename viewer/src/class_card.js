@@ -1,6 +1,6 @@
 // The class of a motion in a sentence: the answer of a model, and what moved it.
 
-import { h, refill } from "./dom.js";
+import { h, probability, refill } from "./dom.js";
 import { noteOf } from "./notes.js";
 
 const capital = (text) => text[0].toUpperCase() + text.slice(1);
@@ -14,7 +14,7 @@ export function classSentence(answer) {
   }
   const others = answer.class_set.filter((name) => name !== answer.label);
   const rest = others.length ? `not ruled out at ${level}: ${others.join(", ")}` : `no other class remains at ${level}`;
-  return [capital(answer.label), ` with probability ${answer.probability.toFixed(2)}; ${rest}.`];
+  return [capital(answer.label), ` with probability ${probability(answer.probability)}; ${rest}.`];
 }
 
 // `classification`: answer of a model, or null; `classify()`, where it is there, asks for one;

@@ -34,6 +34,8 @@ export function numeral(x, digits = 3) {
   return x.toFixed(Math.min(Math.max(digits - 1 - Math.floor(Math.log10(size)), 0), 6));
 }
 
+// A probability; near 1 its bound, as no estimate is certain.
+export const probability = (p) => (p > 0.99 ? "> 0.99" : p.toFixed(2));
 
 // A number and its interval: one decimal, or as many as tell the ends apart, two at most.
 export function interval({ value, low, high }) {

@@ -1,5 +1,6 @@
 // The head of a view: what is seen, and what can be taken away.
 
+import { BASE } from "./api.js";
 import { h, numeral } from "./dom.js";
 
 // A button that is not pressed twice, and tells what went wrong.
@@ -37,7 +38,7 @@ export function headOf(motion, actions, isEmbedded, say, compare) {
     "header",
     { class: "head" },
     h("div", {},
-      isEmbedded || !actions.isServed ? null : h("a", { class: "brand", href: "/" }, "modalmotion"),
+      isEmbedded || !actions.isServed ? null : h("a", { class: "brand", href: `${BASE}/` }, "modalmotion"),
       h("h1", {}, title),
       h("p", { class: "facts" }, facts.join(" · "), actions.isServed && header.title ? h("span", { class: "id", title: header.sequence_id }, ` · ${header.sequence_id.slice(0, 8)}`) : null)),
     h(

@@ -1,9 +1,9 @@
 // The page at /: a place to drop a file, a sample heart, and the recordings that are there.
 
-import { Refused } from "./api.js";
+import { BASE, Refused } from "./api.js";
 import { classSentence } from "./class_card.js";
 import { nameOfRecord } from "./compare.js";
-import { h } from "./dom.js";
+import { h, probability } from "./dom.js";
 import { worker } from "./head.js";
 
 const IMAGES = /\.(nii|nii\.gz|nrrd|mha|mhd|dcm)$/i;
@@ -112,7 +112,7 @@ export class Home {
     }
     if (!page.sequences.length) return;
     const rows = page.sequences.map((one) => {
-      const link = h("a", { href: `/view/${one.id}`, onclick: (event) => this.go(event, one.id) }, nameOfRecord(one));
+      const link = h("a", { href: `${BASE}/view/${one.id}`, onclick: (event) => this.go(event, one.id) }, nameOfRecord(one));
       const label = h("td", { class: "model-class" }, "–");
       this.classOf(one.id, label);
       return h("tr", {},
@@ -140,7 +140,7 @@ export class Home {
       const answer = classifications[classifications.length - 1];
       if (!answer) return;
       const [label, rest] = classSentence(answer);
-      cell.textContent = answer.label === null ? label : `${label} (${answer.probability.toFixed(2)})`;
+      cell.textContent = answer.label === null ? label : `${label} (${probability(answer.probability)})`;
       cell.title = label + rest;
     } catch {
       // Whatever is wrong with one answer, the list is there.

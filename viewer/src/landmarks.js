@@ -1,7 +1,7 @@
 // The page at /images/{id}: landmarks are placed on slices by clicking, saved, and tracked from. With
 // a track in the address it shows where its surface crosses the slices.
 
-import { save } from "./api.js";
+import { BASE, save } from "./api.js";
 import { h, refill, svg } from "./dom.js";
 import { plain } from "./notes.js";
 import { directionOf, Frame, sidesOf } from "./slices.js";
@@ -57,7 +57,7 @@ export class Landmarks {
       this.root,
       h("div", { class: "placing" },
         h("header", { class: "head" },
-          h("div", {}, h("a", { class: "brand", href: "/" }, "modalmotion"), h("h1", {}, this.madeTrack ? "The surface in the slices" : "Place apex and base"), this.facts),
+          h("div", {}, h("a", { class: "brand", href: `${BASE}/` }, "modalmotion"), h("h1", {}, this.madeTrack ? "The surface in the slices" : "Place apex and base"), this.facts),
           h("div", { class: "actions" }, this.saveButton, h("label", { class: "button", for: "landmark-file" }, "Open landmarks"), this.file)),
         h("div", { class: "work" },
           h("div", { class: "left" }, this.panes,

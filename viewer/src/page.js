@@ -1,6 +1,6 @@
 // Three hosts of one module: the pages of the service, a single file, a notebook.
 
-import { Refused, save } from "./api.js";
+import { BASE, Refused, save } from "./api.js";
 import { Calls } from "./calls.js";
 import { comparePicker, normCard } from "./compare.js";
 import { h } from "./dom.js";
@@ -53,7 +53,7 @@ class Pages {
   }
 
   show() {
-    const [, page, id] = location.pathname.split("/");
+    const [, page, id] = location.pathname.replace(BASE, "").split("/");
     if (page === "view" && id) this.view(id).catch((error) => this.fail(error));
     else if (page === "images" && id) this.images(id).catch((error) => this.fail(error));
     else {
@@ -70,7 +70,7 @@ class Pages {
 
   // `about`: what the next page should know, such as the name of the file.
   async open(id, page = "view", about = null) {
-    history.pushState(about, "", `/${page}/${id}`);
+    history.pushState(about, "", `${BASE}/${page}/${id}`);
     try {
       await this[page](id.split("?")[0]);
     } catch (error) {
@@ -83,7 +83,7 @@ class Pages {
     this.root.replaceChildren(
       h("div", { class: "home" }, h("p", { class: "brand" }, "modalmotion"),
         h("h1", {}, error instanceof Refused && error.status === 404 ? "There is no such sequence" : "This cannot be shown"),
-        h("p", { class: "lead" }, error.message), h("p", {}, h("a", { href: "/" }, "All sequences"))),
+        h("p", { class: "lead" }, error.message), h("p", {}, h("a", { href: `${BASE}/` }, "All sequences"))),
     );
   }
 
@@ -122,7 +122,7 @@ class Pages {
       change: async (stated) => {
         const next = await calls.change(id, stated);
         // Another unit or other times are another recording, which the page follows.
-        history.replaceState(history.state, "", `/view/${next.id}${again("with", other)}`);
+        history.replaceState(history.state, "", `${BASE}/view/${next.id}${again("with", other)}`);
         await this.view(next.id);
       },
       frames: (motion, add) => calls.frames(motion, query, add),
@@ -136,7 +136,7 @@ class Pages {
       page: async () => save(await calls.page(id, query), file(".html")),
       remove: () => this.remove(id, nameOf(this.current.header)),
       compare: comparePicker(calls, id, other, (one) => {
-        history.pushState(null, "", `/view/${id}${again("with", one)}`);
+        history.pushState(null, "", `${BASE}/view/${id}${again("with", one)}`);
         this.view(id).catch(fail);
       }),
       norms: normCard(calls, id),
@@ -156,7 +156,7 @@ class Pages {
   async remove(id, name) {
     if (!(await confirmed(`Delete ${name}?`, "The recording goes with all its results; this cannot be undone.", "Delete"))) return;
     await this.calls.remove(id);
-    history.pushState(null, "", "/");
+    history.pushState(null, "", `${BASE}/`);
     this.show();
   }
 }

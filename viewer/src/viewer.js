@@ -2,7 +2,7 @@
 
 import { About } from "./about.js";
 import { readAddress, writeAddress } from "./address.js";
-import { save } from "./api.js";
+import { BASE, save } from "./api.js";
 import { chartsOf } from "./chart_rows.js";
 import { classCard } from "./class_card.js";
 import { ClockRow } from "./clock_row.js";
@@ -117,7 +117,7 @@ export class Viewer {
   }
 
   writeAddress() {
-    if (this.isEmbedded || !this.isReady || !location.pathname.startsWith("/view/")) return;
+    if (this.isEmbedded || !this.isReady || !location.pathname.startsWith(`${BASE}/view/`)) return;
     clearTimeout(this.writing);
     this.writing = setTimeout(() => {
       const { colour, usualColour, gains, isSentShown, areDataShown } = this;

@@ -14,13 +14,25 @@ import typing
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from difflib import get_close_matches
-from enum import Enum
+from enum import Enum, StrEnum
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import numpy as np
 
 from modalmotion.errors import InputError, ParameterError, ShapeError
-from modalmotion.numerals import with_article
+from modalmotion.representation import with_article
+
+if TYPE_CHECKING:
+    from modalmotion import (
+        Classification,
+        ClinicalReadouts,
+        Encoded,
+        ModalSignature,
+        Report,
+        Strain,
+    )
 
 # How what is meant is made, by the name of its class.
 _MADE: Final = {
@@ -32,7 +44,7 @@ _MADE: Final = {
     "TrainingCase": "Name a table: train('cases.csv', 'mine'), with the columns path, label and "
     "subject; or give [TrainingCase(sequence, label), ...].",
     "Track": "Make one: track(path) of images, clouds or contours, or load(path).",
-    "Path": "Name a file: pathlib.Path('...').",
+    "Path": "Name a file, a folder of frames, or a pattern such as 'frames/*.vtk'.",
     "bytes": "Give bytes, what encode made, or the path of a file that is there.",
 }
 # Of an array of positions: frames, vertices, directions.
@@ -166,7 +178,11 @@ def _meant(value: Any, hint: Any) -> Any:
         from modalmotion import read_cases
 
         return read_cases(Path(value))
-    made = (_made(value, one) for one in _alternatives(hint))
+    # A function that takes sequences too chooses the parameters of their signatures itself.
+    kinds = sorted(
+        _alternatives(hint), key=lambda of: getattr(of, "__name__", "") == "ModalSignature"
+    )
+    made = (_made(value, one) for one in kinds)
     return next((one for one in made if one is not None), None)
 
 
@@ -293,3 +309,158 @@ def _unfit(function: str, key: str, value: Any, hint: Any) -> InputError:
         remedy=remedy,
         details={"option": key},
     )
+
+
+Word = TypeVar("Word", bound=StrEnum)
+
+
+def whole(name: str, value: Any) -> int:
+    """Take a whole number, and no truth value and no fraction.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
+        raise _refusal(name, value, "a whole number", f"{name}=7")
+    return int(value)
+
+
+def whole_numbers(name: str, values: Any) -> tuple[int, ...]:
+    """Take whole numbers, one for each axis.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if isinstance(values, str) or not np.iterable(values):
+        raise _refusal(name, values, "a tuple of whole numbers", f"{name}=(32, 64)")
+    numbers = list(values)
+    for value in numbers:
+        if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
+            raise _refusal(name, values, "a tuple of whole numbers", f"{name}=(32, 64)")
+    return tuple(map(int, numbers))
+
+
+def real(name: str, value: Any) -> float:
+    """Take a number, and no truth value and no text.
+
+    Raises
+    ------
+    ParameterError
+    """
+    numbers = int | float | np.integer | np.floating
+    if isinstance(value, bool | np.bool_) or not isinstance(value, numbers):
+        raise _refusal(name, value, "a number", f"{name}=1.5")
+    return float(value)
+
+
+def truth(name: str, value: Any) -> bool:
+    """Take True or False alone.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise _refusal(name, value, "True or False", f"{name}=True")
+    return bool(value)
+
+
+def one_of(name: str, value: Any, words: type[Word]) -> Word:
+    """Take a member of an enumeration, or its word.
+
+    Raises
+    ------
+    ParameterError
+    """
+    try:
+        return words(value)
+    except ValueError:
+        choice = ", ".join(words)
+        raise _refusal(name, value, f"one of {choice}", f"{name}='{next(iter(words))}'") from None
+
+
+def _refusal(name: str, value: Any, needed: str, example: str) -> ParameterError:
+    return ParameterError(
+        f"{name} is {repr(value)[:80]}, not {needed}.",
+        remedy=f"Give {needed}, such as {example}.",
+        details={"parameter": name},
+    )
+
+
+class Saved:
+    """A value that `modalmotion.save` writes to a file."""
+
+    def save(self, path: str | Path) -> Path:
+        """Write it to a file, in the format that the end of its name says: see `modalmotion.save`.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such format for it.
+        """
+        import modalmotion
+
+        return modalmotion.save(self, path)
+
+
+class Plotted:
+    """A value that `modalmotion.plot` draws."""
+
+    def plot(self, path: str | Path | None = None) -> Any:
+        """Draw it, and write the picture where a file is named: see `modalmotion.plot`.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        import modalmotion
+
+        return modalmotion.plot(self, path)
+
+
+class Recorded(Saved, Plotted):
+    """A moving surface: a sequence or a track."""
+
+    def signature(self: Any, *parameters: Any, **fields: Any) -> ModalSignature:
+        """Fit modes, `signature(modes=7)`: see `modalmotion.modal_signature`."""
+        import modalmotion
+
+        return modalmotion.modal_signature(self, *parameters, **fields)
+
+    def classify(self: Any, *arguments: Any, **options: Any) -> Classification:
+        """Name the class of its motion: see `modalmotion.classify`."""
+        import modalmotion
+
+        return modalmotion.classify(self, *arguments, **options)
+
+    def strain(self: Any, **options: Any) -> Strain:
+        """Measure GLS, GCS and more: see `modalmotion.strain`."""
+        import modalmotion
+
+        return modalmotion.strain(self, **options)
+
+    def readouts(self: Any, *parameters: Any, **fields: Any) -> ClinicalReadouts:
+        """Read volume and ejection fraction, of its signature: see `clinical_readouts`."""
+        import modalmotion
+
+        return modalmotion.clinical_readouts(self.signature(*parameters, **fields), self)
+
+    def encode(self: Any, **options: Any) -> Encoded:
+        """Compress it, `encode()` or `encode(rms=0.3)`: see `modalmotion.encode`."""
+        import modalmotion
+
+        return modalmotion.encode(self, **options)
+
+    def view(self: Any, **options: Any) -> Any:
+        """Show it moving in a notebook: see `modalmotion.view`."""
+        import modalmotion
+
+        return modalmotion.view(self, **options)
+
+    def report(self: Any, path: Any, **options: Any) -> Report:
+        """Write a report, a folder or one file of it: see `modalmotion.report`."""
+        import modalmotion
+
+        return modalmotion.report(self, path, **options)

@@ -20,18 +20,21 @@ def public_list(
 
     Its names and their homes are read from the text that type checkers read: the lines
     `from home import name as name` under `if TYPE_CHECKING`. All imports at once would take most
-    of a second, and most programs need few.
+    of a second, and most programs need few. Packages within are found by their names too.
 
     Parameters
     ----------
     package : dict
         The package's `globals()`.
     """
-    homes = homes_in(Path(package["__file__"]))
+    folder = Path(package["__file__"]).parent
+    homes = homes_in(folder / "__init__.py")
     names = sorted(homes)
 
     def get(name: str) -> object:
         if name not in homes:
+            if (folder / name / "__init__.py").is_file():
+                return import_module(f"{package['__name__']}.{name}")
             raise AttributeError(f"module {package['__name__']!r} has no attribute {name!r}")
         from modalmotion.arguments.checking import checked
 

@@ -8,8 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.arguments.tasks import Plotted, Saved
-from modalmotion.choice.parameters import ModeOrder
+from modalmotion.arguments.checking import Plotted, Saved
 from modalmotion.classification.explanation import ModeContribution, explain
 from modalmotion.classification.extractor import volume_share
 from modalmotion.classification.model import Model, Readable
@@ -23,13 +22,14 @@ from modalmotion.classification.motion import Motion
 from modalmotion.classification.options import require_coverage
 from modalmotion.classification.outliers import OUT_OF_DOMAIN, UNREADABLE, Flag
 from modalmotion.errors import ModeCountError, TopologyError
-from modalmotion.facts import UNKNOWN
+from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MEAN, MeshSequence
 from modalmotion.modes.order import common_count
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.representation import shown
-from modalmotion.signature.first_modes import first_modes
 from modalmotion.signature.making import ModalSignature, modal_signature, provenance
+from modalmotion.signature.parameters import ModeOrder
+from modalmotion.signature.value import first_modes
 
 # Level at which a case that is in no set is like no class.
 _STRICT: Final = 0.995

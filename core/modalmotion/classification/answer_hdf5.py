@@ -9,10 +9,10 @@ from typing import Final
 
 from modalmotion.classification.answer import Classification
 from modalmotion.classification.explanation import ModeContribution
-from modalmotion.facts import UNKNOWN
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
+from modalmotion.mesh import UNKNOWN
 from modalmotion.signature.making import SignatureParameters
 
 FORM: Final = Form("classification", 3)

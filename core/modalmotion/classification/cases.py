@@ -17,10 +17,9 @@ from modalmotion.errors import (
     OlderFileError,
     ParameterError,
 )
-from modalmotion.facts import Facts, Named
+from modalmotion.mesh import Facts, Named
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.numerals import counted
-from modalmotion.representation import shown
+from modalmotion.representation import counted, shown
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 
 UNUSABLE: Final = (InputError, NotFoundError, CorruptFileError, OlderFileError)

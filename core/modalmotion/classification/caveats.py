@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.cases import TrainingCase, case_name
-from modalmotion.numerals import counted
+from modalmotion.representation import counted
 
 # A class of one case is called misspelt beside a class of as many.
 _MANY: Final = 5

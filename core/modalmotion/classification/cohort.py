@@ -12,7 +12,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.choice.parameters import ModeOrder
 from modalmotion.classification.cases import (
     UNUSABLE,
     AnyCase,
@@ -28,8 +27,9 @@ from modalmotion.errors import ModalMotionError, ParameterError, UnlikeCasesErro
 from modalmotion.mesh.sequence import MEAN
 from modalmotion.modes.order import common_count
 from modalmotion.modes.topology import MESH
-from modalmotion.signature.first_modes import first_modes
 from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
+from modalmotion.signature.parameters import ModeOrder
+from modalmotion.signature.value import first_modes
 from modalmotion.template import GivenLandmarks
 from modalmotion.template.body_frame import Components
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from modalmotion.arguments.tasks import Plotted
+from modalmotion.arguments.checking import Plotted
 from modalmotion.classification.answer import Classification, classify
 from modalmotion.classification.cases import UNUSABLE, AnyCase, LeftOut, TrainingCase
 from modalmotion.classification.model import Model

@@ -33,7 +33,7 @@ from modalmotion.classification.linear import (
 )
 from modalmotion.classification.options import MODE_COUNTS, Timing, TrainingOptions
 from modalmotion.classification.waves import waves_of
-from modalmotion.signature.first_modes import whole_count
+from modalmotion.signature.value import whole_count
 
 # A cycle whose next frame would be the first closes within this many usual steps.
 _CLOSED: Final = 2.5

@@ -12,8 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.arguments.tasks import Plotted, Saved
-from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
+from modalmotion.arguments.checking import Plotted, Saved
 from modalmotion.classification.card import ModelCard
 from modalmotion.classification.extractor import VOLUME, Extractor
 from modalmotion.classification.linear import Linear, softmax
@@ -21,9 +20,9 @@ from modalmotion.classification.motion import Column, Motion
 from modalmotion.classification.outliers import OutlierDetector
 from modalmotion.classification.performance import CrossValidation
 from modalmotion.modes.topology import CUP, CYLINDER, Topology
-from modalmotion.numeric.frozen_arrays import FrozenArrays
-from modalmotion.representation import shown
+from modalmotion.representation import FrozenArrays, shown
 from modalmotion.signature.making import SignatureKind, SignatureParameters
+from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
 
 # Rounding of 1 - coverage.
 _ROUNDING: Final = 1e-9

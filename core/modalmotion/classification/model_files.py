@@ -11,7 +11,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion.choice.parameters import parameters_from_json
 from modalmotion.classification.card import ModelCard
 from modalmotion.classification.extractor import Extractor
 from modalmotion.classification.model import Arrays, Model, Readable, answering_parts
@@ -20,11 +19,12 @@ from modalmotion.classification.outliers import CHECKS, PLACE, OutlierDetector
 from modalmotion.classification.performance import CrossValidation
 from modalmotion.classification.record import ModelRecord, require_model_name
 from modalmotion.errors import CorruptFileError, NotFoundError
-from modalmotion.facts import Facts
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
+from modalmotion.mesh import Facts
 from modalmotion.representation import shown
+from modalmotion.signature.parameters import parameters_from_json
 
 FORM: Final = Form("model", 7)
 

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.facts import UNKNOWN
+from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.modes import Modes, wave_pairs
 from modalmotion.modes.topology import CUP

@@ -38,8 +38,8 @@ from modalmotion.errors import (
     UnlikeCasesError,
 )
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.signature.first_modes import first_modes
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.signature.value import first_modes
 
 KINDS: Final = ("auto", AXIS, SUMMARY, WAVES, TERMS)
 

@@ -23,8 +23,8 @@ from modalmotion.classification.model import Model
 from modalmotion.classification.model_files import DEFAULT_MODEL, OFFSET_MODEL, RULE, model_to_hdf5
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training import train
-from modalmotion.mesh.lattice_triangles import lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.mesh.standard_surfaces import lattice_faces
 from modalmotion.modes.topology import CUP, CYLINDER
 from modalmotion.signature.making import (
     ModalSignature,

@@ -23,12 +23,12 @@ from modalmotion.cli.options import (
 from modalmotion.cli.outputs import PICTURES, write_picture
 from modalmotion.cli.waiting import Waiting
 from modalmotion.errors import TopologyError
-from modalmotion.exports.surfaces import SUFFIXES, write_superposed
-from modalmotion.facts import facts_as_json
+from modalmotion.exports.signature_pack import SUFFIXES, write_superposed
+from modalmotion.mesh import facts_as_json
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.numerals import counted, numeral
+from modalmotion.representation import counted, numeral
+from modalmotion.signature import Price, price_of
 from modalmotion.signature.making import ModalSignature, SignatureKind
-from modalmotion.tradeoff import Price, price_of
 
 
 @command("signature beat.npz --modes 18 -o beat.h5 --plot beat.png")
@@ -90,14 +90,14 @@ def _write(path: Path, sequence: MeshSequence, result: ModalSignature) -> None:
 @sequence_argument
 @output_option("File to write: .npz, .vtkhdf, .glb or .zip (of PLY).", *SUFFIXES)
 @click.option(
-    "--max-targets", type=int, help="Of a GLB: largest number of morph targets, by energy."
+    "--max-targets", type=int, help="For GLB: largest number of morph targets, by energy."
 )
 @json_option
 @fit_options
 def reconstruct(
     source: Path, output: Path, max_targets: int | None, as_json: bool, **options: Any
 ) -> None:
-    """Write the surfaces that a few modes of the sequence in FILE stand for."""
+    """Write the surfaces superposed from a few modes of the sequence in FILE."""
     from modalmotion.store import write_atomic
 
     kind = SUFFIXES[output.suffix.lower()]
@@ -115,7 +115,7 @@ def reconstruct(
 
 
 def _volume_lines(signature: ModalSignature, sequence: MeshSequence) -> list[str]:
-    """Write the volume and its share; nothing if the surface encloses nothing."""
+    """Print volume and ejection fraction; nothing if the surface encloses nothing."""
     from modalmotion.clinical import clinical_readouts
 
     try:
@@ -173,7 +173,7 @@ def _lines(result: ModalSignature) -> list[str]:
         ),
         *([f"facts: {repr(result.facts)[6:-1]}"] if result.facts.stated else []),
         _amount(result),
-        f"motion {numeral(motion)} {unit} RMS in the frame that moves most",
+        f"motion {numeral(motion)} {unit} RMS in the frame with most motion",
         (
             f"error {numeral(result.rms_error, of=motion)} {unit} RMS over all vertices and frames "
             f"({numeral(result.weighted_rms_error, of=motion)} weighted); "
@@ -194,8 +194,8 @@ def _lines(result: ModalSignature) -> list[str]:
 def _amount(result: ModalSignature) -> str:
     count = counted(len(result.modes), "mode")
     if result.kind == SignatureKind.OFFSET:
-        return f"{count} = {result.n_amplitudes} offsets a frame"
-    return f"{count} x 3 directions = {result.n_amplitudes} amplitudes a frame"
+        return f"{count} = {result.n_amplitudes} offsets per frame"
+    return f"{count} x 3 directions = {result.n_amplitudes} amplitudes per frame"
 
 
 def _deviation_lines(result: ModalSignature) -> list[str]:

@@ -20,7 +20,7 @@ labelled_sources = several(
     click.option(
         "--skip-unreadable",
         is_flag=True,
-        help="Go on without files that are missing, cannot be read or do not fit the others; the "
+        help="Continue without files that are missing, unreadable or unlike the others; the "
         "summary names them.",
     ),
 )

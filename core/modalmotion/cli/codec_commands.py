@@ -20,14 +20,14 @@ _WRITERS = {".npz": write_npz, ".vtkhdf": write_vtkhdf, ".raw": write_raw}
 @sequence_argument
 @output_option("Stream to write.")
 @click.option("--rms", type=float, help="Largest RMS distance of the vertices, in their unit.")
-@click.option("--max-error", type=float, help="Largest error of any coordinate, in its unit.")
+@click.option("--max-error", type=float, help="Largest error of any vertex, in its unit.")
 @click.option("--bytes", "n_bytes", type=int, help="Largest size of the stream.")
 @click.option(
     "--effort",
     type=click.Choice(["fast", "balanced"]),
     default="balanced",
     show_default=True,
-    help="How many transforms are tried: fast takes a third of the time, in more bits.",
+    help="Number of transforms tried: fast takes a third of the time and more bits.",
 )
 @json_option
 def encode(
@@ -40,7 +40,10 @@ def encode(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Compress the sequence in FILE at an error (in its unit) or a size that you choose."""
+    """Compress the sequence in FILE at a given error (in its unit) or size.
+
+    Without either, the largest error is 0.3 % of the diagonal of its bounding box.
+    """
     from modalmotion.codec import encode as compress
 
     sequence = read(source, **options)
@@ -56,8 +59,8 @@ def encode(
     write_atomic(output, stream.data)
     unit = sequence.unit or "length units"
     said = (
-        f"{stream.n_bytes} bytes, {stream.bits_per_vertex_and_frame:.3f} bits a vertex and frame; "
-        f"error {stream.rms:.4g} {unit} RMS, {stream.max_error:.4g} {unit} at most at a "
+        f"{stream.n_bytes} bytes, {stream.bits_per_vertex_and_frame:.3f} bits per vertex and "
+        f"frame; error {stream.rms:.4g} {unit} RMS, {stream.max_error:.4g} {unit} at most at a "
         f"vertex, KG {stream.kg_error:.3g} %; {stream.transform}"
     )
     found = {
@@ -85,7 +88,7 @@ def encode(
     type=click.IntRange(1, 256),
     default=1,
     show_default=True,
-    help="Patches of a mesh that are solved side by side.",
+    help="Number of patches of a mesh that are solved in parallel.",
 )
 @json_option
 def decode(
@@ -100,7 +103,7 @@ def decode(
 ) -> None:
     """Decode a compressed STREAM, or some of its frames and vertices.
 
-    Of some vertices come the triangles between them.
+    Selected vertices come with the triangles between them.
     """
     from modalmotion.codec import decode as expand
     from modalmotion.codec import inspect

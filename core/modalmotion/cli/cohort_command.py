@@ -82,11 +82,11 @@ def cohort(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Fit a signature to every recording that FILE names, and keep them in a store.
+    """Fit a signature to every recording of a manifest, and store the results.
 
-    FILE is a manifest (.csv; path and, where they are known, label, subject and facts) or a folder.
-    A path of a manifest may be a URL, such as s3://bucket/beat.npz. Given again after an
-    interruption, the command does what is unfinished. `modalmotion store export` packs the results.
+    FILE is a manifest (.csv; path and, if known, label, subject and facts) or a folder. A path in a
+    manifest may be a URL, such as s3://bucket/beat.npz. After an interruption, the same command
+    continues with what is missing. `modalmotion store export` packs the results.
     """
     from modalmotion.store import ResultStore, write_atomic
 

@@ -14,25 +14,28 @@ import click
 from modalmotion.errors import ModalMotionError
 
 COMMANDS: Final = {
-    "animate": ("modes_commands", "Add modes over the surface in FILE and let them swing."),
-    "card": ("model_commands", "Say what MODEL was made of, and how well it does."),
-    "classify": ("model_commands", "Name the motion class of the sequence in FILE."),
+    "animate": ("modes_commands", "Animate vibration modes of the surface in FILE."),
+    "card": ("model_commands", "Show the training and the performance of MODEL."),
+    "classify": ("model_commands", "Classify the motion of the sequence in FILE."),
     "cohort": (
         "cohort_command",
-        "Fit a signature to every recording that FILE names, and keep them in a store.",
+        "Fit a signature to every recording of a manifest, and store the results.",
     ),
     "compare-models": ("model_commands", "Compare two models, on the same labelled sequences."),
     "convert": ("convert_command", "Write the sequence in FILE in another format."),
     "decode": ("codec_commands", "Decode a compressed STREAM, or some of its frames."),
     "dicom": ("dicom_command", "Write DICOM objects of the sequence in FILE, for an archive."),
-    "encode": ("codec_commands", "Compress the sequence in FILE at an error that you choose."),
+    "encode": ("codec_commands", "Compress the sequence in FILE at a given error."),
     "evaluate": ("model_commands", "Test MODEL, a file or a name, on labelled sequences."),
     "features": ("features_command", "Write the features of labelled or unlabelled sequences."),
     "modes": ("modes_commands", "List the vibration modes of a lattice or of FILE's surface."),
-    "norm": ("norm_commands", "Compare recordings with those of your own controls."),
-    "readouts": ("readouts_command", "Read volume and ejection fraction of the cavity in FILE."),
-    "reconstruct": ("analysis_commands", "Write the surfaces that a few modes stand for."),
-    "report": ("report_command", "Report on the sequence in FILE, for people and systems."),
+    "norm": ("norm_commands", "Compare recordings with your own controls."),
+    "readouts": (
+        "readouts_command",
+        "Compute volume, ejection fraction and strain of the cavity in FILE.",
+    ),
+    "reconstruct": ("analysis_commands", "Write the surfaces superposed from a few modes."),
+    "report": ("report_command", "Report on the sequence in FILE: PDF, FHIR, CSV and HTML."),
     "resample": ("resample_command", "Write the surface in FILE at any phase of its cycle."),
     "score": ("score_command", "Compare the motion in ANSWER with the true one in TRUTH."),
     "segment": ("segment_command", "Find a surface in one image of IN, with its stated error."),
@@ -45,15 +48,23 @@ COMMANDS: Final = {
     ),
     "store": (
         "store_commands",
-        "Look after a folder of results: back up, verify, rebuild, export.",
+        "Maintain a folder of results: back up, restore, verify, rebuild, export.",
     ),
     "table": ("table_command", "Write amplitudes of the sequence in FILE as CSV."),
     "track": ("track_command", "Track a surface through the frames in IN."),
-    "tradeoff": ("tradeoff_command", "Measure what each choice of modes costs and loses."),
+    "tradeoff": ("tradeoff_command", "Measure error, size and time of each number of modes."),
     "train": ("train_command", "Train a model on labelled sequences."),
-    "view": ("view_command", "Write a page on which the surface in FILE moves."),
+    "view": ("view_command", "Write an HTML page of the moving surface in FILE."),
 }
 """Module and help line of each; a command's imports happen when it is called."""
+
+MEANT: Final = {
+    "help": "--help",
+    **dict.fromkeys(("ef", "strain", "volume", "volumes"), "readouts"),
+    **dict.fromkeys(("info", "inspect", "load", "read"), "show"),
+    "plot": "signature FILE --plot beat.png",
+}
+"""Commands that are asked for by other names."""
 
 
 class _Commands(click.Group):
@@ -78,7 +89,8 @@ class _Commands(click.Group):
         try:
             return super().resolve_command(ctx, args)
         except click.UsageError as error:
-            near = get_close_matches(args[0], self.list_commands(ctx), n=2)
+            near = [MEANT[args[0]]] if args[0] in MEANT else []
+            near = near or get_close_matches(args[0], self.list_commands(ctx), n=2)
             if not near:
                 raise
             text = f"{error.message.rstrip('.')}. Did you mean {' or '.join(near)}?"

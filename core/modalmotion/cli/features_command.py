@@ -14,9 +14,8 @@ from modalmotion.cli.options import command, json_option, tell
 from modalmotion.cli.outputs import OutputFile
 
 _HELP: Final = {
-    "modes": "Modes of the signatures; 3 amplitudes a frame each.",
-    "topology": "cup, sphere, ..., or mesh for spring modes; all cases decide it together by "
-    "default.",
+    "modes": "Modes of the signatures; 3 amplitudes per frame each.",
+    "topology": "cup, sphere, ..., or mesh for spring modes; found from all cases by default.",
     "kind": "axis: parts about the axis; modes: modes and their products; summary: the same "
     "in few numbers; terms: modes and their terms.",
     "timing": "cycle: one turn of a cycle; transient: a movement with a beginning and an end.",
@@ -61,9 +60,9 @@ def features(
 ) -> None:
     """Write the features of labelled or unlabelled sequences as a table.
 
-    MANIFEST is a table (.csv) with the column path and, where they are known, label, subject and
-    covariates; in its place you may name files. One line of the result is one sequence: its file,
-    id, label and subject, then the features, which do not depend on pose, unit, start or sampling.
+    MANIFEST is a table (.csv) with the column path and, if known, label, subject and covariates; or
+    name files. Each row of the result is a sequence: its file, id, label and subject, then the
+    features, which do not depend on pose, unit, start or sampling.
     """
     from modalmotion.classification import SignatureFeatures, feature_table
     from modalmotion.classification.cases import left_out_notes

@@ -17,7 +17,7 @@ from modalmotion.cli.options import (
 )
 from modalmotion.cli.stated_facts import fact_options, stated_facts
 from modalmotion.cli.waiting import Waiting
-from modalmotion.exports.reading import read_recording
+from modalmotion.exports.files import read_recording
 from modalmotion.formats import ReadOptions
 from modalmotion.formats.raw import RAW_TYPES
 from modalmotion.mesh.sequence import MeshSequence
@@ -59,7 +59,7 @@ sequence_argument = several(
 def read(source: Path, **stated: Any) -> MeshSequence:
     """Read a sequence: a file, a folder of frames, or a pattern of their names.
 
-    Of a track's own file its sequence is read, with what the track says of its errors. Frames that
+    For a track its sequence is read, with the errors of the track. Frames that
     are files of their own show a progress bar; unused content and assumptions are printed.
 
     Parameters

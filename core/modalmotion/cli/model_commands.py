@@ -69,7 +69,7 @@ def evaluate(
     with click.progressbar(sources_, label="cases", file=sys.stderr) as bar:
         result = test(stored_model, bar, coverage, left_out=left_out if skip_unreadable else None)
     if plot is not None:
-        from modalmotion.pictures.model_card import evaluation_figure
+        from modalmotion.pictures.classification import evaluation_figure
 
         write_picture(evaluation_figure(result), plot)
     if cases_file is not None:
@@ -121,7 +121,7 @@ def compare_models(
     "--model",
     default="ventricle-simulated",
     show_default=True,
-    help="Model: the name of a shipped one, or a file. The default reads displacements where the "
+    help="Model: the name of an included one, or a file. The default reads displacements if the "
     "file states tracking=material, the surface's offsets otherwise.",
 )
 @coverage_option
@@ -136,7 +136,7 @@ def classify(
     as_json: bool,
     **stated: Any,
 ) -> None:
-    """Name the motion class of the sequence in FILE."""
+    """Classify the motion of the sequence in FILE."""
     from modalmotion.classification import classify as ask
     from modalmotion.classification import shipped_for
     from modalmotion.mesh.sequence import MeshSequence
@@ -168,9 +168,9 @@ def classify(
 @click.option("-o", "--out", type=OutputFile(), help="File to write.")
 @json_option
 def card(model: str, markdown: bool, out: Path | None, as_json: bool) -> None:
-    """Say what MODEL was made of, and how well it does.
+    """Show the training and the performance of MODEL.
 
-    MODEL is a file, or the name of a shipped one.
+    MODEL is a file, or the name of an included model.
     """
     from modalmotion.classification import card_markdown
     from modalmotion.store import write_atomic

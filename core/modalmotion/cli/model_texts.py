@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Final
 
-from modalmotion.numerals import numeral
+from modalmotion.representation import numeral
 
 if TYPE_CHECKING:
     from modalmotion.classification import Classification, Comparison, Evaluation, Model, ModelCard
@@ -60,7 +60,7 @@ def comparison_lines(result: Comparison) -> str:
     names = [f"{m} (id {i[:12]})" for m, i in zip(result.models, result.model_ids, strict=True)]
     lines = [
         f"{result.n_cases} sequences of {result.n_subjects} subjects",
-        f"difference: {names[1]} less {names[0]}",
+        f"difference: {names[1]} minus {names[0]}",
     ]
     for name, figure in (
         ("accuracy", result.accuracy),
@@ -164,7 +164,7 @@ def _sets(coverage: float, by_class: dict[str, float], size: float | None) -> li
         return []
     shares = ", ".join(f"{label} {100 * share:.1f} %" for label, share in by_class.items())
     mean = "" if size is None else f"; {size:.2f} classes in a set"
-    return [f"class sets at {100 * coverage:g} % hold the true class: {shares}{mean}"]
+    return [f"class sets at {100 * coverage:g} % contain the true class: {shares}{mean}"]
 
 
 def answer_lines(result: Classification) -> str:
@@ -174,14 +174,14 @@ def answer_lines(result: Classification) -> str:
     else:
         lines = [f"{result.model}: {result.label}, probability {result.probability:.3f}"]
     lines += [f"flag: {flag}" for flag in result.flags]
-    # Equal probabilities are no measurement.
+    # Equal probabilities are not a measurement.
     if result.label is not None:
         shares = dict(zip(result.classes, result.probabilities.tolist(), strict=True))
         for name, share in sorted(shares.items(), key=lambda item: -item[1]):
             mark = "*" if name in result.class_set else " "
             lines.append(f"  {share:6.3f} {mark} {name}")
         if result.class_set:
-            lines.append(f"* cannot be ruled out at {100 * result.coverage:g} %")
+            lines.append(f"* cannot be excluded at {100 * result.coverage:g} %")
     for part in result.explanation[:5]:
         lines.append(
             f"  {part.score:+7.2f}  {numeral(part.amplitude):>8} {part.unit or 'length units'}  "

@@ -32,16 +32,16 @@ from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes import ModeLabel
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.naming import parse_label
+from modalmotion.modes.order import parse_label
 from modalmotion.modes.topology import MESH, Topology
-from modalmotion.numerals import counted, numeral
+from modalmotion.representation import counted, numeral
 from modalmotion.signature.making import (
     SignatureParameters,
     resolve_parameters,
     resolve_template,
 )
 from modalmotion.template import Template, make_template
-from modalmotion.template.directions import Direction, directions_on
+from modalmotion.template.body_frame import Direction, directions_on
 from modalmotion.template.vibration_modes import (
     VibrationModes,
     lattice_modes,
@@ -154,7 +154,7 @@ def modes(
 @click.option(
     "--damping", default=0.0, show_default=True, help="Share of each mode's critical damping."
 )
-@click.option("--together", is_flag=True, help="All modes swing in the same period.")
+@click.option("--together", is_flag=True, help="All modes oscillate with the same period.")
 @json_option
 @surface_options
 def animate(
@@ -171,13 +171,13 @@ def animate(
     topology: str | None,
     **stated: Any,
 ) -> None:
-    """Add modes over the surface in FILE and let them swing.
+    """Animate vibration modes of the surface in FILE.
 
-    Frame 0 is the surface displaced by all of them; then it is let go, and each mode swings as
-    a cosine at its own frequency, stretched in time so that the slowest takes --seconds. Mode 0
-    does not swing. FILE may be the name of a topology, as for `modalmotion modes`; its radius is 1.
+    Frame 0 is the surface displaced by all modes; then it is released, and each mode oscillates as
+    a cosine at its own frequency, with time scaled so that the slowest takes --seconds. Mode 0 does
+    not oscillate. FILE may be the name of a topology, as for `modalmotion modes`; its radius is 1.
     """
-    from modalmotion.exports.swing import swing
+    from modalmotion.exports.animation import swing
 
     labels, amplitudes = _terms(terms)
     surface = _surface(source, grid, topology, stated)
@@ -209,7 +209,7 @@ def animate(
 def _surface(
     source: Path, grid: tuple[int, ...] | None, topology: str | None, stated: dict[str, Any]
 ) -> _Surface:
-    """Read the file, or make the lattice whose name stands in its place."""
+    """Read the file, or make the lattice named instead."""
     if not source.exists():
         try:
             named = Topology.parse(str(source))
@@ -220,7 +220,7 @@ def _surface(
             if named.n_axes == 3:
                 return _Surface(lattice, None, None)
             return _Surface(lattice, make_template(standard_surface(lattice)), None)
-    # A word for how the surface is read, not for what it is.
+    # It states how the surface is treated, not its topology.
     springs = topology == MESH
     sequence = read(source, grid=grid, topology=None if springs else topology, **stated)
     request = SignatureParameters(topology=MESH) if springs else SignatureParameters()
@@ -292,8 +292,7 @@ def _numbers(vibration_modes: VibrationModes) -> dict[str, object]:
 def _write_modes(
     output: Path, surface: _Surface, vibration_modes: VibrationModes, direction: Direction
 ) -> None:
-    from modalmotion.exports.swing import one_by_one
-    from modalmotion.exports.vibration_modes import modes_to_hdf5, modes_to_npz
+    from modalmotion.exports.animation import modes_to_hdf5, modes_to_npz, one_by_one
     from modalmotion.formats import write_glb
     from modalmotion.store import write_atomic
 
@@ -313,7 +312,7 @@ def _write_modes(
 
 
 def _write_animation(output: Path, template: Template, motion: Any, step: float) -> None:
-    from modalmotion.exports.surfaces import SUFFIXES, SurfaceFormat, write_surfaces
+    from modalmotion.exports.signature_pack import SUFFIXES, SurfaceFormat, write_surfaces
     from modalmotion.formats import write_glb
     from modalmotion.store import write_atomic
 

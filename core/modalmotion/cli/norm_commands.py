@@ -17,7 +17,7 @@ from modalmotion.cli.outputs import OutputFile
 
 @click.group()
 def norm() -> None:
-    """Compare recordings with those of your own controls."""
+    """Compare recordings with your own controls."""
 
 
 @norm.command(epilog=example("norm train controls.csv --name volunteers -o volunteers.h5"))
@@ -26,11 +26,11 @@ def norm() -> None:
 @click.option("--name", required=True, help="Of the norm: lower-case letters, digits, '._-'.")
 @click.option("-o", "--out", required=True, type=OutputFile(), help="File to write (HDF5).")
 @click.option(
-    "--modes", default=7, show_default=True, help="Modes of the signatures; 3 amplitudes a frame."
+    "--modes", default=7, show_default=True, help="Modes of the signatures; 3 amplitudes per frame."
 )
 @click.option(
     "--topology",
-    help="cup, sphere, ..., or mesh for spring modes; all controls decide it together by default.",
+    help="cup, sphere, ..., or mesh for spring modes; found from all controls by default.",
 )
 @json_option
 def train(
@@ -43,10 +43,10 @@ def train(
     unit: str | None,
     skip_unreadable: bool,
 ) -> None:
-    """Make a norm of recordings of people who are taken as usual, one of each.
+    """Make a norm of recordings of controls, one of each person.
 
-    MANIFEST is a table with the column path and, where they are known, subject and facts; a label
-    is not read. FILES are files of sequences.
+    MANIFEST is a table with the column path and, if known, subject and facts; labels are ignored.
+    FILES are files of sequences.
     """
     from modalmotion.classification.cases import UNUSABLE, LeftOut, left_out_notes
     from modalmotion.norm import norm_to_hdf5, train_norm
@@ -91,7 +91,7 @@ def train(
     "--level",
     default=0.05,
     show_default=True,
-    help="Share of recordings like the controls that may be called a deviation.",
+    help="Level: share of recordings like the controls that are called a deviation.",
 )
 @json_option
 def ask(
@@ -102,10 +102,10 @@ def ask(
     unit: str | None,
     skip_unreadable: bool,
 ) -> None:
-    """Tell how far recordings lie from the controls of NORM, a file.
+    """Compare recordings with the controls of NORM, a file.
 
-    Five and more are also compared together: a cohort of another machine or protocol is warned
-    of. MANIFEST and FILES are as for training.
+    Five or more are also compared together, with a warning if machine or protocol differ. MANIFEST
+    and FILES are as for training.
     """
     from modalmotion.classification.cases import UNUSABLE, LeftOut, left_out_notes
     from modalmotion.norm import cohort_deviation, norm_from_hdf5

@@ -15,9 +15,9 @@ from typing import Any, Final, Literal, TypeVar, Union, get_args, get_origin, ge
 
 import click
 
-from modalmotion.choice.parameters import USUAL_MODES, SignatureParameters
 from modalmotion.cli.outputs import PICTURES, OutputFile
 from modalmotion.mesh.sequence import MEAN, Reference
+from modalmotion.signature.parameters import USUAL_MODES, SignatureParameters
 
 E = TypeVar("E", bound=Enum)
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -67,7 +67,7 @@ class ReferenceShape(click.ParamType[Reference]):
 
 
 class Grouped(click.Option):
-    """An option that help lists under a heading, after a command's own."""
+    """An option listed in help under a heading, after a command's own."""
 
     def __init__(self, *names: Any, group: str = "", **settings: Any) -> None:
         super().__init__(*names, **settings)
@@ -111,8 +111,8 @@ def several(*options: Decorator) -> Decorator:
 def options_of(kind: type, *names: str, group: str = "", **own: Mapping[str, Any]) -> Decorator:
     """Make options of the fields of a parameter class.
 
-    Names, kinds and defaults are those of the class, and the help is the first sentence that its
-    docstring says of a field.
+    Names, types and defaults are those of the class; the help is the first sentence about a field
+    in its docstring.
 
     Parameters
     ----------

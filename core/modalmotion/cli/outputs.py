@@ -10,7 +10,7 @@ from typing import Any, Final
 import click
 
 from modalmotion.errors import needs_extra
-from modalmotion.exports.picture_files import PICTURES, write_picture
+from modalmotion.exports.plotting import PICTURES, write_picture
 
 __all__ = [
     "MOVING",
@@ -63,7 +63,7 @@ class OutputFile(click.Path):
 
 
 class OutputFolder(click.Path):
-    """A folder to write in, which is there or can be made; or one file of those it would hold.
+    """A folder to write to, which exists or can be made; or one of the files it would contain.
 
     Parameters
     ----------

@@ -18,11 +18,10 @@ from modalmotion.clinical.plain import ventricle_json
 from modalmotion.clinical.strain import DEFINITIONS
 from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_readouts
 from modalmotion.errors import TopologyError
-from modalmotion.exports.table import direction_names
+from modalmotion.exports.tables import direction_names
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion.numerals import counted, numeral
-from modalmotion.pictures.bulls_eye import bulls_eye_figure, most_moved
-from modalmotion.pictures.readouts import volume_figure
+from modalmotion.pictures.readouts import bulls_eye_figure, most_moved, volume_figure
+from modalmotion.representation import counted, numeral
 
 
 @command("readouts beat.npz --modes 18 -o volumes.png")
@@ -38,10 +37,10 @@ from modalmotion.pictures.readouts import volume_figure
 def readouts(
     source: Path, plot: Path | None, bulls_eye: Path | None, as_json: bool, **options: Any
 ) -> None:
-    """Read volume and ejection fraction of the surface in FILE, with their bounds.
+    """Compute volume, ejection fraction and strain of the cavity in FILE, with intervals.
 
-    The share of its volume that is lost is an ejection fraction where --cavity is stated or the
-    surface is a cup, else a volume change.
+    The relative change of volume is an ejection fraction if --cavity is given or the surface is a
+    cup, otherwise a volume change.
     """
     with Waiting(source) as waiting:
         sequence, signature = fitted(source, waiting, options)
@@ -80,8 +79,8 @@ def _lines(readouts: ClinicalReadouts) -> list[str]:
         names, mesh = ("surface", "signature"), readouts.curve
     lines = [
         (
-            f"{readouts.n_amplitudes} amplitudes a frame; {counted(readouts.n_openings, 'opening')}"
-            f"{', capped' if readouts.n_openings else ''}"
+            f"{readouts.n_amplitudes} amplitudes per frame; "
+            f"{counted(readouts.n_openings, 'opening')}{', capped' if readouts.n_openings else ''}"
         ),
         f"{'':>24}{names[0]:>12}{'low':>10}{'high':>10}{names[1]:>10}",
     ]

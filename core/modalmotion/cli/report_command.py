@@ -14,7 +14,7 @@ from modalmotion.cli.reported import Wanted, report_options
 from modalmotion.cli.waiting import Waiting
 
 if TYPE_CHECKING:
-    from modalmotion.reports.quantities import Quantity
+    from modalmotion.reports.content import Quantity
 
 
 @command("report map.nii.gz -o folder")
@@ -28,15 +28,13 @@ if TYPE_CHECKING:
 )
 @json_option
 def report(source: Path, out: Path, as_json: bool, **options: Any) -> None:
-    """Report on the sequence in FILE: PDF for people, FHIR for systems, CSV, a page to look at.
+    """Report on the sequence in FILE: PDF, FHIR, CSV and HTML.
 
-    FILE may be a label map of any segmenter too, which is tracked first; or images, points or
-    contours, with --landmarks.
-    A folder gets report.pdf, report.fhir.json, frames.csv and view.html. A person has the last
-    word: all is marked as preliminary.
+    FILE may also be a label map, which is tracked first; or images, points or contours, with
+    --landmarks. A folder gets report.pdf, report.fhir.json, frames.csv and view.html, all marked as
+    preliminary.
     """
-    from modalmotion.reports.codes import OWN
-    from modalmotion.reports.quantities import quantities_of
+    from modalmotion.reports.content import OWN, quantities_of
     from modalmotion.reports.writing import write_report
     from modalmotion.viewer.page import View
 

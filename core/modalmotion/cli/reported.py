@@ -1,4 +1,4 @@
-"""What commands that report have in common: their options, and the report."""
+"""Options and report of the commands that report."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 report_options = several(
     sequence_argument,
-    click.option("--model", help="Model: the name of a shipped one, or a file; none by default."),
+    click.option("--model", help="Model: the name of an included one, or a file; none by default."),
     click.option(
         "--norm",
         "norm_file",
@@ -38,12 +38,12 @@ report_options = several(
     tracking_options,
     fit_options,
 )
-"""What names a recording, and what is said of it."""
+"""Source of a recording, and its options."""
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a report is to be of, checked before the work.
+    """Source and options of a report, checked before the work.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Wanted:
         issued: str | None,
         **options: Any,
     ) -> Wanted:
-        """Read the options; what is named wrongly is told at once."""
+        """Read the options, and refuse wrong ones at once."""
         from modalmotion.cli.model_commands import model_named
         from modalmotion.norm import norm_from_hdf5
 
@@ -94,7 +94,7 @@ class Wanted:
         answer = deviation = None
         if self.model is not None:
             with waiting.watch.stage("class"):
-                # Of the shipped ones the one that reads what the points follow.
+                # Of the included models the one for the kind of points.
                 answer = classify(sequence, model_named(shipped_for(self.model, sequence.facts)))
         if self.norm is not None:
             with waiting.watch.stage("controls"):
@@ -138,6 +138,6 @@ def _time(issued: str | None) -> datetime:
         return datetime.fromisoformat(issued)
     except ValueError:
         raise click.BadParameter(
-            f"{issued!r} is no time; write it as 2026-01-31T12:00:00+00:00.",
+            f"{issued!r} is not a time; write it as 2026-01-31T12:00:00+00:00.",
             param_hint="--issued",
         ) from None

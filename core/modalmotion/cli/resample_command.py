@@ -10,9 +10,9 @@ import click
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import command, json_option, output_option, tell
 from modalmotion.cli.waiting import Waiting
-from modalmotion.exports.surfaces import SUFFIXES, SurfaceFormat, write_surfaces
-from modalmotion.numerals import counted
-from modalmotion.signature import resampling
+from modalmotion.exports.signature_pack import SUFFIXES, SurfaceFormat, write_surfaces
+from modalmotion.representation import counted
+from modalmotion.signature import reconstruction
 from modalmotion.store import write_atomic
 
 _SUFFIXES = {suffix: kind for suffix, kind in SUFFIXES.items() if kind != SurfaceFormat.GLB}
@@ -22,7 +22,7 @@ _SUFFIXES = {suffix: kind for suffix, kind in SUFFIXES.items() if kind != Surfac
 @sequence_argument
 @output_option("File to write: .npz, .vtkhdf or .zip (of PLY).", *_SUFFIXES)
 @click.option("--phase", "phases", type=float, multiple=True, help="Share of the cycle, 0 to 1.")
-@click.option("--frames", type=click.IntRange(2), help="In place of phases: so many in even steps.")
+@click.option("--frames", type=click.IntRange(2), help="Instead of phases: number of even steps.")
 @json_option
 def resample(
     source: Path,
@@ -32,14 +32,16 @@ def resample(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Write the surface in FILE at any phase of its cycle, and how far off that may be."""
+    """Write the surface in FILE at any phase of its cycle, with its deviation."""
     if bool(phases) == (frames is not None):
         raise click.UsageError("Give one of --phase and --frames.")
     with Waiting(source) as waiting:
         with waiting.watch.stage("read"):
             sequence = read(source, **options)
         with waiting.watch.stage("resample"):
-            result = resampling.resample(sequence, frames if frames is not None else sorted(phases))
+            result = reconstruction.resample(
+                sequence, frames if frames is not None else sorted(phases)
+            )
         with waiting.watch.stage("write"):
             kind = _SUFFIXES[output.suffix.lower()]
             fields = {"deviation": result.deviations} if kind == SurfaceFormat.VTKHDF else None
@@ -52,6 +54,6 @@ def resample(
     }
     said = [
         f"{counted(len(result.phases), 'frame')}, {result.course} in time",
-        resampling.note_on(result),
+        reconstruction.note_on(result),
     ]
     tell(found, said, output, as_json=as_json)

@@ -16,7 +16,7 @@ from modalmotion.formats import read_sequence, write_npz
 from modalmotion.formats.ply.ply import write_ply
 from modalmotion.formats.volumes import read_images
 from modalmotion.images import ImageSequence
-from modalmotion.pictures.image_overlay import overlay_figure
+from modalmotion.pictures.track import overlay_figure
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
@@ -62,7 +62,7 @@ def segment(
 ) -> None:
     """Find a surface in one image of IN, with its stated error.
 
-    IN is NIfTI, NRRD, MetaImage, or a folder or zip of DICOM. The surface is drawn to the edge
+    IN is NIfTI, NRRD, MetaImage, or a folder or zip of DICOM. The surface is fitted to the edge
     around the axis from apex to base; --plot shows it over slices.
     """
     images = read_images(source)
@@ -103,7 +103,7 @@ def _written(result: Track, suffix: str) -> bytes:
 
 def _numbers(result: Track) -> dict[str, Any]:
     volumes, deviations, images = result.volumes, result.volume_deviations, result.images
-    # An image is segmented by a surface that encloses something.
+    # An image is segmented by a surface that encloses a volume.
     assert volumes is not None  # noqa: S101
     assert deviations is not None  # noqa: S101
     assert images is not None  # noqa: S101

@@ -44,15 +44,13 @@ _SHOWN: Final = {
 
 
 @command("show beat.h5")
-@click.argument(
-    "file", metavar="FILE", type=click.Path(exists=True, dir_okay=False, path_type=Path)
-)
+@click.argument("file", metavar="FILE", type=click.Path(exists=True, path_type=Path))
 @json_option
 def show(file: Path, as_json: bool) -> None:
     """Show what is in FILE.
 
-    A signature, sequence, track, template, class, model or stream of modalmotion's, or a moving
-    surface in any known format.
+    FILE is a signature, sequence, track, template, class, model or stream of modalmotion; a moving
+    surface in any known format, as a file or a folder of frames; or images.
     """
     content = _content(file)
     if as_json:
@@ -68,8 +66,10 @@ def show(file: Path, as_json: bool) -> None:
 
 
 def _content(file: Path) -> dict[str, Any]:
-    with file.open("rb") as opened:
-        head = opened.read(len(SIGNATURE))
+    head = b""
+    if file.is_file():
+        with file.open("rb") as opened:
+            head = opened.read(len(SIGNATURE))
     if head.startswith(MAGIC):
         from modalmotion.codec.decoder import inspect
 
@@ -84,12 +84,15 @@ def _content(file: Path) -> dict[str, Any]:
         if kind:
             return {"holds": kind, "bytes": file.stat().st_size}
     from modalmotion.formats import read_sequence
+    from modalmotion.formats.volumes.reading import holds_images
 
+    if holds_images(file):
+        return _images(file)
     try:
         reading = read_sequence(file)
     except InputError as error:
         raise click.ClickException(
-            f"{file.name} is neither a file of modalmotion's nor a moving surface: {error}"
+            f"{file.name} is neither a file of modalmotion nor a moving surface: {error}"
         ) from error
     return {
         **_shown("sequence", reading.sequence),
@@ -98,6 +101,24 @@ def _content(file: Path) -> dict[str, Any]:
         "ignored": list(reading.ignored),
         "notes": list(reading.notes),
     }
+
+
+def _images(file: Path) -> dict[str, Any]:
+    """Describe images; of a label map the labels of its first frame, with their volumes."""
+    from modalmotion.formats.volumes import read_images
+    from modalmotion.images import Volume
+    from modalmotion.tracking.label_values import is_label_map, values_in
+
+    images = read_images(file)
+    first = next(frame for frame in images.frames if frame is not None)
+    content = {"holds": "images", "frames": images.n_frames, "period": images.period}
+    if isinstance(first, Volume):
+        content |= {"voxels": list(first.shape), "spacing": [round(s, 3) for s in first.spacing]}
+    else:
+        content["planes"] = len(first)
+    if isinstance(first, Volume) and is_label_map(images):
+        content |= {"holds": "label map", "labels": values_in(first)}
+    return content | {"notes": list(images.notes)}
 
 
 def _kind(file: Path) -> str:

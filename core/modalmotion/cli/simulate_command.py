@@ -47,12 +47,12 @@ _STATED: Final = ("tracking", "handedness", "period", "cavity", "modality")
     "--noise", default=0.0, show_default=True, help="Standard deviation of coordinates, mm."
 )
 @click.option("--grid", type=GridShape(), default="32,64", show_default=True, help="Lattice shape.")
-@click.option("--vertices", type=int, help="Triangulate this many vertices, in place of a lattice.")
+@click.option("--vertices", type=int, help="Triangulate this many vertices, instead of a lattice.")
 @click.option("--seed", default=0, show_default=True, help="Seed of all random numbers.")
 @click.option(
     "--image",
     type=click.Choice([kind.value for kind in ImageKind]),
-    help="Images in place of a surface: a zip of NIfTI, with the true surface and landmarks.",
+    help="Images instead of a surface: a zip of NIfTI, with the true surface and landmarks.",
 )
 @json_option
 @options_of(
@@ -71,8 +71,8 @@ def simulate(
 ) -> None:
     """Simulate one heartbeat of a left ventricle.
 
-    The motion is kinematic: it follows ejection fraction, shortening, torsion and timing of
-    known physiology, and solves no mechanics.
+    The motion is kinematic: ejection fraction, shortening, torsion and timing follow known
+    physiology; no mechanics is solved.
     """
     if len(grid) != 2:
         raise click.BadParameter("A ventricle's lattice has two axes.", param_hint="--grid")

@@ -7,8 +7,8 @@ from typing import Any, Final
 import click
 
 from modalmotion.cli.options import FACTS, Grouped, options_of, several
-from modalmotion.facts import WORDS, Facts, facts_from_texts
-from modalmotion.facts.facts import stated_twice
+from modalmotion.mesh import WORDS, Facts, facts_from_texts
+from modalmotion.mesh.facts import stated_twice
 
 _MANY: Final = {
     "landmark": (

@@ -1,4 +1,4 @@
-"""Commands that look after a store: rebuild, verify and export."""
+"""Commands that maintain a store."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import click
 
 from modalmotion.cli.options import example, json_option, tell
 from modalmotion.cli.outputs import OutputFile, OutputFolder
-from modalmotion.numerals import counted
+from modalmotion.representation import counted
 
 if TYPE_CHECKING:
     from modalmotion.exports.signature_pack import PackReport
@@ -28,7 +28,7 @@ _OWNER = click.option("--owner", help="Owner of the store, in a service's data f
 
 @click.group()
 def store() -> None:
-    """Look after a folder of results: back up, restore, verify, rebuild, export.
+    """Maintain a folder of results: back up, restore, verify, rebuild, export.
 
     Except for `backup`, no server may have it open.
     """
@@ -39,14 +39,14 @@ def store() -> None:
 @_OWNER
 @json_option
 def rebuild(folder: Path, owner: str | None, as_json: bool) -> None:
-    """Build the index of each store in FOLDER anew from its files."""
+    """Rebuild the index of each store in FOLDER from its files."""
     _tell_rebuilt({}, [], _stores_of(folder, owner), as_json=as_json)
 
 
 def _tell_rebuilt(
     answer: dict[str, object], said: list[str], stores: list[tuple[str, Path]], *, as_json: bool
 ) -> None:
-    """Rebuild stores one after the other, and say so."""
+    """Rebuild stores one after the other, and report."""
     rebuilt = {}
     if not as_json:
         tell({}, said, as_json=False)
@@ -102,7 +102,7 @@ def _rebuild(name: str, root: Path) -> tuple[list[str], dict[str, object]]:
 @_OWNER
 @json_option
 def verify(folder: Path, owner: str | None, as_json: bool) -> None:
-    """Check every file of each store in FOLDER; ends with 1 if something is wrong."""
+    """Check every file of each store in FOLDER; the exit code is 1 if something is wrong."""
     # All stores, even if the first has faults.
     answers, are_sound = {}, []
     for name, root in _stores_of(folder, owner):
@@ -150,7 +150,7 @@ def _verify(name: str, root: Path) -> tuple[list[str], dict[str, object]]:
 def export(folder: Path, out: Path, owner: str | None, as_json: bool) -> None:
     """Pack all signatures of the store in FOLDER, its own if no owner is named, into one file.
 
-    Ends with 1 if a signature is damaged; the others are packed then all the same.
+    The exit code is 1 if a signature is damaged; the others are packed all the same.
     """
     from modalmotion.errors import NotFoundError
     from modalmotion.exports.signature_pack import export as run
@@ -186,14 +186,14 @@ def require_all_packed(report: PackReport) -> None:
 @click.option(
     "--accept-missing",
     is_flag=True,
-    help="Go on without files that FOLDER has lost: COPY loses them too.",
+    help="Continue without files that FOLDER has lost: they are removed from COPY, too.",
 )
 @json_option
 def backup(folder: Path, copy: Path, accept_missing: bool, as_json: bool) -> None:
     """Copy the store in FOLDER to the folder COPY; a server may have it open.
 
     Run again, it copies new files, and removes those that were deleted since. Files that are
-    missing without having been deleted stay in COPY, are named, and the command ends with 1.
+    missing without having been deleted remain in COPY and are named; the exit code is then 1.
     """
     from modalmotion.store import backup as run
 
@@ -225,14 +225,13 @@ def backup(folder: Path, copy: Path, accept_missing: bool, as_json: bool) -> Non
 @click.option(
     "--deletions",
     type=click.Path(exists=True, file_okay=False, path_type=Path),
-    help="Remains of the old folder: what was deleted there stays deleted.",
+    help="Remains of the old folder: what was deleted there is not restored.",
 )
 @json_option
 def restore(copy: Path, folder: Path, deletions: Path | None, as_json: bool) -> None:
-    """Put back into FOLDER what it lacks of its backup COPY, and build its indices anew.
+    """Restore what is missing in FOLDER from its backup COPY, and rebuild its indices.
 
-    FOLDER may be new. Nothing in it is replaced, and nothing comes back that it knows to be
-    deleted.
+    FOLDER may be new. Nothing in it is replaced, and nothing with a tombstone is restored.
     """
     from modalmotion.store import restore as run
 

@@ -24,7 +24,7 @@ from modalmotion.cli.waiting import Waiting
 from modalmotion.clinical import ClinicalReadouts, clinical_readouts
 from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_readouts
 from modalmotion.errors import InputError, ModalMotionError, ParameterError
-from modalmotion.exports.table import Recording, Table, amplitude_table, cohort_table, frame_table
+from modalmotion.exports.tables import Recording, Table, amplitude_table, cohort_table, frame_table
 from modalmotion.formats import ReadOptions
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
@@ -37,13 +37,13 @@ from modalmotion.tracking.recording import sequence_of
 @click.option(
     "--frames",
     is_flag=True,
-    help="A row a frame in place of a row an amplitude: motion and error, volume in ml, inward "
+    help="One row per frame instead of per amplitude: motion and error, volume in ml, inward "
     "motion of each segment and strain in percent.",
 )
 @click.option(
     "--skip-unreadable",
     is_flag=True,
-    help="Of a manifest: go on without recordings that cannot be used; they are named.",
+    help="For a manifest: continue without recordings that cannot be used; they are named.",
 )
 @fit_options
 def table(

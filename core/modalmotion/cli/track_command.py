@@ -16,14 +16,15 @@ from modalmotion.cli.outputs import MOVING, PICTURES, OutputFile, write_picture
 from modalmotion.cli.tracking_options import tracking_options
 from modalmotion.errors import ParameterError
 from modalmotion.formats import read_sequence, write_npz
-from modalmotion.numerals import numeral
-from modalmotion.pictures.image_overlay import overlay_figure, overlay_gif
 from modalmotion.pictures.track import (
     data_figure,
     determined_figure,
     deviations_figure,
+    overlay_figure,
+    overlay_gif,
     usual_frame,
 )
+from modalmotion.representation import numeral
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
@@ -51,7 +52,7 @@ _PICTURES: Final = ("data", "deviations", "determined")
 @click.option(
     "--plot",
     type=OutputFile(*PICTURES, MOVING),
-    help="Picture to write (.png, .svg, .pdf); of images a .gif of all frames too.",
+    help="Picture to write (.png, .svg, .pdf); for images also a .gif of all frames.",
 )
 @click.option(
     "--picture",
@@ -73,9 +74,9 @@ def track(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Track a surface through the frames in IN, which need not correspond.
+    """Track a surface through the frames in IN, without correspondence between them.
 
-    IN is a folder or zip with one mesh, cloud or set of contours a frame, an npz of points and
+    IN is a folder or zip with one mesh, cloud or set of contours per frame, an npz of points and
     offsets, or images: NIfTI, NRRD, MetaImage, or a folder or zip of DICOM. The motion follows the
     data along the surface's normals.
     """
@@ -111,7 +112,7 @@ def _require_images(recorded: Recorded, picture: str) -> None:
     """Refuse a moving picture of what has none, before any work."""
     if recorded.images is None or picture != _PICTURES[0]:
         raise ParameterError(
-            "A .gif shows contours over images, and of nothing else there is one.",
+            "A .gif is available only for contours over images.",
             remedy="Name a .png, or track images with --picture data.",
         )
 

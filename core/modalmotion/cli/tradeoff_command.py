@@ -1,4 +1,4 @@
-"""The command that measures speed and numbers against accuracy."""
+"""The command that measures size and time against accuracy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 
 import click
 
-from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.cli.analysis_commands import price_lines
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
@@ -26,10 +25,11 @@ from modalmotion.cli.options import (
 )
 from modalmotion.cli.outputs import write_picture
 from modalmotion.cli.waiting import Waiting
-from modalmotion.numerals import counted, numeral, with_article
+from modalmotion.representation import counted, numeral, with_article
+from modalmotion.signature import MOST_OF_FRONT, Tradeoff, measure_tradeoff
+from modalmotion.signature.parameters import SignatureParameters
+from modalmotion.signature.tradeoff import as_plain
 from modalmotion.template.body_frame import Components
-from modalmotion.tradeoff import MOST_OF_FRONT, Tradeoff, measure_tradeoff
-from modalmotion.tradeoff.plain import as_plain
 
 
 @command("tradeoff beat.npz --tolerance 1 -o tradeoff.png")
@@ -61,7 +61,7 @@ def tradeoff(
     verbose: bool,
     **options: Any,
 ) -> None:
-    """Measure what each choice of modes costs and loses on the sequence in FILE.
+    """Measure error, size and time of each number of modes for the sequence in FILE.
 
     Choose a point of the front by --modes, --tolerance, --tolerance-share or --auto.
     """
@@ -128,10 +128,10 @@ def describe(result: Tradeoff) -> str:
     """Describe the choice in a line."""
     price, signature = result.chosen.price, result.chosen.signature
     if signature is None:
-        return f"{result.chosen.kind} motion, {price.amplitudes_per_frame} numbers a frame"
+        return f"{result.chosen.kind} motion, {price.amplitudes_per_frame} numbers per frame"
     count = counted(len(signature.modes), "mode")
     text = f"{count}, {signature.surface}, {signature.parameters.components}"
     harmonics = signature.parameters.harmonics
     if harmonics is not None:
         text += f", {counted(harmonics, 'harmonic')}"
-    return f"{text}: {price.amplitudes_per_frame} amplitudes a frame"
+    return f"{text}: {price.amplitudes_per_frame} amplitudes per frame"

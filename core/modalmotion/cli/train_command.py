@@ -16,15 +16,14 @@ from modalmotion.cli.options import command, json_option, plot_option, tell
 from modalmotion.cli.outputs import OutputFile, write_picture
 
 _HELP: Final = {
-    "modes": "Modes of the signatures; 3 amplitudes a frame each.",
-    "topology": "cup, sphere, ..., or mesh for spring modes; all cases decide it together by "
-    "default.",
+    "modes": "Modes of the signatures; 3 amplitudes per frame each.",
+    "topology": "cup, sphere, ..., or mesh for spring modes; found from all cases by default.",
     "kind": "material: points follow the tissue; offset: normal displacement, for points that may "
     "slide over it; by default what all recordings state, and else the better of both.",
     "timing": "cycle: one turn of a cycle; transient: a movement with a beginning and an end.",
     "folds": "Folds of the grouped cross-validation.",
     "repetitions": "Repetitions of the cross-validation, each with folds of its own.",
-    "groups": "Column of the manifest, such as site, whose cases stay on one side of each split.",
+    "groups": "Column of the manifest, such as site, whose cases are never divided by a split.",
     "seed": "Seed of all random numbers.",
 }
 
@@ -69,10 +68,9 @@ def train(
 ) -> None:
     """Train a model on labelled sequences.
 
-    MANIFEST is a table (.csv) with the columns path, label and, where it is known, subject:
-    sequences of one subject are never on both sides of a split. Further columns (age, sex, ...)
-    are covariates. In its place you may name files, each in a folder named after its class:
-    normal/*.npz akinesia/*.npz
+    MANIFEST is a table (.csv) with the columns path, label and, if known, subject: sequences of one
+    subject are never on both sides of a split. Further columns (age, sex, ...) are covariates. Or
+    name files, each in a folder named after its class: normal/*.npz akinesia/*.npz
     """
     from modalmotion.classification import TrainingOptions
     from modalmotion.classification import train as fit
@@ -88,7 +86,7 @@ def train(
         model = fit(cases, name, training_options, bar)
     write_atomic(out, model_to_hdf5(model))
     if plot is not None:
-        from modalmotion.pictures.model_card import card_figure
+        from modalmotion.pictures.classification import card_figure
 
         write_picture(card_figure(model.card, name), plot)
     said = [card_lines(model.name, model.id, model.card)]

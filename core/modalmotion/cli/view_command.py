@@ -1,4 +1,4 @@
-"""Command that writes a page on which a moving surface can be looked at."""
+"""Command that writes an HTML page of a moving surface."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from modalmotion.classification.answer import Classification
 from modalmotion.cli.files import fitted, sequence_argument
 from modalmotion.cli.options import command, fit_options, json_option, output_option, tell
 from modalmotion.cli.waiting import Waiting
-from modalmotion.exports.reading import stream_at
+from modalmotion.exports.files import stream_at
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP
 from modalmotion.signature.making import ModalSignature
@@ -25,13 +25,13 @@ from modalmotion.signature.making import ModalSignature
     "--with",
     "other",
     type=click.Path(exists=True, path_type=Path),
-    help="A second file, shown beside the first: one clock, one camera.",
+    help="A second file, shown beside the first with a common clock and camera.",
 )
 @click.option(
     "--classify/--no-classify",
     default=True,
     show_default=True,
-    help="Show what the shipped model says of the motion.",
+    help="Show the class by the included model.",
 )
 @json_option
 @fit_options
@@ -43,10 +43,10 @@ def view(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Write a page on which the surface in FILE moves, beside its reconstruction.
+    """Write an HTML page of the moving surface in FILE, with its reconstruction.
 
-    The page is one file: it opens from disk in any browser and needs no network. Of a track's .h5
-    the data that it was tracked through are drawn over the surface. If FILE is a compressed
+    The page is one file: it opens from disk in any browser and needs no network. For a track (.h5)
+    the data are drawn over the surface. If FILE is a compressed
     stream, the page contains it and decodes it.
     """
     from modalmotion.store import write_atomic
@@ -79,7 +79,7 @@ def _answer(sequence: MeshSequence, signature: ModalSignature) -> Classification
 def _stream(path: Path, sequence: MeshSequence) -> bytes | None:
     """Give the bytes of a compressed file, if a page can decode them to this sequence."""
     from modalmotion.codec import decode, inspect
-    from modalmotion.codec.modes.modes_section import STORED
+    from modalmotion.codec.spatial_modes import STORED
 
     data = stream_at(path)
     if data is None or inspect(data).modes == STORED:

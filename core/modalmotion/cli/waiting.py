@@ -1,4 +1,4 @@
-"""What a command says while somebody waits for it, and where its time went."""
+"""Progress of a command on stderr, and its times."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from typing import Final, Self
 
 import click
 
-from modalmotion.stopwatch import Stopwatch
+from modalmotion.progress import Stopwatch
 
-# A stage that is done sooner is not named while it lasts.
+# A shorter stage is not named while it lasts.
 _PATIENCE_SECONDS: Final = 1.0
 
 
 class Waiting:
     """Times the stages of a command, and names those that last on stderr.
 
-    On a terminal the line shows the seconds go by, and how far a stage is that says so; elsewhere
-    each stage is named once.
+    On a terminal the line shows elapsed seconds and the progress of the stage; elsewhere each stage
+    is named once.
 
     Parameters
     ----------

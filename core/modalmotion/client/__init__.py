@@ -1,6 +1,6 @@
 """A client of the HTTP service; needs the extra `client`."""
 
-from modalmotion.client.client import UNCHANGED, Client
+from modalmotion.client.client import Client
 from modalmotion.client.connection import Answer
 from modalmotion.client.errors import (
     BrokenAnswerError,
@@ -10,12 +10,10 @@ from modalmotion.client.errors import (
     UnreachableError,
 )
 from modalmotion.client.jobs import Job, JobStatus
-from modalmotion.client.many_files import SentResult
 from modalmotion.client.retries import Retries
 from modalmotion.client.values import CompressedSequence, Info, SignatureArrays, TemplateModes
 
 __all__ = [
-    "UNCHANGED",
     "Answer",
     "BrokenAnswerError",
     "Client",
@@ -27,7 +25,6 @@ __all__ = [
     "JobUnfinishedError",
     "RemoteError",
     "Retries",
-    "SentResult",
     "SignatureArrays",
     "TemplateModes",
     "UnreachableError",

@@ -1,34 +1,44 @@
-"""A client of the modalmotion service."""
+"""A client of the modalmotion service: the table of its calls, each a method (see `call`)."""
+
+# Methods without a body are filled in by `call`.
+# mypy: disable-error-code="empty-body"
 
 from __future__ import annotations
 
 import io
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import fields, replace
-from enum import Enum
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from modalmotion.client.bodies import Source, body_of, form_body, json_body
+from modalmotion.client.bodies import Source, body_of, json_body
+from modalmotion.client.calls import (
+    Caller,
+    Share,
+    call,
+    parted,
+    posted,
+    sequence_of,
+    signature_call,
+    signature_of,
+)
 from modalmotion.client.connection import MOST_BYTES, Answer, Call, Connection
-from modalmotion.client.errors import (
-    BrokenAnswerError,
-    RemoteError,
-    UnreachableError,
-    understood,
+from modalmotion.client.errors import RemoteError, UnreachableError, understood
+from modalmotion.client.files import (
+    HDF5,
+    JSON,
+    NPZ,
+    POSTED,
+    STREAM,
+    ZIP,
+    form_of,
+    require_place,
+    write,
 )
-from modalmotion.client.files import HDF5, JSON, NPZ, STREAM, ZIP, form_of, require_place, write
 from modalmotion.client.jobs import Job, JobStatus, awaited
-from modalmotion.client.many_files import (
-    SentResult,
-    in_requests,
-    named_bodies,
-    results_in,
-    signatures_in,
-)
 from modalmotion.client.query import Option, plain, segment
 from modalmotion.client.retries import Retries
 from modalmotion.client.values import (
@@ -36,27 +46,21 @@ from modalmotion.client.values import (
     Info,
     SignatureArrays,
     TemplateModes,
-    compressed_of,
     info_of,
     pack_of,
-    template_modes_of,
 )
-from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.facts import Facts
-from modalmotion.formats.npz import read_npz
+from modalmotion.errors import ShapeError
+from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.progress import Progress
-from modalmotion.signature.comparison import Comparison
-from modalmotion.signature.making import ModalSignature, SignatureParameters
+from modalmotion.signature.distance import Comparison
+from modalmotion.signature.making import ModalSignature
 
 if TYPE_CHECKING:
     import httpx2
 
     from modalmotion.classification import FeatureTable
     from modalmotion.tracking import Track
-
-T = TypeVar("T")
-Share = Callable[[float], None]
 
 Case = str | Mapping[str, Any]
 """The id of a stored sequence, or its id, label, subject and covariates."""
@@ -65,22 +69,11 @@ Recording = Source | Info | Sequence[Any]
 """Source of a track: a file by its path or as its bytes, images that were sent before, or a cloud
 (n, 3) for each frame."""
 
-# Options that say which signature is meant; all others belong to what is made of it.
-_OF_SIGNATURE: Final = frozenset(("amplitudes", *(one.name for one in fields(SignatureParameters))))
 # Signatures a request, until the service states its limit.
 _AT_ONCE: Final = 1000
 
 
-class Unchanged(Enum):
-    """Leaves a name as it is."""
-
-    UNCHANGED = "unchanged"
-
-
-UNCHANGED: Final = Unchanged.UNCHANGED
-
-
-class Client:
+class Client(Caller):
     """A service: use it in a `with` block, or close it.
 
     Threads may share one. Options of a call are those of the service, by its names; a call
@@ -128,9 +121,7 @@ class Client:
         most_bytes: int = MOST_BYTES,
     ) -> None:
         schedule = Retries() if retries is None else retries
-        self._connection = Connection(
-            base_url, key, timeout, schedule, transport, sleep, most_bytes
-        )
+        super().__init__(Connection(base_url, key, timeout, schedule, transport, sleep, most_bytes))
 
     def __enter__(self) -> Self:
         return self
@@ -152,22 +143,22 @@ class Client:
             return False
         return True
 
-    def limits(self) -> dict[str, float]:
+    @call("GET /v1/limits")
+    def limits(self) -> Info:
         """Return the limits of the service, by the names that its errors use."""
-        return dict(info_of(self._get("/v1/limits")))
 
+    @call("GET /v1/jobs")
     def jobs(self, *, state: str | None = None, page: int = 100) -> Iterator[JobStatus]:
         """List jobs from the newest to the oldest, fetched a page at a time."""
-        return map(JobStatus.of, self._pages("/v1/jobs", "jobs", state=state, limit=page))
 
     def job(self, job_id: str, accept: str = "*/*") -> Job[Answer]:
         """Return a job by its id; its result is the unparsed answer to its link."""
         status = JobStatus.of(self._get(f"/v1/jobs/{segment(job_id)}").json)
         return Job(self._connection, status, lambda answer: answer, accept)
 
-    def audit(self, *, owner: str | None = None, page: int = 100) -> Iterator[dict[str, Any]]:
+    @call("GET /v1/audit")
+    def audit(self, *, owner: str | None = None, page: int = 100) -> Iterator[Info]:
         """List who did what, of all owners, from the newest to the oldest; needs `admin`."""
-        return self._pages("/v1/audit", "entries", owner=owner, limit=page)
 
     def request(
         self, method: str, path: str, *, json: Any = None, accept: str = JSON, **query: Option
@@ -198,6 +189,7 @@ class Client:
 
     # Sequences.
 
+    @call("POST /v1/sequences", is_keyed=True)
     def upload(
         self, source: Source, *, progress: Progress | None = None, **options: Option
     ) -> Info:
@@ -222,7 +214,6 @@ class Client:
         UnreachableError
             If no answer comes. Sent again, it is stored once.
         """
-        return self._file("/v1/sequences", source, info_of, progress, options, is_keyed=True)
 
     def upload_arrays(
         self,
@@ -253,19 +244,19 @@ class Client:
         sequence = mesh_sequence(vertices, faces, **stated)
         return self.upload(sequence, progress=progress, subject=subject, label=label)
 
+    @call("POST /v1/sequences", is_keyed=True)
     def start_upload(
         self, source: Source, *, progress: Progress | None = None, **options: Option
     ) -> Job[Info]:
         """Send a sequence, and let a job of the service read it."""
-        call = Call("POST", "/v1/sequences", options, body=body_of(source), is_keyed=True)
-        return self._started(call, info_of, progress)
 
+    @call("GET /v1/sequences")
     def sequences(
         self,
         *,
         subject: str | None = None,
         label: str | None = None,
-        tracked: bool = False,
+        tracked: bool | None = None,
         page: int = 100,
     ) -> Iterator[Info]:
         """List sequences from the newest to the oldest, fetched a page at a time.
@@ -279,9 +270,8 @@ class Client:
         page : int
             How many are fetched at once.
         """
-        chosen = {"subject": subject, "label": label, "tracked": tracked or None, "limit": page}
-        return map(Info, self._pages("/v1/sequences", "sequences", **chosen))
 
+    @call("GET /v1/sequences/{sequence_id}")
     def sequence(self, sequence_id: str) -> Info:
         """Describe a sequence.
 
@@ -290,36 +280,26 @@ class Client:
         NotFoundError
             If no sequence has that id.
         """
-        return info_of(self._get(_sequence(sequence_id)))
 
-    def update(
-        self,
-        sequence_id: str,
-        *,
-        subject: str | Unchanged | None = UNCHANGED,
-        label: str | Unchanged | None = UNCHANGED,
-        facts: Facts | Mapping[str, Any] | Unchanged | None = UNCHANGED,
-    ) -> Info:
-        """Change the subject, the label or facts; None removes one.
+    def update(self, sequence_id: str, **changes: Option) -> Info:
+        """Change what is stated of a sequence; None removes it.
 
         Parameters
         ----------
         sequence_id : str
-        subject, label : str or None, optional
-        facts : Facts, mapping or None, optional
-            Stated facts replace stored ones. In a mapping None makes a fact unknown, and
-            removes one covariate: ``{"period": None, "covariates": {"age": None}}``.
+        **changes
+            subject, label and name; and facts, which replace stored ones. In a mapping of facts
+            None makes one unknown, and removes one covariate:
+            ``{"period": None, "covariates": {"age": None}}``.
         """
-        if isinstance(facts, Facts):
-            facts = plain({"facts": facts})
-        names = {"subject": subject, "label": label, "facts": facts}
-        changes = {name: value for name, value in names.items() if value is not UNCHANGED}
-        call = Call("PATCH", _sequence(sequence_id), body=json_body(changes))
-        return info_of(self._connection.send(call))
+        if isinstance(changes.get("facts"), Facts):
+            changes["facts"] = plain({"facts": changes["facts"]})
+        path = f"/v1/sequences/{segment(sequence_id)}"
+        return info_of(self._connection.send(Call("PATCH", path, body=json_body(changes))))
 
+    @call("DELETE /v1/sequences/{sequence_id}")
     def delete(self, sequence_id: str) -> None:
         """Delete a sequence with everything derived from it, its track too."""
-        self._connection.send(Call("DELETE", _sequence(sequence_id)))
 
     # Signatures.
 
@@ -344,22 +324,23 @@ class Client:
             If the signature cannot be fitted.
         """
         if options:
-            return self._awaited(_made(sequence_id, options, HDF5), _own, progress)
-        return _own(self._get(f"{_sequence(sequence_id)}/signature", accept=HDF5))
+            asked = signature_call(sequence_id, options, HDF5)
+            return self._awaited(asked, signature_of, progress)
+        return signature_of(self._get(f"/v1/sequences/{segment(sequence_id)}/signature", HDF5))
 
+    @call("POST /v1/sequences/{sequence_id}/signatures", HDF5)
     def start_signature(self, sequence_id: str, **options: Option) -> Job[ModalSignature]:
         """Fit and store a signature in a job of the service."""
-        return self._started(_made(sequence_id, options, HDF5), _own)
 
+    @call("GET /v1/sequences/{sequence_id}/signatures")
     def stored_signatures(self, sequence_id: str, *, page: int = 100) -> Iterator[Info]:
         """List the stored signatures of a sequence: their keys, parameters and errors."""
-        path = f"{_sequence(sequence_id)}/signatures"
-        return map(Info, self._pages(path, "signatures", limit=page))
 
+    @call("DELETE /v1/signatures/{key}")
     def delete_signature(self, key: str) -> None:
         """Delete a stored signature."""
-        self._connection.send(Call("DELETE", f"/v1/signatures/{segment(key)}"))
 
+    @call("POST /v1/signature", HDF5)
     def signature_of(
         self, source: Source, *, progress: Progress | None = None, **options: Option
     ) -> ModalSignature:
@@ -372,35 +353,6 @@ class Client:
         **options
             Of reading (format, grid, unit, ...) and of the signature (modes, template, ...).
         """
-        return self._file("/v1/signature", source, _own, progress, options, HDF5)
-
-    def signatures_of(
-        self,
-        sources: Mapping[str, Source] | Iterable[Source],
-        *,
-        manifest: str | None = None,
-        progress: Progress | None = None,
-        **options: Option,
-    ) -> list[SentResult[ModalSignature]]:
-        """Return the modal signatures of many sequences sent along; nothing is stored.
-
-        A file that cannot be read or fitted costs no other: it has its own error.
-
-        Parameters
-        ----------
-        sources : iterable of (path, bytes or MeshSequence), or mapping of str to these
-            Any number: they are sent in as few requests as the service allows.
-        manifest : str, optional
-            CSV with the columns path (the names of the files), subject, label and facts; for
-            files that fit into one request.
-        progress : callable, optional
-            Called with the files that are done, and all.
-        **options
-            Of reading and of the signatures, as of `signature_of`; of all files.
-        """
-        return self._of_many(
-            ("/v1/signature", ZIP), sources, manifest, signatures_in, progress, options
-        )
 
     def signatures(
         self, sequence_ids: Iterable[str], *, progress: Share | None = None, **options: Option
@@ -423,11 +375,12 @@ class Client:
         answers: list[SignatureArrays] = []
         for start in range(0, len(ids), at_once):
             request = {"ids": ids[start : start + at_once], **options}
-            answers += self._awaited(_posted("/v1/signatures/query", request, NPZ), pack_of)
+            answers += self._awaited(posted("/v1/signatures/query", request, NPZ), pack_of)
             if progress is not None:
                 progress(len(answers) / len(ids))
         return answers
 
+    @call("GET /v1/signatures/{signature}/reconstruction", NPZ)
     def reconstruction(self, sequence_id: str, **options: Option) -> MeshSequence:
         """Return the surfaces that a signature describes.
 
@@ -438,13 +391,13 @@ class Client:
             Of the signature; and times, in s, phases, shares of the cycle, or frames, so many in
             even steps: those of the recording by default.
         """
-        return self._of_signature(sequence_id, "reconstruction", options, _sequence_of, NPZ)
 
     def distance(self, sequence_id: str, to: str, **options: Option) -> Comparison:
         """Return the distance of a sequence's signature from another's: 0 for the same motion."""
-        own, rest = _parted(options)
+        own, rest = parted(options)
         query = {**rest, "to": self._key(to, own)}
-        found = self._of_signature(sequence_id, "distance", {**own, **query}, info_of)
+        path = f"/v1/signatures/{self._key(sequence_id, own)}/distance"
+        found = self._awaited(Call("GET", path, query), info_of)
         with understood("a distance"):
             by_errors = found["by_errors"]
             return Comparison(
@@ -453,6 +406,7 @@ class Client:
                 None if by_errors is None else float(by_errors),
             )
 
+    @call("GET /v1/signatures/{signature}/readouts")
     def readouts(self, sequence_id: str, **options: Option) -> Info:
         """Return volumes, rates and strain over time, each with its bound.
 
@@ -467,8 +421,8 @@ class Client:
         RemoteError
             If the surface encloses nothing.
         """
-        return self._of_signature(sequence_id, "readouts", options, info_of)
 
+    @call("POST /v1/sequences/{sequence_id}/tradeoff")
     def tradeoff(self, sequence_id: str, **options: Option) -> Info:
         """Return the cost and the loss of each choice of modes.
 
@@ -478,8 +432,6 @@ class Client:
         **options
             Of the marked signature; and front_modes, only (components).
         """
-        path = f"{_sequence(sequence_id)}/tradeoff"
-        return self._awaited(_posted(path, options), info_of)
 
     # Classes and models.
 
@@ -501,12 +453,13 @@ class Client:
             model, the shipped one by default; coverage.
         """
         path = f"/v1/signatures/{segment(sequence_id)}/classifications"
-        call = _posted(path, {**options, "covariates": covariates or None})
+        asked = posted(path, {**options, "covariates": covariates or None})
         # A job's result is the list of all models' answers: of what is kept this one's is asked.
-        while (answer := self._connection.send(call)).status == 202:
-            awaited(self._connection, answer, _content, call.accept)
+        while (answer := self._connection.send(asked)).status == 202:
+            awaited(self._connection, answer, _content, asked.accept)
         return info_of(answer)
 
+    @call("POST /v1/classify")
     def classify_of(
         self, source: Source, *, progress: Progress | None = None, **options: Option
     ) -> Info:
@@ -519,36 +472,20 @@ class Client:
         **options
             Of reading (format, grid, unit, ...), facts=, and model, coverage.
         """
-        return self._file("/v1/classify", source, info_of, progress, options)
 
-    def classes_of(
-        self,
-        sources: Mapping[str, Source] | Iterable[Source],
-        *,
-        manifest: str | None = None,
-        progress: Progress | None = None,
-        **options: Option,
-    ) -> list[SentResult[Info]]:
-        """Ask a model for the classes of many sequences sent along, as `signatures_of` does."""
-
-        def read(answer: Answer) -> list[SentResult[Info]]:
-            return results_in(answer, "classification", Info)
-
-        return self._of_many(("/v1/classify", JSON), sources, manifest, read, progress, options)
-
+    @call("GET /v1/signatures/{sequence_id}/classifications")
     def classifications(self, sequence_id: str, *, page: int = 100) -> Iterator[Info]:
         """List the models' answers for a sequence."""
-        path = f"/v1/signatures/{segment(sequence_id)}/classifications"
-        return map(Info, self._pages(path, "classifications", limit=page))
 
+    @call("GET /v1/models")
     def models(self, *, page: int = 100) -> Iterator[Info]:
         """List models by name, each in its newest version, fetched a page at a time."""
-        return map(Info, self._pages("/v1/models", "models", limit=page))
 
+    @call("GET /v1/models/{name}")
     def model(self, name: str) -> Info:
         """Describe a model, name or name@version; `card` is its card."""
-        return info_of(self._get(f"/v1/models/{segment(name)}"))
 
+    @call("POST /v1/models", is_keyed=True, nests=True)
     def train(
         self, name: str, cases: Iterable[Case], *, progress: Share | None = None, **options: Option
     ) -> Info:
@@ -569,12 +506,12 @@ class Client:
         RemoteError
             If the cases cannot be trained on.
         """
-        return self._awaited(_training(name, cases, options), info_of, progress)
 
+    @call("POST /v1/models", is_keyed=True, nests=True)
     def start_training(self, name: str, cases: Iterable[Case], **options: Option) -> Job[Info]:
         """Start a training as `train` does, and do not wait for it."""
-        return self._started(_training(name, cases, options), info_of)
 
+    @call("POST /v1/models/{name}/evaluations")
     def evaluate(
         self, name: str, cases: Iterable[Case], *, progress: Share | None = None, **options: Option
     ) -> Info:
@@ -595,13 +532,12 @@ class Client:
         Info
             accuracy, auc, log_loss, sensitivity, cases (the answer to each) and so on: see `/docs`.
         """
-        path = f"/v1/models/{segment(name)}/evaluations"
-        return self._awaited(_of_cases(path, cases, options), info_of, progress)
 
+    @call("DELETE /v1/models/{name}")
     def delete_model(self, name: str) -> None:
         """Delete a version of a model, as name@version; its number is never used again."""
-        self._connection.send(Call("DELETE", f"/v1/models/{segment(name)}"))
 
+    @call("POST /v1/features")
     def features(
         self, cases: Iterable[Case], *, progress: Share | None = None, **options: Option
     ) -> FeatureTable:
@@ -621,16 +557,10 @@ class Client:
         RemoteError
             If the sequences do not compare, or have not the features that are named.
         """
-        from modalmotion.classification import FeatureTable
-
-        def read(answer: Answer) -> FeatureTable:
-            with understood("a table of features"):
-                return FeatureTable.from_json(answer.json)
-
-        return self._awaited(_of_cases("/v1/features", cases, options), read, progress)
 
     # Norms.
 
+    @call("POST /v1/norms", is_keyed=True)
     def make_norm(
         self,
         name: str,
@@ -656,21 +586,20 @@ class Client:
         RemoteError
             If no norm can be made of them.
         """
-        call = _of_cases("/v1/norms", controls, {"name": name, **options}, is_keyed=True)
-        return self._awaited(call, info_of, progress)
 
     def norms(self, *, page: int = 100) -> list[str]:
         """List the names of all norms."""
-        return [str(one["name"]) for one in self._pages("/v1/norms", "norms", limit=page)]
+        return [str(one["name"]) for one in self._pages("/v1/norms", {"page": page})]
 
+    @call("GET /v1/norms/{name}")
     def norm(self, name: str) -> Info:
         """Describe a norm."""
-        return info_of(self._get(f"/v1/norms/{segment(name)}"))
 
+    @call("DELETE /v1/norms/{name}")
     def delete_norm(self, name: str) -> None:
         """Delete a norm; its name is free again."""
-        self._connection.send(Call("DELETE", f"/v1/norms/{segment(name)}"))
 
+    @call("POST /v1/norms/{norm}/deviations")
     def deviations(self, sequences: Iterable[Case], norm: str, *, level: float = 0.05) -> Info:
         """Tell how far stored sequences lie from the controls of a norm, from five on together too.
 
@@ -680,7 +609,7 @@ class Client:
             As for `train`.
         norm : str
         level : float
-            Share of recordings like the controls that may be called a deviation.
+            Level: share of recordings like the controls that are called a deviation.
 
         Returns
         -------
@@ -692,11 +621,10 @@ class Client:
         RemoteError
             If there are too few controls for the level, or one does not compare.
         """
-        path = f"/v1/norms/{segment(norm)}/deviations"
-        return self._awaited(_of_cases(path, sequences, {"level": level}), info_of)
 
     # Streams and templates.
 
+    @call("POST /v1/encode", STREAM)
     def encode(
         self, source: Source, *, progress: Progress | None = None, **options: Option
     ) -> CompressedSequence:
@@ -710,11 +638,10 @@ class Client:
             One of rms, max_error (length unit of the sequence) and bytes; effort; and how to
             read the file.
         """
-        return self._file("/v1/encode", source, compressed_of, progress, options, STREAM)
 
+    @call("GET /v1/sequences/{sequence_id}/encoded", STREAM)
     def encoded(self, sequence_id: str, **options: Option) -> CompressedSequence:
         """Return a stored sequence as a compressed stream: rms, max_error or bytes; effort."""
-        return compressed_of(self._get(f"{_sequence(sequence_id)}/encoded", options, STREAM))
 
     def decode(
         self,
@@ -738,8 +665,10 @@ class Client:
         ends = {} if frames is None else {"first": frames.start, "stop": frames.stop}
         if vertices is not None:
             ends |= {"first_vertex": vertices.start, "stop_vertex": vertices.stop}
-        return self._file("/v1/decode", source, _sequence_of, progress, ends, NPZ)
+        asked = Call("POST", "/v1/decode", ends, NPZ, body_of(source), is_repeatable=True)
+        return self._awaited(asked, sequence_of, progress, is_upload=True)
 
+    @call("POST /v1/templates")
     def make_template(
         self, source: Source, *, progress: Progress | None = None, **options: Option
     ) -> Info:
@@ -752,16 +681,16 @@ class Client:
         **options
             How to read the file; topology, reference, weights, landmarks, merge_vertices, ...
         """
-        return self._file("/v1/templates", source, info_of, progress, options)
 
     def templates(self, *, page: int = 100) -> list[str]:
         """List the ids of all templates."""
-        return [str(one) for one in self._pages("/v1/templates", "templates", limit=page)]
+        return [str(one) for one in self._pages("/v1/templates", {"page": page})]
 
+    @call("GET /v1/templates/{template_id}")
     def template(self, template_id: str) -> Info:
         """Describe a template."""
-        return info_of(self._get(f"/v1/templates/{segment(template_id)}"))
 
+    @call("GET /v1/templates/{template_id}/modes", NPZ)
     def template_modes(self, template_id: str, modes: int = 7, **options: Option) -> TemplateModes:
         """Return labels, angular frequencies and shapes of the vibration modes of a surface.
 
@@ -773,15 +702,14 @@ class Client:
         **options
             wave_speed, in length units per s: 1 by default.
         """
-        path = f"/v1/templates/{segment(template_id)}/modes"
-        return template_modes_of(self._get(path, {"modes": modes, **options}, NPZ))
 
+    @call("DELETE /v1/templates/{template_id}")
     def delete_template(self, template_id: str) -> None:
         """Delete a template; signatures that were fitted on it stay."""
-        self._connection.send(Call("DELETE", f"/v1/templates/{segment(template_id)}"))
 
     # Images and tracks.
 
+    @call("POST /v1/images", is_keyed=True)
     def upload_images(self, source: Source, *, progress: Progress | None = None) -> Info:
         """Send images to be tracked: `make_track(images)` does, and deletes them.
 
@@ -798,12 +726,12 @@ class Client:
         UnreachableError
             If no answer comes. Sent again, they are stored once.
         """
-        return self._file("/v1/images", source, info_of, progress, {}, is_keyed=True)
 
+    @call("GET /v1/images")
     def all_images(self, *, page: int = 100) -> Iterator[Info]:
         """List images from the newest to the oldest, fetched a page at a time."""
-        return map(Info, self._pages("/v1/images", "images", limit=page))
 
+    @call("GET /v1/images/{images_id}")
     def images(self, images_id: str) -> Info:
         """Describe images.
 
@@ -812,11 +740,10 @@ class Client:
         NotFoundError
             If there are none of that id: they are deleted after tracking, where nobody keeps them.
         """
-        return info_of(self._get(f"/v1/images/{segment(images_id)}"))
 
+    @call("DELETE /v1/images/{images_id}")
     def delete_images(self, images_id: str) -> None:
         """Delete images; tracks that were made of them stay."""
-        self._connection.send(Call("DELETE", f"/v1/images/{segment(images_id)}"))
 
     def make_track(
         self, source: Recording, *, progress: Share | None = None, **options: Option
@@ -849,6 +776,7 @@ class Client:
         """Track in a job of the service."""
         return self._started(track_call(source, options), self._tracked)
 
+    @call("GET /v1/tracks/{track_id}", HDF5)
     def track(self, track_id: str) -> Track:
         """Return a stored track: the library's own, bit for bit.
 
@@ -857,10 +785,6 @@ class Client:
         NotFoundError
             If no track has that id, which is that of its sequence.
         """
-        from modalmotion.tracking.hdf5 import track_from_hdf5
-
-        answer = self._get(f"/v1/tracks/{segment(track_id)}", accept=HDF5)
-        return track_from_hdf5(answer.content)
 
     # Files.
 
@@ -889,18 +813,17 @@ class Client:
             If the file cannot be written.
         """
         target = Path(path)
-        saved, media_type = form_of(what, target)
-        place = saved.path
+        place, media_type = form_of(what, target)
         if place.startswith("/v1/signatures/"):
-            own, options = _parted(options)
+            own, options = parted(options)
             name = self._key(str(name), own)
         if "{}" in place:
             place = place.format(segment(str(name)))
-        if saved.has_body:
-            call = _posted(place, options, media_type)
+        if what in POSTED:
+            asked = posted(place, options, media_type)
         else:
-            call = Call("GET", place, options, media_type)
-        write(self._awaited(call, _content), target)
+            asked = Call("GET", place, options, media_type)
+        write(self._awaited(asked, _content), target)
 
     def save_dicom(
         self, sequence_id: str, study: bytes | Path, path: str | Path, **options: Option
@@ -923,9 +846,10 @@ class Client:
         """
         target = Path(path)
         require_place(target)
-        own, rest = _parted(options)
+        own, rest = parted(options)
         place = f"/v1/signatures/{self._key(sequence_id, own)}/dicom"
-        write(self._file(place, study, _content, None, rest, ZIP), target)
+        asked = Call("POST", place, rest, ZIP, body_of(study), is_repeatable=True)
+        write(self._awaited(asked, _content), target)
 
     def save_tracked_report(
         self,
@@ -955,120 +879,8 @@ class Client:
         """
         target = Path(path)
         require_place(target)
-        call = replace(track_call(source, {**options, "report": True}), accept=ZIP)
-        write(self._awaited(call, _content, progress), target)
-
-    # What all calls have in common.
-
-    def _get(
-        self, path: str, query: Mapping[str, Option] | None = None, accept: str = JSON
-    ) -> Answer:
-        return self._awaited(Call("GET", path, query, accept), lambda answer: answer)
-
-    def _awaited(self, call: Call, read: Callable[[Answer], T], progress: Share | None = None) -> T:
-        return awaited(self._connection, self._connection.send(call), read, call.accept, progress)
-
-    def _file(
-        self,
-        path: str,
-        source: Source,
-        read: Callable[[Answer], T],
-        progress: Progress | None,
-        options: Mapping[str, Option],
-        accept: str = JSON,
-        *,
-        is_keyed: bool = False,
-    ) -> T:
-        """Send a file along, and wait for what is made of it."""
-        call = Call(
-            *("POST", path, options, accept, body_of(source)),
-            is_repeatable=not is_keyed,
-            is_keyed=is_keyed,
-        )
-        return awaited(self._connection, self._connection.send(call, progress), read, accept)
-
-    def _started(
-        self, call: Call, read: Callable[[Answer], T], progress: Progress | None = None
-    ) -> Job[T]:
-        answer = self._connection.send(call.with_headers(Prefer="respond-async"), progress)
-        if answer.status != 202:
-            raise BrokenAnswerError(
-                f"The service answered {answer.status} and started no job.",
-                remedy="Make the call that waits for its result.",
-            )
-        return Job(self._connection, JobStatus.of(answer.json), read, call.accept)
-
-    def _key(self, sequence_id: str, own: Mapping[str, Option]) -> str:
-        """Key of a signature, made where options say which; a sequence stands for its usual one."""
-        if not own:
-            return segment(sequence_id)
-        answer = self._awaited(_made(sequence_id, own, JSON), info_of)
-        with understood("a signature"):
-            return segment(str(answer["key"]))
-
-    def _of_signature(
-        self,
-        sequence_id: str,
-        what: str,
-        options: Mapping[str, Option],
-        read: Callable[[Answer], T],
-        accept: str = JSON,
-    ) -> T:
-        own, query = _parted(options)
-        path = f"/v1/signatures/{self._key(sequence_id, own)}/{what}"
-        return self._awaited(Call("GET", path, query, accept), read)
-
-    def _of_many(
-        self,
-        asked: tuple[str, str],
-        sources: Mapping[str, Source] | Iterable[Source],
-        manifest: str | None,
-        read: Callable[[Answer], list[SentResult[T]]],
-        progress: Progress | None,
-        options: Mapping[str, Option],
-    ) -> list[SentResult[T]]:
-        """Send many files to a path for an answer of a type, in as few requests as are allowed."""
-        files = named_bodies(sources)
-        with understood("a list of limits"):
-            limits = self.limits()
-            most = int(limits["batch_files"]), int(limits["body_bytes"])
-        requests = list(in_requests(files, *most))
-        if manifest is not None and len(requests) > 1:
-            raise ParameterError(
-                f"{len(files)} files with a manifest do not fit into one request.",
-                remedy="Send them in parts, each with a manifest of its own files.",
-            )
-        path, accept = asked
-        results: list[SentResult[T]] = []
-        for part in requests:
-            body = form_body(part, manifest)
-            call = Call("POST", path, options, accept, body, is_repeatable=True)
-            answers = self._awaited(call, read)
-            with understood("as many results as files"):
-                # By the names that they have here: a form's may be written otherwise.
-                results += [
-                    replace(one, name=name) for (name, _), one in zip(part, answers, strict=True)
-                ]
-            if progress is not None:
-                progress(len(results), len(files))
-        return results
-
-    def _pages(self, path: str, member: str, **query: Option) -> Iterator[Any]:
-        """Yield the members of a list, page by page."""
-        cursor: str | None = None
-        while True:
-            page = self._get(path, {**query, "cursor": cursor}).json
-            with understood(f"a page of {member}"):
-                members, following = list(page[member]), page["cursor"]
-            yield from members
-            if following is None:
-                return
-            if following == cursor:
-                raise BrokenAnswerError(
-                    f"The service gives the same page of {member} again and again.",
-                    remedy="Check the version of the service.",
-                )
-            cursor = following
+        asked = replace(track_call(source, {**options, "report": True}), accept=ZIP)
+        write(self._awaited(asked, _content, progress), target)
 
     def _tracked(self, answer: Answer) -> Track:
         with understood("a track"):
@@ -1107,46 +919,5 @@ def _as_npz(clouds: Sequence[Any]) -> bytes:
     return buffer.getvalue()
 
 
-def _sequence(sequence_id: str) -> str:
-    return f"/v1/sequences/{segment(sequence_id)}"
-
-
-def _posted(path: str, options: Mapping[str, Option], accept: str = JSON) -> Call:
-    return Call("POST", path, None, accept, json_body(plain(options)), is_repeatable=True)
-
-
-def _made(sequence_id: str, options: Mapping[str, Option], accept: str) -> Call:
-    return _posted(f"{_sequence(sequence_id)}/signatures", options, accept)
-
-
-def _of_cases(
-    path: str, cases: Iterable[Case], options: Mapping[str, Option], *, is_keyed: bool = False
-) -> Call:
-    listed = [case if isinstance(case, str) else dict(case) for case in cases]
-    call = _posted(path, {"sequences": listed, **options})
-    return replace(call, is_repeatable=not is_keyed, is_keyed=is_keyed)
-
-
-def _training(name: str, cases: Iterable[Case], options: Mapping[str, Option]) -> Call:
-    stated = {"name": name, "options": plain(options)}
-    return _of_cases("/v1/models", cases, stated, is_keyed=True)
-
-
-def _parted(options: Mapping[str, Option]) -> tuple[dict[str, Option], dict[str, Option]]:
-    """Part options of a signature from those of what is made of it."""
-    own = {name: value for name, value in options.items() if name in _OF_SIGNATURE}
-    return own, {name: value for name, value in options.items() if name not in own}
-
-
 def _content(answer: Answer) -> bytes:
     return answer.content
-
-
-def _own(answer: Answer) -> ModalSignature:
-    from modalmotion.store import signature_from_hdf5
-
-    return signature_from_hdf5(answer.content)
-
-
-def _sequence_of(answer: Answer) -> MeshSequence:
-    return read_npz(answer.content).sequence

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from modalmotion.errors import ParameterError, StoreError
 
@@ -15,66 +15,48 @@ PNG: Final = "image/png"
 CSV: Final = "text/csv"
 ZIP: Final = "application/zip"
 STREAM: Final = "application/vnd.modalmotion.stream"
-
-_OF_SIGNATURE: Final = "/v1/signatures/{}"
-
-
-class Saved(NamedTuple):
-    """Where something comes from, and its forms.
-
-    Parameters
-    ----------
-    path : str
-        With braces for its id or its name.
-    forms : dict
-        Media types by suffix.
-    has_body : bool
-        Whether its options are the body of a POST.
-    """
-
-    path: str
-    forms: dict[str, str]
-    has_body: bool = False
-
+FHIR: Final = "application/fhir+json"
 
 SAVED: Final = {
-    "signature": Saved(
-        _OF_SIGNATURE, {".h5": HDF5, ".npz": NPZ, ".png": PNG, ".csv": CSV, ".json": JSON}
-    ),
-    "readouts": Saved(f"{_OF_SIGNATURE}/readouts", {".png": PNG, ".csv": CSV, ".json": JSON}),
-    "strain": Saved(f"{_OF_SIGNATURE}/strain", {".json": JSON}),
-    "reconstruction": Saved(
-        f"{_OF_SIGNATURE}/reconstruction",
-        {
-            ".npz": NPZ,
-            ".vtkhdf": "application/vnd.vtk.vtkhdf",
-            ".glb": "model/gltf-binary",
-            ".zip": ZIP,
-        },
-    ),
-    "report": Saved(
-        f"{_OF_SIGNATURE}/report",
-        {".pdf": "application/pdf", ".json": "application/fhir+json", ".csv": CSV},
-    ),
-    "view": Saved(f"{_OF_SIGNATURE}/view", {".html": "text/html"}),
-    "tradeoff": Saved("/v1/sequences/{}/tradeoff", {".png": PNG, ".json": JSON}, has_body=True),
-    "stream": Saved("/v1/sequences/{}/encoded", {".mms": STREAM}),
-    "template": Saved("/v1/templates/{}", {".png": PNG, ".json": JSON}),
-    "modes": Saved("/v1/templates/{}/modes", {".png": PNG, ".npz": NPZ, ".h5": HDF5}),
-    "track": Saved("/v1/tracks/{}", {".h5": HDF5, ".png": PNG, ".json": JSON}),
-    "model": Saved(
-        "/v1/models/{}",
-        {".h5": HDF5, ".hdf5": HDF5, ".png": PNG, ".csv": CSV, ".md": "text/markdown"},
-    ),
-    "evaluation": Saved("/v1/models/{}/evaluations", {".png": PNG, ".csv": CSV}, has_body=True),
-    "norm": Saved("/v1/norms/{}", {".h5": HDF5}),
-    "features": Saved("/v1/features", {".csv": CSV, ".json": JSON}, has_body=True),
+    "signature": ("/v1/signatures/{}", (".h5", ".npz", ".png", ".csv", ".json")),
+    "readouts": ("/v1/signatures/{}/readouts", (".png", ".csv", ".json")),
+    "strain": ("/v1/signatures/{}/strain", (".json",)),
+    "reconstruction": ("/v1/signatures/{}/reconstruction", (".npz", ".vtkhdf", ".glb", ".zip")),
+    "report": ("/v1/signatures/{}/report", (".pdf", ".json", ".csv")),
+    "view": ("/v1/signatures/{}/view", (".html",)),
+    "tradeoff": ("/v1/sequences/{}/tradeoff", (".png", ".json")),
+    "stream": ("/v1/sequences/{}/encoded", (".mms",)),
+    "template": ("/v1/templates/{}", (".png", ".json")),
+    "modes": ("/v1/templates/{}/modes", (".png", ".npz", ".h5")),
+    "track": ("/v1/tracks/{}", (".h5", ".png", ".json")),
+    "model": ("/v1/models/{}", (".h5", ".png", ".csv", ".md")),
+    "evaluation": ("/v1/models/{}/evaluations", (".png", ".csv")),
+    "norm": ("/v1/norms/{}", (".h5",)),
+    "features": ("/v1/features", (".csv", ".json")),
 }
-"""By the name that `Client.save` takes."""
+"""Path, with braces for an id or a name, and suffixes, by the name that `Client.save` takes."""
+
+POSTED: Final = ("tradeoff", "evaluation", "features")
+"""Those whose options are the body of a POST."""
+
+_TYPES: Final = {
+    ".csv": CSV,
+    ".glb": "model/gltf-binary",
+    ".h5": HDF5,
+    ".html": "text/html",
+    ".json": JSON,
+    ".md": "text/markdown",
+    ".mms": STREAM,
+    ".npz": NPZ,
+    ".pdf": "application/pdf",
+    ".png": PNG,
+    ".vtkhdf": "application/vnd.vtk.vtkhdf",
+    ".zip": ZIP,
+}
 
 
-def form_of(what: str, path: Path) -> tuple[Saved, str]:
-    """Look up what is saved, and the media type that the file's suffix stands for.
+def form_of(what: str, path: Path) -> tuple[str, str]:
+    """Look up the path of what is saved, and the media type that the file's suffix stands for.
 
     Raises
     ------
@@ -83,16 +65,16 @@ def form_of(what: str, path: Path) -> tuple[Saved, str]:
     StoreError
         If the file cannot be written there.
     """
-    saved = SAVED.get(what)
-    if saved is None:
+    if what not in SAVED:
         raise ParameterError(f"{what!r} cannot be saved.", remedy=f"Use one of {', '.join(SAVED)}.")
     require_place(path)
-    media_type = saved.forms.get(path.suffix.lower())
-    if media_type is None:
+    place, suffixes = SAVED[what]
+    suffix = path.suffix.lower()
+    if suffix not in suffixes:
         raise ParameterError(
-            f"'{path.name}' has an unknown suffix.", remedy=f"Use one of {', '.join(saved.forms)}."
+            f"'{path.name}' has an unknown suffix.", remedy=f"Use one of {', '.join(suffixes)}."
         )
-    return saved, media_type
+    return place, FHIR if (what, suffix) == ("report", ".json") else _TYPES[suffix]
 
 
 def require_place(path: Path) -> None:

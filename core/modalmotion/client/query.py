@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.errors import ParameterError
-from modalmotion.facts import Facts, facts_as_json
+from modalmotion.mesh import Facts, facts_as_json
 
 Option = Any
 """Value of an option, as JSON, NumPy or an enumeration has it; None leaves it to the service. Facts

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from modalmotion.client.connection import Answer
 from modalmotion.client.errors import BrokenAnswerError, understood
-from modalmotion.facts import facts_from_json
+from modalmotion.mesh import facts_from_json
 from modalmotion.representation import LONGEST_LINE, shown
 
 _SHOWN: Final = (

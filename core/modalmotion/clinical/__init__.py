@@ -1,4 +1,4 @@
-"""Clinical readouts of a moving cavity: volume over time and ejection fraction."""
+"""Clinical read-outs of a moving cavity: volume over time and ejection fraction."""
 
 from typing import TYPE_CHECKING
 

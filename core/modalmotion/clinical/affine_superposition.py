@@ -1,10 +1,10 @@
 """Positions superposed from amplitudes, with the affine part of the motion exact.
 
-A heart that contracts evenly moves by an affine map, which a few modes cannot hold exactly: the
-residual biases the volume, always to the same side. The amplitudes of an affine map are
-known, though, from the reference alone. So the map whose amplitudes are nearest to those of the
-frame is applied as it is, and the modes carry only the rest of the amplitudes. The result has
-the same amplitudes as before, and is exact for every affine motion that they determine.
+A heart that contracts uniformly moves by an affine map, which a few modes cannot represent exactly:
+the residual biases the volume, always with the same sign. The amplitudes of an affine map follow
+from the reference alone. So the map whose amplitudes are nearest to those of the frame is applied
+exactly, and the modes carry only the remaining amplitudes. The result has the same amplitudes as
+before, and is exact for every affine motion that they determine.
 """
 
 from __future__ import annotations
@@ -15,23 +15,29 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.fit.basis import Basis
-from modalmotion.fit.fit import project
-from modalmotion.fit.offsets import offset_reference
 from modalmotion.numeric.products import product
+from modalmotion.signature.basis import Basis
+from modalmotion.signature.fit import project
 from modalmotion.signature.making import ModalSignature, SignatureKind
+from modalmotion.signature.superposition import offset_reference
 from modalmotion.template import Template
-from modalmotion.template.affine_motions import HELD, unit_coordinates
-from modalmotion.template.body_frame import Components, from_local, local_frames, to_local
+from modalmotion.template.body_frame import (
+    HELD,
+    Components,
+    from_local,
+    local_frames,
+    to_local,
+    unit_coordinates,
+)
 
-# Floats of positions held at once.
+# Floats of positions in memory at once.
 _BLOCK: Final = 500_000
 
 
 def superposed_positions(
     signature: ModalSignature, template: Template, basis: Basis, rest: NDArray[np.float64]
 ) -> Iterator[tuple[slice, NDArray[np.float64]]]:
-    """Positions in the frame of the reference, rotation not put back, some frames at a time.
+    """Positions in the frame of the reference, without rotation, some frames at a time.
 
     Parameters
     ----------
@@ -51,7 +57,7 @@ def superposed_positions(
     n_frames, n_vertices = signature.n_frames, len(rest)
     step = max(1, _BLOCK // (3 * n_vertices))
     if signature.kind == SignatureKind.OFFSET:
-        # Normals hold no affine motion that could be taken apart.
+        # Normal displacements have no affine part that could be separated.
         normals, _ = offset_reference(template, rest)
         for first in range(0, n_frames, step):
             part = slice(first, first + step)
@@ -83,7 +89,7 @@ def superposed_positions(
 def _superposed(
     coefficients: NDArray[np.float64], rows: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Sum of fields times coefficients, (frames, vertices, n): a product whose bits are fixed."""
+    """Sum of fields times coefficients, (frames, vertices, n): a product with reproducible bits."""
     f, m, n = coefficients.shape
     by_direction = np.ascontiguousarray(coefficients.transpose(0, 2, 1)).reshape(n * f, m)
     return product(by_direction, rows).reshape(f, n, -1).transpose(0, 2, 1)

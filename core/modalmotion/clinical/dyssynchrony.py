@@ -1,7 +1,7 @@
 """How unevenly the segments of a ventricle contract in time.
 
 The systolic dyssynchrony index is the standard deviation of the times at which the volumes of the
-16 segments are least, percent of the cycle (Kapetanakis et al., Circulation, 2005).
+16 segments are smallest, percent of the cycle (Kapetanakis et al., Circulation, 2005).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from modalmotion.clinical.wall_motion import WallMotion
 # Largest share of a cycle between two frames, over its end too.
 _LARGEST_GAP: Final = 1 / 8 + 1e-9
 
-# Instants of a cycle among which the least volume is looked for.
+# Instants of a cycle among which the smallest volume is searched.
 _INSTANTS: Final = 1000
 
 # Of the noise of volumes, always the same.
@@ -55,10 +55,10 @@ def segment_volumes(motion: WallMotion, segment: NDArray[np.int64], n: int) -> N
 def volume_variances(
     motion: WallMotion, segment: NDArray[np.int64], n: int, frame: int
 ) -> NDArray[np.float64]:
-    """Variance of each segment's volume by what is known of errors of positions, (n,) float64.
+    """Variance of each segment's volume from the errors of positions, (n,) float64.
 
-    By the gradient of `segment_volumes`, a sum of (a x g) . l / 2, where a leads from the middle
-    line to the wall, g goes around it and l along the middle line.
+    By the gradient of `segment_volumes`, a sum of (a x g) . l / 2, with a from the middle line to
+    the wall, g around it and l along the middle line.
     """
     rows, columns = motion.places.shape
     grid = rows, columns, 3
@@ -88,7 +88,7 @@ def dyssynchrony(
     phases: NDArray[np.float64],
     variances: NDArray[np.float64],
 ) -> tuple[float, float, float] | None:
-    """Measure how far apart the times of least volume are.
+    """Measure the spread of the times of smallest volume.
 
     Parameters
     ----------
@@ -101,18 +101,18 @@ def dyssynchrony(
     Returns
     -------
     (float, float, float) or None
-        Standard deviation of the times, and its 95 % interval, percent of the cycle. None where
-        more than an eighth of the cycle is between two frames.
+        Standard deviation of the times, and its 95 % interval, percent of the cycle. None if more
+        than an eighth of the cycle is between two frames.
 
     Notes
     -----
-    Volumes are periodic cubic splines through the frames. Noise moves times apart, most where
-    curves are flat: what it makes of segments that all follow the whole volume is taken off the
-    square. The interval has what noise does to this index, what straight lines between the
-    frames would change, and times that are anywhere between two frames.
+    Volumes are periodic cubic splines through the frames. Noise increases the spread, most where
+    curves are flat: the spread that it gives segments that all follow the whole volume is
+    subtracted from the square. The interval includes the noise, the difference from straight lines
+    between the frames, and the spacing of the frames.
     """
     phases = phases - phases[0]
-    is_first = phases < 1.0 - 1e-9  # of the cycle, and no first frame again
+    is_first = phases < 1.0 - 1e-9  # of the cycle, without a repeated first frame
     phases, volumes = phases[is_first], volumes[is_first]
     gaps = np.diff(phases, append=1.0)
     if gaps.max() > _LARGEST_GAP or gaps.min() <= 0.0:
@@ -142,7 +142,7 @@ def dyssynchrony(
 
 
 def _apart(curves: NDArray[np.float64]) -> float:
-    """Measure how far apart the instants are where curves are least, as a share of the cycle."""
+    """Spread of the instants at which curves are smallest, as a share of the cycle."""
     times = curves.argmin(axis=0) / len(curves)
     # About the mean direction: a cycle has no first instant.
     mean = np.angle(np.exp(2j * np.pi * times).mean()) / (2 * np.pi)

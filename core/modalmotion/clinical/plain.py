@@ -1,4 +1,4 @@
-"""Further readouts of a ventricle as plain values, ready for JSON."""
+"""Further read-outs of a ventricle as plain values, ready for JSON."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from modalmotion.clinical.wall_motion import DIRECTIONS
 
 
 def ventricle_json(ventricle: VentricleReadouts) -> dict[str, Any]:
-    """Write readouts out: rates, segments and strain, null where a surface has none."""
+    """Write read-outs: rates, segments and strain, null if a surface has none."""
     regions, strain = ventricle.regions, ventricle.strain
     return {
         "rates": None if ventricle.rates is None else asdict(ventricle.rates),
@@ -35,7 +35,7 @@ def ventricle_json(ventricle: VentricleReadouts) -> dict[str, Any]:
 
 
 def torsion_json(torsion: Torsion) -> dict[str, Any]:
-    """Write twist and shear out, degrees."""
+    """Write twist and shear, degrees."""
     return {
         "twist": torsion.twist.tolist(),
         "twist_deviations": torsion.twist_deviations.tolist(),
@@ -47,7 +47,7 @@ def torsion_json(torsion: Torsion) -> dict[str, Any]:
 
 
 def per_mode_json(per_mode: Sensitivities) -> dict[str, Any]:
-    """Write gradients by amplitudes out."""
+    """Write gradients by amplitudes."""
     return {
         "names": list(per_mode.names),
         "units": list(per_mode.units),
@@ -57,7 +57,7 @@ def per_mode_json(per_mode: Sensitivities) -> dict[str, Any]:
 
 
 def strain_json(strain: Strain) -> dict[str, Any]:
-    """Write strain out, each number with its interval and its definition."""
+    """Write strain, each number with its interval and its definition."""
     return {
         "figures": [
             {

@@ -1,4 +1,4 @@
-"""How fast a cavity empties and fills, how often it beats, and what it pumps in a minute."""
+"""Peak rates of ejection and filling, heart rate and cardiac output."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.errors import ParameterError
 from modalmotion.representation import shown
 
-# Places between two frames at which a spline's slope is looked at.
+# Points between two frames at which a spline's slope is evaluated.
 _FINE: Final = 32
 
 # A spline's peak is off by so many times its distance from the chords' at most, and by so many
@@ -25,19 +25,18 @@ _NEAR: Final = 6.0
 @shown("heart_rate", "cardiac_output", "peak_ejection_rate", "peak_filling_rate")
 @dataclass(frozen=True)
 class Rates:
-    """Rates of a beating cavity; volumes in the readouts' `volume_unit`.
+    """Rates of a beating cavity; volumes in the read-outs' `volume_unit`.
 
     Parameters
     ----------
     peak_ejection_rate, peak_filling_rate : float, volume per s
         Largest fall and rise of the volume, of a cubic spline through the frames; both positive.
     ejection_bound, filling_bound : float, volume per s
-        The true rate lies within them: what the volumes' own bounds put on it, and what happens
-        between frames.
+        Bounds on the error of the rates: from the volumes' own bounds, and between frames.
     ejection_frame, filling_frame : int
-        Nearest to where they are.
+        Frames nearest to the peaks.
     heart_rate : float or None, beats per minute
-        None where no period is stated.
+        None if no period is given.
     cardiac_output : float or None, volume per minute
         Stroke volume times heart rate.
     output_range : tuple of float or None, volume per minute
@@ -73,7 +72,7 @@ def rates_of(readouts: ClinicalReadouts, period: float | None = None) -> Rates:
     if times is None or len(times) < 3:
         raise ParameterError(
             "Rates of emptying and filling need the times of at least three frames.",
-            remedy="State times or the interval of frames (--frame-interval).",
+            remedy="Give the times or the interval of the frames (--frame-interval).",
         )
     volumes, bounds = readouts.curve.volumes * factor, readouts.curve.bounds * factor
     fall, rise = _peaks(times, volumes, bounds, period)
@@ -111,14 +110,14 @@ def _peaks(
     bounds: NDArray[np.float64],
     period: float | None,
 ) -> tuple[_Peak, _Peak]:
-    """Largest fall and rise, around the cycle where it closes."""
+    """Largest fall and rise, periodic if the cycle is closed."""
     n = len(times)
     t, step = times, float(times[-1] - times[0]) / (n - 1)
     weights = np.eye(n)
     closes = period is not None and period > t[-1] - t[0] - 0.5 * step
     if closes and period is not None:
         if period < t[-1] - t[0] + 0.5 * step:
-            # The last frame repeats the first: one volume, seen twice.
+            # The last frame repeats the first: one volume, measured twice.
             t, weights = t[:-1], weights[:-1]
             weights[0, -1] = weights[0, 0] = 0.5
         t = np.append(t, t[0] + period)
@@ -127,7 +126,7 @@ def _peaks(
     spline = scipy.interpolate.CubicSpline(t, weights, bc_type="periodic" if closes else "natural")
     fine = np.interp(np.arange(_FINE * (len(t) - 1) + 1) / _FINE, np.arange(len(t)), t)
     slopes = spline(fine, 1)
-    # An open end's slope depends on what is taken to come beyond it.
+    # The slope at an open end depends on the end condition.
     knots = scipy.interpolate.CubicSpline(t, weights, bc_type="not-a-knot")
     other = slopes if closes else knots(fine, 1)
     rates, others = slopes @ volumes, other @ volumes

@@ -1,4 +1,4 @@
-"""Volume over time and the share of it that is lost, from the signature of a surface."""
+"""Volume over time and ejection fraction, from the signature of a surface."""
 
 from __future__ import annotations
 
@@ -8,21 +8,20 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import reference_positions
-from modalmotion.arguments.tasks import Plotted
+from modalmotion.arguments.checking import Plotted
 from modalmotion.clinical.affine_superposition import superposed_positions
 from modalmotion.clinical.vertex_noise import volume_deviations
 from modalmotion.clinical.volume_curve import Fraction, VolumeCurve
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.facts.facts import UNKNOWN
-from modalmotion.fit.basis import make_basis
 from modalmotion.mesh import Cavity, cavity_of
+from modalmotion.mesh.checks import Uncertainty
+from modalmotion.mesh.facts import UNKNOWN
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
-from modalmotion.mesh.uncertainty import Uncertainty
 from modalmotion.modes.topology import CUP, PLANE
-from modalmotion.numerals import counted, numeral, with_article
-from modalmotion.numeric.scale import power_of_two
-from modalmotion.representation import shown
+from modalmotion.numeric.products import power_of_two
+from modalmotion.representation import counted, numeral, shown, with_article
+from modalmotion.signature.basis import make_basis
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.template import Template
@@ -55,22 +54,22 @@ _ROUNDING: Final = 64.0
 )
 @dataclass(frozen=True, eq=False)
 class ClinicalReadouts(Plotted):
-    """Readouts of the volume that a surface encloses, over time.
+    """Read-outs of the volume that a surface encloses, over time.
 
     Parameters
     ----------
     curve : VolumeCurve
-        From the signature's amplitudes and the reference shape alone, with the bound that
-        leaving out all other modes puts on it.
+        From the signature's amplitudes and the reference shape, with a bound on the error of
+        leaving out all other modes.
     mesh_curve : VolumeCurve
-        Of the frames as they were sent; its bounds are of rounding.
+        Of the frames as sent; its bounds are those of rounding.
     times : (frames,) float64, s, or None
     unit : str or None
         Of lengths; volumes are in its cube.
     n_amplitudes : int
-        A frame.
+        Per frame.
     n_openings : int
-        Of the surface, each closed by a fan to the mean of its vertices.
+        Of the surface, each capped by a fan to the mean of its vertices.
     sequence_id, template_id : str
     notes : tuple of str
         Caveats for the user.
@@ -91,12 +90,12 @@ class ClinicalReadouts(Plotted):
 
     @property
     def stated(self) -> VolumeCurve:
-        """The curve to report: of a track that of its own surfaces, whose errors are known."""
+        """The curve to report: for a track that of its own surfaces, whose errors are known."""
         return self.mesh_curve if self.is_tracked else self.curve
 
     @property
     def stroke_volume(self) -> float:
-        """Largest volume less the smallest, in `volume_unit`."""
+        """Largest minus smallest volume, in `volume_unit`."""
         return self.stated.stroke_volume * self.shown_in
 
     @property
@@ -111,7 +110,7 @@ class ClinicalReadouts(Plotted):
         if self.unit is None:
             raise ParameterError(
                 "The length unit is unknown, so volumes cannot be given in ml.",
-                remedy="State the unit of the sequence; shares of the volume need none.",
+                remedy="Give the unit of the sequence; the ejection fraction needs none.",
             )
         return millilitres_in(self.unit)
 
@@ -127,7 +126,7 @@ class ClinicalReadouts(Plotted):
 
 
 def millilitres_in(unit: str) -> float:
-    """Give the volume of a cube with sides of one length unit, in ml."""
+    """Return the volume of a cube with sides of one length unit, in ml."""
     return MM_PER_UNIT[unit] ** 3 / 1000.0
 
 
@@ -136,8 +135,8 @@ def clinical_readouts(
 ) -> ClinicalReadouts:
     """Volume over time and ejection fraction from a signature, with their bounds.
 
-    The share of the volume that is lost is called ejection fraction where a cavity is stated
-    (`Facts.cavity`), or the surface is a cup and nothing else is stated; else volume change.
+    The ratio is called ejection fraction if a cavity is stated (`Facts.cavity`), or the surface is
+    a cup and nothing else is stated; otherwise volume change.
 
     Parameters
     ----------
@@ -151,30 +150,30 @@ def clinical_readouts(
     Returns
     -------
     ClinicalReadouts
-        Volumes are positive where the surface encloses most, for either winding.
+        The largest volume is positive, for either winding.
 
     Raises
     ------
     TopologyError
-        If the surface encloses nothing: a curve, a sheet, several pieces, one side only.
+        If the surface encloses nothing: a curve, a sheet, several pieces, a one-sided surface.
     ParameterError
         If the sequence is another, if the signature is of times between its frames, or if
         cubes of its size overflow or vanish.
 
     Notes
     -----
-    The volume is that of the triangles, with each opening closed by a fan to the mean of its
+    The volume is that of the triangles, with each opening capped by a fan to the mean of its
     vertices. The bound of a frame is ``|V(signature) - V(frame)|``, measured, plus a bound on
-    rounding; those of derived figures follow by interval arithmetic. Intervals hold two standard
-    deviations besides: by the errors of a track, or by the noise of the vertices, which is what a
-    smooth wall leaves of them.
+    rounding; those of derived figures follow by interval arithmetic. Intervals also include two
+    standard deviations: from the errors of a track, or from the noise of the vertices, which is
+    their residual from a smooth wall.
     """
     used = fitted_on(signature, sequence, template)
     basis = make_basis(used, signature.modes)
     if signature.n_frames != sequence.n_frames:
         raise ParameterError(
             f"The signature has {signature.n_frames} frames, its sequence {sequence.n_frames}: "
-            "between frames nothing was measured that a bound could come from.",
+            "there is no measurement between frames for a bound.",
             remedy="Give the signature of the sequence's own frames.",
         )
     cavity = _cavity(used)
@@ -244,11 +243,11 @@ def clinical_readouts(
 
 
 def _of_track(known: Uncertainty | None) -> tuple[str, ...]:
-    """Say that the surface was tracked, with the caveats of that."""
+    """Note that the surface was tracked, with its caveats."""
     if known is None or known.volumes is None:
         return ()
-    convention = ", papillary muscles taken off" if known.papillary_volume else ""
-    text = f"The surface was tracked from {known.source}{convention}; intervals hold its errors."
+    convention = ", papillary muscles subtracted" if known.papillary_volume else ""
+    text = f"The surface was tracked from {known.source}{convention}; intervals include its errors."
     return (text, *known.notes)
 
 
@@ -274,14 +273,14 @@ def _size(offsets: NDArray[np.float64]) -> float:
     size = float(np.abs(offsets).max())
     if size == 0.0:
         raise TopologyError(
-            "All vertices of the reference are in one place, so it encloses nothing.",
+            "All vertices of the reference coincide, so it encloses nothing.",
             remedy="Name a reference frame in which the surface is spread out.",
         )
     if not _SMALLEST < size < _LARGEST:
         raise ParameterError(
             f"The surface is {size:.1g} in size; its volume overflows or vanishes in double "
             "precision.",
-            remedy="Write the coordinates in a larger or smaller unit, as numbers near 1.",
+            remedy="Use a larger or smaller unit, with numbers near 1.",
         )
     return power_of_two(size)
 
@@ -296,7 +295,7 @@ def _measured(
 
 
 def _unlikely(unit: str | None, volume: float) -> tuple[str, ...]:
-    """Note a volume that no heart holds: lengths ten times too long make it a thousandfold."""
+    """Note a volume that no heart has: lengths ten times too large make it a thousandfold."""
     if unit is None or _MOUSE <= volume * millilitres_in(unit) <= _ELEPHANT:
         return ()
     amount = numeral(volume * millilitres_in(unit), 1)
@@ -309,7 +308,7 @@ def _unlikely(unit: str | None, volume: float) -> tuple[str, ...]:
 
 
 def _slow(sequence: MeshSequence) -> tuple[str, ...]:
-    """Note a beat that lasts longer than hearts take."""
+    """Note a beat that lasts longer than any heartbeat."""
     times, beat = sequence.times, sequence.facts.period
     if beat is None and times is not None:
         beat = float(times[-1] - times[0])
@@ -331,7 +330,7 @@ def _notes(
         return ("There is only one frame, so nothing is ejected.",)
     for curve, what, remedy in (
         (own, "the surface", "Send the frames without it."),
-        (volumes, "the surface that the modes stand for", "Ask for more modes."),
+        (volumes, "the surface superposed from the modes", "Ask for more modes."),
     ):
         inverted = np.flatnonzero(curve <= 0)
         if inverted.size:
@@ -339,13 +338,13 @@ def _notes(
                 (
                     f"In {counted(inverted.size, 'frame')} (first: frame {inverted[0]}) {what} is "
                     f"turned inside out: {with_article(name.words)} would be above 100 %, which is "
-                    f"impossible, and none is stated. {remedy}"
+                    f"impossible, so none is given. {remedy}"
                 ),
             )
     if name == Fraction.VOLUME_CHANGE:
         text = (
-            "Nothing says that this surface is that of a cavity, so the share of its volume that "
-            "is lost is called volume change. State the fact cavity (lv, rv, la, ra or other) if "
+            "It is not stated that this surface is a cavity, so the relative change of its volume "
+            "is called volume change. State the fact cavity (lv, rv, la, ra or other) if "
             "it is one."
         )
         return (text,)

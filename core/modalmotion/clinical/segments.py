@@ -12,17 +12,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import reference_positions
 from modalmotion.errors import TopologyError
-from modalmotion.facts import Facts
-from modalmotion.facts.facts import UNKNOWN
+from modalmotion.mesh import Facts
+from modalmotion.mesh.facts import UNKNOWN
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.template import Landmarks, Template
-from modalmotion.template.directions import Direction, directions_on
+from modalmotion.template.body_frame import Direction, directions_on
 
 ANTERIOR: Final = "anterior"
 """The landmark from which segments are counted: any place in the middle of the anterior wall."""
@@ -40,7 +40,7 @@ SEGMENTS: Final = (
 """Names of the segments 1 to 17."""
 
 # Of the way from apex to base along the wall. The cap is beyond the cavity in the standard; an
-# endocardium ends with it, so its last eighth stands for the cap, and equal thirds for the rest.
+# endocardium ends with it, so its last eighth represents the cap, and equal thirds the rest.
 _CAP: Final = 0.125
 _HEIGHTS: Final = (_CAP, _CAP + (1 - _CAP) / 3, _CAP + 2 * (1 - _CAP) / 3)
 
@@ -53,13 +53,13 @@ class RegionalMotion:
     Parameters
     ----------
     names : tuple of str
-        The 17 segments, or the four rings where nothing says where the anterior wall is.
+        The 17 segments, or the four rings if the anterior wall is unknown.
     shares : (frames, segments) float64, percent
-        Positive inward; NaN for a segment in which no vertex lies.
+        Positive inward; NaN for a segment without vertices.
     end_diastole : int
         Frame from which the motion is measured.
     reason : str
-        Why there are rings only; empty where there are segments.
+        Why there are rings only; empty if there are segments.
     sequence_id : str
     """
 
@@ -84,9 +84,9 @@ def regional_motion(
 ) -> RegionalMotion:
     """Measure how far each segment of a ventricle's wall moves inward.
 
-    Each vertex's way along the inward normal of the reference since end diastole, averaged by
-    area, over the mean distance from the axis of its ring at end diastole. Rotation and drift of
-    the whole are left out. What slides along the surface does not count, to first order.
+    Displacement of each vertex along the inward normal of the reference since end diastole,
+    averaged by area, over the mean distance of its ring from the axis at end diastole. Rotation and
+    drift of the whole are removed. Sliding along the surface does not count, to first order.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def regional_motion(
         mine = np.where(segment == number, used.weights, 0.0)
         if not mine.any():
             continue
-        # The cap has no radius of its own; it counts in that of the ring below it.
+        # The cap has no radius of its own; that of the ring below it is used.
         own = min(int(ring[mine > 0].max()), 2)
         of_ring = np.where(ring == own, used.weights, 0.0)
         radius = float(of_ring @ radii) / float(of_ring.sum() or 1.0)
@@ -142,13 +142,13 @@ def regional_motion(
 
 
 def rings_of(s: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Tell the ring at each height, from 0 basal to 3 apex."""
+    """Return the ring at each height, from 0 basal to 3 apex."""
     rings: NDArray[np.int64] = 3 - np.searchsorted(_HEIGHTS, s, side="right")
     return rings
 
 
 def require_ventricle(template: Template, surface: str) -> Landmarks:
-    """Give the landmarks of a ventricle's wall.
+    """Return the landmarks of a ventricle's wall.
 
     Raises
     ------
@@ -167,16 +167,16 @@ def require_ventricle(template: Template, surface: str) -> Landmarks:
 def at_places(
     template: Template, facts: Facts, s: NDArray[np.float64], places: NDArray[np.float64]
 ) -> tuple[tuple[str, ...], NDArray[np.int64], str]:
-    """Tell the segment of each place on the reference.
+    """Return the segment of each place on the reference.
 
     Parameters
     ----------
     template : Template
         Of a ventricle.
     facts : Facts
-        Of its sequence: the landmark of the anterior wall, and the hand of the coordinates.
+        Of its sequence: the landmark of the anterior wall, and the handedness of the coordinates.
     s : (places,) float64
-        Way from apex to base.
+        Position from apex to base.
     places : (places, 3) float64, length unit
 
     Returns
@@ -185,7 +185,7 @@ def at_places(
         The 17 segments, or rings.
     segment : (places,) int64
     reason : str
-        Why these are rings; empty where they are segments.
+        Why these are rings; empty if they are segments.
     """
     landmarks = require_ventricle(template, "mesh")
     ring = rings_of(s)

@@ -1,4 +1,4 @@
-"""What a millimetre of each mode does to a read-out."""
+"""Effect of a millimetre of each mode on a read-out."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.rigid import Rotations
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.smooth_wall import smooth_walls
 from modalmotion.clinical.strain import DEFINITIONS, measures_of
 from modalmotion.clinical.wall_motion import WallMotion
 from modalmotion.errors import InputError
 from modalmotion.mesh import cavity_of
-from modalmotion.mesh.cavity_gradient import volume_gradient
+from modalmotion.mesh.alignment import Rotations
+from modalmotion.mesh.cavity import volume_gradient
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes import ModeLabel
 from modalmotion.representation import shown
@@ -32,7 +32,7 @@ class Sensitivities:
     ----------
     names : tuple of str
         end_diastolic_volume by the amplitudes at end diastole; end_systolic_volume,
-        ejection_fraction (of a surface that is no cavity volume_change), GLS, GCS and GAS by those
+        ejection_fraction (volume_change of other surfaces than cavities), GLS, GCS and GAS by those
         at end systole, as far as the surface has them.
     units : tuple of str
         Of each, for one length unit of an amplitude: volumes in the read-outs' `volume_unit`,
@@ -62,7 +62,7 @@ def sensitivities(
     sequence : MeshSequence
         The one it was made from.
     readouts : ClinicalReadouts
-        Of the same signature: its frames of end diastole and end systole are meant.
+        Of the same signature: its frames of end diastole and end systole are used.
     template : Template, optional
         The one that the signature's parameters name, if they name one.
 
@@ -99,7 +99,7 @@ def sensitivities(
 def _moves(
     signature: ModalSignature, sequence: MeshSequence, frame: int, template: Template | None
 ) -> NDArray[np.float64]:
-    """Give what a unit of each amplitude moves vertices by, (modes, directions, vertices, 3)."""
+    """Displacement of vertices by a unit of each amplitude, (modes, directions, vertices, 3)."""
     _, m, n = signature.amplitudes.shape
     units = np.concatenate([np.zeros((1, m, n)), np.eye(m * n).reshape(m * n, m, n)])
     # Superposition is linear: as many frames of one pose as there are amplitudes.

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.modes.topology import CUP, CYLINDER, SPHERE, Topology
-from modalmotion.numeric.qr import inverse_of_triangle, tall_qr
+from modalmotion.numeric.products import inverse_of_triangle, tall_qr
 from modalmotion.template import Template
 
 # Functions along s and highest wave around, from fine to coarse: the finest of which the mesh
-# shows each by four vertices, and tells apart: where vertices leave a gap, as about a small hole,
+# shows each by four vertices, and resolves: where vertices have a gap, as about a small hole,
 # fine ones take any value in it.
 _SIZES: Final = ((10, 8), (8, 6), (6, 4), (5, 3), (4, 2), (3, 1))
 _VERTICES_EACH: Final = 4
@@ -41,14 +41,14 @@ _STEPS: Final = 96
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """How the smooth surface runs at its places, in some frames.
+    """Slopes of the smooth surface at its places, in some frames.
 
     Parameters
     ----------
     along, around : (places, frames, 3) float64, length unit
-        Derivatives of the position by the way along the wall and by theta.
+        Derivatives of the position by the length along the wall and by theta.
     noise : (places, 2, frames) float64, length unit squared
-        Variance of each component of both that noise of the vertices leaves.
+        Variance of each component of both from noise of the vertices.
     """
 
     along: NDArray[np.float64]
@@ -60,9 +60,9 @@ class Slopes:
 class Places:
     """A grid of places on the wall: equal shares of its length, equal steps around.
 
-    The way along the wall is a share of the length of each line from the apex to the base, so that
-    places do not depend on the mesh. Rows go around at one share; they are lines of the surface
-    that are the same in every frame.
+    The position along the wall is a share of the length of each line from the apex to the base, so
+    that places do not depend on the mesh. Rows are at one share; they are the same lines of the
+    surface in every frame.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ class SmoothWall:
     def noise(
         self, positions: NDArray[np.float64], coefficients: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Mean square of what the functions leave of each coordinate, (frames,)."""
+        """Mean square residual of each coordinate, (frames,)."""
         n_vertices, n_functions = self.shapes.shape
         squares = [
             float(((x - self.shapes @ coefficients[:, frame]) ** 2).sum())
@@ -140,7 +140,7 @@ class SmoothWall:
         return per_value
 
     def places(self, coefficients: NDArray[np.float64]) -> Places:
-        """Lay a grid by the lengths of lines from apex to base in one frame.
+        """Place a grid by the lengths of lines from apex to base in one frame.
 
         Parameters
         ----------
@@ -177,7 +177,7 @@ class SmoothWall:
     def slopes(
         self, places: Places, coefficients: NDArray[np.float64], noise: NDArray[np.float64]
     ) -> Slopes:
-        """Give the slopes at places, with the variance that noise leaves in them.
+        """Return the slopes at places, with their variance from noise.
 
         Parameters
         ----------
@@ -202,8 +202,8 @@ class SmoothWall:
 def smooth_walls(template: Template, *, is_lattice: bool) -> tuple[SmoothWall, SmoothWall]:
     """Prepare smooth surfaces of a wall: as fine as its mesh shows, and a step coarser.
 
-    Fewer functions than that shorten strain more than noise moves it, whatever the noise: lengths
-    are of slopes, which lose more than positions, and all in one sense.
+    Fewer functions reduce strain more than noise changes it, at any noise: lengths depend on
+    slopes, which lose more than positions, all with one sign.
 
     Parameters
     ----------
@@ -221,8 +221,7 @@ def smooth_walls(template: Template, *, is_lattice: bool) -> tuple[SmoothWall, S
     if template.surface not in (CUP, CYLINDER, SPHERE):
         raise TopologyError(
             "Strain needs a wall with coordinates along and around it: a cup, a tube or a sphere.",
-            remedy="State the topology cup where the surface is a ventricle's wall, open at its "
-            "base.",
+            remedy="State the topology cup if the surface is a ventricle's wall, open at its base.",
         )
     n = int((template.weights > 0).sum())
     needed = [_VERTICES_EACH * _n_functions(*size, template.surface) for size in _SIZES]
@@ -237,7 +236,7 @@ def smooth_walls(template: Template, *, is_lattice: bool) -> tuple[SmoothWall, S
     fine = next((wall for wall in fitted if wall.condition <= _CONDITION), None)
     if fine is None:
         raise ParameterError(
-            "The vertices leave a gap in which nothing says how the wall runs.",
+            "The vertices have a gap in which the wall is undetermined.",
             remedy="Send a more even mesh.",
         )
     return fine, next(fitted, fine)

@@ -1,4 +1,4 @@
-"""Strain of a wall: how much shorter lines on it are than at end diastole.
+"""Strain of a wall: relative change of the length of lines on it since end diastole.
 
 Definitions after Voigt et al., Definitions for a common standard for 2D speckle tracking
 echocardiography, Eur Heart J Cardiovasc Imaging, 2015. They are lengths and areas of a surface, so
@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from modalmotion.arguments.tasks import Plotted
+from modalmotion.arguments.checking import Plotted
 from modalmotion.clinical.dyssynchrony import (
     dyssynchrony,
     segment_volumes,
@@ -31,7 +31,7 @@ from modalmotion.clinical.wall_motion import (
     Measure,
     WallMotion,
 )
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP, SPHERE
 from modalmotion.template import Template
@@ -44,14 +44,14 @@ DEFINITIONS: Final = {
     "GCS": "circumference at basal, mid and apical level, mean of the three",
     "GAS": "area of the wall",
 }
-"""What each global strain is the relative change of, since end diastole."""
+"""Quantity of which each global strain is the relative change since end diastole."""
 
 _LEVEL_NAMES: Final = tuple(f"GCS {level}" for level in LEVELS)
 NAMES: Final = (*DEFINITIONS, *_LEVEL_NAMES)
 """Of the curves of a `Strain`."""
 
-# What a set of functions leaves out, in differences that the next coarser one makes: with each set
-# errors fall to a third of those before, or less.
+# Residual of a set of functions, in differences from the next coarser one: with each set errors
+# fall to a third or less.
 _LEFT: Final = 0.5
 
 # Width of a narrow band, as a share of a level.
@@ -88,11 +88,11 @@ class Strain(Plotted):
     deviations : (frames, names) float64, percentage points
         Standard deviation of each.
     segments : tuple of str
-        The 17 segments, or rings where nothing says where the anterior wall is.
+        The 17 segments, or rings if the anterior wall is unknown.
     dyssynchrony : Figure or None
         Systolic dyssynchrony index: standard deviation of the times at which the volumes of 16
-        segments are least, percent of the cycle. None of a recording that shows less than half a
-        cycle, and of a surface without an apex.
+        segments are smallest, percent of the cycle. None for less than half a cycle, and for a
+        surface without an apex.
     by_segment : (frames, segments, 3) float64, percent
         Longitudinal, circumferential, area.
     segment_deviations : (segments, 3) float64, percentage points
@@ -102,9 +102,9 @@ class Strain(Plotted):
     layer : str
         Surface of the wall that was measured.
     source : str
-        What it came from: a mesh as it was sent, or a track.
+        Its source: a mesh as sent, or a track.
     reason : str
-        Why there are rings only; empty where there are segments.
+        Why there are rings only; empty if there are segments.
     notes : tuple of str
     sequence_id : str
     """
@@ -140,7 +140,7 @@ class Strain(Plotted):
         return {name: self.at(name, frame) for name, frame in zip(self.names, frames, strict=True)}
 
     def at(self, name: str, frame: int) -> Figure:
-        """Give a strain in a frame, with its interval."""
+        """Return a strain in a frame, with its interval."""
         place = self.names.index(name)
         value, reach = self.curves[frame, place], TWO_DEVIATIONS * self.deviations[frame, place]
         return Figure(float(value), float(value - reach), float(value + reach))
@@ -156,8 +156,8 @@ def wall_strain(
     Parameters
     ----------
     sequence : MeshSequence
-        Its own `uncertainty` says how far positions may be off; without one, what few smooth
-        functions leave of them.
+        Errors of positions are its own `uncertainty`; without one, the residual from few smooth
+        functions.
     template : Template
         Of this sequence, with natural coordinates.
     end_diastole, end_systole : int
@@ -170,16 +170,16 @@ def wall_strain(
     Raises
     ------
     TopologyError
-        If the surface is no cup, tube or sphere.
+        If the surface is not a cup, tube or sphere.
     ParameterError
         If the mesh has too few vertices.
 
     Notes
     -----
     Errors to first order: the gradient of each strain by the coefficients of the smooth surface,
-    with the covariance of these. What the functions leave out counts by the difference that a
-    coarser set of them makes beyond noise, how wide a level is by that of narrower bands, and which
-    frames are end diastole and end systole by the chance that noise chose them.
+    with the covariance of these. The residual of the functions is estimated from the difference of
+    a coarser set beyond noise, the width of a level from that of narrower bands, and the choice of
+    the frames of end diastole and end systole from the probability of other frames.
     """
     positions = sequence.vertices.astype(np.float64)
     # About a place of its own: what is far from zero has fewer digits.
@@ -262,9 +262,9 @@ def _beyond(
     one: tuple[NDArray[np.float64], NDArray[np.float64]],
     other: tuple[NDArray[np.float64], NDArray[np.float64]],
 ) -> NDArray[np.float64]:
-    """Tell how far two measurements of the same data are apart beyond noise, (frames, measures).
+    """Difference of two measurements of the same data beyond noise, (frames, measures).
 
-    With the sign of the difference. The less precise of both holds the noise of the other and
+    With the sign of the difference. The less precise of both contains the noise of the other and
     more, so variances differ by that of the difference.
     """
     (a, by_a), (b, by_b) = one, other
@@ -275,10 +275,10 @@ def _beyond(
 def _choice(
     motion: WallMotion, curves: NDArray[np.float64], start: int, end: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Give the deviation of strain, (measures,), that the choice of each of two frames makes.
+    """Deviation of strain, (measures,), from the choice of each of two frames.
 
-    Each other frame counts by the chance that its volume, and not the chosen one's, is the largest
-    or the smallest.
+    Each other frame counts by the probability that its volume, and not the chosen one's, is the
+    largest or the smallest.
     """
     everywhere = np.zeros(len(motion.places.s), dtype=np.int64)
     volumes = segment_volumes(motion, everywhere, 1)[:, 0]
@@ -314,7 +314,7 @@ def _by_segment(
 
 
 def _dyssynchrony(motion: WallMotion, sequence: MeshSequence, end: int) -> Figure | None:
-    """Index of the 16 segments; where nothing says where the anterior wall is, of 16 like them."""
+    """Index of the 16 segments; of 16 sectors like them if the anterior wall is unknown."""
     if motion.wall.surface != CUP:
         return None
     ways = np.repeat(motion.places.ways, motion.places.shape[1])
@@ -343,7 +343,7 @@ def _phases(sequence: MeshSequence) -> NDArray[np.float64]:
 def _segments(
     template: Template, facts: Facts, motion: WallMotion
 ) -> tuple[tuple[str, ...], NDArray[np.int64], str]:
-    """Tell the segment of each place."""
+    """Return the segment of each place."""
     wall, places = motion.wall, motion.places
     if wall.surface != CUP:
         reason = "Segments are those of a cup, from apex to base."

@@ -1,4 +1,4 @@
-"""Strain of whatever holds a moving wall: a sequence, a track, or a signature."""
+"""Strain of a sequence, a track, or a signature."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def strain(
     ----------
     recording : MeshSequence, Track or ModalSignature
     sequence : MeshSequence, optional
-        The one that a signature was made from, as it was measured: needed with a signature.
+        The one that a signature was made from: required with a signature.
     template : Template, optional
         The one that the signature's parameters name, or one for a sequence.
 
@@ -38,7 +38,7 @@ def strain(
     Raises
     ------
     TopologyError
-        If the surface encloses nothing, or is no cup, tube or sphere.
+        If the surface encloses nothing, or is not a cup, tube or sphere.
     ParameterError
         If the mesh has too few vertices, or this is none of the three.
 
@@ -55,14 +55,14 @@ def strain(
         if sequence is None:
             raise ParameterError(
                 "A signature alone has no shape that strain could be measured on.",
-                remedy="Give the sequence that it was made from too: strain(signature, sequence).",
+                remedy="Give its sequence as well: strain(signature, sequence).",
             )
         measured, used = sequence, fitted_on(recording, sequence, template)
     elif isinstance(recording, MeshSequence):
         measured, used = recording, template or make_template(recording)
     else:
         raise ParameterError(
-            f"Strain was asked of {type(recording).__name__}.",
+            f"Strain was requested of {type(recording).__name__}.",
             remedy="Give a mesh sequence, a track, or a signature with its sequence.",
         )
     cavity = cavity_of(used.faces, used.n_vertices)

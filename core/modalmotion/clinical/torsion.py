@@ -1,6 +1,6 @@
 """Torsion and shear of a wall whose points follow the tissue.
 
-A surface says nothing of how far its points slide along it; vertices that follow the tissue do.
+A surface does not show how far its points slide along it; vertices that follow the tissue do.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from modalmotion.modes.topology import CUP
 from modalmotion.representation import shown
 from modalmotion.template import Template
 
-_REMEDY: Final = "State the fact tracking=material where they do (tagging, feature tracking)."
+_REMEDY: Final = "State the fact tracking=material if they do (tagging, feature tracking)."
 
 
 @shown("end_systole")
 @dataclass(frozen=True, eq=False)
 class Torsion:
-    """Turning and shear of a wall since end diastole, degrees.
+    """Twist and shear of a wall since end diastole, degrees.
 
     Parameters
     ----------
     twist : (frames,) float64, degrees
-        Rotation of the apical third of the wall about the axis from apex to base less that of the
-        basal third, right-handed: negative where the apex turns counterclockwise as seen from the
+        Rotation of the apical third of the wall about the axis from apex to base minus that of the
+        basal third, right-handed: negative if the apex turns counterclockwise as seen from the
         apex.
     shear : (frames,) float64, degrees
         Mean change of the angle between lines along and around the wall, from circumferential
@@ -52,32 +52,31 @@ class Torsion:
 def torsion(
     sequence: MeshSequence, template: Template, end_diastole: int, end_systole: int
 ) -> Torsion:
-    """Measure how a wall turns about its axis and shears.
+    """Measure twist and shear of a wall.
 
     Parameters
     ----------
     sequence : MeshSequence
-        Its facts say that its vertices follow the tissue.
+        Its facts state that its vertices follow the tissue.
     template : Template
     end_diastole, end_systole : int
 
     Raises
     ------
     ParameterError
-        If nothing says that the vertices follow the tissue, or they are too few.
+        If it is not stated that the vertices follow the tissue, or there are too few.
     TopologyError
-        If the surface is no cup.
+        If the surface is not a cup.
     """
     if sequence.facts.tracking != "material":
         raise ParameterError(
-            "Torsion and shear are of points of the tissue; nothing says that these vertices "
-            "follow it.",
+            "Torsion and shear need vertices that follow the tissue; this is not stated here.",
             remedy=_REMEDY,
         )
     if template.surface != CUP or template.landmarks is None:
         raise TopologyError(
             "Torsion is about the axis of a ventricle, from apex to base.",
-            remedy="State the topology cup where the surface is a ventricle's wall.",
+            remedy="State the topology cup if the surface is a ventricle's wall.",
         )
     positions = sequence.vertices.astype(np.float64)
     positions -= positions[0].mean(axis=0)
@@ -101,8 +100,8 @@ def _twists(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Twist of each frame and its standard deviation, radians.
 
-    A ring's rotation is the angle of S = sum z conj(z0), z the place of its points about their
-    middle across the axis, as complex numbers.
+    A ring's rotation is the angle of S = sum z conj(z0), z the position of its points about their
+    mean across the axis, as complex numbers.
     """
     rows, columns = motion.places.shape
     grid = rows, columns, motion.n_frames, 3
@@ -145,7 +144,7 @@ def _shears(motion: WallMotion, start: int) -> tuple[NDArray[np.float64], NDArra
 
 
 def _errors(motion: WallMotion, gradients: NDArray[np.float64], start: int) -> NDArray[np.float64]:
-    """Give standard deviations of gradients (functions, frames, 3); errors of frames are apart."""
+    """Return standard deviations of gradients (functions, frames, 3), for independent frames."""
     variances = np.array(
         [motion.variance(gradients[:, frame], frame) for frame in range(motion.n_frames)]
     )

@@ -1,4 +1,4 @@
-"""What is read of a ventricle beside its volume: rates, segments, strain."""
+"""Read-outs of a ventricle besides its volume: rates, segments, strain."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
-from modalmotion.arguments.tasks import Plotted
+from modalmotion.arguments.checking import Plotted
 from modalmotion.clinical.rates import Rates, rates_of
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.segments import RegionalMotion, regional_motion
@@ -26,7 +26,7 @@ T = TypeVar("T")
 @shown("rates", "regions", "strain")
 @dataclass(frozen=True, eq=False)
 class VentricleReadouts(Plotted):
-    """Readouts that not every surface has; None where it has not, and why.
+    """Read-outs that not every surface has; None otherwise, with the reason.
 
     Parameters
     ----------
@@ -34,11 +34,11 @@ class VentricleReadouts(Plotted):
     regions : RegionalMotion or None
     strain : Strain or None
     torsion : Torsion or None
-        None where nothing says that vertices follow the tissue.
+        None unless it is stated that vertices follow the tissue.
     per_mode : Sensitivities or None
-        What a unit of each amplitude does to the read-outs.
+        Effect of a unit of each amplitude on the read-outs.
     reasons : tuple of str
-        Why each of those that are None is.
+        Reasons of those that are None.
     """
 
     rates: Rates | None
@@ -56,7 +56,7 @@ def ventricle_readouts(
     *,
     template: Template | None = None,
 ) -> VentricleReadouts:
-    """Read what a ventricle's wall and volume tell further.
+    """Compute further read-outs of a ventricle's wall and volume.
 
     Parameters
     ----------

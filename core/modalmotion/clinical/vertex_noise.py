@@ -1,4 +1,4 @@
-"""How far volumes may be off by noise of the vertices, where nothing else is known of it."""
+"""Errors of volumes by noise of the vertices, if nothing else is known of them."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ from numpy.typing import NDArray
 from modalmotion.clinical.smooth_wall import smooth_walls
 from modalmotion.errors import InputError
 from modalmotion.mesh import Cavity
-from modalmotion.mesh.cavity_gradient import volume_gradient
+from modalmotion.mesh.cavity import volume_gradient
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.numeric.scale import power_of_two
+from modalmotion.numeric.products import power_of_two
 from modalmotion.template import Template
 
 
 def volume_deviations(
     sequence: MeshSequence, template: Template, cavity: Cavity
 ) -> NDArray[np.float64] | None:
-    """Give the standard deviation of the volume in each frame.
+    """Return the standard deviation of the volume in each frame.
 
     Parameters
     ----------
     sequence : MeshSequence
-        A track states its own; of others noise is what smooth functions leave of the motion.
+        A track has its own errors; otherwise noise is the residual from smooth functions.
     template : Template
     cavity : Cavity
 
     Returns
     -------
     (frames,) float64, length unit cubed, or None
-        None of a surface without coordinates, of too few vertices, and of one frame.
+        None for a surface without coordinates, too few vertices, or one frame.
     """
     if sequence.uncertainty is not None:
         return sequence.uncertainty.volumes
@@ -44,7 +44,7 @@ def volume_deviations(
         wall, _ = smooth_walls(template, is_lattice=is_lattice)
     except InputError:
         return None
-    # Roughness that stays is shape, and no noise.
+    # Roughness that is constant is shape, not noise.
     moves = positions - positions.mean(axis=0)
     variances = wall.noise(moves, wall.coefficients(moves))
     variances *= sequence.n_frames / (sequence.n_frames - 1)

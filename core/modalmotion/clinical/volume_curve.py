@@ -10,15 +10,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.mesh.uncertainty import difference_deviation
+from modalmotion.mesh.checks import difference_deviation
 from modalmotion.representation import shown
 
 TWO_DEVIATIONS: Final = 2.0
-"""Standard deviations of a 95 % interval, as tracks state theirs."""
+"""Standard deviations of a 95 % interval, as for tracks."""
 
 
 class Fraction(StrEnum):
-    """Name of the share of the largest volume that the smallest one lacks."""
+    """Name of the relative difference of largest and smallest volume."""
 
     EJECTION_FRACTION = "ejection_fraction"
     VOLUME_CHANGE = "volume_change"
@@ -39,12 +39,12 @@ class VolumeCurve:
     volumes : (frames,) float64, length unit cubed
         Positive as long as the surface does not turn inside out.
     bounds : (frames,) float64, length unit cubed
-        What leaving out all other modes, and rounding, do to it at most.
+        Largest error from leaving out all other modes, and from rounding.
     fraction : Fraction or None
-        Name of `share`: an ejection fraction where the surface is that of a cavity, else a
-        volume change. None where there is none: of one frame, or where a volume is not positive.
+        Name of `share`: an ejection fraction if the surface is a cavity, otherwise a volume change.
+        None for one frame, or if a volume is not positive.
     deviations : (frames,) float64, length unit cubed, optional
-        Standard deviation of each volume by errors of the positions, where these are known.
+        Standard deviation of each volume by errors of the positions, if these are known.
     correlation : float
         Of these errors at end diastole and at end systole.
     """
@@ -57,7 +57,7 @@ class VolumeCurve:
 
     @property
     def reach(self) -> NDArray[np.float64]:
-        """How far each true volume may be off, (frames,): its bound and two deviations."""
+        """Largest error of each volume, (frames,): its bound and two deviations."""
         if self.deviations is None:
             return self.bounds
         return self.bounds + TWO_DEVIATIONS * self.deviations
@@ -84,7 +84,7 @@ class VolumeCurve:
 
     @property
     def stroke_volume(self) -> float:
-        """Largest volume less the smallest, length unit cubed."""
+        """Largest minus smallest volume, length unit cubed."""
         return self.end_diastolic_volume - self.end_systolic_volume
 
     @property
@@ -96,12 +96,12 @@ class VolumeCurve:
 
     @property
     def ejection_fraction(self) -> float | None:
-        """The share, percent, where the surface is that of a cavity."""
+        """The share, percent, if the surface is a cavity."""
         return self.share if self.fraction == Fraction.EJECTION_FRACTION else None
 
     @property
     def volume_change(self) -> float | None:
-        """The share, percent, where nothing says that the surface is that of a cavity."""
+        """The share, percent, if it is not known that the surface is a cavity."""
         return self.share if self.fraction == Fraction.VOLUME_CHANGE else None
 
     @property
@@ -118,7 +118,7 @@ class VolumeCurve:
     def stroke_range(self) -> tuple[float, float]:
         """Interval of the true stroke volume, length unit cubed.
 
-        Bounds add up; deviations of two frames do so as squares, less what they have in common.
+        Bounds add up; deviations of two frames add in squares, less what they have in common.
         """
         (low, high), (least, most) = self._within_bounds
         extra = TWO_DEVIATIONS * self._deviation_of_difference(1.0)
@@ -128,8 +128,8 @@ class VolumeCurve:
     def share_range(self) -> tuple[float, float] | None:
         """Interval of the true share, percent; from 0 to 100, as true volumes are positive.
 
-        By bounds it falls with min V and rises with max V; each lies in its interval, wherever in
-        time. By deviations dF = (dV_ES - (1 - F) dV_ED) / V_ED.
+        By bounds it falls with min V and rises with max V; each is in its interval, at any time. By
+        deviations dF = (dV_ES - (1 - F) dV_ED) / V_ED.
         """
         share = self.share
         if share is None:
@@ -148,7 +148,7 @@ class VolumeCurve:
         return largest, smallest
 
     def _deviation_of_difference(self, factor: float) -> float:
-        """Deviation of V_ES less `factor` V_ED."""
+        """Deviation of V_ES minus `factor` V_ED."""
         if self.deviations is None:
             return 0.0
         at_end = float(self.deviations[self.end_systole])

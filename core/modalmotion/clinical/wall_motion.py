@@ -1,4 +1,4 @@
-"""A smooth wall in every frame: how its lines and its area stretch, and the errors of that.
+"""A smooth wall in every frame: changes of its lines and its area, and their errors.
 
 A figure is a mean over lines of the relative change of sums of stretch over places. Its error is to
 first order: the gradient by the coefficients of the smooth surface, with the covariance of these.
@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.clinical.smooth_wall import Places, Slopes, SmoothWall
-from modalmotion.mesh.uncertainty import Uncertainty
+from modalmotion.mesh.checks import Uncertainty
 
 LONGITUDINAL: Final = "longitudinal"
 CIRCUMFERENTIAL: Final = "circumferential"
 AREA: Final = "area"
 DIRECTIONS: Final = (LONGITUDINAL, CIRCUMFERENTIAL, AREA)
-"""What stretches."""
+"""What is measured."""
 
 
 class Measure(NamedTuple):
-    """What a strain is the change of.
+    """Quantity of which a strain is the change.
 
     Parameters
     ----------
@@ -40,16 +40,16 @@ class Measure(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class WallMotion:
-    """A smooth wall in every frame, and what its errors come from.
+    """A smooth wall in every frame, and the source of its errors.
 
     Parameters
     ----------
     wall : SmoothWall
     places : Places
-        Laid in the frame of end diastole.
+        Placed in the frame of end diastole.
     coefficients : (functions, frames, 3) float64, length unit
     noise : (frames,) float64, length unit squared
-        Variance of each coordinate of a vertex; 0 where `uncertainty` says more.
+        Variance of each coordinate of a vertex; 0 if there is an `uncertainty`.
     uncertainty : Uncertainty or None
         Of the positions.
     slopes : Slopes
@@ -124,7 +124,7 @@ class WallMotion:
         return change
 
     def deviation(self, measure: Measure, frame: int, start: int) -> float:
-        """Give the standard deviation of a strain, points; errors of two frames are apart."""
+        """Return the standard deviation of a strain, points; errors of frames are independent."""
         if frame == start:
             return 0.0
         gradients = self.gradients(measure, frame, start)
@@ -190,13 +190,13 @@ def _unit(x: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _without(size: NDArray[np.float64], variance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Take off what noise across adds to a size, as far as it is small beside it."""
+    """Subtract the contribution of transverse noise to a size, if it is small."""
     least = np.sqrt(2.0 * variance)
     return size - _over(variance, 2.0 * np.maximum(size, least), 0.0)
 
 
 def _over(a: NDArray[np.float64], b: NDArray[np.float64], otherwise: float) -> NDArray[np.float64]:
-    """Divide where there is something to divide by."""
+    """Divide where the divisor is not zero."""
     shape = np.broadcast_shapes(a.shape, b.shape)
     quotient = np.full(shape, otherwise)
     np.divide(a, b, out=quotient, where=np.broadcast_to(b > 0, shape))

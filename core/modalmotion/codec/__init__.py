@@ -4,8 +4,8 @@ from modalmotion.arguments.checking import check_arguments
 from modalmotion.codec.container import Header
 from modalmotion.codec.decoder import decode, inspect
 from modalmotion.codec.encoder import encode
-from modalmotion.codec.measure import Encoded
-from modalmotion.codec.target import Effort
+from modalmotion.codec.frames import Effort
+from modalmotion.codec.search import Encoded
 
 __all__ = ["Effort", "Encoded", "Header", "decode", "encode", "inspect"]
 

@@ -8,17 +8,22 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.block import read_block
+from modalmotion.arguments.checking import whole
+from modalmotion.codec.block import read_block, restore_positions
 from modalmotion.codec.coder import damaged
-from modalmotion.codec.container import Header, read_header, read_section, skip_section
-from modalmotion.codec.faces import Grid, read_faces
-from modalmotion.codec.modes.modes_section import STORED, read_modes
-from modalmotion.codec.stored import restore_positions
+from modalmotion.codec.container import (
+    Grid,
+    Header,
+    read_faces,
+    read_header,
+    read_section,
+    skip_section,
+)
+from modalmotion.codec.spatial_modes import STORED, read_modes
 from modalmotion.errors import ParameterError
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh.checks import FloatArray, given_up
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.numeric.kinds import whole
 
 DECODE_LIMITS = ReadLimits()
 

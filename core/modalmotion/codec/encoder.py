@@ -7,15 +7,27 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.codec.container import LARGEST_BLOCK, Header, write_stream
-from modalmotion.codec.faces import MOST_RELATIONS, write_faces
-from modalmotion.codec.frames import EncodedBlock, encode_frames
-from modalmotion.codec.measure import Encoded, Errors, measure
-from modalmotion.codec.modes.modes_section import STORED
-from modalmotion.codec.size_search import MOST_TRIALS, try_sizes
-from modalmotion.codec.stored import store_positions
-from modalmotion.codec.target import Effort, Measure, Target, require_target
-from modalmotion.codec.transforms import Choice, choose
+from modalmotion.codec.block import store_positions
+from modalmotion.codec.container import (
+    LARGEST_BLOCK,
+    MOST_RELATIONS,
+    Header,
+    write_faces,
+    write_stream,
+)
+from modalmotion.codec.frames import (
+    USUAL_SHARE,
+    Choice,
+    Effort,
+    EncodedBlock,
+    Measure,
+    Target,
+    choose,
+    encode_frames,
+    require_target,
+)
+from modalmotion.codec.search import MOST_TRIALS, Encoded, Errors, measure, try_sizes
+from modalmotion.codec.spatial_modes import STORED
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import ShareReport, part_of, silent
@@ -44,6 +56,8 @@ def encode(
 ) -> Encoded:
     """Encode a mesh sequence at one of three targets.
 
+    Without a target the largest error is 0.3 % of the diagonal of the bounding box.
+
     Parameters
     ----------
     sequence : MeshSequence
@@ -71,10 +85,10 @@ def encode(
     Raises
     ------
     ParameterError
-        If there is not exactly one target, it is not positive, the effort is unknown, or no
+        If there are several targets, one is not positive, the effort is unknown, or no
         stream of so few bytes holds the sequence.
     """
-    target = require_target(rms, max_error, n_bytes)
+    target = require_target(rms, max_error, n_bytes, _usual_error(sequence))
     try:
         effort = Effort(effort)
     except ValueError:
@@ -103,6 +117,11 @@ def encode(
         encoded = min(encoded, quick, key=lambda one: one.n_bytes)
     report(1.0)
     return encoded
+
+
+def _usual_error(sequence: MeshSequence) -> float:
+    corners = sequence.vertices.min(axis=(0, 1)), sequence.vertices.max(axis=(0, 1))
+    return USUAL_SHARE * float(np.linalg.norm(np.subtract(*corners, dtype=np.float64)))
 
 
 def _at_error(

@@ -1,16 +1,160 @@
-"""Search for the coarsest step within the target error."""
+"""Search for blocks and steps that meet an error or a size."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.blocking import ModalBlock, attempt
-from modalmotion.codec.temporal import Temporal
-from modalmotion.codec.trial import PRICE, Trial
+from modalmotion.arguments.checking import Saved
+from modalmotion.codec.parts import PRICE, Articulated, Trial, find_parts, leading, rough_bits
+from modalmotion.codec.spatial_modes import OrthonormalModes
+from modalmotion.codec.temporal import (
+    CLOSED_FORM,
+    Quantiser,
+    Temporal,
+    basis_numbers,
+    closed_form_basis,
+    fit_quantiser,
+    is_countable,
+    last_used,
+    learned_components,
+    quantise,
+    restore_basis,
+)
+from modalmotion.mesh.checks import FloatArray
+from modalmotion.representation import shown
+
+Ints = NDArray[np.int64]
+
+
+@dataclass(eq=False)
+class ModalBlock:
+    """Modal coefficients of some frames, and values derived from them.
+
+    Parameters
+    ----------
+    amplitudes : (frames, 3, modes) float64, quanta
+        About the origin; the modes are orthonormal.
+    offsets : (frames, 3, vertices) float64, quanta, optional
+        What they are the coefficients of.
+    modes : OrthonormalModes, optional
+        Together with the offsets: to look for parts that move as one.
+    """
+
+    amplitudes: Floats
+    offsets: Floats | None = None
+    modes: OrthonormalModes | None = None
+    _projected: dict[Temporal, Floats] = field(default_factory=dict)
+    _articulated: list[Articulated | None] = field(default_factory=list)
+
+    def projected(self, kind: Temporal) -> Floats:
+        """Coefficients of a basis in closed form, (3 x components, modes), slow ones first."""
+        if kind not in self._projected:
+            basis = closed_form_basis(kind, len(self.amplitudes))
+            self._projected[kind] = basis.project(self.amplitudes)
+        return self._projected[kind]
+
+    @cached_property
+    def components(self) -> Floats:
+        """Numbers of the learned components, unrounded, (components, frames x 3)."""
+        return basis_numbers(learned_components(self.amplitudes))
+
+    def articulated(self, step: float) -> Articulated | None:
+        """Parts that move as one, found at the first step asked for; None where there are none."""
+        if not self._articulated:
+            found = None
+            if self.offsets is not None and self.modes is not None:
+                found = find_parts(self.amplitudes, self.offsets, self.modes, step)
+            self._articulated.append(found)
+        return self._articulated[0]
+
+
+def attempt(
+    motion: ModalBlock,
+    kind: Temporal,
+    step: float,
+    price: float = PRICE,
+    alike: float | None = None,
+) -> Trial | None:
+    """Quantise some frames at one step.
+
+    Parameters
+    ----------
+    motion : ModalBlock
+    kind : Temporal
+    step : float, quanta
+    price : float, squared steps per bit
+    alike : float, optional
+        See `TimeBasis.project`.
+
+    Returns
+    -------
+    Trial or None
+        None if the step is finer than the numbers themselves.
+    """
+    # As the stream holds it.
+    step = float(np.float32(step))
+    if kind == Temporal.PARTS:
+        parts = motion.articulated(step)
+        return None if parts is None else parts.attempt(step, price, alike)
+    if kind in CLOSED_FORM:
+        exact = motion.projected(kind)
+        if not is_countable(exact, step):
+            return None
+        numbers = quantise(exact, step, price)
+        n_rows = 3 * max(1, -(-last_used(numbers.any(axis=1)) // 3))
+        quantiser = fit_quantiser(exact[:n_rows], numbers[:n_rows], step)
+        error = ((exact[:n_rows] - quantiser.restore(numbers[:n_rows])) ** 2).sum()
+        error += (exact[n_rows:] ** 2).sum()
+        empty = np.zeros((0, 0), dtype=np.int64)
+        return Trial(kind, quantiser, empty, numbers[:n_rows], float(error))
+    return _attempt_trajectories(motion, step, price, alike)
+
+
+def _attempt_trajectories(
+    motion: ModalBlock, step: float, price: float, alike: float | None
+) -> Trial | None:
+    kind, n_frames, exact_basis = Temporal.TRAJECTORY, len(motion.amplitudes), motion.components
+    if not is_countable(exact_basis, step):
+        return None
+    exact_basis = exact_basis[: int(np.count_nonzero(np.abs(exact_basis).max(axis=1) > step / 2))]
+    basis = quantise(exact_basis, step, price)
+    basis = basis[: leading(basis.any(axis=1))]
+    for last in (False, True):
+        exact_basis = exact_basis[: len(basis)]
+        quantiser = fit_quantiser(exact_basis, basis, step)
+        time_basis = restore_basis(kind, basis, n_frames, quantiser)
+        exact = time_basis.project(motion.amplitudes, alike)
+        if not is_countable(exact, step):
+            return None
+        numbers = quantise(exact, step, price)
+        if last or not len(basis):
+            break
+        restored = Quantiser(step, (0, 0, 0)).restore(numbers[3:])
+        gain = (exact[3:] ** 2 - (exact[3:] - restored) ** 2).sum(axis=1)
+        bits = rough_bits(numbers[3:]) + rough_bits(basis)
+        worth = np.cumsum(gain / step**2 - price * bits)
+        n_worth = int(np.argmax(worth)) + 1 if worth.max() > 0 else 0
+        if n_worth == len(basis):
+            break
+        basis = basis[:n_worth]
+    together = fit_quantiser(
+        np.concatenate([exact_basis.ravel(), exact.ravel()]),
+        np.concatenate([basis.ravel(), numbers.ravel()]),
+        step,
+    )
+    if together.shifts != quantiser.shifts:
+        time_basis = restore_basis(kind, basis, n_frames, together)
+    rows = together.restore(numbers)
+    error = ((motion.amplitudes - time_basis.superpose(rows)) ** 2).sum()
+    return Trial(kind, together, basis, numbers, float(error))
+
 
 Floats = NDArray[np.float64]
 
@@ -103,3 +247,154 @@ def least(cost: Callable[[float], int], start: float, ratio: float, most: int) -
             # Where a parabola through the three is least, which is between them.
             cost(start * ratio ** (best + 0.5 * (low - high) / (low + high - 2 * middle)))
     return float(start * ratio**best)
+
+
+MOST_TRIALS: Final = 14
+# Of the size that is allowed: where to aim, and what is close enough.
+AIM: Final = 0.995
+FULL_ENOUGH: Final = 0.99
+# Ratios of errors, as logarithms, that are worth no more trials: between two streams, and between a
+# stream and what is too fine for one.
+CLOSE: Final = 0.01
+COARSE: Final = 0.1
+LONGEST_STEP: Final = 6.0
+
+
+def try_sizes(
+    size: Callable[[float], int | None],
+    most: int,
+    bracket: tuple[float, float],
+    start: float,
+    slope: float,
+) -> None:
+    """Try errors until one has nearly the largest size that is allowed.
+
+    At fine errors the size falls straight with the logarithm of the error: a bit for each
+    coefficient where the error is halved. Lines through the nearest two trials find it.
+
+    Parameters
+    ----------
+    size : callable
+        Bytes at the logarithm of an error; None where it is too fine for a stream. Whoever asks
+        keeps the best.
+    most : int
+        Bytes.
+    bracket : (float, float)
+        Logarithms of the least and of the largest error.
+    start : float
+        Logarithm of the first.
+    slope : float
+        Bytes that an error e times smaller costs at most.
+    """
+    low, high = bracket
+    tried: dict[float, int] = {}
+    log_error = start
+    for _ in range(MOST_TRIALS):
+        n_bytes = size(log_error)
+        width = high - low
+        if n_bytes is not None:
+            tried[log_error] = n_bytes
+        if n_bytes is None or n_bytes > most:
+            low = log_error
+        else:
+            high = log_error
+            if n_bytes > FULL_ENOUGH * most:
+                return
+        if high - low < (CLOSE if low in tried else COARSE):
+            return
+        is_slow = low in tried and high in tried and high - low > width / 2
+        guess = None if is_slow else _straight(tried, AIM * most, slope)
+        log_error = guess if guess is not None and low < guess < high else (low + high) / 2
+
+
+def _straight(tried: dict[float, int], goal: float, slope: float) -> float | None:
+    """Where the line through the nearest two, or of a slope through the only one, has a size."""
+    nearest = sorted(tried, key=lambda at: abs(tried[at] - goal))[:2]
+    if not nearest:
+        return None
+    if len(nearest) == 2:
+        one, other = nearest
+        slope = -(tried[other] - tried[one]) / (other - one)
+    if slope <= 0:
+        return None
+    change = (tried[nearest[0]] - goal) / slope
+    return nearest[0] + min(max(change, -LONGEST_STEP), LONGEST_STEP)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of a sequence against its original.
+
+    Parameters
+    ----------
+    rms : float, length unit
+        sqrt(mean over frames and vertices of |v - v'|^2).
+    max_error : float, length unit
+        max |v - v'|.
+    kg_error : float, percent
+        100 |A - A'| / |A - E|, E the centroid of each frame (Karni and Gotsman, Compression of
+        soft-body animation sequences, Computers & Graphics, 2004).
+    """
+
+    rms: float
+    max_error: float
+    kg_error: float
+
+
+def measure(original: FloatArray, decoded: FloatArray) -> Errors:
+    """Compare two arrays of positions, (frames, vertices, 3)."""
+    scale = 2.0 ** float(np.clip(_exponent(original), -1000, 1000))
+    squares = spread = largest = 0.0
+    for a, b in zip(original, decoded, strict=True):
+        exact = a.astype(np.float64) / scale
+        with np.errstate(over="ignore", invalid="ignore"):
+            far = ((b.astype(np.float64) / scale - exact) ** 2).sum(axis=1)
+            squares += float(far.sum())
+            largest = max(largest, float(far.max()))
+        spread += float(((exact - exact.mean(axis=0)) ** 2).sum())
+    n = original.shape[0] * original.shape[1]
+    kg_error = 100.0 * math.sqrt(squares / spread) if spread > 0 else 0.0
+    return Errors(math.sqrt(squares / n) * scale, math.sqrt(largest) * scale, kg_error)
+
+
+def _exponent(original: FloatArray) -> int:
+    return int(np.frexp(max(float(np.abs(frame).max()) for frame in original))[1])
+
+
+@shown("n_frames", "n_vertices", "n_bytes", "rms", "max_error", "kg_error", "transform")
+@dataclass(frozen=True)
+class Encoded(Saved):
+    """A stream and what was measured after decoding it.
+
+    Parameters
+    ----------
+    data : bytes
+    rms : float, length unit
+        Root mean square of the distances of vertices from their originals, over all of them and
+        all frames.
+    max_error : float, length unit
+        Largest distance of a vertex from its original in any frame.
+    kg_error : float, percent
+        100 |A - A'| / |A - E|, E the centroid of each frame; 0 where no frame extends.
+    n_frames, n_vertices : int
+    transform : str
+        Modes and temporal components that were chosen.
+    """
+
+    data: bytes
+    rms: float
+    max_error: float
+    kg_error: float
+    n_frames: int
+    n_vertices: int
+    transform: str
+
+    @property
+    def n_bytes(self) -> int:
+        """Bytes of the whole stream."""
+        return len(self.data)
+
+    @property
+    def bits_per_vertex_and_frame(self) -> float:
+        """Bits of the whole stream over vertices and frames."""
+        return 8.0 * len(self.data) / (self.n_frames * self.n_vertices)

@@ -1,22 +1,23 @@
-"""Values as files, in the format that the end of a name says, and back."""
+"""Values as files, in the format of the name's suffix, and back."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from modalmotion.arguments.tasks import Plotted
+from modalmotion.arguments.checking import Plotted
 from modalmotion.classification import Classification, Model
 from modalmotion.codec import Encoded, decode
 from modalmotion.codec.container import MAGIC
 from modalmotion.errors import NotFoundError, ParameterError, StoreError
-from modalmotion.exports.html import to_html
-from modalmotion.exports.picture_files import PICTURES
-from modalmotion.exports.reading import read
-from modalmotion.exports.table import amplitude_table
+from modalmotion.exports.plotting import PICTURES, to_html
+from modalmotion.exports.tables import amplitude_table
 from modalmotion.formats import (
+    ReadOptions,
+    read_sequence,
     write_glb,
     write_npz,
     write_ply_zip,
@@ -24,11 +25,13 @@ from modalmotion.formats import (
     write_vtkhdf,
 )
 from modalmotion.formats.gltf.morph_animation import frame_animation
+from modalmotion.formats.result import Reading
 from modalmotion.hdf5.form import form_of
 from modalmotion.hdf5.gate import SIGNATURE
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm import Norm, norm_from_hdf5, norm_to_hdf5
-from modalmotion.numerals import with_article
+from modalmotion.progress import Progress
+from modalmotion.representation import with_article
 from modalmotion.signature.making import ModalSignature, modal_signature
 from modalmotion.store import (
     classification_from_hdf5,
@@ -49,6 +52,67 @@ from modalmotion.template import Template
 from modalmotion.tracking import Track
 
 
+def read(path: str | Path, options: ReadOptions | None = None) -> MeshSequence:
+    """Read a moving surface: a file, a folder of frames, or a pattern such as "scan_*.ply".
+
+    Parameters
+    ----------
+    path : str or Path
+    options : ReadOptions, optional
+        What the file does not state: `read(path, unit="mm")`.
+
+    Returns
+    -------
+    MeshSequence
+        For a track its sequence, with the track's errors.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read; the remedy is how to convert or track it.
+
+    Warns
+    -----
+    UserWarning
+        About what the reader changed or assumed; `read_sequence` returns it as notes.
+    """
+    reading = read_recording(Path(path), options)
+    for note in reading.notes:
+        # Of the caller, through the check of its arguments.
+        warnings.warn(note, stacklevel=3)
+    return reading.sequence
+
+
+def read_recording(
+    path: Path, options: ReadOptions | None = None, *, progress: Progress | None = None
+) -> Reading:
+    """Read a moving surface with its notes; for a track its sequence and errors.
+
+    A compressed stream is decoded.
+    """
+    options = ReadOptions() if options is None else options
+    stream = stream_at(path)
+    if stream is not None:
+        return options.apply(Reading(decode(stream, limits=options.limits), format="stream"))
+    if path.suffix.lower() in (".h5", ".hdf5"):
+        # Tracking is imported for these only.
+        from modalmotion.tracking.hdf5 import kept_track
+
+        track = kept_track(path)
+        if track is not None:
+            return options.apply(Reading(track.sequence, format="hdf5"))
+    return read_sequence(path, options, progress=progress)
+
+
+def stream_at(path: Path) -> bytes | None:
+    """Return the bytes of a compressed stream, or None if the file is something else."""
+    if not path.is_file():
+        return None
+    with path.open("rb") as file:
+        start = file.read(len(MAGIC))
+        return start + file.read() if start == MAGIC else None
+
+
 def _page(sequence: MeshSequence) -> bytes:
     from modalmotion.viewer.page import View, view_page
 
@@ -63,7 +127,7 @@ SURFACES: Final[dict[str, Callable[[MeshSequence], bytes]]] = {
     ".zip": write_ply_zip,
     ".raw": write_raw,
 }
-"""Ends of names of files that a moving surface is written to and read from."""
+"""Suffixes of files of moving surfaces that can be written and read."""
 
 _WRITERS: Final[tuple[tuple[type, dict[str, Callable[[Any], bytes]]], ...]] = (
     (MeshSequence, {**SURFACES, ".html": _page}),
@@ -95,7 +159,7 @@ _READERS: Final[dict[str, Callable[[Path], Any]]] = {
 
 
 def save(value: Any, path: str | Path) -> Path:
-    """Write a value to a file, in the format that the end of its name says.
+    """Write a value to a file, in the format of its suffix.
 
     Parameters
     ----------
@@ -127,7 +191,7 @@ def save(value: Any, path: str | Path) -> Path:
         known = [*writers, *(PICTURES if isinstance(value, Plotted) else ())]
         what = with_article(type(value).__name__)
         raise ParameterError(
-            f"{path.name!r} names no format of {what}.",
+            f"{path.name!r} has no format for {what}.",
             remedy=f"End the name with {', '.join(known)}."
             if known
             else "Give a sequence, a track, a signature, a model, a class or a stream.",
@@ -146,7 +210,7 @@ def load(path: str | Path) -> Any:
     Returns
     -------
     MeshSequence, Track, ModalSignature, Model, Norm, Template or Classification
-        Of a stream the sequence that it decodes to.
+        For a stream, the decoded sequence.
 
     Raises
     ------
@@ -164,7 +228,7 @@ def load(path: str | Path) -> Any:
         if head.startswith(MAGIC):
             return decode(path.read_bytes())
         if head == SIGNATURE:
-            # Of other programs' HDF5 there is no form of ours.
+            # HDF5 of other programs has no form.
             kind = ""
             with suppress(StoreError):
                 kind = form_of(path).kind

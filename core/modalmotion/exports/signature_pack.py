@@ -6,28 +6,41 @@ import io
 import json
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import CorruptFileError, NotFoundError, OlderFileError, StoreError
+from modalmotion.errors import (
+    CorruptFileError,
+    NotFoundError,
+    OlderFileError,
+    ParameterError,
+    StoreError,
+)
+from modalmotion.exports.animation import modal_animation
+from modalmotion.formats import write_glb, write_npz, write_ply_zip, write_vtkhdf
 from modalmotion.hdf5.form import Form
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes import Modes
+from modalmotion.numeric.products import lengths
 from modalmotion.progress import Progress
 from modalmotion.signature.hdf5 import mode_datasets
 from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.reconstruction import at_times, reconstruct, resample
 from modalmotion.store.disk.atomic import cannot_write, sync_folder, temporary_beside
 from modalmotion.store.record import SequenceRecord
 from modalmotion.store.recovery import existing_store
 from modalmotion.store.results import ResultStore
+from modalmotion.template import Template
 
 FORM: Final = Form("export", 3)
 
-# Signatures held before they are written: appending one at a time takes three times as long.
+# Signatures in memory before they are written: appending one at a time takes three times as long.
 _BATCH: Final = 256
 
 # Rows of a chunk: a pack of few signatures stays small, one of many reads fast.
@@ -90,7 +103,7 @@ class PackReport:
     n_signatures : int
         Packed.
     failures : tuple of (str, str)
-        Sequence and reason of each signature that does not read as it was written.
+        Sequence and reason of each signature that cannot be read as written.
     """
 
     n_signatures: int
@@ -113,9 +126,9 @@ def export(
 ) -> PackReport:
     """Pack the trajectories of all signatures of a store into one HDF5 file.
 
-    Signatures with the same parameters, modes and unit form a group; their frames follow
-    one another, and `n_frames` says how many belong to each. A damaged signature costs only
-    itself: the report names it.
+    Signatures with the same parameters, modes and unit form a group; their frames follow one
+    another, and `n_frames` says how many belong to each. A damaged signature is left out: the
+    report names it.
 
     Parameters
     ----------
@@ -133,7 +146,7 @@ def export(
     Raises
     ------
     NotFoundError
-        If the store does not exist, or holds no signatures: no file is written then.
+        If the store does not exist, or has no signatures; no file is written then.
     CorruptFileError
         If all of them are damaged.
     StoreError
@@ -163,7 +176,7 @@ def export(
 
 
 def _as_oserror(error: OSError | RuntimeError) -> OSError:
-    """Give what HDF5 met: closing a file that cannot be written names it in its text alone."""
+    """Return the cause of an HDF5 error: on closing an unwritable file it is in the text only."""
     if isinstance(error, OSError) and error.errno:
         return error
     number = re.search(r"errno = (\d+)", str(error))
@@ -179,7 +192,7 @@ def write_pack(path: Path, signatures: Iterable[tuple[ModalSignature, SequenceRe
     Parameters
     ----------
     path : Path
-        Replaced if it exists; removed where it cannot be written as a whole.
+        Replaced if it exists; removed if it cannot be written completely.
     signatures : iterable of (ModalSignature, SequenceRecord)
         Consumed a batch at a time.
 
@@ -190,7 +203,7 @@ def write_pack(path: Path, signatures: Iterable[tuple[ModalSignature, SequenceRe
     """
     import h5py
 
-    # HDF5 itself would lose the error of a disk that is full, and leave a file that is broken.
+    # HDF5 itself would lose the error of a full disk, and a broken file would remain.
     image = io.BytesIO()
     with h5py.File(image, "w", libver="v110") as file:
         _pack(file, signatures)
@@ -205,7 +218,7 @@ def _pack_store(store: ResultStore, file: Any, progress: Progress | None) -> Pac
     names = store.all_signatures()
     if not names:
         raise NotFoundError(
-            f"The store '{store.root.name}' holds no signatures, so there is nothing to pack.",
+            f"The store '{store.root.name}' has no signatures to pack.",
             remedy="Fit signatures first: modalmotion signature, or a cohort into this folder.",
         )
     failures: list[tuple[str, str]] = []
@@ -224,7 +237,7 @@ def _pack_store(store: ResultStore, file: Any, progress: Progress | None) -> Pac
     _pack(file, read())
     if len(failures) == len(names):
         raise CorruptFileError(
-            f"None of {len(names)} signatures reads as it was written. {failures[0][1]}"
+            f"None of {len(names)} signatures can be read as written. {failures[0][1]}"
         )
     return PackReport(len(names) - len(failures), tuple(failures))
 
@@ -286,3 +299,98 @@ def _append(group: Any, signatures: list[tuple[ModalSignature, SequenceRecord]])
 
 def _or_nan(values: NDArray[np.float64] | None, like: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.full(like.shape, np.nan) if values is None else values
+
+
+class SurfaceFormat(StrEnum):
+    """Formats that moving surfaces are written in."""
+
+    NPZ = "npz"
+    VTKHDF = "vtkhdf"
+    GLB = "glb"
+    PLY = "ply"
+
+
+SUFFIXES = {
+    ".npz": SurfaceFormat.NPZ,
+    ".vtkhdf": SurfaceFormat.VTKHDF,
+    ".glb": SurfaceFormat.GLB,
+    ".zip": SurfaceFormat.PLY,
+}
+"""Format by suffix."""
+
+
+def write_superposed(
+    signature: ModalSignature,
+    sequence: MeshSequence,
+    surface_format: SurfaceFormat = SurfaceFormat.NPZ,
+    *,
+    template: Template | None = None,
+    times: NDArray[np.float64] | None = None,
+    phases: list[float] | int | None = None,
+    max_targets: int | None = None,
+) -> bytes:
+    """Superpose a signature's modes on its reference, and write the surfaces.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    sequence : MeshSequence
+        The one it was made from.
+    surface_format : SurfaceFormat
+        npz, VTKHDF (with the error at each vertex as a field; of phases the deviation), GLB (modes
+        as morph targets, amplitudes as their weights), or a zip of PLY files.
+    template : Template, optional
+        The one that the signature's parameters name, if they name one.
+    times : (n,) float64, s, optional
+        Those of the frames by default.
+    phases : list of float or int, optional
+        Instead of times: shares of the cycle, or a number of even steps; see `resample`.
+    max_targets : int, optional
+        For a GLB: largest number of targets, those with most motion.
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    ParameterError
+        If a time is outside the recording, the sequence is another, or both times and phases
+        are chosen, or phases of a GLB.
+    """
+    if phases is not None and (times is not None or surface_format == SurfaceFormat.GLB):
+        raise ParameterError(
+            "Phases were given with times, or for a GLB, which has all frames.",
+            remedy="Give one of times and phases, and another format for phases.",
+        )
+    moved = signature if times is None else at_times(signature, times)
+    if surface_format == SurfaceFormat.GLB:
+        return write_glb(modal_animation(moved, sequence, max_targets, template=template))
+    positions = reconstruct(moved, sequence, template=template)
+    surfaces = replace(sequence, vertices=positions, times=moved.times, uncertainty=None)
+    fields = None
+    if phases is not None:
+        resampled = resample(surfaces, phases)
+        surfaces, fields = resampled.sequence, {"deviation": resampled.deviations}
+    elif times is None:
+        fields = {"error": lengths(positions - sequence.vertices)}
+    attributes: dict[str, str | int | float] = {
+        "sequence_id": signature.sequence_id,
+        "modes": len(signature.modes),
+        **signature.provenance,
+    }
+    return write_surfaces(surfaces, surface_format, fields, attributes)
+
+
+def write_surfaces(
+    surfaces: MeshSequence,
+    surface_format: SurfaceFormat,
+    fields: Mapping[str, NDArray[np.float64]] | None = None,
+    attributes: Mapping[str, str | int | float] | None = None,
+) -> bytes:
+    """Write surfaces frame by frame: npz, VTKHDF with fields and attributes, or a zip of PLY."""
+    if surface_format == SurfaceFormat.PLY:
+        return write_ply_zip(surfaces)
+    if surface_format == SurfaceFormat.NPZ:
+        return write_npz(surfaces)
+    return write_vtkhdf(surfaces, fields, attributes)

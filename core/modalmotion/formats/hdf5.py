@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from modalmotion.facts import facts_from_json
 from modalmotion.formats.parser.answer import Answer, Parser
 from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.formats.result import Reading, Source
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
+from modalmotion.mesh import facts_from_json
 from modalmotion.mesh.checks import given_up
-from modalmotion.mesh.frame_order import in_time_order
-from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.mesh.sequence import MeshSequence, in_time_order, mesh_sequence
 
 
 def read_hdf5(

@@ -21,15 +21,14 @@ from typing import Any, Final, cast
 import numpy as np
 
 from modalmotion.errors import MalformedFileError, ShapeError
-from modalmotion.facts import NAMES, Facts, facts_as_json, facts_from_texts
 from modalmotion.formats.frames.frame import TRACK
 from modalmotion.formats.named_arrays import aliases_in, note_on, positions_in
 from modalmotion.formats.result import Reading
 from modalmotion.formats.zip_member import UNREADABLE, member_content
 from modalmotion.limits import NO_LIMITS, ReadLimits
+from modalmotion.mesh import NAMES, Facts, facts_as_json, facts_from_texts
 from modalmotion.mesh.checks import given_up
-from modalmotion.mesh.frame_order import in_time_order
-from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.mesh.sequence import MeshSequence, in_time_order, mesh_sequence
 
 _ARRAYS: Final = ("vertices", "faces", "grid", "topology", "times", "times_ms", "unit")
 _KNOWN: Final = (*_ARRAYS, *NAMES)

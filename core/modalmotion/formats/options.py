@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from modalmotion.errors import ParameterError
-from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.formats.detect import Format
 from modalmotion.formats.result import Reading
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
+from modalmotion.mesh import NO_FACTS, Facts
 from modalmotion.mesh.checks import require_times
-from modalmotion.mesh.frame_order import in_time_order
+from modalmotion.mesh.sequence import in_time_order
 from modalmotion.modes.topology import Topology
 from modalmotion.representation import shown
 

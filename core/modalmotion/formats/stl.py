@@ -18,9 +18,8 @@ from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frames.frame import Frame, space_in
 from modalmotion.formats.text import line_blocks
 from modalmotion.limits import NO_LIMITS, ReadLimits
-from modalmotion.mesh.areas import face_normals
 from modalmotion.mesh.checks import FloatArray
-from modalmotion.mesh.connectivity import oriented_faces
+from modalmotion.mesh.triangles import face_normals, oriented_faces
 
 _TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
 _HEADER_BYTES: Final = 84

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import ShapeError
 from modalmotion.images.volume import Plane, PlaneSet, Volume, slices_of
 from modalmotion.mesh.checks import require_times
-from modalmotion.numeric.frozen_arrays import FrozenArrays
-from modalmotion.representation import shown
+from modalmotion.representation import FrozenArrays, shown
 
 Image: TypeAlias = Volume | PlaneSet
 

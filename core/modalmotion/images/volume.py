@@ -12,8 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.numeric.frozen_arrays import FrozenArrays
-from modalmotion.representation import shown
+from modalmotion.representation import FrozenArrays, shown
 
 # mm: finer and coarser samples are those of a microscope or of a wrong unit.
 _FINEST: Final = 1e-3

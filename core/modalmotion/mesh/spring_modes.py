@@ -16,12 +16,12 @@ import scipy
 from numpy.typing import NDArray
 
 from modalmotion.errors import LimitError, ParameterError
-from modalmotion.mesh import connectivity_of, graph_laplacian
-from modalmotion.modes.label import ModeLabel
-from modalmotion.modes.modes import Surface
+from modalmotion.mesh.laplacian import graph_laplacian
+from modalmotion.mesh.triangles import connectivity_of
+from modalmotion.modes.mode_set import Surface
+from modalmotion.modes.topology import ModeLabel
 from modalmotion.numeric.eigenpairs import MOST_EQUAL, lowest_eigenpairs
-from modalmotion.numeric.frozen_arrays import FrozenArrays
-from modalmotion.representation import shown
+from modalmotion.representation import FrozenArrays, shown
 
 
 @shown()

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from modalmotion.numerals import numeral
-from modalmotion.representation import shown
+from modalmotion.representation import numeral, shown
 
 
 @shown("name", "p", "p_alone", "words")

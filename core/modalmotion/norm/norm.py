@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.arguments.tasks import Saved
+from modalmotion.arguments.checking import Saved, real
 from modalmotion.classification.answer import fitted_in, unlike
 from modalmotion.classification.cases import TrainingCase, with_covariates
 from modalmotion.classification.cohort import conditions_of
@@ -24,10 +24,10 @@ from modalmotion.classification.motion import Motion
 from modalmotion.classification.record import require_model_name
 from modalmotion.clinical import Fraction, clinical_readouts
 from modalmotion.errors import ParameterError, TopologyError, UnlikeCasesError
-from modalmotion.facts import UNKNOWN, Facts, Named
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
+from modalmotion.mesh import UNKNOWN, Facts, Named
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm.deviation import (
     CohortDeviation,
@@ -46,12 +46,10 @@ from modalmotion.norm.ranks import (
     whole,
     without_covariates,
 )
-from modalmotion.numerals import counted, numeral
-from modalmotion.numeric.kinds import real
 from modalmotion.progress import Progress
-from modalmotion.representation import shown
-from modalmotion.signature.first_modes import first_modes
+from modalmotion.representation import counted, numeral, shown
 from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
+from modalmotion.signature.value import first_modes
 
 FORM: Final = Form("norm", 2)
 
@@ -271,7 +269,7 @@ class Norm(Saved):
             A sequence is fitted in the controls' modes; a signature has no volumes. One of the
             controls is compared with the others.
         level : float
-            Share of recordings like the controls that may be called a deviation.
+            Level: share of recordings like the controls that are called a deviation.
 
         Returns
         -------

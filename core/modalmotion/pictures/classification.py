@@ -1,16 +1,22 @@
-"""Picture of a model's answer about one sequence. Needs matplotlib (extra ``plot``)."""
+"""Pictures of classes, and of a model's card and evaluation."""
 
 from __future__ import annotations
 
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from modalmotion.classification.answer import Classification
+from modalmotion.classification.card import ModelCard
 from modalmotion.errors import needs_extra
-from modalmotion.numerals import numeral
+from modalmotion.representation import numeral
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from modalmotion.classification import Evaluation
 
 _INK = "#33373d"
 _SOFT = "#8a9099"
@@ -18,7 +24,7 @@ _IN_SET = "#2f6690"
 _RULED_OUT = "#c9c4bc"
 _AGAINST = "#b5533c"
 
-# More classes, and more modes, than can be read.
+# Most classes and modes that are legible.
 _MOST_CLASSES: Final = 20
 _MOST_MODES: Final = 10
 
@@ -31,8 +37,8 @@ _LINE: Final = 0.17
 def answer_figure(result: Classification) -> Figure:
     """Draw the probability of each class, the class set, and the reasons of the prediction.
 
-    Below are the first notes: why there is no class, or why no class is in the set, and what was
-    made of a handedness that is not stated. An answer without a class is these words alone.
+    Below are the first notes: why there is no class, or why no class is in the set, and how an
+    unknown handedness was treated. An answer without a class shows these notes only.
 
     Parameters
     ----------
@@ -51,7 +57,7 @@ def answer_figure(result: Classification) -> Figure:
     n_modes = min(len(result.explanation), _MOST_MODES)
     n_panels = 1 + bool(n_modes)
     width = 5.6 * n_panels + 0.6
-    # Equal probabilities are no measurement, so an answer without a class has no bars.
+    # Equal probabilities are not a measurement, so an answer without a class has no bars.
     notes = result.notes[: len(result.flags) or _MOST_NOTES]
     text = "\n".join(fill(note, int(_LETTERS_PER_INCH * width)) for note in notes)
     bars = 1.6 + 0.34 * max(n_classes, n_modes, 3) if has_label else 0.6
@@ -86,7 +92,7 @@ def _draw_classes(axes: Any, result: Classification) -> None:
     axes.set_xlim(0.0, 1.12)
     axes.set_xlabel("probability", color=_INK)
     level = f"{100 * result.coverage:g} %"
-    title = f"Blue cannot be ruled out at {level}"
+    title = f"Blue cannot be excluded at {level}"
     if not result.class_set:
         title = f"Unlike every class at {level}"
     axes.set_title(title, fontsize=10, color=_INK)
@@ -105,7 +111,7 @@ def _draw_modes(axes: Any, result: Classification) -> None:
     ]
     axes.set_yticks(range(len(parts)), names, fontsize=8)
     axes.set_xlabel("for (blue) and against the class, log of odds", color=_INK)
-    axes.set_title("What moved it: modes, with their RMS amplitude", fontsize=10, color=_INK)
+    axes.set_title("Modes that determined it, with their RMS amplitude", fontsize=10, color=_INK)
     _plain(axes)
 
 
@@ -115,3 +121,209 @@ def _plain(axes: Any) -> None:
     axes.set_axisbelow(True)
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
+
+
+_BLUE = "#2f6690"
+_COLOURS = (_BLUE, "#c8553d", "#5b8e7d", "#8e5572", "#d9a441", "#4a4e69", "#7fb7be", "#a3a847")
+
+
+def card_figure(card: ModelCard, title: str) -> Figure:
+    """Draw a model's performance in cross-validation.
+
+    Parameters
+    ----------
+    card : ModelCard
+    title : str
+        Such as the model's name.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The confusion matrix by shares of the true class, with counts; the ROC curve of each class;
+        and the share of correct answers against the stated probability.
+    """
+    return _figure(f"{title}: {_accuracy(card)}", card.classes, card)
+
+
+def evaluation_figure(result: Evaluation) -> Figure:
+    """Draw a model's performance on cases of a test: as `card_figure` does."""
+    low, high = result.accuracy_interval
+    title = (
+        f"{result.model}: accuracy {100 * result.accuracy:.1f} % (95 % interval {100 * low:.1f} "
+        f"to {100 * high:.1f}), {result.n_cases} cases"
+    )
+    return _figure(title, result.classes, result)
+
+
+def _figure(
+    title: str,
+    classes: tuple[str, ...],
+    measured: ModelCard | Evaluation,
+) -> Figure:
+    with needs_extra("plot"):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+    n = max(len(classes), 1)
+    side = min(max(3.6, 0.62 * n + 1.6), 9.0)
+    n_rows = 2 if measured.confusion else 1
+    figure = Figure(
+        figsize=(side + 6.2, side + 0.9 + 4.2 * (n_rows - 1)), dpi=110, layout="constrained"
+    )
+    FigureCanvasAgg(figure)
+    heights = [side, 3.8][:n_rows]
+    panels = figure.subplots(
+        n_rows, 2, width_ratios=[side, 4.2], height_ratios=heights, squeeze=False
+    )
+    n_repetitions = max(1, len(measured.repetitions)) if isinstance(measured, ModelCard) else 1
+    _draw_confusion(panels[0, 0], classes, measured.confusion)
+    if n_repetitions > 1:
+        panels[0, 0].set_title(
+            f"Confusion, {n_repetitions} repetitions together", fontsize=10, color=_INK
+        )
+    _draw_calibration(
+        panels[0, 1], measured.calibration_curve, measured.calibration_error, n_repetitions
+    )
+    if n_rows > 1:
+        _draw_roc(panels[1, 0], classes, measured)
+        panels[1, 1].set_axis_off()
+    figure.suptitle(title, fontsize=12, color=_INK)
+    return figure
+
+
+def _draw_roc(axes: Any, classes: tuple[str, ...], measured: ModelCard | Evaluation) -> None:
+    """Draw the ROC curve of each class against the rest."""
+    axes.set_title("ROC, each class against the rest", fontsize=10, color=_INK)
+    if not measured.roc:
+        _say_nothing(axes, "one class only")
+        return
+    axes.plot([0, 1], [0, 1], color=_SOFT, linewidth=1, linestyle="--")
+    # Of two classes the second curve is the first one's mirror image.
+    shown = list(measured.roc)[:1] if len(classes) == 2 else list(measured.roc)
+    for number, label in enumerate(shown):
+        x, y = zip(*measured.roc[label], strict=True)
+        area, low, high = measured.class_auc[label]
+        name = f"{_short(label)}: AUC {area:.3f} ({low:.2f} to {high:.2f})"
+        colour = _COLOURS[number % len(_COLOURS)]
+        style = "-" if number < len(_COLOURS) else ":"
+        axes.plot(x, y, color=colour, linestyle=style, linewidth=1.6, label=name)
+    axes.set_xlim(-0.02, 1.02)
+    axes.set_ylim(-0.02, 1.02)
+    axes.set_xlabel("1 − specificity", color=_INK)
+    axes.set_ylabel("sensitivity", color=_INK)
+    axes.legend(loc="lower right", fontsize=7 if len(shown) <= 10 else 5, frameon=False)
+    _lighten(axes)
+
+
+def _lighten(axes: Any) -> None:
+    axes.grid(alpha=0.25)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def _accuracy(card: ModelCard) -> str:
+    n_cases = sum(card.n_cases.values())
+    if card.accuracy is None:
+        return f"{n_cases} cases, not cross-validated"
+    interval = ""
+    if card.accuracy_interval is not None:
+        low, high = card.accuracy_interval
+        interval = f" (95 % interval {100 * low:.1f} to {100 * high:.1f})"
+    how = "cross-validation by subject" if card.is_grouped else "cross-validation"
+    if len(card.repetitions) > 1:
+        how = f"{len(card.repetitions)} times {how}"
+    return f"accuracy {100 * card.accuracy:.1f} %{interval}, {how}, {n_cases} cases"
+
+
+def _draw_confusion(
+    axes: Any, classes: tuple[str, ...], confusion: tuple[tuple[int, ...], ...]
+) -> None:
+    axes.set_title("Confusion", fontsize=10, color=_INK)
+    if not confusion:
+        _say_nothing(axes, "no cross-validation")
+        return
+    counts = np.array(confusion, dtype=np.float64)
+    totals = counts.sum(axis=1, keepdims=True)
+    shares = np.divide(counts, totals, out=np.zeros_like(counts), where=totals > 0)
+    answers = [*classes, "no class"][: counts.shape[1]]
+    axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+    # Numbers are legible in a small matrix; a large one has shades only.
+    size = 9 if len(classes) <= 8 else 7
+    if len(classes) <= 25:
+        for (row, column), count in np.ndenumerate(counts):
+            if count:
+                colour = "white" if shares[row, column] > 0.55 else _INK
+                axes.text(
+                    *(column, row, f"{count:.0f}"),
+                    ha="center",
+                    va="center",
+                    color=colour,
+                    fontsize=size,
+                )
+    axes.set_xticks(range(len(answers)), [_short(name) for name in answers], fontsize=size)
+    axes.set_yticks(range(len(classes)), [_short(name) for name in classes], fontsize=size)
+    axes.tick_params(axis="x", rotation=35 if _are_long(answers) else 0, length=0)
+    axes.tick_params(axis="y", length=0)
+    if _are_long(answers):
+        for label in axes.get_xticklabels():
+            label.set_horizontalalignment("right")
+            label.set_rotation_mode("anchor")
+    axes.set_xlabel("answer", color=_INK)
+    axes.set_ylabel("true class", color=_INK)
+    for spine in axes.spines.values():
+        spine.set_color(_SOFT)
+
+
+def _draw_calibration(
+    axes: Any, curve: tuple[tuple[float, float, int], ...], error: float | None, n_repetitions: int
+) -> None:
+    stated = "" if error is None else f", expected calibration error {error:.3f}"
+    axes.set_title(f"Calibration{stated}", fontsize=10, color=_INK)
+    bins = [bin_ for bin_ in curve if bin_[2] > 0]
+    if not bins:
+        _say_nothing(axes, "no answers to compare")
+        return
+    probability, share, n_cases = (np.array(column) for column in zip(*bins, strict=True))
+    axes.plot([0, 1], [0, 1], color=_SOFT, linewidth=1, linestyle="--", label="as stated")
+    # Repetitions are on the same cases.
+    low, high = _wilson(share, n_cases / n_repetitions)
+    axes.errorbar(
+        *(probability, share),
+        yerr=np.maximum([share - low, high - share], 0.0),
+        color=_BLUE,
+        marker="o",
+        markersize=5,
+        linewidth=1.5,
+        capsize=2,
+        elinewidth=1,
+        label="measured, with its 95 % interval",
+    )
+    axes.set_xlim(-0.02, 1.04)
+    axes.set_ylim(-0.02, 1.04)
+    axes.set_xlabel("probability stated", color=_INK)
+    axes.set_ylabel("share that was right", color=_INK)
+    axes.legend(loc="lower right", fontsize=8, frameon=False)
+    _lighten(axes)
+
+
+def _wilson(
+    share: NDArray[np.float64], n: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    # 95 % interval of a share. Wilson, Probable inference, J Am Stat Assoc, 1927.
+    z = 1.959963984540054
+    centre = (share + z**2 / (2 * n)) / (1 + z**2 / n)
+    half = z / (1 + z**2 / n) * np.sqrt(share * (1 - share) / n + z**2 / (4 * n**2))
+    return centre - half, centre + half
+
+
+def _say_nothing(axes: Any, text: str) -> None:
+    axes.set_axis_off()
+    axes.text(0.5, 0.5, text, ha="center", va="center", color=_SOFT, transform=axes.transAxes)
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 22 else f"{name[:20]}…"
+
+
+def _are_long(names: list[str]) -> bool:
+    return len(names) > 3 and max(map(len, names)) > 6

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from modalmotion.errors import needs_extra
 from modalmotion.mesh import face_normals
 from modalmotion.modes.topology import CLOSED_CURVE
-from modalmotion.numeric.scale import lengths
-from modalmotion.pictures.cube import fill_cube
+from modalmotion.numeric.products import lengths
 from modalmotion.pictures.modes import COLOURS
-from modalmotion.pictures.view import tilted, upright
+from modalmotion.pictures.view import fill_cube, tilted, upright
 from modalmotion.template.template import Template
 
 Array = NDArray[np.float64]
@@ -23,7 +22,7 @@ Array = NDArray[np.float64]
 _INCHES: Final = 4.8
 _DPI: Final = 100
 _TILT: Final = 0.45
-# A sheet is seen from a corner, where its movement shows.
+# A sheet is seen from a corner, where its movement is visible.
 _TILT_OF_SHEET: Final = 0.95
 _TURN_OF_SHEET: Final = np.array([[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]])
 # Towards the light, in the view: x to the right, y away from the viewer, z up.
@@ -129,13 +128,13 @@ def draw_moved(panel: Any, template: Template, x: Array, height: Array, extent: 
 
 
 def write_gif(pictures: Iterable[NDArray[np.uint8]], seconds: float) -> bytes:
-    """Write pictures as a GIF that plays without end.
+    """Write pictures as a GIF that repeats.
 
     Parameters
     ----------
     pictures : iterable of (height, width, 3) uint8
     seconds : float
-        Of each picture; GIF counts in hundredths, and players keep no less than two.
+        Of each picture; GIF counts in hundredths, and players show at least two.
 
     Returns
     -------

@@ -1,16 +1,20 @@
-"""Pictures of a track: its data, its stated error, what was determined. Needs matplotlib (plot)."""
+"""Pictures of a track, over its images."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, TopologyError, needs_extra
-from modalmotion.numerals import numeral
-from modalmotion.pictures.unit import shown_unit
-from modalmotion.pictures.view import size_of, tilted, upright
+from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
+from modalmotion.images.sequence import Image
+from modalmotion.mesh.normal_lines import Edges
+from modalmotion.pictures.movie import write_gif
+from modalmotion.pictures.view import shown_unit, size_of, tilted, upright
+from modalmotion.representation import numeral
 from modalmotion.tracking.result import STRAY, Track
 
 if TYPE_CHECKING:
@@ -25,7 +29,7 @@ _N_FRAMES: Final = 6
 
 
 def data_figure(track: Track) -> Figure:
-    """Draw the data over the surface, in frames spread over the beat: those that counted, and not.
+    """Draw the data over the surface, outliers marked, in frames spread over the beat.
 
     Parameters
     ----------
@@ -41,7 +45,7 @@ def data_figure(track: Track) -> Figure:
     TopologyError
         If the track is that of a curve.
     ParameterError
-        If it keeps none of its data.
+        If it has none of its data.
     """
     with needs_extra("plot"):
         from matplotlib.figure import Figure
@@ -50,8 +54,8 @@ def data_figure(track: Track) -> Figure:
     data = track.data
     if data is None:
         raise ParameterError(
-            "The track keeps none of the data that it was tracked through.",
-            remedy="Track the recording again: some of its points are kept since.",
+            "The track does not contain the data that it was tracked through.",
+            remedy="Track the recording again: newer tracks contain some of their points.",
         )
     shown = np.unique(np.linspace(0, track.n_frames - 1, _N_FRAMES).astype(np.int64))
     view = tilted(upright(track.template))
@@ -82,7 +86,7 @@ def data_figure(track: Track) -> Figure:
         unit = shown_unit(mean, track.sequence.unit)
         text = f"Data over the surface; residual RMS {numeral(mean / unit.size, 2)} {unit.name}"
         n_strays = int((data.weights < STRAY).sum())
-        left_out = f"; {n_strays} of {data.n_points} points hardly counted" if n_strays else ""
+        left_out = f"; {n_strays} of {data.n_points} points are outliers" if n_strays else ""
         figure.suptitle(text + left_out, fontsize=11)
     return figure
 
@@ -121,7 +125,7 @@ def deviations_figure(track: Track, frame: int) -> Figure:
     faces = track.template.faces
     figure = Figure(figsize=(8.2, 4.0), dpi=120, layout="constrained")
     unit = shown_unit(float(track.deviations[frame].max()), track.sequence.unit)
-    for k, name in enumerate(("across the surface", "along it, set by the prior")):
+    for k, name in enumerate(("across the surface", "along it, from the prior")):
         axes: Any = figure.add_subplot(1, 2, k + 1, projection="3d")
         values = track.deviations[frame, :, k][faces].mean(axis=1) / unit.size
         drawn = axes.plot_trisurf(
@@ -139,7 +143,7 @@ def deviations_figure(track: Track, frame: int) -> Figure:
 
 
 def determined_figure(track: Track) -> Figure:
-    """Draw how much of each mode the data have set: across the surface, and along it.
+    """Draw the share of each mode that the data determine: across the surface, and along it.
 
     Returns
     -------
@@ -172,3 +176,164 @@ def _require_surface(track: Track) -> None:
             "The track is that of a curve, which has no triangles to draw.",
             remedy="Draw the track of a surface.",
         )
+
+
+_CONTOUR: Final = "#ffb000"
+
+# Planes from top to bottom, and phases from left to right.
+_N_PLANES: Final = 4
+_N_PHASES: Final = 6
+
+# Of a plane through a volume: mm around the surface, and samples along a side.
+_MARGIN: Final = 20.0
+_N_SAMPLES: Final = 120
+
+
+def overlay_figure(track: Track, images: ImageSequence) -> Figure:
+    """Draw the surface's contours over slices, in frames spread over the beat.
+
+    Parameters
+    ----------
+    track : Track
+    images : ImageSequence
+        That it was tracked through.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    with needs_extra("plot"):
+        from matplotlib.figure import Figure
+
+    overlay = _Overlay(track, images.sliced())
+    frames = np.unique(np.linspace(0, track.n_frames - 1, _N_PHASES).round().astype(np.int64))
+    rows, columns = overlay.n_planes, len(frames)
+    figure = Figure(figsize=(2.0 * columns, 2.0 * rows), dpi=120, layout="constrained")
+    for column, k in enumerate(frames.tolist()):
+        places = [row * columns + column + 1 for row in range(rows)]
+        overlay.draw(k, [figure.add_subplot(rows, columns, place) for place in places])
+    return figure
+
+
+def overlay_gif(track: Track, images: ImageSequence) -> bytes:
+    """Draw the surface's contours over slices in every frame, as a GIF that repeats.
+
+    Parameters
+    ----------
+    track : Track
+    images : ImageSequence
+        That it was tracked through.
+
+    Returns
+    -------
+    bytes
+        Its duration is that of the recording if its times are known, otherwise a second.
+    """
+    with needs_extra("plot"):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+    overlay = _Overlay(track, images.sliced())
+    n = overlay.n_planes
+
+    def drawn(k: int) -> NDArray[np.uint8]:
+        figure = Figure(figsize=(2.4 * n, 2.6), dpi=100, layout="constrained")
+        canvas = FigureCanvasAgg(figure)
+        overlay.draw(k, [figure.add_subplot(1, n, place) for place in range(1, n + 1)])
+        canvas.draw()
+        return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+    times = track.sequence.times
+    step = 1.0 / track.n_frames if times is None or len(times) < 2 else float(np.diff(times).mean())
+    return write_gif(map(drawn, range(track.n_frames)), step)
+
+
+class _Overlay:
+    """Contours of a track over sliced images: what all frames share.
+
+    Parameters
+    ----------
+    track : Track
+    images : ImageSequence
+    """
+
+    def __init__(self, track: Track, images: ImageSequence) -> None:
+        self._images = images
+        self._x = track.sequence.vertices.astype(np.float64)
+        self._edges = Edges.of(track.template.faces)
+        self._shifts = () if track.images is None else track.images.shifts
+        first = next(frame for frame in images.frames if frame is not None)
+        self.n_planes = min(_N_PLANES, len(_planes(first, self._x)))
+
+    def draw(self, k: int, all_axes: Sequence[Any]) -> None:
+        """Draw the planes of a frame, each into its axes; a missing frame is empty."""
+        image = self._images.frames[k]
+        chosen = [] if image is None else _planes(image, self._x)
+        all_axes[0].set_title(f"frame {k}", fontsize=8)
+        for axes in all_axes:
+            axes.set_axis_off()
+        for axes, (number, plane) in zip(all_axes, chosen, strict=False):
+            low, high = np.nanpercentile(plane.values.astype(np.float64), (1, 99.5))
+            axes.imshow(plane.values, cmap="gray", vmin=low, vmax=high)
+            shift = np.array(self._shifts[number]) if self._shifts else np.zeros(3)
+            for segment in contours_in(plane, self._x[k], self._edges, shift):
+                axes.plot(segment[:, 1], segment[:, 0], color=_CONTOUR, linewidth=0.8)
+            _zoom(axes, plane, self._x)
+
+
+def contours_in(
+    plane: Plane, x: NDArray[np.float64], edges: Edges, shift: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Cut a surface with a plane.
+
+    Parameters
+    ----------
+    plane : Plane
+    x : (vertices, 3) float64, mm
+    edges : Edges
+        Of the surface.
+    shift : (3,) float64, mm
+        Shift of the plane's content.
+
+    Returns
+    -------
+    (segments, 2, 2) float64
+        Ends of each segment, in indices of the plane.
+    """
+    cut = edges.cut(x, plane.heights(x))
+    places = (cut.shares[:, :, None] * x[cut.corners]).sum(axis=1) + shift
+    return plane.indices(places)[cut.segments]
+
+
+def _planes(image: Image, x: NDArray[np.float64]) -> list[tuple[int, Plane]]:
+    """Choose planes to show, with their numbers; of a volume three through the surface's centre."""
+    if isinstance(image, PlaneSet):
+        numbers = np.unique(np.linspace(0, len(image) - 1, _N_PLANES).round().astype(np.int64))
+        return [(k, image.planes[k]) for k in numbers.tolist()]
+    return [(0, plane) for plane in _cuts(image, x)]
+
+
+def _cuts(volume: Volume, x: NDArray[np.float64]) -> list[Plane]:
+    everywhere = x.reshape(-1, 3)
+    middle = everywhere.mean(axis=0)
+    side = float(np.ptp(everywhere, axis=0).max()) + 2.0 * _MARGIN
+    step = side / _N_SAMPLES
+    planes = []
+    for a, b in ((0, 1), (0, 2), (1, 2)):
+        u, v = step * np.eye(3)[a], step * np.eye(3)[b]
+        origin = middle - (_N_SAMPLES - 1) / 2 * (u + v)
+        i, j = np.meshgrid(np.arange(_N_SAMPLES), np.arange(_N_SAMPLES), indexing="ij")
+        points = origin + i[..., None] * v + j[..., None] * u
+        values = volume.sample(points.reshape(-1, 3)).reshape(i.shape)
+        planes.append(Plane(values, np.column_stack([v, u, origin])))
+    return planes
+
+
+def _zoom(axes: Any, plane: Plane, x: NDArray[np.float64]) -> None:
+    """Show the surface over the whole beat, with a margin."""
+    places = plane.indices(x.reshape(-1, 3))
+    margin = _MARGIN / np.array(plane.spacing)
+    low = np.maximum(places.min(axis=0) - margin, -0.5)
+    high = np.minimum(places.max(axis=0) + margin, np.array(plane.values.shape) - 0.5)
+    axes.set_xlim(low[1], high[1])
+    axes.set_ylim(high[0], low[0])

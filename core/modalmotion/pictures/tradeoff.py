@@ -1,4 +1,4 @@
-"""A picture of the trade. Needs matplotlib (extra ``plot``)."""
+"""A picture of the trade-off. Needs matplotlib (extra ``plot``)."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.choice.harmonics import n_functions
 from modalmotion.errors import needs_extra
 from modalmotion.mesh.sequence import MM_PER_UNIT
-from modalmotion.pictures.unit import ShownUnit, shown_unit
-from modalmotion.tradeoff.answer import Tradeoff
-from modalmotion.tradeoff.front import Front
+from modalmotion.pictures.view import ShownUnit, shown_unit
+from modalmotion.signature.front import Front
+from modalmotion.signature.model import n_functions
+from modalmotion.signature.tradeoff import Tradeoff
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,8 +27,8 @@ _SMALLEST_SHARE: Final = 1e-4
 def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
     """Draw error against amplitudes and against bytes, and time against both.
 
-    Lines are topologies and components; in the second panel the dots below them are paths over
-    time limited to harmonics. The star is the requested point.
+    Lines are topologies and components; in the second panel the dots below them are amplitudes
+    limited to harmonics over time. The star is the requested point.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    # Imported here: only pictures need it. A bare Figure has no window and no global state.
+    # Imported here because only pictures need it. A bare Figure has no window or global state.
     with needs_extra("plot"):
         from matplotlib.figure import Figure
 
@@ -70,9 +70,9 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
     )
     _simple_kinds(panels, tradeoff, factor)
     price = tradeoff.chosen.price
-    # Prices are in mm already, where the unit is known.
+    # Prices are in mm already if the unit is known.
     left = price.rms_error / shown.size
-    # A logarithmic scale has no place for zero.
+    # A logarithmic scale has no zero.
     at = [(max(price.amplitudes_per_frame, 1), 0), (max(price.bytes, 8), 1)]
     for x, panel in at:
         if left > 0:
@@ -96,7 +96,7 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
     smallest = float(errors[errors > _SMALLEST_SHARE * largest].min(initial=largest))
     smallest = min(smallest, left) if left > 0 else smallest
     for panel, label in zip(
-        panels, ("amplitudes a frame", "bytes of the trajectory (float64)"), strict=False
+        panels, ("amplitudes per frame", "bytes of the trajectory (float64)"), strict=False
     ):
         panel.set(xscale="log", yscale="log", xlabel=label, ylim=(0.7 * smallest, 1.5 * largest))
         panel.grid(True, which="both", color="#e4e4e4", linewidth=0.6)
@@ -129,7 +129,7 @@ def _lower_hull(front: Front) -> tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def _simple_kinds(panels: list[Any], tradeoff: Tradeoff, factor: float) -> None:
-    """Mark the motions that take a fixed count of numbers."""
+    """Mark the motions described by a fixed count of numbers."""
     for motion in (tradeoff.scene.rigid, tradeoff.scene.affine):
         numbers = {"rigid": 6, "affine": 12}[motion.kind.value]
         error = factor * motion.error.rms
@@ -165,7 +165,7 @@ def _draw_times(panel: Any, tradeoff: Tradeoff, factor: float, unit: str) -> Non
     panel.set(
         xscale="log",
         yscale="log",
-        xlabel="amplitudes a frame",
+        xlabel="amplitudes per frame",
         ylabel="time of the whole fit (ms)",
         title=f"time ({branch.topology}, {branch.components}; RMS error at each point)",
     )

@@ -1,8 +1,10 @@
-"""Direction from which a surface is seen."""
+"""Views of surfaces in space: direction, cube, unit and scale bar."""
 
 from __future__ import annotations
 
-from typing import Final
+import math
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +17,7 @@ _TILT: Final = 0.2
 
 
 def upright(template: Template) -> NDArray[np.float64]:
-    """Columns that lay the axis upright, its end on top, and theta = 0 to the front.
+    """Columns that make the axis upright, its end on top, and theta = 0 in front.
 
     Returns
     -------
@@ -27,7 +29,7 @@ def upright(template: Template) -> NDArray[np.float64]:
     if landmarks is None:
         used = np.delete(template.vertices / size_of(template), template.isolated, axis=0)
         _, _, (first, second, third) = np.linalg.svd(used - used.mean(axis=0), full_matrices=False)
-        # A torus lies, a sheet is seen from its normal.
+        # A torus is horizontal, a sheet is seen along its normal.
         axis, zero = (third, first) if len(closed) == 2 else (second, third)
     elif closed:
         axis, zero = landmarks.axis, landmarks.theta_zero
@@ -42,14 +44,14 @@ def size_of(template: Template) -> float:
 
 
 def tilted(view: NDArray[np.float64], tilt: float = _TILT) -> NDArray[np.float64]:
-    """Look at it a little from above, by so many radians."""
+    """View it slightly from above, by so many radians."""
     c, s = np.cos(tilt), np.sin(tilt)
     turned: NDArray[np.float64] = view @ np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
     return turned
 
 
 def faces_viewer(vertices: NDArray[np.float64], template: Template) -> NDArray[np.bool_]:
-    """Triangles that show their outside: all of a sheet, which has no outside."""
+    """Triangles whose outside is visible: all of a sheet, which has no outside."""
     faces = oriented_faces(template.faces, len(vertices))
     if faces is None or not template.topology.closed_axes:
         return np.ones(len(template.faces), dtype=np.bool_)
@@ -58,3 +60,125 @@ def faces_viewer(vertices: NDArray[np.float64], template: Template) -> NDArray[n
     outward = float(np.einsum("ij,ij->", normals, centres - centres.mean(axis=0)))
     towards: NDArray[np.bool_] = normals[:, 1] * np.sign(outward) < 0
     return towards
+
+
+def fill_cube(axes: Any, points: NDArray[np.float64]) -> None:
+    """Set invisible axes of equal scale that the points fill.
+
+    Parameters
+    ----------
+    axes : matplotlib 3D axes
+    points : (points, 3) float64
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    reach, middle = float((high - low).max()) / 2 or 1.0, (low + high) / 2
+    axes.set(
+        xlim=(middle[0] - reach, middle[0] + reach),
+        ylim=(middle[1] - reach, middle[1] + reach),
+        zlim=(middle[2] - reach, middle[2] + reach),
+    )
+    axes.set_box_aspect((1, 1, 1), zoom=1.5)
+    axes.set_axis_off()
+
+
+_SMALLEST: Final = 1e-9
+_LARGEST: Final = 1e9
+
+
+@dataclass(frozen=True)
+class ShownUnit:
+    """The unit of a picture's axes.
+
+    Parameters
+    ----------
+    size : float
+        Divisor of lengths before drawing.
+    name : str
+    """
+
+    size: float
+    name: str
+
+
+def shown_unit(largest: float, unit: str | None) -> ShownUnit:
+    """Choose it for the largest length in a picture.
+
+    Parameters
+    ----------
+    largest : float, `unit`
+    unit : str or None
+    """
+    name = unit or "length units"
+    if largest == 0.0 or _SMALLEST <= largest <= _LARGEST:
+        return ShownUnit(1.0, name)
+    power = math.floor(math.log10(largest))
+    return ShownUnit(10.0**power, f"1e{power} {name}")
+
+
+_INK: Final = "#444a52"
+# Of the picture's extent: the longest bar, the arrows, and how far below the surface they are.
+_LONGEST: Final = 0.4
+_ARROW: Final = 0.1
+_BELOW: Final = 0.1
+
+# Letters of the patient's sides that the axes point to, by coordinates.
+_LETTERS: Final = {"LPS": ("L", "P", "S"), "RAS": ("R", "A", "S")}
+
+
+def round_length(longest: float) -> float:
+    """Largest of 1, 2 and 5 times a power of ten that is not longer."""
+    power = 10.0 ** math.floor(math.log10(longest))
+    return next(k * power for k in (5.0, 2.0, 1.0) if k * power <= longest * (1 + 1e-12))
+
+
+def draw_scale(
+    axes: Any,
+    box: NDArray[np.float64],
+    view: NDArray[np.float64],
+    *,
+    size: float,
+    unit: str | None,
+    coordinates: str,
+    azimuth: float,
+) -> None:
+    """Draw a scale bar, and the directions of x, y and z, below a surface.
+
+    Parameters
+    ----------
+    axes : matplotlib 3D axes
+        Orthographic, so that the bar is valid everywhere.
+    box : (points, 3) float64
+        As drawn.
+    view : (3, 3) float64
+        Positions of the file, as rows, times it are in the axes of the picture.
+    size : float
+        Length that is drawn as 1.
+    unit : str or None
+    coordinates : {"LPS", "RAS", "unknown"}
+        Of the file: letters of the patient's sides replace x, y and z if they are known.
+    azimuth : float
+        Of the view, degrees.
+    """
+    low, high = box.min(axis=0), box.max(axis=0)
+    extent, middle = float((high - low).max()), (low + high) / 2
+    if not extent > 0:
+        return
+    angle = math.radians(azimuth)
+    right = np.array([-math.sin(angle), math.cos(angle), 0.0])
+    down = middle - [0.0, 0.0, (high[2] - low[2]) / 2 + _BELOW * extent]
+    shown = shown_unit(extent * size, unit)
+    length = round_length(_LONGEST * extent * size / shown.size)
+    start = down + 0.05 * extent * right
+    end = start + length * shown.size / size * right
+    # Below the box of the axes, whose size is unchanged.
+    line = {"color": _INK, "clip_on": False, "in_layout": False}
+    axes.plot(*zip(start, end, strict=True), lw=2.2, solid_capstyle="butt", **line)
+    style = {"color": _INK, "fontsize": 8, "ha": "center", "va": "top", "in_layout": False}
+    below = (start + end) / 2 - [0.0, 0.0, 0.025 * extent]
+    axes.text(*below, f"{length:g} {shown.name}", **style)
+    corner = down - 0.34 * extent * right - [0.0, 0.0, 0.06 * extent]
+    for name, direction in zip(_LETTERS.get(coordinates, ("x", "y", "z")), view, strict=True):
+        tip = corner + _ARROW * extent * direction
+        axes.plot(*zip(corner, tip, strict=True), lw=1.1, **line)
+        letter = corner + 1.4 * _ARROW * extent * direction
+        axes.text(*letter, name, **{**style, "va": "center"})

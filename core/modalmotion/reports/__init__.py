@@ -1,10 +1,9 @@
 """A report of one recording: for systems, for tables and for people."""
 
 from modalmotion.arguments.checking import check_arguments
-from modalmotion.reports.content import Report, report_of
+from modalmotion.reports.content import Quantity, Report, quantities_of, report_of
 from modalmotion.reports.fhir import fhir_bundle, fhir_json
 from modalmotion.reports.page import report_figure, report_pdf
-from modalmotion.reports.quantities import Quantity, quantities_of
 
 __all__ = [
     "Quantity",

@@ -1,4 +1,8 @@
-"""What a report says of one recording, gathered once for every form of it."""
+"""Content of a report: quantities, their codes and moments of time.
+
+LOINC stands only where the sender states cavity and modality, since its terms name both; all
+else has a code of our own.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +10,17 @@ import hashlib
 import re
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Final
+from typing import Any, Final
+
+import numpy as np
 
 from modalmotion.classification.answer import Classification
 from modalmotion.clinical import ClinicalReadouts, clinical_readouts
+from modalmotion.clinical.strain import DEFINITIONS
 from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_readouts
 from modalmotion.errors import InputError, ParameterError
 from modalmotion.hdf5.image import INTENDED_USE
+from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm import Deviation
 from modalmotion.representation import shown
@@ -25,14 +33,14 @@ _OF_COMMANDS: Final = re.compile(r" \(--[^)]*\)|[;,] state [^.;]*--[^.;]*| by --
 @shown("sequence_id", "readouts", "classification", "deviation")
 @dataclass(frozen=True, eq=False)
 class Report:
-    """A signature with all that is read of it.
+    """A signature with everything computed from it.
 
     Parameters
     ----------
     signature : ModalSignature
     sequence : MeshSequence
     readouts : ClinicalReadouts or None
-        None where the surface encloses no volume.
+        None if the surface encloses no volume.
     ventricle : VentricleReadouts or None
     classification : Classification or None
     deviation : Deviation or None
@@ -40,9 +48,9 @@ class Report:
     issued : datetime
         Time of the result, with its zone.
     absent : tuple of str
-        Why something is not there.
+        Why something is missing.
     name : str
-        Of the recording or its subject, for the page alone: no other form names anybody.
+        Of the recording or its subject, for the page only: no other form contains names.
     """
 
     signature: ModalSignature
@@ -62,10 +70,10 @@ class Report:
 
     @property
     def caveats(self) -> tuple[str, ...]:
-        """What a reader should know, each once."""
+        """Caveats for the reader, each once."""
         notes = []
         if self.deviation is not None:
-            theirs = f"Recorded otherwise than the controls of {self.deviation.norm}"
+            theirs = f"Recorded differently from the controls of {self.deviation.norm}"
             notes += [f"{theirs}: {words}" for words in self.deviation.warnings]
             notes += self.deviation.notes
         notes += self.signature.notes
@@ -73,18 +81,18 @@ class Report:
             notes += self.readouts.notes
         if self.classification is not None:
             notes += self.classification.notes
-        # Whoever reads a report has no command line.
+        # Readers of a report have no command line.
         plain = [_OF_COMMANDS.sub("", note) for note in (*notes, *self.absent)]
         return tuple(dict.fromkeys(plain))
 
     @property
     def intended_use(self) -> str:
-        """What it is not."""
+        """Intended use."""
         return INTENDED_USE
 
     @property
     def digest(self) -> str:
-        """sha256 of what the report stands on, in hex: the recording and each result's origin."""
+        """sha256 of what the report is based on, in hex: the recording and each result's origin."""
         signature = self.signature
         parts = [signature.sequence_id, signature.parameters.key, str(signature.provenance)]
         if self.classification is not None:
@@ -104,7 +112,7 @@ def report_of(
     classification: Classification | None = None,
     deviation: Deviation | None = None,
 ) -> Report:
-    """Gather what is known of a recording.
+    """Gather the content of a report.
 
     Parameters
     ----------
@@ -156,3 +164,180 @@ def report_of(
         issued=issued.astimezone(UTC).replace(microsecond=0),
         absent=tuple(absent),
     )
+
+
+@shown()
+@dataclass(frozen=True)
+class Quantity:
+    """A number with the interval of the true one.
+
+    Parameters
+    ----------
+    name : str
+        Code of `codes.OWN`.
+    value, low, high : float
+    unit : str
+        As people read it.
+    ucum : str
+        Its code in UCUM.
+    """
+
+    name: str
+    value: float
+    low: float
+    high: float
+    unit: str
+    ucum: str
+
+
+def quantities_of(report: Report) -> tuple[Quantity, ...]:
+    """Return volumes, ejection fraction, strain and dyssynchrony, if there are any."""
+    readouts = report.readouts
+    if readouts is None:
+        return ()
+    curve, factor = readouts.stated, readouts.shown_in
+    unit, ucum = ("ml", "mL") if readouts.unit is not None else ("cubed length units", "1")
+    found = []
+    if curve.fraction is not None and curve.share is not None and curve.share_range is not None:
+        found.append(Quantity(str(curve.fraction), curve.share, *curve.share_range, "%", "%"))
+    for name, value, (low, high) in (
+        ("end_diastolic_volume", curve.end_diastolic_volume, curve.end_diastolic_range),
+        ("end_systolic_volume", curve.end_systolic_volume, curve.end_systolic_range),
+        ("stroke_volume", curve.stroke_volume, curve.stroke_range),
+    ):
+        found.append(Quantity(name, value * factor, low * factor, high * factor, unit, ucum))
+    strain = None if report.ventricle is None else report.ventricle.strain
+    if strain is not None:
+        found += [
+            Quantity(f"{name.lower()}", *strain.end_systolic[name], "%", "%")
+            for name in DEFINITIONS
+        ]
+        if (index := strain.dyssynchrony) is not None:
+            found.append(Quantity("sdi", *index, "% of the cycle", "%"))
+    return tuple(found)
+
+
+def errors_of(report: Report) -> tuple[float, float]:
+    """Return the RMS and the largest error of the modes, in the unit of lengths."""
+    signature = report.signature
+    rms = float(np.sqrt(np.mean(signature.rms_errors**2)))
+    return rms, float(signature.max_errors.max())
+
+
+SYSTEM: Final = "urn:modalmotion:codes"
+"""Of our own codes."""
+
+LOINC: Final = "http://loinc.org"
+UCUM: Final = "http://unitsofmeasure.org"
+ABSENT: Final = "http://terminology.hl7.org/CodeSystem/data-absent-reason"
+CATEGORY: Final = "http://terminology.hl7.org/CodeSystem/observation-category"
+
+OWN: Final = {
+    "analysis": "Motion analysis of a surface",
+    "volumes": "Volumes of a moving cavity",
+    "ejection_fraction": "Ejection fraction",
+    "volume_change": "Volume change",
+    "end_diastolic_volume": "End-diastolic volume",
+    "end_systolic_volume": "End-systolic volume",
+    "stroke_volume": "Stroke volume",
+    "gls": "Global longitudinal strain",
+    "gcs": "Global circumferential strain",
+    "gas": "Global area strain",
+    "sdi": "Systolic dyssynchrony index",
+    "low": "Lower end of the interval",
+    "high": "Upper end of the interval",
+    "amplitudes": "Modal amplitudes over time",
+    "times": "Times of the frames",
+    "volume_curve": "Volume over time",
+    "fit": "Error of the modal fit",
+    "rms_error": "Root mean square error",
+    "max_error": "Largest error",
+    "class": "Class of motion",
+    "probability": "Probability of a class",
+    "deviation": "Deviation from controls",
+    "p": "p-value",
+}
+"""Displays of our own codes."""
+
+WITH_ENDS: Final = (
+    *("ejection_fraction", "volume_change", "end_diastolic_volume", "end_systolic_volume"),
+    *("stroke_volume", "gls", "gcs", "gas", "sdi"),
+)
+"""Codes whose numbers have an interval; its ends have codes too."""
+
+# (code, cavities, modalities) -> LOINC code and its exact display.
+_LOINC: Final = {
+    ("ejection_fraction", "lv"): ("10230-1", "Left ventricular Ejection fraction"),
+}
+
+DICOM: Final = {
+    "gls": ("130670", "Longitudinal Lagrangian Strain"),
+    "gcs": ("130677", "Circumferential Lagrangian Strain"),
+}
+"""Terms of DICOM (PS3.16, Annex D), without cavity or modality; there is none for the area."""
+
+
+def own_coding(code: str) -> dict[str, str]:
+    """Return the Coding of one of our own codes."""
+    return {"system": SYSTEM, "code": code.replace("_", "-"), "display": OWN[code]}
+
+
+def end_coding(code: str, end: str) -> dict[str, str]:
+    """Return the Coding of the lower ("low") or upper ("high") end of a number's interval."""
+    text = f"{OWN[code]}: {OWN[end].lower()}"
+    return {"system": SYSTEM, "code": f"{code}-{end}".replace("_", "-"), "display": text}
+
+
+def code_systems() -> list[dict[str, Any]]:
+    """Return the codes of all reports as FHIR resources, for validators.
+
+    Returns
+    -------
+    list of dict
+        CodeSystems, ready for JSON: our own, complete, and the LOINC terms that are used.
+    """
+    own = [own_coding(code) for code in OWN]
+    own += [end_coding(code, end) for code in WITH_ENDS for end in ("low", "high")]
+    loinc = [{"code": code, "display": display} for code, display in _LOINC.values()]
+    return [
+        {
+            "resourceType": "CodeSystem",
+            "url": url,
+            "status": "active",
+            "content": content,
+            "concept": [{"code": one["code"], "display": one["display"]} for one in codings],
+        }
+        for url, content, codings in ((SYSTEM, "complete", own), (LOINC, "fragment", loinc))
+    ]
+
+
+def concept(code: str, facts: Facts | None = None, text: str | None = None) -> dict[str, Any]:
+    """Return the CodeableConcept of a code.
+
+    Parameters
+    ----------
+    code : str
+        Of `OWN`.
+    facts : Facts, optional
+        With a cavity and a modality a term of LOINC is named first.
+    text : str, optional
+        Instead of the code's display.
+    """
+    coding = [own_coding(code)]
+    if facts is not None and facts.modality not in (None, "simulated"):
+        term = _LOINC.get((code, str(facts.cavity)))
+        if term is not None:
+            coding.insert(0, {"system": LOINC, "code": term[0], "display": term[1]})
+    return {"coding": coding, "text": text or OWN[code]}
+
+
+def moments_of(report: Report) -> list[tuple[int, str]]:
+    """Return two frames with their names: the ends of diastole and systole, if there are any."""
+    if report.readouts is None:
+        middle = int(np.argmax(report.signature.motion_rms))
+        return [(0, "first frame"), (middle, "largest motion")]
+    curve = report.readouts.mesh_curve
+    names = ("end diastole", "end systole")
+    if report.readouts.stated.fraction != "ejection_fraction":
+        names = ("largest volume", "smallest volume")
+    return list(zip((curve.end_diastole, curve.end_systole), names, strict=True))

@@ -5,46 +5,113 @@ from __future__ import annotations
 import json
 import uuid
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from html import escape
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.clinical import ClinicalReadouts
-from modalmotion.exports.table import direction_names
+from modalmotion.exports.tables import direction_names
 from modalmotion.norm import Deviation
-from modalmotion.reports.codes import CATEGORY, OWN, SYSTEM, concept, end_coding
-from modalmotion.reports.content import Report
-from modalmotion.reports.fhir_elements import (
-    Resource,
-    absent,
-    narrative,
-    quantity,
-    reference,
-    resource,
-    sampled,
-    unstated,
+from modalmotion.reports.content import (
+    ABSENT,
+    CATEGORY,
+    OWN,
+    SYSTEM,
+    UCUM,
+    Quantity,
+    Report,
+    concept,
+    end_coding,
+    errors_of,
+    quantities_of,
 )
-from modalmotion.reports.quantities import Quantity, errors_of, quantities_of
+
+_DECIMALS: Final = 17
+
+# The extension that replaces an element.
+_ABSENT_HERE: Final = "http://hl7.org/fhir/StructureDefinition/data-absent-reason"
+
+Resource = dict[str, Any]
+
+
+def resource(key: uuid.UUID, kind: str, name: str) -> Resource:
+    """Begin a resource, whose id follows from the key of the report and its name."""
+    return {"resourceType": kind, "id": str(uuid.uuid5(key, name))}
+
+
+def reference(kind: str, key: uuid.UUID, name: str) -> Resource:
+    """Refer to a resource of the same report."""
+    return {"reference": f"urn:uuid:{uuid.uuid5(key, name)}", "type": kind}
+
+
+def narrative(*lines: str) -> Resource:
+    """Write lines as XHTML."""
+    body = "".join(f"<p>{escape(line, quote=False)}</p>" for line in lines)
+    return {
+        "status": "generated",
+        "div": f'<div xmlns="http://www.w3.org/1999/xhtml">{body}</div>',
+    }
+
+
+def unstated(reason: str) -> Resource:
+    """Write the reason for a missing element."""
+    return {"extension": [{"url": _ABSENT_HERE, "valueCode": reason}]}
+
+
+def quantity(value: float, unit: str, ucum: str) -> Resource:
+    """Write a number with its unit, in words and as UCUM."""
+    # Validators warn of more decimals; what is smaller is written with an exponent.
+    held = round(float(value), _DECIMALS) if 1e-4 <= abs(value) < 0.1 else float(value)
+    return {"value": held, "unit": unit, "system": UCUM, "code": ucum}
+
+
+def sampled(
+    values: NDArray[np.float64], unit: str, ucum: str, times: NDArray[np.float64] | None
+) -> Resource:
+    """Write rows of numbers as SampledData; the period is in ms, or 1 if times are unknown."""
+    n = len(values)
+    period = 1.0
+    if times is not None and n > 1 and times[-1] > times[0]:
+        period = float(1000.0 * (times[-1] - times[0]) / (n - 1))
+    table = values.reshape(n, -1)
+    return {
+        "origin": {"value": 0.0, "unit": unit, "system": UCUM, "code": ucum},
+        "period": period,
+        "dimensions": table.shape[1],
+        "data": " ".join(_decimal(value) for value in table.ravel().tolist()),
+    }
+
+
+def _decimal(value: float) -> str:
+    """Write a number for SampledData, without an exponent."""
+    return np.format_float_positional(value, trim="-")
+
+
+def absent(code: str, text: str) -> Resource:
+    """Write the reason for a missing value."""
+    return {"dataAbsentReason": {"coding": [{"system": ABSENT, "code": code}], "text": text}}
+
 
 MEDIA_TYPE: Final = "application/fhir+json; fhirVersion=4.0"
 
 NOBODY: Final = "Not stated"
-"""In the place of a subject's name."""
+"""Instead of a subject's name."""
 NO_PERSON: Final = "No person: computed by the device"
-"""In the place of a performer's name."""
+"""Instead of a performer's name."""
 
 _NAMESPACE: Final = uuid.uuid5(uuid.NAMESPACE_OID, SYSTEM)
 
-# Shares of the usual step by which frames may be uneven and still count as even.
+# Tolerance of even spacing of frames, as a share of the usual step.
 _EVEN: Final = 1e-3
 
 
 def fhir_bundle(report: Report) -> Resource:
     """Write a report as a Bundle of the type collection.
 
-    DiagnosticReport, Observations, Device, Provenance. All are `preliminary`: a person has the
-    last word. No subject is named.
+    DiagnosticReport, Observations, Device, Provenance. All are `preliminary`: a person must confirm
+    them. No subject is named.
 
     Parameters
     ----------
@@ -109,7 +176,7 @@ def _diagnostic_report(
 
 
 class Found(NamedTuple):
-    """What one Observation says.
+    """Content of one Observation.
 
     Parameters
     ----------
@@ -147,7 +214,7 @@ def _observation(key: uuid.UUID, report: Report, found: Found) -> Resource:
         "status": "preliminary",
         "category": [{"coding": [{"system": CATEGORY, "code": "imaging", "display": "Imaging"}]}],
         "code": concept(found.name, report.sequence.facts),
-        # Of whom, when and by whom is for the receiver to add: no name or date is known here.
+        # Subject, time and performer are added by the receiver: no name or date is known here.
         "subject": {**unstated("unknown"), "display": NOBODY},
         "_effectiveDateTime": unstated("unknown"),
         "issued": report.issued.isoformat(),
@@ -186,7 +253,7 @@ def _amplitudes(report: Report) -> Found:
     directions = direction_names(signature)
     n = signature.amplitudes.shape[1] * len(directions)
     labels = ", ".join(f"{label} {way}" for label in signature.modes.labels for way in directions)
-    line = f"{n} modal amplitudes a frame, in {unit}, over {signature.n_frames} frames."
+    line = f"{n} modal amplitudes per frame, in {unit}, over {signature.n_frames} frames."
     text = "" if signature.times is not None else " Times are unknown: one period is one frame."
     return Found(
         "amplitudes",
@@ -211,7 +278,7 @@ def _volume_curve(readouts: ClinicalReadouts) -> Found:
 def _times(times: NDArray[np.float64]) -> Found:
     return Found(
         "times",
-        ["The frames are uneven in time; their times are stated here."],
+        ["The frames are uneven in time; their times are given here."],
         {"valueSampledData": sampled(1000.0 * times, "ms", "ms", times)},
     )
 
@@ -230,7 +297,7 @@ def _fit(report: Report) -> Found:
         {"code": concept("rms_error"), "valueQuantity": quantity(rms, unit, ucum)},
         {"code": concept("max_error"), "valueQuantity": quantity(most, unit, ucum)},
     ]
-    line = f"The modes leave an error of {rms:.3g} {unit} (RMS), at most {most:.3g} {unit}."
+    line = f"The error of the modes is {rms:.3g} {unit} (RMS), at most {most:.3g} {unit}."
     return Found("fit", [line], {"component": components})
 
 
@@ -247,7 +314,7 @@ def _class(report: Report) -> Found:
         for name, p in zip(answer.classes, answer.probabilities, strict=True)
     ]
     if answer.label is None:
-        why = "; ".join(answer.flags) or "the model cannot tell"
+        why = "; ".join(answer.flags) or "inconclusive"
         return Found(
             "class",
             [f"No class of motion: {why}."],

@@ -15,12 +15,9 @@ from modalmotion.clinical.strain import DEFINITIONS
 from modalmotion.errors import needs_extra
 from modalmotion.mesh import face_normals, oriented_faces
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.numerals import counted, with_interval
-from modalmotion.pictures.strain import draw_strain, mark_moments
-from modalmotion.reports.codes import OWN
-from modalmotion.reports.content import Report
-from modalmotion.reports.moments import moments_of
-from modalmotion.reports.quantities import quantities_of
+from modalmotion.pictures.readouts import draw_strain, mark_moments
+from modalmotion.reports.content import OWN, Report, moments_of, quantities_of
+from modalmotion.representation import counted, with_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -181,7 +178,7 @@ def _draw_regions(figure: Figure, axes: Any, regions: RegionalMotion, frame: int
 
     scale = Normalize(min(0.0, float(np.nanmin(shares))), max(1.0, float(np.nanmax(shares))))
     colours = colormaps["viridis"]
-    # Where nothing says where the anterior wall is there are rings alone.
+    # If the anterior wall is unknown there are rings only.
     rings = _RINGS if regions.has_segments else tuple((1, 0.0) for _ in shares)
     k, n_rings = 0, len(rings)
     turn = np.linspace(0.0, 2.0 * np.pi, 181)
@@ -279,12 +276,12 @@ def _sections(report: Report) -> list[tuple[str, list[str], str]]:
     answer, deviation = report.classification, report.deviation
     said: list[str] = []
     if answer is not None and answer.label is None:
-        said = [f"No class: {'; '.join(answer.flags) or 'the model cannot tell'}."]
+        said = [f"No class: {'; '.join(answer.flags) or 'inconclusive'}."]
     elif answer is not None:
         others = [name for name in answer.class_set if name != answer.label]
         said = [
             f"{answer.label}, probability {answer.probability:.3f} (model {answer.model}).",
-            f"Not ruled out at {100 * answer.coverage:.0f} %: {', '.join(others)}."
+            f"Not excluded at {100 * answer.coverage:.0f} %: {', '.join(others)}."
             if others
             else f"No other class remains at {100 * answer.coverage:.0f} %.",
         ]
@@ -309,7 +306,7 @@ def _sections(report: Report) -> list[tuple[str, list[str], str]]:
         compared = list(deviation.findings)
     return [
         ("Class of motion", said, _INK),
-        ("Beside own controls", compared, _INK),
+        ("Compared with own controls", compared, _INK),
         ("Definitions", measured, _SOFT),
         ("Caveats", list(report.caveats), _SOFT),
     ]

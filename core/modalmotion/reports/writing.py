@@ -1,4 +1,4 @@
-"""A report in one step: read or track, fit, ask, and write the files."""
+"""A report in one step: read or track, fit, classify, and write the files."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Final
 
 from modalmotion.classification import Model, classify, load_model, shipped_for
-from modalmotion.exports.reading import read
-from modalmotion.exports.table import frame_table
+from modalmotion.exports.files import read
+from modalmotion.exports.tables import frame_table
 from modalmotion.formats.volumes.reading import holds_images
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm import Norm
@@ -50,10 +50,10 @@ def report(
     recording : MeshSequence, Track or Path
         Images in a file are tracked first.
     path : str or Path
-        A folder, which gets report.pdf, report.fhir.json, frames.csv and view.html; or one file
+        A folder, for report.pdf, report.fhir.json, frames.csv and view.html; or one file
         that ends with .pdf, .json, .csv or .html.
     model : Model or str, optional
-        Names a class as well: a model, or the name of a shipped one.
+        Adds a class: a model, or the name of an included one.
     norm : Norm, optional
         Of your own controls, to compare with.
     issued : datetime, optional
@@ -91,7 +91,7 @@ def report(
 
 
 def write_report(found: Report, path: Path, view: View) -> list[Path]:
-    """Write the files of a report to a folder, or the one that the name of a file asks for.
+    """Write the files of a report to a folder, or one file by its name.
 
     Parameters
     ----------

@@ -1,24 +1,278 @@
-"""Standard deviations of a signature's amplitudes, wherever the error of positions is known."""
+"""Standard deviations of amplitudes, from the uncertainty of the positions.
+
+To first order an amplitude is linear in the errors e of the positions. Its error is
+
+    sum_v P_jv q_vi . (e_v - rho_v(e)),
+
+e turned back as the frame is, P the projector of the fit, q_vi what component i of vertex v answers
+to, and rho(e) the rigid motion that the fit takes out of e: for displacements the turn that fits
+them best, taken on the reference; for offsets the path of the area centroid and the turn that makes
+offsets least.
+
+An offset answers to the part of e along the normal n of the frame's surface, over the cosine of its
+angle with the line that the offset is measured on.
+
+A template that is made of the sequence itself has axes with errors too, of the mean of all frames:
+`turns_of_axes`. They and the errors above, which are differences between frames, are independent.
+"""
 
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.rigid import Rotations
-from modalmotion.choice.fitted_motion import Model
-from modalmotion.choice.fitter import Fitter
-from modalmotion.choice.noise_level import measure_noise
-from modalmotion.choice.parameters import SignatureKind
 from modalmotion.errors import ModeCountError
-from modalmotion.fit.basis import Basis, make_basis
-from modalmotion.fit.deviations import amplitude_deviations, turns_of_axes
-from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.mesh.uncertainty import Uncertainty
-from modalmotion.numeric.products import product
+from modalmotion.mesh import mean_slopes, vertex_areas
+from modalmotion.mesh.alignment import Rotations
+from modalmotion.mesh.checks import Uncertainty
+from modalmotion.mesh.normal_lines import vertex_normals
+from modalmotion.mesh.reference import reference_positions
+from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
+from modalmotion.numeric.products import power_of_two, product
+from modalmotion.signature.basis import Basis, make_basis
+from modalmotion.signature.fitter import Fitter
+from modalmotion.signature.model import Model
+from modalmotion.signature.noise import measure_noise
+from modalmotion.signature.parameters import SignatureKind
+from modalmotion.template import Template
+from modalmotion.template.template import Placement
+
+# Below this cosine the surface has turned away from the line: it meets it at the rim, whose
+# points move along the line as they are.
+_STEEP = 0.5
+
+# Of the mean square radius: keeps the turn that the shape says nothing about.
+_PULL = 1e-2
+
+# Standard deviation, rad, of an angle that is not known at all.
+_UNKNOWN = np.pi / np.sqrt(3.0)
+
+
+def amplitude_deviations(
+    sequence: MeshSequence,
+    uncertainty: Uncertainty,
+    template: Template,
+    basis: Basis,
+    rotations: NDArray[np.float64],
+    reference: Reference,
+    *,
+    directions: NDArray[np.float64] | None = None,
+    is_offset: bool = False,
+    remove_rotation: bool = True,
+) -> NDArray[np.float64]:
+    """Propagate errors of positions to amplitudes.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    uncertainty : Uncertainty
+        Of its positions.
+    template : Template
+        Taken as exact.
+    basis : Basis
+        The modes that were fitted.
+    rotations : (frames, 3, 3) float64
+        Removed before the fit.
+    reference : int or "mean"
+        What displacements are measured from, whose own errors count too.
+    directions : (vertices, n, 3) float64, optional
+        Local directions of the components; x, y, z by default. Of offsets the lines.
+    is_offset : bool
+    remove_rotation : bool
+
+    Returns
+    -------
+    (frames, modes, n) float64, length unit
+        Zero in the reference frame.
+    """
+    covariances = uncertainty.across if is_offset else uncertainty.along
+    own = np.empty(
+        (sequence.n_frames, len(basis.modes), 3 if directions is None else directions.shape[1])
+    )
+    # Squares of lengths in any unit neither overflow nor vanish.
+    unit = power_of_two(float(np.abs(sequence.vertices).max(initial=0.0)))
+    rest, parts = uncertainty.rest / unit, None
+    for f, R in enumerate(rotations):
+        if parts is None or is_offset:
+            x = sequence.vertices[f] @ R if is_offset else reference_positions(sequence, reference)
+            x = x / unit
+            q = _answers(x, template, directions, is_offset=is_offset)
+            rigid = _rigid(x, template, q, is_offset=is_offset, remove_rotation=remove_rotation)
+            parts = _parts(basis.projector, q, rigid, uncertainty)
+        variances = parts[0] * rest[f] ** 2
+        if len(parts[1][0, 0]):
+            L = (parts[1] @ R.T).reshape(variances.size, -1) / unit
+            variances += (product(L, covariances[f]) * L).sum(axis=1).reshape(variances.shape)
+        own[f] = np.sqrt(np.maximum(variances, 0.0))
+    return unit * _from_reference(own, uncertainty.between_frames, reference)
+
+
+def turns_of_axes(
+    placement: Placement, uncertainty: Uncertainty, rotations: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Independent turns of a template's axes that make up their errors.
+
+    Parameters
+    ----------
+    placement : Placement
+    uncertainty : Uncertainty
+        Of the positions of the sequence that it is the template of.
+    rotations : (frames, 3, 3) float64
+        That carry the reference onto each frame.
+
+    Returns
+    -------
+    (n, 3) float64, rad
+        Rotation vectors, one standard deviation each, n <= 3: their outer products add up to the
+        covariance. An angle that is not known has the standard deviation of all angles.
+    """
+    slopes, n_frames = placement.slopes(), len(rotations)
+    lags = np.abs(np.subtract.outer(np.arange(n_frames), np.arange(n_frames)))
+    # Of the mean of all frames' errors.
+    share = float((np.float64(uncertainty.between_frames) ** lags).mean())
+    apart = (slopes * uncertainty.alike[:, None]).reshape(3, -1) @ slopes.reshape(3, -1).T
+    covariance = apart * float((uncertainty.rest**2).mean())
+    if uncertainty.shapes.shape[1]:
+        L = np.stack([slopes[:, :, c] @ uncertainty.shapes for c in range(3)], axis=2)
+        for R, of_frame in zip(rotations, uncertainty.along, strict=True):
+            rows = (L @ R.T).reshape(3, -1)
+            covariance += rows @ of_frame @ rows.T / n_frames
+    variances, columns = np.linalg.eigh(share * covariance)
+    sizes = np.minimum(np.sqrt(np.maximum(variances, 0.0)), _UNKNOWN)
+    turns: NDArray[np.float64] = (columns * sizes).T[sizes > 0]
+    return turns
+
+
+@dataclass(frozen=True, eq=False)
+class _Rigid:
+    """Rigid motions that the fit takes out.
+
+    Parameters
+    ----------
+    moves : (vertices, 3, k) float64
+        Displacement of each vertex by each.
+    sizes : (k, vertices, 3) float64
+        How much of each is in an error of each vertex.
+    """
+
+    moves: NDArray[np.float64]
+    sizes: NDArray[np.float64]
+
+
+def _answers(
+    x: NDArray[np.float64],
+    template: Template,
+    directions: NDArray[np.float64] | None,
+    *,
+    is_offset: bool,
+) -> NDArray[np.float64]:
+    """Find what each component of each vertex answers to, (vertices, n, 3)."""
+    if directions is None:
+        return np.broadcast_to(np.eye(3), (len(x), 3, 3))
+    if not is_offset:
+        return directions
+    normals = vertex_normals(x, template.faces)[template.representatives]
+    line = directions[:, 0]
+    cosines = (normals * line).sum(axis=1)
+    # Which way triangles are wound is no matter.
+    steep = np.abs(cosines) < _STEEP
+    answers: NDArray[np.float64] = normals / np.where(steep, 1.0, cosines)[:, None]
+    answers[steep] = line[steep]
+    return answers[:, None]
+
+
+def _rigid(
+    x: NDArray[np.float64],
+    template: Template,
+    q: NDArray[np.float64],
+    *,
+    is_offset: bool,
+    remove_rotation: bool,
+) -> _Rigid:
+    """Rigid motions in an error of a frame's positions."""
+    w = template.weights
+    if not is_offset:
+        if not remove_rotation:
+            return _Rigid(np.zeros((len(x), 3, 0)), np.zeros((0, len(x), 3)))
+        r = x - w @ x
+        turns = np.stack([np.cross(axis, r) for axis in np.eye(3)], axis=2)
+        inertia = np.einsum("v,vik,vil->kl", w, turns, turns)
+        sizes = (
+            np.linalg.pinv(inertia, hermitian=True) @ (turns * w[:, None, None]).reshape(-1, 3).T
+        )
+        return _Rigid(turns, sizes.reshape(3, len(x), 3))
+    areas = vertex_areas(x, template.faces)
+    centroid = areas @ x / (float(areas.sum()) or 1.0)
+    drift = mean_slopes(x, template.faces, (x - centroid).T, np.eye(3)[:, None])
+    shifts = np.broadcast_to(np.eye(3), (len(x), 3, 3))
+    if not remove_rotation:
+        return _Rigid(shifts, drift)
+    r = x - centroid
+    along = q[:, 0]
+    slopes = np.cross(r, along)
+    weighted = slopes * w[:, None]
+    pull = _PULL * float(w @ (r**2).sum(axis=1))
+    A = weighted.T @ slopes + pull * np.eye(3)
+    # Offsets, the drift taken out, lead to the turn.
+    heights = weighted.T[:, :, None] * along
+    heights -= np.tensordot(weighted.T @ along, drift, axes=1)
+    turn = np.linalg.solve(A, heights.reshape(3, -1)).reshape(3, len(x), 3)
+    turns = np.stack([np.cross(axis, r) for axis in np.eye(3)], axis=2)
+    return _Rigid(np.concatenate([shifts, turns], axis=2), np.concatenate([drift, turn]))
+
+
+def _parts(
+    P: NDArray[np.float64], q: NDArray[np.float64], rigid: _Rigid, uncertainty: Uncertainty
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Find variances of amplitudes by errors apart of variance 1, (modes, n).
+
+    And amplitudes by the errors in modes, (modes, n, shapes, 3).
+    """
+    n_modes, n_vertices = P.shape
+    n, k, m = q.shape[1], len(rigid.sizes), uncertainty.shapes.shape[1]
+    # How much each rigid motion adds to each amplitude.
+    answers = np.einsum("vic,vck->vik", q, rigid.moves).reshape(n_vertices, n * k)
+    of_rigid = product(P, np.ascontiguousarray(answers)).reshape(n_modes, n, k)
+    # Errors apart: each vertex counts with its own, and with those that are the same.
+    squares = product(P**2, uncertainty.alike[:, None] * (q**2).sum(axis=2))
+    spread = rigid.sizes * uncertainty.alike[:, None]
+    mixed = np.einsum("vic,kvc->vik", q, spread).reshape(n_vertices, n * k)
+    mixed = product(P, np.ascontiguousarray(mixed)).reshape(n_modes, n, k)
+    gram = np.einsum("kvc,lvc->kl", spread, rigid.sizes)
+    variances = squares - 2.0 * (mixed * of_rigid).sum(axis=2)
+    variances += np.einsum("jik,kl,jil->ji", of_rigid, gram, of_rigid)
+    L = np.empty((n_modes, n, m, 3))
+    if m:
+        sizes = np.empty((k, m, 3))
+        for c in range(3):
+            for i in range(n):
+                L[:, i, :, c] = product(P * q[:, i, c], uncertainty.shapes)
+            sizes[:, :, c] = product(np.ascontiguousarray(rigid.sizes[:, :, c]), uncertainty.shapes)
+        L -= np.tensordot(of_rigid, sizes, axes=1)
+    return variances, L
+
+
+def _from_reference(
+    own: NDArray[np.float64], between_frames: float, reference: Reference
+) -> NDArray[np.float64]:
+    """Deviations of differences from the reference, whose errors are correlated with a frame's.
+
+    var(e - e') = s^2 - 2 c s s' + s'^2; of the mean shape with all frames' errors in it.
+    """
+    frames = np.arange(len(own))
+    lags = np.abs(frames[:, None] - frames)
+    correlations = np.float64(between_frames) ** lags
+    if reference == MEAN:
+        mixed = own * np.tensordot(correlations, own, axes=1) / len(own)
+        variances = own**2 - 2.0 * mixed + mixed.mean(axis=0)
+    else:
+        c = correlations[:, reference][:, None, None]
+        variances = own**2 - 2.0 * c * own * own[reference] + own[reference] ** 2
+    deviations: NDArray[np.float64] = np.sqrt(np.maximum(variances, 0.0))
+    return deviations
 
 
 def deviations_of(

@@ -8,17 +8,17 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion.alignment.rigid import Rotations
-from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
-from modalmotion.choice.reason import ModelChoice
-from modalmotion.facts import facts_as_json, facts_from_json
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import UNKNOWN, Dataset, json_text
+from modalmotion.mesh import facts_as_json, facts_from_json
+from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.spring_modes import SpringModes
 from modalmotion.modes import Modes, ModeSet
 from modalmotion.modes.topology import MESH, Topology
 from modalmotion.signature.making import ModalSignature, SignatureParameters
+from modalmotion.signature.model import ModelChoice
+from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 
 FORM: Final = Form("signature", 5)

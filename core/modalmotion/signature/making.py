@@ -6,29 +6,67 @@ import platform
 from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import version
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import reference_positions
-from modalmotion.choice.fitter import Fitter
-from modalmotion.choice.parameters import MOST_MODES, SignatureKind, SignatureParameters
-from modalmotion.choice.selection import select_model
-from modalmotion.errors import ParameterError
-from modalmotion.facts import NO_FACTS
-from modalmotion.fit.cache import TemplateCache
-from modalmotion.fit.fit import Fit
-from modalmotion.fit.strays import notes_on_strays
+from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.hdf5.image import INTENDED_USE
+from modalmotion.mesh import NO_FACTS
+from modalmotion.mesh.cavity import cavity_of
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence, Reference
-from modalmotion.modes.topology import Topology
-from modalmotion.numerals import counted, numeral
-from modalmotion.progress import ShareReport, silent
+from modalmotion.modes.topology import PLANE, Topology
+from modalmotion.progress import ShareReport, Stopwatch, silent
+from modalmotion.representation import counted, numeral
+from modalmotion.signature.basis import TemplateCache
 from modalmotion.signature.deviations import deviations_of
+from modalmotion.signature.fit import Fit, notes_on_strays
+from modalmotion.signature.fitter import Fitter
+from modalmotion.signature.parameters import MOST_MODES, SignatureKind, SignatureParameters
+from modalmotion.signature.selection import select_model
 from modalmotion.signature.value import ModalSignature
-from modalmotion.signature.volumes import enclosed_volumes
-from modalmotion.stopwatch import Stopwatch
 from modalmotion.template import Template, make_template, require_same_mesh
-from modalmotion.template.frequencies import frequencies_of
+from modalmotion.template.vibration_modes import frequencies_of
+
+# Corners of triangles in memory at a time.
+_BLOCK: Final = 2**20
+
+
+def enclosed_volumes(sequence: MeshSequence, template: Template) -> NDArray[np.float64] | None:
+    """Volume in each frame, each opening closed by a fan to the mean of its vertices.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    template : Template
+        Of the sequence: its triangles are read.
+
+    Returns
+    -------
+    (frames,) float64, length unit cubed, or None
+        Positive where it is largest, for either winding. None where the surface encloses
+        nothing, as a curve, a sheet and several pieces do, or where cubes of its size overflow.
+    """
+    if template.surface == PLANE or not len(template.faces):
+        return None
+    try:
+        cavity = cavity_of(template.faces, template.n_vertices)
+    except TopologyError:
+        return None
+    n = sequence.n_frames
+    volumes = np.empty(n)
+    step = max(1, _BLOCK // (3 * len(cavity.faces)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        for first in range(0, n, step):
+            part = sequence.vertices[first : first + step].astype(np.float64)
+            volumes[first : first + step] = cavity.volume(part)
+    if not np.isfinite(volumes).all():
+        return None
+    largest = float(volumes[np.abs(volumes).argmax()])
+    return volumes * np.sign(largest) if largest else None
+
 
 __all__ = [
     "INTENDED_USE",

@@ -1,21 +1,27 @@
-"""Surfaces superposed from a signature: (2) of Nastar (1994), rotation put back."""
+"""Surfaces superposed from a signature, at its frames or at any time."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from typing import Final, Literal, TypeAlias
+
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from modalmotion.errors import ParameterError
-from modalmotion.fit.superposition import Superposition
+from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.representation import numeral, shown
 from modalmotion.signature.making import (
     ModalSignature,
     SignatureKind,
     resolve_sequence,
     resolve_template,
 )
+from modalmotion.signature.superposition import Superposition
 from modalmotion.template import Template
-from modalmotion.template.loose_vertices import shapes_of
+from modalmotion.template.vibration_modes import shapes_of
 
 
 def reconstruct(
@@ -90,3 +96,255 @@ def fitted_on(
         )
     resolved = resolve_sequence(sequence, signature.parameters)
     return resolve_template(resolved, signature.parameters, template)
+
+
+Course: TypeAlias = Literal["cubic", "linear"]
+
+_COURSES: Final[tuple[Course, ...]] = ("cubic", "linear")
+
+# Coordinates that the course is chosen by; and frames of which one can be left out.
+_MOST_CHOSEN: Final = 1500
+_LEAST_FRAMES: Final = 5
+
+# By how much squares of errors grow where frames stand twice as far apart, of motion that is no
+# smoother than recorded ones are: a polynomial's would grow by the square of that.
+_GROWTH: Final[dict[Course, float]] = {"cubic": 2.0**4, "linear": 2.0**2}
+
+
+@shown("sequence", "course", "rms_deviations")
+@dataclass(frozen=True, eq=False)
+class Resampled:
+    """Surfaces at chosen phases.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+        With times where the recording has them.
+    phases : (n,) float64
+        Share of the cycle since the first frame, 0 to 1.
+    deviations : (n, vertices) float64, length unit
+        Standard deviation of each coordinate of a vertex from what a frame there would show; 0 at
+        the frames themselves.
+    course : {"cubic", "linear"}
+        How vertices go between frames: what foresees frames that are left out better.
+    """
+
+    sequence: MeshSequence
+    phases: NDArray[np.float64]
+    deviations: NDArray[np.float64]
+    course: Course
+
+    @property
+    def rms_deviations(self) -> NDArray[np.float64]:
+        """RMS over the vertices, (n,) float64, length unit."""
+        rms: NDArray[np.float64] = np.sqrt((self.deviations**2).mean(axis=1))
+        return rms
+
+
+def resample(
+    sequence: MeshSequence, phases: NDArray[np.float64] | list[float] | float | int
+) -> Resampled:
+    """Give the surface at any phase of its cycle.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+        One cycle. Its stated period is the cycle's length; without one the frame after the last is
+        the first, a mean step later.
+    phases : int, float or (n,) array_like
+        Of a whole number as many phases in even steps, from the first frame on; else shares of the
+        cycle, 0 to 1.
+
+    Returns
+    -------
+    Resampled
+
+    Raises
+    ------
+    ShapeError
+        Of fewer than five frames.
+    ParameterError
+        If a phase is none.
+
+    Notes
+    -----
+    Squares of errors are those that leaving out each frame makes, less the part of them that falls
+    where frames stand half as far apart: leaving out three of four tells it from noise.
+    """
+    n_frames = sequence.n_frames
+    if n_frames < _LEAST_FRAMES:
+        raise ShapeError(
+            f"The recording has {n_frames} frames; phases between them need {_LEAST_FRAMES}.",
+            remedy="Send more frames of the cycle.",
+        )
+    at = _phases(phases)
+    times = np.arange(n_frames, dtype=np.float64) if sequence.times is None else sequence.times
+    span = float(times[-1] - times[0])
+    stated = None if sequence.times is None else sequence.facts.period
+    period = stated or span * n_frames / (n_frames - 1)
+    own = (times - times[0]) / period
+    # A last frame that repeats the first is the first.
+    kept = own < 1.0 - 0.5 / n_frames
+    x = sequence.vertices[kept].astype(np.float64).reshape(int(kept.sum()), -1)
+    own = own[kept]
+    some = x[:, :: max(1, x.shape[1] // _MOST_CHOSEN)]
+    errors = {course: _left_out(own, some, course, 1) for course in _COURSES}
+    course = min(_COURSES, key=lambda one: float(np.square(errors[one]).mean()))
+    left = _left_out(own, x, course, 1)
+    farther = float(np.square(_left_out(own, x, course, 2)).mean())
+    positions = _between(own, x, course, at)
+    vertices = positions.reshape(len(at), sequence.n_vertices, 3)
+    moved = replace(
+        sequence,
+        vertices=vertices,
+        times=None if sequence.times is None else times[0] + at * period,
+        uncertainty=None,
+    )
+    here, growth = float(np.square(left).mean()), _GROWTH[course]
+    smooth = min(max(farther - here, 0.0) / (growth - 1.0), here)
+    scale = 1.0 - smooth * (1.0 - 1.0 / growth) / here if here else 0.0
+    return Resampled(moved, at, np.sqrt(scale) * _deviations(own, left, at), course)
+
+
+def note_on(resampled: Resampled) -> str:
+    """Say how far the surfaces may be off."""
+    unit = resampled.sequence.unit or "length units"
+    most = float(resampled.rms_deviations.max())
+    return (
+        f"Between frames each coordinate may be off by {numeral(most, 2)} {unit} (standard "
+        f"deviation, RMS over the surface, at worst): what leaving out frames tells."
+    )
+
+
+def _phases(phases: NDArray[np.float64] | list[float] | float | int) -> NDArray[np.float64]:
+    if isinstance(phases, int) and phases > 1:
+        return np.arange(phases, dtype=np.float64) / phases
+    at = np.atleast_1d(np.asarray(phases, dtype=np.float64))
+    if at.ndim != 1 or not len(at) or not ((at >= 0.0) & (at <= 1.0)).all() or (at != at).any():
+        raise ParameterError(
+            f"The phases are {str(phases)[:40]}.",
+            remedy="Give shares of the cycle from 0 to 1, or a number of frames from 2 on.",
+        )
+    if (np.diff(at) <= 0).any():
+        raise ParameterError(
+            "The phases do not rise from one to the next.", remedy="Give each once, in order."
+        )
+    return at
+
+
+def _between(
+    own: NDArray[np.float64],
+    x: NDArray[np.float64],
+    course: Course,
+    at: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Positions at phases, through those of the frames, round the cycle."""
+    around, closed = np.append(own, own[0] + 1.0), np.concatenate([x, x[:1]])
+    if course == "cubic":
+        spline = scipy.interpolate.CubicSpline(around, closed, bc_type="periodic")
+    else:
+        spline = scipy.interpolate.make_interp_spline(around, closed, k=1)
+    positions: NDArray[np.float64] = spline(own[0] + np.mod(at - own[0], 1.0))
+    return positions
+
+
+def _left_out(
+    own: NDArray[np.float64], x: NDArray[np.float64], course: Course, reach: int
+) -> NDArray[np.float64]:
+    """Errors of frames foreseen from those at least `reach` away, (frames, coordinates)."""
+    n = len(own)
+    errors = np.empty_like(x)
+    for frame in range(n):
+        apart = np.abs((np.arange(n) - frame + n // 2) % n - n // 2)
+        others = apart >= reach
+        errors[frame] = x[frame] - _between(own[others], x[others], course, own[[frame]])[0]
+    return errors
+
+
+def _deviations(
+    own: NDArray[np.float64], left: NDArray[np.float64], at: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Errors of left-out frames as they are between frames, (phases, vertices)."""
+    squares = np.square(left).reshape(len(own), -1, 3).mean(axis=2)
+    total = float(squares.mean())
+    if total == 0.0:
+        return np.zeros((len(at), squares.shape[1]))
+    # Of each frame and each vertex, as a product of both.
+    by_frame, by_vertex = squares.mean(axis=1), squares.mean(axis=0) / total
+    around = np.append(own, own[0] + 1.0)
+    place = own[0] + np.mod(at - own[0], 1.0)
+    before = np.clip(np.searchsorted(around, place, side="right") - 1, 0, len(own) - 1)
+    share = (place - around[before]) / (around[before + 1] - around[before])
+    mean = (by_frame[before] + by_frame[(before + 1) % len(own)]) / 2.0
+    # Nothing at frames, all of it half-way between them.
+    inner = 4.0 * share * (1.0 - share)
+    return np.sqrt(np.outer(mean * inner, by_vertex))
+
+
+def at_times(signature: ModalSignature, times: NDArray[np.float64]) -> ModalSignature:
+    """Trajectory of a signature at other times.
+
+    Amplitudes follow cubic splines, rotations the shortest turn between frames. Errors and
+    deviations are those of the frames nearest in time: what lies between frames was not measured.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    times : (n,) float64, s
+        Within the recording; frame numbers where the signature has no times.
+
+    Returns
+    -------
+    ModalSignature
+        With n frames.
+
+    Raises
+    ------
+    ParameterError
+        If `times` is empty, or one lies outside the recording.
+    """
+    own = _times_of(signature)
+    instants = np.asarray(times, dtype=np.float64)
+    outside = ~((instants >= own[0]) & (instants <= own[-1]))
+    if instants.ndim != 1 or not len(instants) or outside.any():
+        first = instants[outside][0] if instants.ndim == 1 and outside.any() else instants
+        raise ParameterError(
+            f"The time {first} was requested; the recording runs from {own[0]} to {own[-1]}.",
+            remedy="Ask for times within the recording (frame numbers where it has no times).",
+            details={"least": float(own[0]), "most": float(own[-1])},
+        )
+    nearest = np.abs(own[:, None] - instants).argmin(axis=0)
+    if len(own) == 1:
+        amplitudes, translations = signature.amplitudes[nearest], signature.translations[nearest]
+        matrices = signature.rotations.matrices[nearest]
+    else:
+        amplitudes = scipy.interpolate.CubicSpline(own, signature.amplitudes, axis=0)(instants)
+        translations = scipy.interpolate.CubicSpline(own, signature.translations, axis=0)(instants)
+        turns = scipy.spatial.transform.Rotation.from_matrix(signature.rotations.matrices)
+        matrices = scipy.spatial.transform.Slerp(own, turns)(instants).as_matrix()
+    # At a frame the trajectory is the frame's own, to the last bit.
+    exact = own[nearest] == instants
+    amplitudes[exact] = signature.amplitudes[nearest[exact]]
+    translations[exact] = signature.translations[nearest[exact]]
+    matrices[exact] = signature.rotations.matrices[nearest[exact]]
+    deviations = signature.amplitude_deviations
+    return replace(
+        signature,
+        amplitudes=amplitudes,
+        translations=translations,
+        rotations=Rotations(matrices, signature.rotations.is_determined[nearest]),
+        rms_errors=signature.rms_errors[nearest],
+        weighted_rms_errors=signature.weighted_rms_errors[nearest],
+        p95_errors=signature.p95_errors[nearest],
+        max_errors=signature.max_errors[nearest],
+        motion_rms=signature.motion_rms[nearest],
+        weighted_motion_rms=signature.weighted_motion_rms[nearest],
+        times=instants,
+        amplitude_deviations=None if deviations is None else deviations[nearest],
+    )
+
+
+def _times_of(signature: ModalSignature) -> NDArray[np.float64]:
+    if signature.times is not None:
+        return signature.times
+    return np.arange(signature.n_frames, dtype=np.float64)

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.rigid import Rotations
-from modalmotion.arguments.tasks import Plotted, Saved
-from modalmotion.choice.fitted_motion import closure_gap
-from modalmotion.choice.parameters import SignatureKind, SignatureParameters
-from modalmotion.choice.reason import ModelChoice
-from modalmotion.facts import NO_FACTS, Facts
-from modalmotion.modes import Modes
+from modalmotion.arguments.checking import Plotted, Saved
+from modalmotion.mesh import NO_FACTS, Facts
+from modalmotion.mesh.alignment import Rotations
+from modalmotion.modes.mode_set import Modes, whole_counts
 from modalmotion.modes.topology import MESH, Topology
-from modalmotion.numeric.scale import root_mean_square
+from modalmotion.numeric.products import root_mean_square
 from modalmotion.representation import shown
+from modalmotion.signature.model import ModelChoice, closure_gap
+from modalmotion.signature.parameters import SignatureKind, SignatureParameters
 from modalmotion.template import Landmarks
 from modalmotion.template.body_frame import Components, body_frame
 
@@ -222,3 +221,35 @@ class ModalSignature(Saved, Plotted):
         """Numbers in the whole sequence over those to keep: amplitudes and the reference."""
         coordinates = 3 * self.n_vertices
         return self.n_frames * coordinates / (self.n_frames * self.n_amplitudes + coordinates)
+
+
+def whole_count(modes: Modes, n: int) -> int:
+    """Give the number of first modes, at least n, that splits no cosine-sine pair."""
+    counts = whole_counts(modes)
+    return int(counts[min(int(np.searchsorted(counts, n)), len(counts) - 1)])
+
+
+def first_modes(signature: ModalSignature, n: int) -> ModalSignature:
+    """Keep the first modes alone, with the amplitudes that the fit of all modes gave them.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    n : int
+        At most as many as it has. Its errors and notes stay those of all.
+
+    Returns
+    -------
+    ModalSignature
+    """
+    if n == len(signature.modes):
+        return signature
+    deviations = signature.amplitude_deviations
+    return replace(
+        signature,
+        modes=signature.modes.take(np.arange(n)),
+        amplitudes=signature.amplitudes[:, :n],
+        angular_frequencies=signature.angular_frequencies[:n],
+        reference_amplitudes=signature.reference_amplitudes[:n],
+        amplitude_deviations=None if deviations is None else deviations[:, :n],
+    )

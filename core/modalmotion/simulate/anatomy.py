@@ -1,4 +1,4 @@
-"""What lies around a simulated ventricle: wall, papillary muscles, right ventricle, atrium, chest.
+"""Surroundings of a simulated ventricle: wall, papillary muscles, right ventricle, atrium, chest.
 
 Each tissue is a signed distance, mm, negative inside, on a coarse lattice that all frames share;
 smooth functions are interpolated on it with little loss, so that any image can be taken of it.
@@ -25,7 +25,7 @@ _MARGIN: Final = 27.0
 # Wall at end diastole, mm; thicker as its surface shrinks, for muscle keeps its volume.
 _WALL: Final = 9.0
 
-# mm around the surface in which distances are worked out; beyond them it is this far.
+# mm around the surface in which distances are computed; beyond, they are this large.
 _SHOWN: Final = 17.0
 _FAR: Final = 34.0
 
@@ -51,7 +51,7 @@ FLOWING: Final = 8.0
 
 @dataclass(frozen=True, eq=False)
 class FieldLattice:
-    """Regular places that fields are known at.
+    """Regular lattice of fields.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ class Anatomy:
     rng : numpy.random.Generator
         Of the chest's texture.
     trabeculae : float, mm
-        How deep a layer of trabeculae is at the apex; toward the base it is thinner.
+        Depth of a layer of trabeculae at the apex; toward the base it is thinner.
     variation : float
         Standard deviation of that depth around the axis, as a share.
     """
@@ -163,7 +163,7 @@ class Anatomy:
         return float(np.clip(0.5 - distances.max(axis=1), 0.0, 1.0).sum())
 
     def at(self, frame: int) -> Tissues:
-        """Work out all tissues at one frame."""
+        """Compute all tissues in one frame."""
         p, x = self.lattice.points, self._x[frame]
         cavity = self._distance(p, x)
         wall = cavity - _WALL * self._areas[0] / self._areas[frame]
@@ -185,7 +185,7 @@ class Anatomy:
         up = (p - base) @ axis
         aside = np.linalg.norm(p - base - up[:, None] * axis, axis=1)
         opening = float(np.linalg.norm(ring - base, axis=1).mean())
-        # No edge at the valve: blood goes on, as wide as the ring and then wider.
+        # No edge at the valve: blood continues, as wide as the ring and then wider.
         atrium = np.maximum(-(up + 2.0), aside - opening - 0.3 * np.maximum(up, 0.0))
         first = rows[self._grid[0] // 2, 0] - apex
         first -= (first @ axis) * axis
@@ -234,7 +234,7 @@ class Anatomy:
         up /= np.linalg.norm(up)
         places = np.concatenate([*(s[proper] for s in spots), *lid])
         across = np.concatenate([*[normals] * 4, np.tile(up, (12 * len(ring), 1))])
-        # The chest is far off, and need not know how far.
+        # The chest is far away; its distance is not needed.
         start = x.reshape(*self._grid, 3)[0].mean(axis=0)
         reach = float(np.linalg.norm(x - _foot(x, start, base), axis=1).max()) + _SHOWN
         signed = np.full(len(p), _FAR)
@@ -242,7 +242,7 @@ class Anatomy:
         d, k = scipy.spatial.cKDTree(places).query(p[near])
         gap = p[near] - places[k]
         along = (gap * across[k]).sum(axis=1)
-        # Beside a spot the plane through it says more than the way to it.
+        # Near a place the plane through it is more accurate than the distance to it.
         signed[near] = np.where(d < 2.0 * _STEP, along, np.sign(along) * d)
         return signed
 

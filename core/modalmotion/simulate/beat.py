@@ -31,13 +31,13 @@ _FLASH_LASTS: Final = 0.12
 
 @dataclass(frozen=True)
 class Beat:
-    """When the phases of one heartbeat begin and end.
+    """Times of the phases of one heartbeat.
 
     Parameters
     ----------
     period : float, s
     early_filling : float
-        Share of the filling that comes before the atrial kick.
+        Share of the filling before the atrial kick.
 
     Notes
     -----
@@ -50,7 +50,7 @@ class Beat:
 
     @property
     def end_systole(self) -> float:
-        """End of ejection, s; the volume stays until `relaxed`."""
+        """End of ejection, s; the volume is constant until `relaxed`."""
         return _ISOVOLUMIC_CONTRACTION + 0.413 - 0.0017 * 60.0 / self.period
 
     @property
@@ -60,7 +60,7 @@ class Beat:
 
     @property
     def filled(self) -> float:
-        """End of early filling, s, where nothing is late."""
+        """End of early filling, s, without delay."""
         return self._in_diastole(_EARLY_FILLING_ENDS)
 
     def contraction(self, time: float, delay: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -71,7 +71,7 @@ class Beat:
         time : float, s
             Since end diastole, 0 to one period.
         delay : (...) float64, s
-            By which ejection and early filling come late; the atrial kick does not.
+            Delay of ejection and early filling; the atrial kick is not delayed.
 
         Returns
         -------

@@ -1,7 +1,7 @@
-"""Ventricles of another make, so that models do not learn one simulator's habits.
+"""Ventricles of a second generator, so that models do not learn one simulator's peculiarities.
 
 The classes are those of `draw_parameters`; shape, time course, regional rule and mesh are not: a
-bullet whose wall thickens section by section, in steps with rests between them, on a mesh of
+bullet whose wall thickens section by section, in steps with pauses between them, on a mesh of
 scattered points.
 """
 
@@ -15,8 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from modalmotion.facts import Facts
-from modalmotion.mesh import Cavity
+from modalmotion.mesh import Cavity, Facts
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP
 from modalmotion.simulate.classes import MotionClass
@@ -131,7 +130,7 @@ def simulate_bullet(
     noise: float,
     rng: np.random.Generator,
 ) -> MeshSequence:
-    """Record one beat on a mesh of scattered points, held anywhere.
+    """Record one beat on a mesh of scattered points, in any pose.
 
     Parameters
     ----------
@@ -237,7 +236,7 @@ def _positions(
 
 
 def _contracted(p: BulletParameters, phase: Array) -> Array:
-    """Share of the contraction: up in systole, a rest, early filling, a rest, the atrium."""
+    """Share of the contraction: systole, a pause, early filling, a pause, the atrium."""
     t = np.mod(phase, 1.0)
     begin, fills = p.systole + p.rest, p.systole + p.rest + p.filling
     up = _step((t - 0.02) / (p.systole - 0.02))

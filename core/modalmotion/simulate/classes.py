@@ -19,7 +19,7 @@ from modalmotion.simulate.surface import lattice_points
 
 
 class MotionClass(StrEnum):
-    """Motion of a simulated ventricle. "No motion" is measured, never learned: see classify."""
+    """Motion of a simulated ventricle. "No motion" is measured, not learned: see classify."""
 
     NORMAL = "normal"
     HYPOKINESIA = "global hypokinesia"
@@ -94,7 +94,7 @@ def _draw_normal(rng: np.random.Generator) -> VentricleParameters:
         base_rotation=rng.uniform(-6.0, -2.0),
         period=rng.uniform(0.65, 1.1),
         early_filling=rng.uniform(0.6, 0.85),
-        # No ventricle contracts all at once.
+        # No ventricle contracts simultaneously everywhere.
         delay=rng.uniform(0.0, 0.03),
         delay_azimuth=rng.uniform(0.0, 360.0),
         shape_variation=rng.uniform(0.5, 3.0),
@@ -103,7 +103,7 @@ def _draw_normal(rng: np.random.Generator) -> VentricleParameters:
 
 
 def _weakened(normal: VentricleParameters, share: float) -> VentricleParameters:
-    """Ventricle with a share of the contraction left, and wider for it."""
+    """Ventricle with a share of the contraction, and a wider cavity."""
     share = min(share, 1.0)
     return replace(
         normal,

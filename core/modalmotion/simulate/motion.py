@@ -19,7 +19,7 @@ from modalmotion.simulate.parameters import VentricleParameters
 from modalmotion.simulate.spheroid import Spheroid, directions
 from modalmotion.simulate.variation import SmoothField
 
-# The fibrous ring at the base narrows half as much as the wall below it.
+# The fibrous ring at the base contracts half as much as the wall below it.
 _BASE_RESTRAINT: Final = 0.5
 
 # Width of a region's border, in the cosine of the angle from its centre.
@@ -38,20 +38,20 @@ _QUADRATURE: Final = np.polynomial.legendre.leggauss(8)
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """One time of the beat, but for how far the wall contracts towards the axis.
+    """One time of the beat, except for the radial contraction.
 
     Parameters
     ----------
     radii : (points,) float64, mm
         Of the resting wall.
     restraint : (points,) float64
-        Share of the radial contraction that the fibrous ring leaves.
+        Share of the radial contraction that the fibrous ring permits.
     contraction : (points,) float64
     across : two of (points,) float64
         Cosine and sine of the azimuths.
     heights : (points,) float64, mm
     individual : (points, 3) float64, mm
-        Added to all that.
+        Added to the displacement.
     """
 
     radii: NDArray[np.float64]
@@ -81,7 +81,7 @@ class Moment:
 
 @dataclass(frozen=True, eq=False)
 class MaterialPoints:
-    """Material points of one ventricle with everything that moves them.
+    """Material points of one ventricle and their motion.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class MaterialPoints:
         return self.at(time).positions(radial)
 
     def at(self, time: float) -> Moment:
-        """All of a time that does not depend on the radial contraction.
+        """Everything at a time that does not depend on the radial contraction.
 
         Parameters
         ----------

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from typing import Any, Final
 
+from modalmotion.arguments.checking import real
 from modalmotion.errors import ParameterError
-from modalmotion.numeric.kinds import real
 from modalmotion.representation import shown
 from modalmotion.simulate.beat import Beat
 

@@ -1,4 +1,4 @@
-"""Images of a simulated ventricle, whose surface is therefore known."""
+"""Images of a simulated ventricle with a known surface."""
 
 from __future__ import annotations
 
@@ -68,14 +68,14 @@ _RANGES: Final = {
 # Numbers are stored with the resolution of scanners: brightness 1 is this.
 _UNIT: Final = 1000.0
 
-# Width of the transition between tissues, mm: what the texture of an edge leaves.
+# Width of the transition between tissues, mm.
 _EDGE: Final = 1.2
 
 
 @shown("kind", "images", "truth")
 @dataclass(frozen=True, eq=False)
 class Phantom:
-    """Images, and what they show.
+    """Images and their content.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class Phantom:
         The inner surface, papillary muscles within: the convention `pool`.
     landmarks : mapping of "apex" and "base" to (frames, 3) float64, mm
     shifts : (planes, 3) float64, mm
-        By which each slice shows everything aside from its place; zero where there are none.
+        Shift of the content of each slice; zero if there is none.
     papillary_volume : float, mm^3
         Of the muscles and trabeculae within the surface at end diastole, nearly.
     """
@@ -110,11 +110,11 @@ class PhantomSettings:
     slice_shift : float, mm
         Standard deviation of each slice's place along each of its axes (breath holds).
     bias_field : float
-        By which brightness rises and falls from side to side, as a share.
+        Variation of brightness from side to side, as a share.
     papillary : bool
         Whether there are papillary muscles.
     coarseness : float
-        By which voxels are larger than usual in each direction.
+        Factor on the size of voxels in each direction.
     trabeculae : float, mm
         Depth of a layer of trabeculae at the apex, half muscle at end diastole and nearly all of it
         at end systole; they are within the surface. It ends at four fifths of the height.
@@ -221,7 +221,7 @@ class _Grid:
     n_through: int = 1
 
     def points(self, shifts: Floats) -> Floats:
-        """Places (i, j, k through, 3); each slice shows what lies `shifts` (slices, 3) back."""
+        """Places (i, j, k through, 3); each slice shows what is `shifts` (slices, 3) back."""
         i, j, k = self.shape
         through = (np.arange(k * self.n_through) + 0.5) / self.n_through - 0.5
         A = self.affine
@@ -236,7 +236,7 @@ class _Grid:
 
 @dataclass(frozen=True, eq=False)
 class _Sight:
-    """What turns tissues to brightness."""
+    """Conversion of tissues to brightness."""
 
     lattice: FieldLattice
     texture: Floats
@@ -260,7 +260,7 @@ class _Sight:
             (wall, look.wall),
             (atrium, blood),
             (cavity, blood + muscle * (look.wall - blood)),
-            # Within the cavity alone: in the wall the muscle is wall.
+            # Within the cavity only: in the wall the muscle is wall.
             (np.maximum(papillary, cavity), look.wall),
         ]
         for distance, brightness in layers:
@@ -383,7 +383,7 @@ def _shifts(
 def _bias(
     settings: PhantomSettings, middle: Floats, rng: np.random.Generator
 ) -> Callable[[Floats], Floats] | None:
-    """Draw a field that rises from side to side over 100 mm, linear in place."""
+    """Draw a field that increases from side to side over 100 mm, linear in position."""
     if settings.bias_field == 0:
         return None
     direction = rng.normal(size=3)

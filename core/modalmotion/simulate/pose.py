@@ -51,7 +51,7 @@ class Pose:
         beats: NDArray[np.float64],
         middle: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        """Carry vertices from the body frame to the scanner's.
+        """Transform vertices from the body frame to the scanner's.
 
         Parameters
         ----------
@@ -59,7 +59,7 @@ class Pose:
         beats : (frames,) float64
             Time of each frame in beats.
         middle : (3,) float64, mm
-            Point of the body frame that the rotations leave in place.
+            Fixed point of the rotations in the body frame.
 
         Returns
         -------

@@ -77,7 +77,7 @@ class Spheroid:
         return _interpolate(share, self._arc / self._arc[-1], self._angles)
 
     def polar_angle_of_area(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Polar angle below which a share of the area lies."""
+        """Polar angle below which a share of the area is."""
         # The area grows as nu^2 at the apex; its root interpolates well there.
         ring = self.radius_at(self._angles) * self.speed_at(self._angles)
         area = _running_integral(ring, self._angles)
@@ -109,7 +109,7 @@ class Spheroid:
 
 
 def directions(nu: NDArray[np.float64], theta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give unit vectors (..., 3): material points seen from the middle of a sphere.
+    """Return unit vectors (..., 3): material points seen from the middle of a sphere.
 
     Any smooth function of them is a smooth function on the surface, at the apex too.
     """

@@ -8,12 +8,11 @@ from typing import Final
 import numpy as np
 import scipy
 
+from modalmotion.arguments.checking import real, whole, whole_numbers
 from modalmotion.errors import ParameterError
-from modalmotion.facts import Facts
-from modalmotion.mesh import Cavity
+from modalmotion.mesh import Cavity, Facts
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP
-from modalmotion.numeric.kinds import real, whole, whole_numbers
 from modalmotion.representation import shown
 from modalmotion.simulate.motion import MaterialPoints, Moment
 from modalmotion.simulate.parameters import VentricleParameters

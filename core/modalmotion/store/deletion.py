@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import Final
 
-from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
 from modalmotion.classification.record import ModelRecord, ModelReference
 from modalmotion.errors import StoreError
+from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
 from modalmotion.store.disk.atomic import (
     cannot_write,
     make_folder,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -17,6 +17,7 @@ from modalmotion.store.disk.sealed_json import JsonForm
 from modalmotion.store.folder import is_id
 from modalmotion.store.index.cursor import from_cursor, now, require_limit, to_cursor
 from modalmotion.store.opening import lost_file
+from modalmotion.store.record import SequenceRecord
 from modalmotion.store.sequences import SequenceStore
 
 FORM: Final = JsonForm("images-record", 2, "Delete the images, and send them again.")
@@ -305,9 +306,28 @@ class ImageStore(SequenceStore):
             files = (self._folder.images_record(images_id), self._folder.images(images_id))
             bury_and_remove(self.root, images_id, *files)
 
+    def replace_sequence(
+        self,
+        sequence_id: str,
+        image: Path,
+        record: SequenceRecord,
+        change: Callable[[SequenceRecord], SequenceRecord],
+        track: Path | None = None,
+    ) -> SequenceRecord:
+        """Replace a sequence as `SequenceStore` does; images that are kept for it stay."""
+        # Before: where it is cut short then, images are kept that could have gone.
+        for one in [images for images in self._records() if sequence_id in images.tracks]:
+            self.keep_images(one.id, record.id)
+        made = super().replace_sequence(sequence_id, image, record, change, track)
+        self._forget_track(sequence_id)
+        return made
+
     def delete_sequence(self, sequence_id: str) -> None:
         """Delete a sequence as `SequenceStore` does; images that are kept for it forget its id."""
         super().delete_sequence(sequence_id)
+        self._forget_track(sequence_id)
+
+    def _forget_track(self, sequence_id: str) -> None:
         for one in [record for record in self._records() if sequence_id in record.tracks]:
             with self._changing(one.id), contextlib.suppress(NotFoundError):
                 record = self.images_record(one.id)

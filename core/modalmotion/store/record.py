@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.errors import ParameterError
-from modalmotion.facts import NO_FACTS, Facts, facts_as_json, facts_from_json
+from modalmotion.mesh import NO_FACTS, Facts, facts_as_json, facts_from_json
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import is_readable, shown
 from modalmotion.store.disk.sealed_json import JsonForm

@@ -10,8 +10,8 @@ from pathlib import Path
 from modalmotion.classification.answer import Classification
 from modalmotion.classification.answer_hdf5 import classification_to_hdf5, read_classification
 from modalmotion.errors import NotFoundError, StoreError
-from modalmotion.facts import NO_FACTS
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
+from modalmotion.mesh import NO_FACTS
 from modalmotion.signature.hdf5 import read_signature, signature_to_hdf5
 from modalmotion.signature.making import ModalSignature
 from modalmotion.store.deletion import bury

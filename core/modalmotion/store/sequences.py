@@ -10,13 +10,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from modalmotion.errors import NotFoundError, ParameterError
-from modalmotion.facts import NO_FACTS, Facts
+from modalmotion.errors import NotFoundError, ParameterError, StoreError
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
+from modalmotion.mesh import NO_FACTS, Facts
 from modalmotion.mesh.hdf5 import read_sequence, sequence_to_hdf5
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.store.deletion import begin_deletion, finish_deletion
-from modalmotion.store.folder import ResultName, is_id
+from modalmotion.store.disk.atomic import cannot_write, sync_paths, write_atomic
+from modalmotion.store.folder import ResultName, is_id, track_name
 from modalmotion.store.index.cursor import now
 from modalmotion.store.index.index import SequencePage
 from modalmotion.store.opening import Opening, unknown_sequence
@@ -287,7 +288,7 @@ class SequenceStore(SequenceRecords):
             If the image has no sound seal.
         """
         named = replace(record, subject=subject, label=label)
-        return self._put(named, lambda: load_sealed(image)[1])
+        return self._put(named, lambda: _content(image))
 
     def _put(
         self,
@@ -302,35 +303,144 @@ class SequenceStore(SequenceRecords):
             raise unknown_sequence(record.id)
         index = self._open_index()
         with self._changing(record.id):
-            upload = self._folder.upload(record.id)
             known = index.find(record.id)
             is_new = known is None or any(index.digest(name) is None for name in results)
-            missing = [
-                name
-                for name in results
-                if index.digest(name) is None or not is_sound(self._folder.result(name))
-            ]
-            is_there = known is not None and (not self.keep_uploads or is_sound(upload))
-            if known is not None and is_there and not missing:
-                return known, False
-            if known is not None and is_there:
-                record = known
-            elif known is None:
+            files, digests = self._missing(record.id, image, results, is_known=known is not None)
+            if known is None:
                 # The time is taken here, where no deletion can come between.
                 record = replace(record, has_upload=self.keep_uploads, created=now())
+            elif files:
+                record = replace(known, has_upload=known.has_upload or self.keep_uploads)
             else:
-                record = replace(known, has_upload=True)
-            files = []
+                return known, False
             # The record first: vertices alone would come back from a crash without a subject.
             if record != known:
-                files.append((self._folder.record(record.id), record_to_json(record)))
-            if self.keep_uploads and not is_there:
-                files.append((upload, image()))
-            images = {name: results[name]() for name in missing}
-            files += [(self._folder.result(name), data) for name, data in images.items()]
-            digests = {name: digest_of(data) for name, data in images.items()}
+                files.insert(0, (self._folder.record(record.id), record_to_json(record)))
             self._write(files, lambda: index.put_all([record], digests))
             return record, is_new
+
+    def _missing(
+        self,
+        sequence_id: str,
+        image: Callable[[], bytes],
+        results: Mapping[ResultName, Callable[[], bytes]],
+        *,
+        is_known: bool,
+    ) -> tuple[list[tuple[Path, bytes]], dict[ResultName, str]]:
+        """Make the files that are missing or damaged; gives the digests of the results too."""
+        index, upload = self._open_index(), self._folder.upload(sequence_id)
+        made = {
+            name: make()
+            for name, make in results.items()
+            if index.digest(name) is None or not is_sound(self._folder.result(name))
+        }
+        files = [(self._folder.result(name), data) for name, data in made.items()]
+        if self.keep_uploads and not (is_known and is_sound(upload)):
+            files.insert(0, (upload, image()))
+        return files, {name: digest_of(data) for name, data in made.items()}
+
+    def replace_sequence(
+        self,
+        sequence_id: str,
+        image: Path,
+        record: SequenceRecord,
+        change: Callable[[SequenceRecord], SequenceRecord],
+        track: Path | None = None,
+    ) -> SequenceRecord:
+        """Keep a sequence in the place of another: after a crash there is one of the two, whole.
+
+        Where the new one was known before, it is changed first and the old one deleted then.
+
+        Parameters
+        ----------
+        sequence_id : str
+            Of the old one, which is deleted with all that derives from it.
+        image : Path
+            Sealed HDF5 file of the new one, another than the old one.
+        record : SequenceRecord
+            Of the new one, as for `put_sequence_image`.
+        change : callable
+            Changes the record of the old one; name, subject, label and facts are the new one's. No
+            other change comes between.
+        track : Path, optional
+            Sealed HDF5 file of the new one's track.
+
+        Returns
+        -------
+        SequenceRecord
+            The stored one.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such sequence.
+        ParameterError
+            If name, subject or label cannot be kept, or facts contradict the vertices or times.
+        StoreError
+            If it cannot be written; the store is as it was.
+        """
+        index, folder = self._open_index(), self._folder
+        self.sequence_record(sequence_id)
+        with self._changing(sequence_id, record.id):
+            wanted, known = change(self.sequence_record(sequence_id)), index.find(record.id)
+            stated = {name: getattr(wanted, name) for name in ("name", "subject", "label")}
+            for what, text in stated.items():
+                require_name(what, text)
+            wanted.facts.require_fit(record.n_vertices, record.span)
+            results = {} if track is None else {track_name(record.id): lambda: _content(track)}
+            files, digests = self._missing(
+                record.id, lambda: _content(image), results, is_known=known is not None
+            )
+            created = now() if known is None else known.created
+            record = replace(
+                record,
+                **stated,
+                has_upload=self.keep_uploads,
+                created=created,
+                facts=wanted.facts,
+            )
+            files.insert(0, (folder.record(record.id), record_to_json(record)))
+            if known is not None:
+                self._write(files, lambda: index.put_all([record], digests))
+                begin_deletion(folder, sequence_id)
+            else:
+                self._exchange(sequence_id, record, files, digests)
+            try:
+                finish_deletion(folder, index, sequence_id)
+            except StoreError:
+                # It is gone: the next `open` removes what is left of it.
+                self._is_clean = False
+        return record
+
+    def _exchange(
+        self,
+        old_id: str,
+        record: SequenceRecord,
+        files: list[tuple[Path, bytes]],
+        digests: Mapping[ResultName, str],
+    ) -> None:
+        """Write a new sequence and mark another as deleted, in one step."""
+        index, folder = self._open_index(), self._folder
+        mark, of_old = folder.deletion(record.id), folder.deletion(old_id)
+        self._make_shards(mark.parent)
+        # The new one is marked as deleted until it is whole. Then its mark becomes the old one's,
+        # by one rename: whoever opens the store after a crash finds one of the two marked.
+        write_atomic(mark, b"")
+        try:
+            for path, data in files:
+                self._make_shards(path.parent)
+                write_atomic(path, data)
+            _rename(mark, of_old)
+            try:
+                index.replace(old_id, record, digests)
+            except BaseException:
+                _rename(of_old, mark)
+                raise
+        except BaseException:
+            if mark.exists():
+                with contextlib.suppress(StoreError):
+                    finish_deletion(folder, index, record.id)
+            raise
 
     def sequence_path(self, sequence_id: str) -> Path:
         """HDF5 file of a sequence's vertices.
@@ -385,6 +495,23 @@ class SequenceStore(SequenceRecords):
             self.sequence_record(sequence_id)
             begin_deletion(self._folder, sequence_id)
             finish_deletion(self._folder, index, sequence_id)
+
+
+def _content(image: Path) -> bytes:
+    return load_sealed(image)[1]
+
+
+def _rename(path: Path, target: Path) -> None:
+    """Rename a file durably, or leave it where it was."""
+    try:
+        path.replace(target)
+        try:
+            sync_paths({path.parent, target.parent})
+        except BaseException:
+            target.replace(path)
+            raise
+    except OSError as error:
+        raise cannot_write(target, error) from error
 
 
 def upload_image(sequence: MeshSequence) -> bytes:

@@ -7,8 +7,8 @@ from functools import partial
 from pathlib import Path
 
 from modalmotion.errors import NotFoundError
-from modalmotion.facts import NO_FACTS
 from modalmotion.hdf5.sealed import load_sealed
+from modalmotion.mesh import NO_FACTS
 from modalmotion.store.folder import is_id, track_name
 from modalmotion.store.index.index import SequencePage
 from modalmotion.store.record import SequenceRecord, record_of

@@ -1,26 +1,18 @@
 """Templates: natural coordinates, weights, lengths and landmarks of a surface."""
 
-from modalmotion.arguments.checking import check_arguments
-from modalmotion.template.construction import make_template
-from modalmotion.template.landmarks import GivenLandmarks, Landmarks
-from modalmotion.template.numbered_modes import ModeChoice, choose_modes
-from modalmotion.template.template import (
-    Template,
-    Weights,
-    require_same_mesh,
-    template_id,
-)
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "GivenLandmarks",
-    "Landmarks",
-    "ModeChoice",
-    "Template",
-    "Weights",
-    "choose_modes",
-    "make_template",
-    "require_same_mesh",
-    "template_id",
-]
+from modalmotion.arguments.public import public_list
 
-check_arguments(globals())
+if TYPE_CHECKING:
+    from modalmotion.template.construction import make_template as make_template
+    from modalmotion.template.landmarks import GivenLandmarks as GivenLandmarks
+    from modalmotion.template.landmarks import Landmarks as Landmarks
+    from modalmotion.template.template import Template as Template
+    from modalmotion.template.template import Weights as Weights
+    from modalmotion.template.template import require_same_mesh as require_same_mesh
+    from modalmotion.template.template import template_id as template_id
+    from modalmotion.template.vibration_modes import ModeChoice as ModeChoice
+    from modalmotion.template.vibration_modes import choose_modes as choose_modes
+
+__all__, __getattr__, __dir__ = public_list(globals())

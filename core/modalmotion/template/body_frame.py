@@ -1,22 +1,36 @@
-"""The frame of a body, and the frame of each place on it.
+"""The frame of a body, directions on its surface, and its affine motions.
 
 Signatures of different patients are compared in the frame of the body: its axis, the direction
 in which theta is 0, and the one across both. On a surface with an axis each place has a frame of
 its own, too, in which amplitudes read as contraction, twist and shortening.
+
+A heart that contracts evenly moves by an affine map. Modes leave a part of that, which points
+outward at the ends and biases volumes to one side. The amplitudes of every affine map are known
+from the reference alone, though, so what the modes leave of it can go with them.
 """
 
 from __future__ import annotations
 
 from enum import StrEnum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
-from modalmotion.numeric.products import along
-from modalmotion.numeric.scale import lengths
-from modalmotion.template import Landmarks, Template
-from modalmotion.template.loose_vertices import nearest_in_use
+from modalmotion.mesh import connectivity_of, face_normals, oriented_faces
+from modalmotion.numeric.products import (
+    along,
+    gram,
+    inverse_of_cholesky,
+    lengths,
+    product,
+    second_moments,
+    weighted_sum,
+)
+from modalmotion.template.landmarks import Landmarks
+from modalmotion.template.template import Template
+from modalmotion.template.vibration_modes import nearest_in_use
 
 
 class Components(StrEnum):
@@ -126,3 +140,168 @@ def from_local(components: NDArray[np.float64], frames: NDArray[np.float64]) -> 
     """
     vectors: NDArray[np.float64] = np.einsum("nij,fni->fnj", frames, components)
     return vectors
+
+
+class Direction(StrEnum):
+    """Direction along which the vertices move."""
+
+    NORMAL = "normal"
+    X = "x"
+    Y = "y"
+    Z = "z"
+    RADIAL = "radial"
+    TANGENTIAL = "tangential"
+    AXIAL = "axial"
+
+
+def directions_on(template: Template, direction: Direction) -> NDArray[np.float64]:
+    """Point along a direction at each vertex, by a unit vector.
+
+    Parameters
+    ----------
+    template : Template
+    direction : Direction
+        Normals point outward; radial, tangential and axial are those of the surface's axis.
+
+    Returns
+    -------
+    (vertices, 3) float64
+        Zero at vertices in no triangle, which have no normal.
+
+    Raises
+    ------
+    TopologyError
+        If the surface has no such direction.
+    """
+    if direction == Direction.NORMAL:
+        return vertex_normals(template)
+    if direction in (Direction.X, Direction.Y, Direction.Z):
+        along = np.eye(3)["xyz".index(direction.value)]
+        return np.broadcast_to(along, (template.n_vertices, 3))
+    frames = local_frames(template)
+    number = (Direction.RADIAL, Direction.TANGENTIAL, Direction.AXIAL).index(direction)
+    directions: NDArray[np.float64] = frames[:, number]
+    return directions
+
+
+def vertex_normals(template: Template) -> NDArray[np.float64]:
+    """Mean normal, by area, of the triangles around each vertex, outward.
+
+    Parameters
+    ----------
+    template : Template
+
+    Returns
+    -------
+    (vertices, 3) float64
+        Of a sheet, which has no outside, in the sense of its triangles.
+
+    Raises
+    ------
+    TopologyError
+        If there are no triangles, or the surface has one side only.
+    """
+    n = template.n_vertices
+    proper = np.delete(template.faces, connectivity_of(template.faces, n).left_out, axis=0)
+    faces = oriented_faces(proper, n) if len(proper) else None
+    if faces is None:
+        raise TopologyError(
+            "A surface with one side has no normals."
+            if len(template.faces)
+            else "Vertices without triangles have no normals.",
+            remedy="Move it along x, y or z.",
+        )
+    # At any size: squares of very large or very small numbers overflow or vanish.
+    vertices = template.vertices / (float(np.abs(template.vertices).max()) or 1.0)
+    of_faces = face_normals(vertices, faces)
+    normals = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(normals, faces[:, corner], of_faces)
+    offsets = vertices - template.weights @ vertices
+    # The flux of the offsets is three times the volume inside, signed by the winding.
+    if float(np.einsum("vi,vi->", normals, offsets)) < 0 and _has_inside(template):
+        normals = -normals
+    size = lengths(normals)
+    normals /= np.where(size > 0, size, 1.0)[:, None]
+    return normals[template.representatives]
+
+
+def _has_inside(template: Template) -> bool:
+    return template.surface is None or bool(template.surface.closed_axes)
+
+
+HELD: Final = 0.5
+"""Share of an affine motion's RMS: motions of which the modes hold less are left to the modes,
+whose amplitudes say too little about them."""
+
+# Of the longest axis: a surface thinner than this has no extent in that direction.
+_THIN: Final = 1e-6
+
+# Of the mean of the diagonal: keeps shapes apart that few vertices cannot tell apart.
+_RIDGE: Final = 1e-12
+
+
+def unit_coordinates(
+    rest: NDArray[np.float64], weights: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Coordinates along the principal axes and 1, each with mean square 1 and uncorrelated.
+
+    Parameters
+    ----------
+    rest : (vertices, 3) float64
+        In a unit in which they are of size 1, or nearly so.
+    weights : (vertices,) float64
+        Their sum is 1.
+
+    Returns
+    -------
+    (vertices, 4) float64, 1
+        Fewer columns where the surface has no extent in a direction.
+    """
+    y = rest - weighted_sum(weights, rest)
+    squares, axes = np.linalg.eigh(second_moments(weights, y, y))
+    wide = squares > _THIN**2 * squares[-1]
+    along = product(y, axes[:, wide] / np.sqrt(squares[wide]))
+    return np.concatenate([along, np.ones((len(y), 1))], axis=1)
+
+
+def affine_shapes(shapes: NDArray[np.float64], template: Template) -> NDArray[np.float64]:
+    """Mode shapes whose superposition is exact for affine motions.
+
+    Parameters
+    ----------
+    shapes : (vertices, modes) float64
+        Phi, with mean square 1.
+    template : Template
+
+    Returns
+    -------
+    (vertices, modes) float64
+        What is superposed has the same amplitudes, by weighted least squares, as before.
+
+    Notes
+    -----
+    A motion moves each direction by a combination c of the unit coordinates q, with the amplitudes
+    P q c, P the projector on the modes. The other way round amplitudes a belong to c = (P q)^+ a,
+    of which the modes leave (q - Phi P q) c. That is added: Phi + (q - Phi P q) (P q)^+. As P of
+    what is left is zero, the amplitudes stay. The same holds in each direction, so that one
+    matrix serves all three.
+    """
+    w, size = template.weights, float(np.abs(template.vertices).max(initial=0.0))
+    if not size > 0:
+        return shapes
+    q = unit_coordinates(template.vertices / size, w)
+    weighted = np.ascontiguousarray((w[:, None] * shapes).T)
+    G = product(weighted, shapes)
+    G[np.diag_indices(len(G))] += _RIDGE * np.trace(G) / len(G)
+    held = product(gram(inverse_of_cholesky(G)), product(weighted, q))
+    # (P q)^+ over the combinations that the modes hold: S^2 are the eigenvalues of (P q)' P q.
+    squares, V = np.linalg.eigh(product(np.ascontiguousarray(held.T), held))
+    V, squares = V[:, squares > HELD**2], squares[squares > HELD**2]
+    if not len(squares):
+        return shapes
+    inverse = product(product(V / squares, np.ascontiguousarray(V.T)), np.ascontiguousarray(held.T))
+    whole = shapes + product(q - product(shapes, held), inverse)
+    if len(template.isolated):
+        whole[template.isolated] = whole[nearest_in_use(template.vertices, template.isolated)]
+    return whole

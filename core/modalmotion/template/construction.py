@@ -8,51 +8,104 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import middle_positions, reference_positions
+from modalmotion.arguments.checking import one_of
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import lattice_faces
+from modalmotion.mesh.reference import middle_positions, reference_positions
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
+from modalmotion.mesh.triangles import curve_weights
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
-from modalmotion.numeric.kinds import one_of
-from modalmotion.numeric.scale import power_of_two
+from modalmotion.numeric.products import power_of_two
 from modalmotion.progress import ShareReport, part_of, silent
-from modalmotion.template.coordinates.axis import degree
-from modalmotion.template.coordinates.cup import cup_axes, cup_coordinates
-from modalmotion.template.coordinates.curve import curve_coordinates
-from modalmotion.template.coordinates.cylinder import cylinder_axes, cylinder_coordinates
-from modalmotion.template.coordinates.plane import plane_axes, plane_coordinates
-from modalmotion.template.coordinates.sphere import sphere_axes, sphere_coordinates
-from modalmotion.template.coordinates.torus import torus_axes, torus_coordinates
-from modalmotion.template.coordinates.value import Coordinates
+from modalmotion.template.axial_coordinates import (
+    cup_axes,
+    cup_coordinates,
+    cylinder_axes,
+    cylinder_coordinates,
+    sphere_axes,
+    sphere_coordinates,
+)
+from modalmotion.template.axis import degree
 from modalmotion.template.landmarks import (
+    Coordinates,
     GivenLandmarks,
     Landmarks,
-    require_used,
-    resolve_places,
-)
-from modalmotion.template.lattice_landmarks import lattice_landmarks
-from modalmotion.template.lengths import axis_lengths
-from modalmotion.template.loose_vertices import nearest_in_use
-from modalmotion.template.notes import (
+    lattice_landmarks,
     note_on_border,
     notes_on_landmarks,
     notes_on_merging,
     notes_on_mesh,
     places_wanted,
+    require_used,
+    resolve_places,
 )
-from modalmotion.template.placement import Placement
+from modalmotion.template.other_coordinates import (
+    curve_coordinates,
+    plane_axes,
+    plane_coordinates,
+    torus_axes,
+    torus_coordinates,
+)
 from modalmotion.template.recognition import recognise, require_fit
-from modalmotion.template.shares import shares_of
-from modalmotion.template.steady_shape import steady_shape
-from modalmotion.template.surface import Surface, surface_of
+from modalmotion.template.surface import Surface, steady_shape, surface_of
 from modalmotion.template.template import (
+    Placement,
     Template,
     Weights,
+    axis_lengths,
     is_placed_by_shape,
     landmarks_read,
     template_id,
 )
+from modalmotion.template.vibration_modes import nearest_in_use
+
+
+def shares_of(
+    surface: Surface,
+    sequence: MeshSequence,
+    topology: Topology | None,
+    weights: Weights,
+    notes: list[str],
+    first: NDArray[np.int64],
+) -> NDArray[np.float64]:
+    """Shares of vertices in rotation, fit and error, (vertices,) float64; they add up to 1.
+
+    Parameters
+    ----------
+    surface : Surface
+    sequence : MeshSequence
+    topology : Topology or None
+    weights : Weights
+    notes : list of str
+        Told where there are no areas to weigh by.
+    first : (vertices,) int64
+        The vertex that stands for each.
+    """
+    n = sequence.n_vertices
+    is_curve = topology is not None and topology.n_axes == 1
+    if weights == Weights.UNIFORM:
+        counted = np.ones(n, dtype=np.bool_)
+        if len(surface.faces):
+            counted[surface.isolated] = False
+        return np.where(counted, 1.0 / counted.sum(), 0.0)
+    areas = surface.areas
+    if is_curve and topology is not None:
+        areas = curve_weights(surface.vertices, topology)
+    elif not len(surface.faces):
+        notes.append("There are no areas to weigh by; all vertices count alike.")
+        return np.full(n, 1.0 / n)
+    total = float(areas.sum())
+    if not total > 0:
+        notes.append("The surface has no area; all vertices count alike.")
+        return np.full(n, 1.0 / n)
+    # What stands for others has their weight too.
+    weightless = int((areas[first] == 0).sum())
+    if weightless:
+        notes.append(f"{weightless} vertices belong to no area and have no weight in the fit.")
+    shares: NDArray[np.float64] = areas / total
+    return shares
+
 
 # Below this degree too many places share the same natural coordinates.
 _FOLDED = 0.8

@@ -11,8 +11,8 @@ from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.modes.topology import MESH, Topology
-from modalmotion.template import Landmarks, Template
-from modalmotion.template.template import is_merged
+from modalmotion.template.landmarks import Landmarks
+from modalmotion.template.template import Template, is_merged
 
 FORM: Final = Form("template", 1)
 

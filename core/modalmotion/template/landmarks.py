@@ -1,4 +1,4 @@
-"""Landmarks: where the natural coordinates of a surface sit."""
+"""Natural coordinates, the landmarks that place them, and the notes on both."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
-from modalmotion.facts import Corners, Facts, Named, Place
-from modalmotion.modes.topology import Topology
-from modalmotion.representation import shown
+from modalmotion.mesh import Corners, Facts, Named, Place
+from modalmotion.modes.topology import CLOSED, Topology
+from modalmotion.numeric.products import weighted_sum
+from modalmotion.representation import counted, shown
+from modalmotion.template.surface import Surface
 
 # Below this a direction from an integral turns by more than a few degrees when the same
 # surface is triangulated anew, and is called weak.
@@ -248,3 +250,166 @@ def _position(name: str, place: object, vertices: NDArray[np.float64]) -> NDArra
             "unit of the sequence.",
         )
     return point
+
+
+def lattice_landmarks(
+    surface: Surface, topology: Topology, coordinates: NDArray[np.float64]
+) -> Landmarks | None:
+    """Axis along which s grows, and the direction in which theta is 0.
+
+    Parameters
+    ----------
+    surface : Surface
+        Nodes and the triangles between them.
+    topology : Topology
+    coordinates : (nodes, axes) float64
+
+    Returns
+    -------
+    Landmarks or None
+        None for lattices without one closed axis around another, or without area.
+
+    Notes
+    -----
+    Theta runs as the columns do. Where that is left-handed about the axis, "theta_zero" is as
+    the columns say and sines have the other sign than on a mesh.
+    """
+    if topology.n_axes != 2 or topology.ends[1] != CLOSED or topology.ends[0] == CLOSED:
+        return None
+    if not surface.area > 0:
+        return None
+    s, theta = coordinates.T
+    share = surface.areas / surface.area
+    centre = surface.centroid
+    # The slope of position on s, and the first circular moment of position.
+    slope = weighted_sum(share * (s - (share * s).sum()), surface.offsets)
+    length = float(np.linalg.norm(slope))
+    spread = float(np.sqrt((share * (surface.offsets**2).sum(axis=1)).sum()))
+    if not length > 1e-9 * spread:
+        return None
+    axis = slope / length
+    zero = weighted_sum(share * np.cos(2 * np.pi * theta), surface.offsets)
+    zero = zero - (zero @ axis) * axis
+    reach = float(np.linalg.norm(zero))
+    if not reach > 1e-9 * spread:
+        return None
+    low, high = s <= s.min(), s >= s.max()
+    return Landmarks(
+        origin=centre,
+        axis=axis,
+        theta_zero=zero / reach,
+        apex=surface.vertices[low].mean(axis=0),
+        base=surface.vertices[high].mean(axis=0),
+        strengths={"axis": 1.0, "apex": 1.0, "base": 1.0, "theta_zero": 1.0},
+        n_loops=len(surface.openings),
+        given=("grid",),
+    )
+
+
+@shown("topology", "values", "notes")
+@dataclass(frozen=True, eq=False)
+class Coordinates:
+    """Natural coordinates of one surface.
+
+    Parameters
+    ----------
+    topology : Topology
+    values : (vertices, axes) float64
+        s from 0 to 1 on open and pole axes, theta in turns on closed ones.
+    landmarks : Landmarks or None
+        None where there is no axis.
+    notes : tuple of str
+        Caveats for the user.
+    """
+
+    topology: Topology
+    values: NDArray[np.float64]
+    landmarks: Landmarks | None
+    notes: tuple[str, ...] = ()
+
+
+def notes_on_merging(representatives: NDArray[np.int64]) -> list[str]:
+    """Say how many vertices others stand for: see `Template.representatives`."""
+    others = np.flatnonzero(representatives != np.arange(len(representatives)))
+    if not len(others):
+        return []
+    n = counted(len(others), "vertex", "vertices")
+    text = (
+        f"{n} of {len(representatives)} coincide with an earlier one in every frame (first: vertex "
+        f"{others[0]} with {representatives[others[0]]}) and were merged with it; amplitudes and "
+        "errors speak of all that were sent. merge_vertices = false (--no-merge-vertices) leaves "
+        "them apart."
+    )
+    return [text]
+
+
+def notes_on_mesh(surface: Surface, isolated: NDArray[np.int64]) -> list[str]:
+    """Name the parts of a mesh outside its surface.
+
+    Parameters
+    ----------
+    surface : Surface
+    isolated : (n,) int64
+        Vertices in no triangle.
+    """
+    degenerate, repeated = surface.connectivity.degenerate, surface.connectivity.repeated
+    notes = []
+    if len(isolated):
+        notes.append(
+            f"{len(isolated)} vertices belong to no triangle (first: {isolated[0]}); "
+            "they have no weight in the fit, and are moved as the nearest vertex of the surface."
+        )
+    if len(degenerate):
+        notes.append(
+            f"{len(degenerate)} triangles name a vertex twice (first: face "
+            f"{degenerate[0]}); they were left out."
+        )
+    if len(repeated):
+        notes.append(
+            f"{counted(len(repeated), 'triangle')} repeat an earlier one (first: face "
+            f"{repeated[0]}) and count once."
+        )
+    return notes
+
+
+def note_on_border(cover: float, border: float) -> str:
+    """Say that the kind of a closed surface's modes is nearly the other."""
+    return (
+        f"The kind of modes is near its border: the coordinates of a sphere cover this surface "
+        f"{cover:.2f} times, and below {border:g} it has the springs of its own mesh. Another "
+        "recording of it may have the other kind; where several are compared, name one template "
+        "or state one topology, sphere or mesh, for all."
+    )
+
+
+def notes_on_landmarks(coordinates: Coordinates) -> list[str]:
+    """Name the landmarks that the shape does not determine."""
+    if coordinates.landmarks is None:
+        return []
+    meaning = {
+        "axis": "The direction of the axis",
+        "apex": "Which end is the apex",
+        "base": "Which end is the base",
+        "theta_zero": "The zero of theta",
+        "start": "Which corner s and t start from",
+    }
+    weak = [name for name in coordinates.landmarks.weak if name in meaning]
+    notes = [
+        f"{meaning[name]} is not determined by the shape; state "
+        f"{places_wanted(coordinates.topology, name)}."
+        for name in weak
+    ]
+    if "theta_zero" in coordinates.landmarks.weak and coordinates.topology.closed_axes:
+        notes[-1] += " Cosine and sine of a pair can only be compared together."
+    return notes
+
+
+def places_wanted(topology: Topology, weak: str = "axis") -> str:
+    """Name the landmarks that settle a weak one, and the option that states them."""
+    used = LANDMARKS_ON.get(topology.name, ())
+    wanted = [weak] if weak in used else [name for name in used if name != "theta_zero"]
+    if weak == "axis":
+        wanted = [name for name in used if name in ("apex", "base")]
+    names = " and ".join(wanted)
+    kind = "landmark" if len(wanted) == 1 else "landmarks"
+    return f"the {kind} {names} (--landmark {wanted[0]}=PLACE)" if wanted else "another topology"

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from modalmotion.errors import TopologyError
-from modalmotion.mesh.areas import corners_of
+from modalmotion.mesh.triangles import corners_of
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
-from modalmotion.template.coordinates.cup import FAINT_AXIS, axis_strength, is_flat
+from modalmotion.template.axial_coordinates import FAINT_AXIS, axis_strength, is_flat
 from modalmotion.template.surface import Surface
 
 # Triangles of a hemisphere miss at least this share of its area.

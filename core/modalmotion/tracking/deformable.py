@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ShapeError
 from modalmotion.mesh import Cavity
-from modalmotion.mesh.areas import face_normals
 from modalmotion.mesh.normal_lines import vertex_normals
+from modalmotion.mesh.triangles import face_normals
 from modalmotion.modes import ModeSet, lowest_modes, whole_count
 from modalmotion.modes.topology import CLOSED, OPEN_CURVE
 from modalmotion.numeric.products import product
 from modalmotion.template import Template
-from modalmotion.template.affine_motions import affine_shapes
-from modalmotion.template.loose_vertices import shapes_of
+from modalmotion.template.body_frame import affine_shapes
+from modalmotion.template.vibration_modes import shapes_of
 
 
 @dataclass(frozen=True, eq=False)

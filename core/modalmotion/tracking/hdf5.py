@@ -9,18 +9,18 @@ from typing import Final
 import numpy as np
 
 from modalmotion.errors import StoreError
-from modalmotion.facts import facts_as_json, facts_from_json
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import form_of
 from modalmotion.hdf5.image import UNKNOWN, Dataset, json_text
+from modalmotion.mesh import facts_as_json, facts_from_json
 from modalmotion.mesh.hdf5 import TRACK
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import Topology
-from modalmotion.template.affine_motions import affine_shapes
+from modalmotion.template.body_frame import affine_shapes
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
-from modalmotion.template.loose_vertices import shapes_of
 from modalmotion.template.template import Template
+from modalmotion.template.vibration_modes import shapes_of
 from modalmotion.tracking.deviations import uncertainty_of
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.prior import Prior

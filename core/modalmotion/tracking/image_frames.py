@@ -247,9 +247,10 @@ def frames_of_images(
         )
     if not {"apex", "base"} <= set(places):
         raise ParameterError(
-            "Images say where edges are, and not which: the landmarks apex and base are missing "
-            f"in the reference frame {reference}.",
-            remedy="State apex=x,y,z and base=x,y,z (the middle of the opening) in LPS mm.",
+            "Images show edges, but not which of them bound the surface: the landmarks apex and "
+            f"base are missing in the reference frame {reference}.",
+            remedy="Give apex=x,y,z and base=x,y,z (the middle of the opening) in LPS mm, or a "
+            "file of them, as the page of the service and 3D Slicer write it (.mrk.json).",
             frame=reference,
             details={"needed": ["apex", "base"]},
         )

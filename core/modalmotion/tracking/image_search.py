@@ -12,8 +12,7 @@ from modalmotion.errors import ShapeError
 from modalmotion.images import PlaneSet
 from modalmotion.images.sequence import Image
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.numeric.cholesky import gram, inverse_of_cholesky
-from modalmotion.numeric.products import product
+from modalmotion.numeric.products import gram, inverse_of_cholesky, product
 from modalmotion.template import make_template
 from modalmotion.tracking.deformable import Deformable, require_unfolded
 from modalmotion.tracking.image_levels import renewed

@@ -13,8 +13,8 @@ from modalmotion.images import PlaneSet, Volume
 from modalmotion.images.edges import Edges, Levels, find_edges, offsets_of
 from modalmotion.images.sequence import Image
 from modalmotion.mesh import Cavity
+from modalmotion.mesh.normal_lines import Edges as MeshEdges
 from modalmotion.mesh.normal_lines import vertex_normals
-from modalmotion.mesh.plane_section import Edges as MeshEdges
 from modalmotion.tracking.observation import Observation
 
 Floats = NDArray[np.float64]
@@ -49,7 +49,7 @@ class Facets:
     Parameters
     ----------
     faces : (faces, 3) int64
-    edges : modalmotion.mesh.plane_section.Edges
+    edges : modalmotion.mesh.normal_lines.Edges
     outward : float
         1 where triangles are wound outward, -1 inward.
     vertices : (n,) int64

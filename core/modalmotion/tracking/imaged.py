@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from modalmotion.images import ImageSequence, PlaneSet
 from modalmotion.images.sequence import Image, is_of_labels
 from modalmotion.mesh import face_areas
-from modalmotion.mesh.cavity_gradient import volume_gradient
+from modalmotion.mesh.cavity import volume_gradient
 from modalmotion.tracking.image_frames import ImageFrames
 from modalmotion.tracking.image_view import Facets, Sight
 from modalmotion.tracking.result import ImageAnswer, Track, cavity_in, normals_of

@@ -22,9 +22,9 @@ Floats = NDArray[np.float64]
 # Fewer slices have no axis and no taper.
 _FEWEST: Final = 3
 
-# Descent of the base in mm per percentage point of the volume ejected, and its standard deviation, as
-# published for patients (docs/decisions/0035-motion-from-images.md); mm by which the base of a frame
-# deviates from the path of all.
+# Descent of the base in mm per percentage point of the volume ejected, and its standard deviation,
+# as published for patients (docs/decisions/0035-motion-from-images.md); mm by which the base of a
+# frame deviates from the path of all.
 _DESCENT: Final = (0.185, 0.04)
 _OFF_PATH: Final = 1.5
 

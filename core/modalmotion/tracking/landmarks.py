@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, MalformedFileError, ParameterError
-from modalmotion.facts import Facts
-from modalmotion.facts.facts import WORDS
-from modalmotion.facts.json_form import read_object
-from modalmotion.numerals import counted
-from modalmotion.representation import shown
+from modalmotion.mesh import Facts
+from modalmotion.mesh.fact_forms import read_object
+from modalmotion.mesh.facts import WORDS
+from modalmotion.representation import counted, shown
 from modalmotion.tracking.observation import NAMED_PLACES
 
 Landmarks = Mapping[str, NDArray[np.float64]]

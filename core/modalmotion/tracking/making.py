@@ -9,19 +9,19 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arguments.checking import whole
 from modalmotion.errors import (
     ModeCountError,
     ParameterError,
     ShapeError,
     TopologyError,
 )
-from modalmotion.facts import Facts
 from modalmotion.images import ImageSequence
 from modalmotion.images.sequence import Images, images_in
+from modalmotion.mesh import Facts
 from modalmotion.mesh.checks import require_times
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import Topology
-from modalmotion.numeric.kinds import whole
 from modalmotion.progress import Progress
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.contour_ends import with_contour_ends

@@ -16,8 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.numeric.cholesky import gram, inverse_of_cholesky
-from modalmotion.numeric.products import product
+from modalmotion.numeric.products import gram, inverse_of_cholesky, product
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.iterations import LEAST, Iteration
 from modalmotion.tracking.noise import Noise

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.mesh.areas import face_normals
 from modalmotion.mesh.normal_lines import vertex_normals
+from modalmotion.mesh.triangles import face_normals
 from modalmotion.numeric.products import product
 from modalmotion.tracking.closest import Matches, closest_points
 from modalmotion.tracking.deformable import Deformable

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
 from modalmotion.mesh import face_normals
-from modalmotion.numeric.frozen_arrays import FrozenArrays
-from modalmotion.representation import shown
+from modalmotion.representation import FrozenArrays, shown
 
 Place: TypeAlias = str | int | tuple[int, ...]
 """Where a landmark sits on the surface: "apex", "base", a vertex, or the mean of some."""

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.errors import ParameterError
-from modalmotion.facts import NO_FACTS, UNKNOWN, Facts, facts_patched
+from modalmotion.mesh import NO_FACTS, UNKNOWN, Facts, facts_patched
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.tracking.label_maps import doubts_of_places, from_labels

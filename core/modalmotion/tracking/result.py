@@ -10,19 +10,18 @@ from typing import Any, Final, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.arguments.tasks import Recorded
+from modalmotion.arguments.checking import Recorded
 from modalmotion.errors import TopologyError
 from modalmotion.mesh.cavity import Cavity, cavity_of
+from modalmotion.mesh.checks import difference_deviation
 from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.mesh.uncertainty import difference_deviation
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import PLANE
-from modalmotion.numeric.frozen_arrays import FrozenArrays
-from modalmotion.representation import shown
-from modalmotion.template.affine_motions import affine_shapes
-from modalmotion.template.loose_vertices import shapes_of
+from modalmotion.representation import FrozenArrays, shown
+from modalmotion.template.body_frame import affine_shapes
 from modalmotion.template.template import Template
+from modalmotion.template.vibration_modes import shapes_of
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.normal_equations import NormalEquations
 from modalmotion.tracking.observation import Frame
@@ -164,7 +163,7 @@ class ImageAnswer:
         object.__setattr__(self, "shifts", tuple(tuple(row) for row in self.shifts))
 
 
-@shown("sequence", "modes", "noise", "prior", "gap", "unseen")
+@shown("sequence", "ejection_fraction:%", "modes", "noise", "gap", "unseen")
 @dataclass(frozen=True, eq=False)
 class Track(FrozenArrays, Recorded):
     """Motion of a surface found from observations, with its uncertainty.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
-from modalmotion.mesh.connectivity import grouped_edges
+from modalmotion.mesh.triangles import grouped_edges
 from modalmotion.modes.topology import CLOSED, End
 from modalmotion.numeric.products import product
 from modalmotion.tracking.closest import closest_points

@@ -12,7 +12,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import reference_positions
 from modalmotion.classification.answer import Classification
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.rates import Rates
@@ -22,18 +21,19 @@ from modalmotion.clinical.strain import DEFINITIONS, Strain
 from modalmotion.clinical.ventricle import ventricle_readouts
 from modalmotion.clinical.volume_curve import TWO_DEVIATIONS, Fraction
 from modalmotion.errors import InputError, LimitError
-from modalmotion.fit.offsets import offset_reference
 from modalmotion.hdf5.image import INTENDED_USE
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes.modes import wave_pairs
-from modalmotion.numeric.scale import power_of_two
+from modalmotion.modes.mode_set import wave_pairs
+from modalmotion.numeric.products import power_of_two
 from modalmotion.pictures.view import upright
 from modalmotion.signature.making import ModalSignature, SignatureKind
-from modalmotion.signature.mode_colours import COLOURS, mode_dash, mode_tone
+from modalmotion.signature.mode_names import COLOURS, mode_dash, mode_tone
 from modalmotion.signature.reconstruction import fitted_on
+from modalmotion.signature.superposition import offset_reference
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, local_frames
-from modalmotion.template.loose_vertices import nearest_in_use, shapes_of
+from modalmotion.template.vibration_modes import nearest_in_use, shapes_of
 from modalmotion.viewer.container import write_container
 from modalmotion.viewer.wave_names import wave_name
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from modalmotion.modes.topology import CUP, CYLINDER, SPHERE
 from modalmotion.signature.making import ModalSignature, SignatureKind
-from modalmotion.signature.plain_names import plain_name
+from modalmotion.signature.mode_names import plain_name
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components
 

@@ -19,8 +19,8 @@ from modalmotion.client import Client, Info
 from modalmotion.clinical import Fraction
 from modalmotion.errors import InputError, ModalMotionError
 from modalmotion.formats import read_npz, write_npz
-from modalmotion.numerals import numeral
 from modalmotion.pictures.signature import signature_figure
+from modalmotion.representation import numeral
 from modalmotion.signature.making import ModalSignature
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.store import signature_from_hdf5

@@ -17,7 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Connection
 
 from modalmotion.errors import ModalMotionError
-from modalmotion.facts import NAMES
+from modalmotion.mesh import NAMES
 from modalmotion_service.access.keys import Authenticator, key_required
 from modalmotion_service.access.logins import Logins, is_login
 from modalmotion_service.access.principal import (
@@ -36,7 +36,7 @@ from modalmotion_service.http.observation import CLIENT_GONE
 from modalmotion_service.http.problems import problem_of
 
 _IDS: Final = "modalmotion.ids"
-_FACTS: Final = "modalmotion.facts"
+_FACTS: Final = "modalmotion.mesh"
 _ROUTE: Final = "modalmotion.route"
 _ENDED_KEY: Final = "modalmotion.ended_key"
 

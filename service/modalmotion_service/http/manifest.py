@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from modalmotion.errors import MalformedFileError, ParameterError
-from modalmotion.facts import NO_FACTS, Facts, column_of, facts_in, states_fact
+from modalmotion.mesh import NO_FACTS, Facts, column_of, facts_in, states_fact
 from modalmotion.store.record import require_name
 
 MANIFEST: Final = "manifest"

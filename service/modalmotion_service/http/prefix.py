@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Connection
+
+PREFIX: Final = "modalmotion.prefix"
+"""Where a request has it."""
 
 
 class Prefix:
     """ASGI middleware; the outermost one, so that all others see paths without it.
 
-    A proxy may leave the prefix or take it away. Addresses in `Location` have it; links in bodies
-    begin below it, as the document's `servers` say.
+    A proxy may leave the prefix or take it away. `Location` and pages have it; links of bodies
+    start below it, as the `servers` of the document say.
 
     Parameters
     ----------
@@ -30,6 +35,7 @@ class Prefix:
             await self.app(scope, receive, send)
             return
         path: str = scope["path"]
+        scope[PREFIX] = self.prefix
         if path == self.prefix or path.startswith(f"{self.prefix}/"):
             raw = scope.get("raw_path") or path.encode()
             scope = {

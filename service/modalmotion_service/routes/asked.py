@@ -18,7 +18,7 @@ from starlette.background import BackgroundTask
 from starlette.responses import FileResponse, Response
 
 from modalmotion.errors import LimitError, StoreError
-from modalmotion.facts import facts_as_json
+from modalmotion.mesh import facts_as_json
 from modalmotion.store import ResultStore
 from modalmotion.store.index.cursor import from_cursor, to_cursor
 from modalmotion_service.access.keys import key_required

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from typing import Annotated
 
 from fastapi import Depends, Query, Response
 
-from modalmotion.facts import NO_FACTS, Facts, facts_patched
+from modalmotion.mesh import NO_FACTS, Facts, facts_patched
+from modalmotion.store import SequenceRecord
 from modalmotion_service.http.bodies import body_of
 from modalmotion_service.http.gate import note_facts
 from modalmotion_service.http.judged_router import JudgedRouter
@@ -104,15 +106,19 @@ async def change_sequence(
         return facts
 
     names = {name: getattr(change, name) for name in ("name", "subject", "label") if name in stated}
+
+    def changed_record(known: SequenceRecord) -> SequenceRecord:
+        return replace(known, **names, facts=changed_facts(known.facts))
+
     current = sequence_id
     if change.restates:
-        current = await restate(asked.state, sequence_id, change, changed_facts)
+        record = await restate(asked.state, sequence_id, change, changed_record)
+        current = record.id
         asked.note(current)
-    record = await asyncio.to_thread(
-        asked.store.update_sequence, current, change=changed_facts, **names
-    )
-    if current != sequence_id:
-        await erase(asked.state, sequence_id)
+    if current == sequence_id:
+        record = await asyncio.to_thread(
+            asked.store.update_sequence, sequence_id, change=changed_facts, **names
+        )
     note_facts(asked.http, changed)
     answer = _summary(asked, SequenceSummary.of(record))
     answer.headers["Content-Location"] = answer.headers["location"]

@@ -6,13 +6,14 @@ import asyncio
 import contextlib
 import json
 from dataclasses import replace
+from importlib.util import find_spec
 from typing import Annotated, Final
 
 from fastapi import Depends, Query, Response
 from fastapi import Request as HttpRequest
 
 from modalmotion.errors import NotFoundError
-from modalmotion.facts import facts_as_json
+from modalmotion.mesh import facts_as_json
 from modalmotion.reports.dicom import require_space
 from modalmotion_service.errors import BusyError
 from modalmotion_service.http.bodies import body_of
@@ -187,7 +188,13 @@ async def _instance(request: HttpRequest) -> SpoolFile:
     return file
 
 
-@router.post("/signatures/{key}/dicom", **answers(ZIP, waits=False), openapi_extra=_DICOM)
+@router.post(
+    "/signatures/{key}/dicom",
+    **answers(ZIP, waits=False),
+    openapi_extra=_DICOM,
+    # Where the extra is absent it is answered 501.
+    include_in_schema=find_spec("highdicom") is not None,
+)
 async def dicom_of_signature(
     key: SignatureKey,
     file: Annotated[SpoolFile, Depends(_instance)],

@@ -13,7 +13,7 @@ from pydantic_core import from_json
 from starlette.datastructures import FormData, QueryParams, UploadFile
 
 from modalmotion.errors import LimitError, MalformedFileError, ParameterError
-from modalmotion.facts import NAMES, NO_FACTS, Facts, column_of, facts_from_texts, is_fact
+from modalmotion.mesh import NAMES, NO_FACTS, Facts, column_of, facts_from_texts, is_fact
 from modalmotion_service.access.principal import principal_of
 from modalmotion_service.http.bodies import checked
 from modalmotion_service.http.forms import received_form

@@ -12,6 +12,7 @@ from starlette.responses import HTMLResponse
 
 from modalmotion.viewer.bundle_files import NOTHING, content_name, script, style
 from modalmotion_service.http.judged_router import JudgedRouter
+from modalmotion_service.http.prefix import PREFIX
 
 pages = JudgedRouter(include_in_schema=False)
 
@@ -23,7 +24,7 @@ _POLICY: Final = (
 _SWAGGER: Final = "https://cdn.jsdelivr.net/npm/swagger-ui-dist@5.35.0"
 _SWAGGER_SCRIPT: Final = "sha384-gjRm0bEPMeTmMh5jT2cHccIwCUZSTd8YC+j0d0sXw0MdGEfScduGpSyF3ZSSLkX9"
 _SWAGGER_STYLE: Final = "sha384-WlYgdmXYOOBWL5apwjDEZwN+U3HmXSSu5R6V5aGxEcf7z+KuRNwBhoxKVN1i3D5I"
-_SHOW: Final = "SwaggerUIBundle({url: '/openapi.json', dom_id: '#docs', deepLinking: true})"
+_SHOW: Final = "SwaggerUIBundle({url: 'openapi.json', dom_id: '#docs', deepLinking: true})"
 _SHOW_DIGEST: Final = base64.b64encode(hashlib.sha256(_SHOW.encode()).digest()).decode()
 _DOCS_POLICY: Final = (
     f"{NOTHING}; script-src {_SWAGGER}/ 'sha256-{_SHOW_DIGEST}'; frame-ancestors 'none'; "
@@ -42,12 +43,13 @@ _FOR_EVER: Final = "public, max-age=31536000, immutable"
 @pages.get("/images/{images_id}", response_class=HTMLResponse)
 def page(request: Request) -> HTMLResponse:
     """Give the page that lists sequences, and shows what its address names."""
+    prefix = request.scope.get(PREFIX, "")
     head = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         "<title>modalmotion</title>"
-        f'<link rel="stylesheet" href="/viewer/{content_name(style())}.css">'
-        f'<script type="module" src="/viewer/{content_name(script())}.js"></script></head>'
+        f'<link rel="stylesheet" href="{prefix}/viewer/{content_name(style())}.css">'
+        f'<script type="module" src="{prefix}/viewer/{content_name(script())}.js"></script></head>'
     )
     is_first = request.url.path.endswith("/")
     shown = f'<div class="home">{_WELCOME}</div>' if is_first else ""
@@ -77,7 +79,7 @@ def docs() -> HTMLResponse:
     return HTMLResponse(
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>modalmotion</title>'
         f'<link rel="stylesheet" href="{_SWAGGER}/swagger-ui.css" {given}"{_SWAGGER_STYLE}">'
-        '</head><body><div id="docs"><a href="/openapi.json">openapi.json</a></div>'
+        '</head><body><div id="docs"><a href="openapi.json">openapi.json</a></div>'
         f'<script src="{_SWAGGER}/swagger-ui-bundle.js" {given}"{_SWAGGER_SCRIPT}"></script>'
         f"<script>{_SHOW}</script></body></html>",
         headers={"Content-Security-Policy": _DOCS_POLICY},

@@ -6,7 +6,6 @@ from typing import Any, Final, Literal
 
 from pydantic import BaseModel, Field
 
-from modalmotion.choice.parameters import parameters_as_json
 from modalmotion.classification import (
     Comparison,
     Evaluation,
@@ -14,6 +13,7 @@ from modalmotion.classification import (
     ModelCard,
 )
 from modalmotion.norm import Norm
+from modalmotion.signature.parameters import parameters_as_json
 from modalmotion.store import KeptModel, ModelRecord
 from modalmotion_service.schemas.fields import Paged
 

@@ -8,26 +8,26 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Type
 
 from pydantic import FailFast, Field, StringConstraints
 
-from modalmotion.choice.parameters import MOST_MODES
 from modalmotion.classification import DEFAULT_MODEL, TrainingOptions
 from modalmotion.classification.model_files import RULE
 from modalmotion.codec import Effort
 from modalmotion.errors import ParameterError
-from modalmotion.facts import NAMES, NO_FACTS, Facts
-from modalmotion.facts.facts import (
+from modalmotion.formats import ReadLimits, ReadOptions
+from modalmotion.mesh import NAMES, NO_FACTS, Facts
+from modalmotion.mesh.facts import (
     LONGEST_MODALITY,
     Cavity,
     CoordinateSystem,
     Handedness,
     Tracking,
 )
-from modalmotion.formats import ReadLimits, ReadOptions
+from modalmotion.signature import MOST_OF_FRONT
 from modalmotion.signature.making import SignatureParameters
+from modalmotion.signature.parameters import MOST_MODES
 from modalmotion.template import GivenLandmarks
 from modalmotion.template.body_frame import Components
 from modalmotion.tracking.landmarks import landmarks_of, places_of
 from modalmotion.tracking.parameters import TrackParameters
-from modalmotion.tradeoff import MOST_OF_FRONT
 from modalmotion_service.schemas.fields import JsonBody, ModelName, Paging, SequenceId
 from modalmotion_service.schemas.from_core import descriptions, model_of, value_of
 

@@ -7,14 +7,14 @@ from typing import Final, Literal
 
 from pydantic import BaseModel, Field
 
-from modalmotion.facts import Facts, facts_as_json
-from modalmotion.facts.facts import (
+from modalmotion.formats import Reading
+from modalmotion.mesh import Facts, facts_as_json
+from modalmotion.mesh.facts import (
     Cavity,
     CoordinateSystem,
     Handedness,
     Tracking,
 )
-from modalmotion.formats import Reading
 from modalmotion.store import ImagesRecord, SequenceRecord
 from modalmotion_service.schemas.fields import Paged
 from modalmotion_service.schemas.from_core import descriptions

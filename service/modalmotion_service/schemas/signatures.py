@@ -8,19 +8,19 @@ from typing import Literal
 from pydantic import BaseModel, Field
 from pydantic_core import from_json
 
-from modalmotion.choice.parameters import (
-    SignatureKind,
-    parameters_as_json,
-)
-from modalmotion.choice.scene import SceneKind
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.modes import ModeLabel
 from modalmotion.modes.topology import MESH
+from modalmotion.signature import Price, price_of
+from modalmotion.signature.fitter import SceneKind
 from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.parameters import (
+    SignatureKind,
+    parameters_as_json,
+)
 from modalmotion.template import Landmarks, Template
 from modalmotion.template.body_frame import Components
 from modalmotion.template.vibration_modes import VibrationModes
-from modalmotion.tradeoff import Price, price_of
 from modalmotion_service.schemas.fields import Paged
 from modalmotion_service.schemas.sequences import FactsAnswer
 

@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.errors import InputError
-from modalmotion.exports.surfaces import SurfaceFormat
+from modalmotion.exports.signature_pack import SurfaceFormat
 from modalmotion.formats.detect import Format, detect_format
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
-from modalmotion.tradeoff.predicted_time import (
+from modalmotion.signature.predicted_time import (
     most_modes,
     reading_seconds,
     signature_seconds,
     spring_seconds,
 )
+from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
 from modalmotion_service.http.negotiation import PNG
 from modalmotion_service.schemas.requests import EncodingTarget, ModesRequest
 from modalmotion_service.work.engine import Terms

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.errors import InputError, LimitError
-from modalmotion.facts import NO_FACTS, Facts, facts_as_json, facts_from_json
 from modalmotion.formats import Reading, ReadOptions, read_sequence
 from modalmotion.formats.frames.frame import SIGNATURE, TRACK
 from modalmotion.formats.volumes import read_images
 from modalmotion.images import ImageSequence
+from modalmotion.mesh import NO_FACTS, Facts, facts_as_json, facts_from_json
 from modalmotion.progress import Progress
 from modalmotion.tracking.reading import Recorded, read_observed
 from modalmotion_service.work.parsing import parser_for

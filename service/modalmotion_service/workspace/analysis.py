@@ -12,12 +12,12 @@ from typing import Final
 
 from pydantic_core import from_json
 
-from modalmotion.choice.parameters import parameters_from_json
 from modalmotion.errors import LostFileError, NotFoundError, ParameterError
-from modalmotion.facts import Facts, facts_as_json
+from modalmotion.mesh import Facts, facts_as_json
 from modalmotion.modes.topology import SPHERE
+from modalmotion.progress import StageReport
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.stopwatch import StageReport
+from modalmotion.signature.parameters import parameters_from_json
 from modalmotion.store import SequenceRecord
 from modalmotion_service.errors import ConflictError
 from modalmotion_service.http.timing import add_milliseconds, stage

@@ -27,10 +27,10 @@ async def erase(state: State, sequence_id: str) -> None:
     """
     await asyncio.to_thread(state.store.sequence_record, sequence_id)
     # Before the sequence itself: what fails here, or is cut short, is done by the next call.
-    await _forget(state, sequence_id)
+    await forget(state, sequence_id)
     await asyncio.to_thread(state.store.delete_sequence, sequence_id)
     # Again, for jobs that were made meanwhile.
-    await _forget(state, sequence_id)
+    await forget(state, sequence_id)
 
 
 async def erase_images(state: State, images_id: str) -> None:
@@ -50,7 +50,8 @@ async def erase_images(state: State, images_id: str) -> None:
     await asyncio.to_thread(state.images.forget, images_id)
 
 
-async def _forget(state: State, sequence_id: str) -> None:
+async def forget(state: State, sequence_id: str) -> None:
+    """End and forget jobs about a sequence, with their files, and stored answers about it."""
     # A track has the id of its sequence.
     for kind in ("sequences", "tracks", "signatures"):
         await _forget_at(state, sequence_id, f"/v1/{kind}/{sequence_id}")

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from modalmotion.classification.evaluation import CaseAnswer
 from modalmotion.errors import NotFoundError, ParameterError
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 from modalmotion.store import ResultStore
 from modalmotion_service.work.tasks import evaluation
 from modalmotion_service.workspace.analysis import Analysis

@@ -10,9 +10,9 @@ from typing import Any
 from modalmotion.classification import CaseFile, TrainingOptions
 from modalmotion.classification.cases import UNUSABLE, LeftOut, case_name, named
 from modalmotion.errors import ModeCountError, TopologyError, UnlikeCasesError
-from modalmotion.facts import Named
+from modalmotion.mesh import Named
+from modalmotion.progress import StageReport
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.stopwatch import StageReport
 from modalmotion_service.errors import CostError
 from modalmotion_service.work.tasks import features
 from modalmotion_service.workspace.analysis import Analysis

@@ -9,7 +9,7 @@ from datetime import UTC, datetime, timedelta
 from functools import partial
 
 from modalmotion.errors import NotFoundError
-from modalmotion.stopwatch import StageReport
+from modalmotion.progress import StageReport
 from modalmotion.store import ImagesRecord, ResultStore
 from modalmotion.store.index.cursor import to_text
 from modalmotion_service.http.timing import add_milliseconds, stage

@@ -10,10 +10,10 @@ from typing import Final
 
 from modalmotion.classification import OFFSET_MODEL, Classification
 from modalmotion.errors import NotFoundError, TopologyError
-from modalmotion.facts import NO_FACTS, UNKNOWN, Facts
 from modalmotion.hdf5.sealed import is_sound
+from modalmotion.mesh import NO_FACTS, UNKNOWN, Facts
+from modalmotion.progress import StageReport
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.stopwatch import StageReport
 from modalmotion.store import KeptModel, ResultStore, classification_key, parse_reference
 from modalmotion_service.http.timing import stage
 from modalmotion_service.schemas.requests import ClassificationRequest

@@ -19,11 +19,11 @@ from modalmotion.errors import (
     TopologyError,
     UnlikeCasesError,
 )
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 from modalmotion.norm import Norm
 from modalmotion.norm.norm import parameters_of_controls
+from modalmotion.progress import StageReport
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.stopwatch import StageReport
 from modalmotion.store import ResultStore
 from modalmotion_service.errors import ConflictError
 from modalmotion_service.schemas.models import CohortDeviationAnswer

@@ -16,7 +16,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from modalmotion.errors import LostFileError
-from modalmotion.facts import NO_FACTS, Facts, facts_as_json, facts_from_json
+from modalmotion.mesh import NO_FACTS, Facts, facts_as_json, facts_from_json
 from modalmotion_service.http.negotiation import JSON
 from modalmotion_service.http.preferences import Preference
 from modalmotion_service.schemas.fields import JsonBody

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
+from modalmotion.progress import StageReport
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.stopwatch import StageReport
 from modalmotion.store import ResultStore
 from modalmotion_service.work.engine import Engine
 from modalmotion_service.work.owner import work_of

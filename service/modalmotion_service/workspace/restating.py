@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import Callable
 from typing import Any
 
-from modalmotion.errors import NotFoundError
-from modalmotion.facts import Facts
+from modalmotion.store import SequenceRecord
 from modalmotion_service.http.timing import stage
 from modalmotion_service.schemas.requests import SequenceChange
 from modalmotion_service.work.tasks.sequences import restated
+from modalmotion_service.workspace.erasure import forget
 from modalmotion_service.workspace.state import State
 
 
 async def restate(
-    state: State, sequence_id: str, stated: SequenceChange, change: Callable[[Facts], Facts]
-) -> str:
-    """Store a sequence again with what is stated, its track with it; give the id of that.
+    state: State,
+    sequence_id: str,
+    stated: SequenceChange,
+    change: Callable[[SequenceRecord], SequenceRecord],
+) -> SequenceRecord:
+    """Put a sequence with what is stated in the place of another, its track with it.
 
-    Name, subject, label and facts come along, and images that were kept; the old one stays, for
-    the caller to delete.
+    Images that were kept for it stay, and jobs and answers about the old one go.
 
     Parameters
     ----------
@@ -30,7 +31,7 @@ async def restate(
     stated : SequenceChange
         Unit and times that it does not state stay.
     change : callable
-        What becomes of its facts.
+        Makes of its record that of the new one: name, subject, label and facts.
 
     Raises
     ------
@@ -42,11 +43,8 @@ async def restate(
     store = state.store
     known = await asyncio.to_thread(store.sequence_record, sequence_id)
     path = await asyncio.to_thread(store.sequence_path, sequence_id)
-    track = None
-    with contextlib.suppress(NotFoundError):
-        track = await asyncio.to_thread(store.track_path, sequence_id)
-    images_id = await asyncio.to_thread(store.images_id_of_track, sequence_id)
-    facts = change(known.facts)
+    track = state.analysis.track_path(sequence_id)
+    facts = change(known).facts
     what: dict[str, Any] = {
         name: getattr(stated, name) for name in ("unit", "times") if name in stated.model_fields_set
     }
@@ -55,19 +53,14 @@ async def restate(
             record = await state.analysis.work(
                 restated, path, track, what, facts, sequence, tracked
             )
+        if record.id == sequence_id:
+            return known
+        made = None if track is None else tracked
+        await forget(state, sequence_id)
         with stage("store"):
-            if track is None:
-                await asyncio.to_thread(store.put_sequence_image, sequence, record)
-            else:
-                await asyncio.to_thread(store.put_track_images, sequence, tracked, record)
-    await asyncio.to_thread(
-        store.update_sequence,
-        record.id,
-        name=known.name,
-        subject=known.subject,
-        label=known.label,
-        change=lambda _: facts,
-    )
-    if images_id is not None and record.id != sequence_id:
-        await asyncio.to_thread(store.keep_images, images_id, record.id)
-    return record.id
+            record = await asyncio.to_thread(
+                store.replace_sequence, sequence_id, sequence, record, change, made
+            )
+        # Again, for jobs that were made meanwhile.
+        await forget(state, sequence_id)
+    return record

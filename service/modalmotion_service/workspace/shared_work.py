@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Hashable
 from typing import Any, TypeVar
 
-from modalmotion.stopwatch import StageReport
+from modalmotion.progress import StageReport
 
 T = TypeVar("T")
 

@@ -6,9 +6,9 @@ import asyncio
 from dataclasses import asdict, replace
 from typing import Final
 
-from modalmotion.exports.surfaces import SurfaceFormat
-from modalmotion.facts import Facts
-from modalmotion.stopwatch import StageReport
+from modalmotion.exports.signature_pack import SurfaceFormat
+from modalmotion.mesh import Facts
+from modalmotion.progress import StageReport
 from modalmotion_service.http.negotiation import (
     CSV,
     FHIR,

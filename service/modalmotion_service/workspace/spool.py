@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
-from modalmotion.facts import NO_FACTS, Facts
+from modalmotion.mesh import NO_FACTS, Facts
 from modalmotion.store.disk.atomic import (
     cannot_write,
     make_folder,

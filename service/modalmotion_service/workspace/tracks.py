@@ -6,7 +6,7 @@ import asyncio
 from dataclasses import dataclass
 from pathlib import Path
 
-from modalmotion.stopwatch import StageReport
+from modalmotion.progress import StageReport
 from modalmotion.store import ResultStore, SequenceRecord
 from modalmotion.tracking.parameters import TrackParameters
 from modalmotion_service.http.timing import add_milliseconds, stage

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.errors import LimitError, NotFoundError, ParameterError
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 from modalmotion.store import ResultStore
 from modalmotion.store.disk.atomic import cannot_write
 from modalmotion.store.record import require_name

@@ -128,6 +128,17 @@ def test_what_is_clear_is_taken_as_it_is_meant(tmp_path: Path) -> None:
     assert mm.decode(beat().encode(max_error=0.1)).n_frames == 4  # type: ignore[arg-type]
 
 
+def test_a_path_is_classified_as_the_sequence_in_it_is(tmp_path: Path) -> None:
+    # No tracking is stated, so a model of normal displacements reads it: a signature with the usual
+    # parameters would be one of another kind.
+    still = mm.simulate_ventricle()
+    sequence = mm.mesh_sequence(still.vertices, still.faces, unit="mm")
+    (tmp_path / "beat.npz").write_bytes(mm.write_npz(sequence))
+    found = mm.classify(str(tmp_path / "beat.npz"))  # type: ignore[arg-type]
+    assert found.flags == ()
+    assert (found.label, found.model) == (sequence.classify().label, sequence.classify().model)
+
+
 def test_an_array_is_a_sequence_without_faces(tmp_path: Path) -> None:
     # A ring of points is a curve; of a surface the error asks for its faces.
     at = np.linspace(0, 2 * np.pi, 12, endpoint=False)

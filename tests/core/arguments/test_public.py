@@ -17,8 +17,8 @@ def test_names_are_those_that_type_checkers_read(tmp_path: Path) -> None:
     path = tmp_path / "__init__.py"
     path.write_text(
         "if TYPE_CHECKING:\n"
-        "    from modalmotion.numerals import numeral as numeral\n"
-        "    from modalmotion.numerals import (\n        counted as counted,\n    )\n"
+        "    from modalmotion.representation import numeral as numeral\n"
+        "    from modalmotion.representation import (\n        counted as counted,\n    )\n"
         "    from elsewhere import other as other\n"
     )
     package = {"__file__": str(path), "__name__": "made_up"}
@@ -27,6 +27,13 @@ def test_names_are_those_that_type_checkers_read(tmp_path: Path) -> None:
     assert get("numeral") is package["numeral"]
     with pytest.raises(AttributeError, match="'made_up' has no attribute 'other'"):
         get("other")
+
+
+def test_packages_within_are_found_by_their_names() -> None:
+    # In a process of its own: here others have imported them.
+    code = "import modalmotion as mm; print(mm.simulate.__name__, mm.tracking.track.__name__)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["modalmotion.simulate", "track"]
 
 
 def test_the_store_hands_out_all_that_it_names() -> None:

@@ -19,7 +19,7 @@ from modalmotion.classification import (
 )
 from modalmotion.classification.model_files import kept_model, numbered
 from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 
 
 def test_a_model_comes_back_with_the_same_answers(tmp_path: Path) -> None:

@@ -157,7 +157,7 @@ def test_classify_says_what_the_library_says(folder: Path, tmp_path: Path) -> No
     assert (answer["label"], answer["class_set"]) == (own.label, list(own.class_set))
     assert answer["sequence_id"] == sequence.id
     text = succeed(*asked, "--plot", plot).output
-    assert "cannot be ruled out at 80 %" in text
+    assert "cannot be excluded at 80 %" in text
     assert all(label in text for label in model.classes)
     assert plot.read_bytes().startswith(b"\x89PNG")
 

@@ -99,7 +99,7 @@ def test_a_report_has_no_words_of_the_command_line(tmp_path: Path) -> None:
     path = tmp_path / "beat.npz"
     path.write_bytes(write_npz(replace(beat(1), times=None)))
     result = run(path, "-o", tmp_path / "x.json")
-    assert "State times or the interval of frames." in result.output
+    assert "Give the times or the interval of the frames." in result.output
     assert "--" not in result.output
     assert b"--" not in (tmp_path / "x.json").read_bytes()
 

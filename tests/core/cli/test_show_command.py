@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from viewed_surfaces import viewed
@@ -14,8 +15,11 @@ from viewed_surfaces import viewed
 from modalmotion.classification import classify
 from modalmotion.classification.model_files import load_model
 from modalmotion.cli import main
+from modalmotion.cli.commands import COMMANDS, MEANT
 from modalmotion.codec import encode
 from modalmotion.formats import write_npz
+from modalmotion.formats.volumes.nifti import write_nifti
+from modalmotion.images import ImageSequence, Volume
 from modalmotion.simulate import simulate_ventricle
 from modalmotion.store import (
     classification_to_hdf5,
@@ -74,15 +78,35 @@ def test_each_kind_of_file_says_what_it_is(
     assert {key: content[key] for key in stated} == stated
 
 
+def test_folders_of_frames_and_label_maps_are_shown(tmp_path: Path) -> None:
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    for k, points in enumerate(np.random.default_rng(1).normal(size=(3, 12, 3))):
+        lines = [f"v {x} {y} {z}" for x, y, z in points] + ["f 1 2 3", "f 2 3 4"]
+        (frames / f"a_{k}.obj").write_text("\n".join(lines))
+    content = shown(frames)
+    assert (content["holds"], content["frames"], content["vertices"]) == ("moving surface", 3, 12)
+    labels = np.zeros((20, 21, 22), dtype=np.uint8)
+    labels[4:14, 4:14, 4:14] = 3
+    labelled = ImageSequence((Volume(labels, 2.0 * np.eye(3, 4)),) * 2)
+    (tmp_path / "map.nii.gz").write_bytes(write_nifti(labelled))
+    content = shown(tmp_path / "map.nii.gz")
+    assert (content["holds"], content["frames"], content["labels"]) == ("label map", 2, "3: 8 ml")
+    assert content["voxels"] == [20, 21, 22]
+
+
 def test_what_is_neither_is_refused_in_words(tmp_path: Path) -> None:
     path = tmp_path / "letter.txt"
     path.write_text("Dear all")
     run = CliRunner().invoke(main, ["show", str(path)])
     assert run.exit_code == 1
-    assert "neither a file of modalmotion's nor a moving surface" in run.output
+    assert "neither a file of modalmotion nor a moving surface" in run.output
 
 
 def test_a_mistyped_command_is_answered_with_the_intended_one() -> None:
     run = CliRunner().invoke(main, ["signatur"])
     assert run.exit_code == 2
     assert "Did you mean signature" in run.output
+    for name, meant in MEANT.items():
+        assert f"Did you mean {meant}?" in CliRunner().invoke(main, [name]).output
+        assert meant == "--help" or meant.split()[0] in COMMANDS

@@ -12,7 +12,7 @@ from modalmotion.classification.manifest import read_manifest
 from modalmotion.cli import main
 from modalmotion.cli.stated_facts import stated_facts
 from modalmotion.errors import MalformedFileError
-from modalmotion.facts import facts_from_json
+from modalmotion.mesh import facts_from_json
 from modalmotion.signature.hdf5 import signature_from_hdf5
 
 ALL = ["--tracking", "OFFSET", "--handedness", "right", "--coordinates", "LPS", "--period", "2"]

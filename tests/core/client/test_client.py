@@ -28,7 +28,7 @@ from modalmotion.client.errors import error_of_answer, remote_error
 from modalmotion.client.retries import retry_after
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.representation import LONGEST_LINE
-from modalmotion.signature.comparison import compare
+from modalmotion.signature.distance import compare
 
 
 @pytest.fixture(scope="module")

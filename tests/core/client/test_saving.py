@@ -20,7 +20,7 @@ def unreached() -> Iterator[Client]:
 
 
 @pytest.mark.parametrize(
-    ("what", "suffix"), [(k, s) for k, one in SAVED.items() for s in one.forms]
+    ("what", "suffix"), [(k, s) for k, (_, suffixes) in SAVED.items() for s in suffixes]
 )
 def test_a_place_that_cannot_be_written_costs_no_request(
     what: str, suffix: str, unreached: Client, tmp_path: Path

@@ -12,11 +12,11 @@ import numpy as np
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.strain_of import strain
 from modalmotion.clinical.ventricle import ventricle_readouts
-from modalmotion.exports.table import Recording, cohort_table, frame_table
+from modalmotion.exports.tables import Recording, cohort_table, frame_table
+from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.mesh.uncertainty import Uncertainty
 from modalmotion.reports import fhir_json, report_of
-from modalmotion.reports.quantities import quantities_of
+from modalmotion.reports.content import quantities_of
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template import make_template

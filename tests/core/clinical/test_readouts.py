@@ -17,12 +17,11 @@ from template_surfaces import MAKERS
 
 from modalmotion.clinical import Fraction, VolumeCurve, clinical_readouts
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.facts import Facts
-from modalmotion.mesh import Cavity, oriented_faces
+from modalmotion.mesh import Cavity, Facts, oriented_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.pictures.readouts import volume_figure
-from modalmotion.signature.interpolation import at_times
 from modalmotion.signature.making import modal_signature
+from modalmotion.signature.reconstruction import at_times
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 from modalmotion.template import make_template
 from modalmotion.template.body_frame import Components

@@ -15,10 +15,10 @@ import modalmotion as mm
 from modalmotion.clinical.segments import RINGS, SEGMENTS
 from modalmotion.clinical.strain import Strain, wall_strain
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
+from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
-from modalmotion.mesh.uncertainty import Uncertainty
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, TORUS
 from modalmotion.simulate import Acquisition, simulate_ventricle

@@ -9,7 +9,7 @@ import pytest
 
 from modalmotion.clinical.torsion import Torsion, torsion
 from modalmotion.errors import ParameterError
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice

@@ -10,7 +10,7 @@ from viewed_surfaces import viewed
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.plain import ventricle_json
 from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_readouts
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 
 
 def read(name: str, facts: Facts) -> VentricleReadouts:

@@ -9,9 +9,9 @@ from codec_sequences import jointed
 from numpy.typing import NDArray
 
 from modalmotion.codec import Effort, decode, encode, encoder
-from modalmotion.codec import faces as codec_faces
-from modalmotion.codec import transforms as codec_choice
-from modalmotion.codec.modes.patch_modes import Cut
+from modalmotion.codec import container as codec_faces
+from modalmotion.codec import frames as codec_choice
+from modalmotion.codec.spatial_modes import Cut
 from modalmotion.codec.temporal import Temporal
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence

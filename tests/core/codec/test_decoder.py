@@ -24,12 +24,10 @@ from codec_sequences import (
 )
 
 from modalmotion.codec import Effort, decode, encode
-from modalmotion.codec import transforms as codec_choice
-from modalmotion.codec.coder import read_varint, write_varint
-from modalmotion.codec.modes import joined
-from modalmotion.codec.modes.modes_section import read_modes
-from modalmotion.codec.modes.patch_modes import Cut
-from modalmotion.codec.rounding import find_guards
+from modalmotion.codec import frames as codec_choice
+from modalmotion.codec import joined_modes as joined
+from modalmotion.codec.coder import find_guards, read_varint, write_varint
+from modalmotion.codec.spatial_modes import Cut, read_modes
 from modalmotion.errors import LimitError, MalformedFileError, ParameterError
 from modalmotion.limits import NO_LIMITS, ReadLimits
 
@@ -149,7 +147,7 @@ def test_foreign_and_future_streams_are_refused_by_name(rng: np.random.Generator
 def test_a_basis_that_differs_is_refused(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from modalmotion.codec.modes.patch_modes import PatchModes
+    from modalmotion.codec.spatial_modes import PatchModes
 
     data = encode(small_mesh_of_tube(rng), rms=0.3).data
     probe = PatchModes.probe

@@ -125,13 +125,27 @@ def test_modes_beat_what_a_coarse_stream_of_numbers_takes(rng: np.random.Generat
 
 
 @pytest.mark.parametrize(
-    "asked", [{}, {"rms": 0.1, "n_bytes": 10}, {"rms": -1.0}, {"max_error": float("nan")}]
+    "asked", [{"rms": 0.1, "n_bytes": 10}, {"rms": -1.0}, {"max_error": float("nan")}]
 )
 def test_a_target_that_makes_no_sense_is_refused(
     asked: dict[str, Any], rng: np.random.Generator
 ) -> None:
     with pytest.raises(ParameterError):
         encode(lattice_sequence(rng), **asked)
+
+
+def test_without_a_target_no_vertex_moves_by_more_than_a_share_of_the_diagonal(
+    rng: np.random.Generator,
+) -> None:
+    sequence = lattice_sequence(rng)
+    positions = sequence.vertices.reshape(-1, 3)
+    most = 0.003 * float(np.linalg.norm(np.ptp(positions.astype(np.float64), axis=0)))
+    encoded = encode(sequence)
+    assert 0.5 * most < encoded.max_error <= most
+    assert encoded.data == encode(sequence, max_error=most).data
+    # All vertices in one place: nothing is lost.
+    still = mesh_sequence(np.ones((2, 6, 3)), grid=(2, 3), topology="plane")
+    assert encode(still).max_error == 0.0
 
 
 def test_an_unknown_effort_is_refused(rng: np.random.Generator) -> None:

@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 from text_of_faces import walk
 
-from modalmotion.codec import faces as codec_faces
+from modalmotion.codec import container as codec_faces
 from modalmotion.codec.coder import Coder
-from modalmotion.codec.faces import read_faces, write_faces
+from modalmotion.codec.container import read_faces, write_faces
 from modalmotion.errors import MalformedFileError
 from modalmotion.mesh import lattice_faces
 from modalmotion.modes.topology import CYLINDER, TORUS

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import scipy
 
-from modalmotion.codec import fourier
-from modalmotion.codec.modes import lattice_modes
+from modalmotion.codec import spatial_modes as lattice_modes
+from modalmotion.codec import temporal as fourier
 from modalmotion.modes.topology import CUP
 
 

@@ -7,11 +7,9 @@ import pytest
 from codec_sequences import jointed
 
 from modalmotion.codec import Effort
-from modalmotion.codec.blocking import ModalBlock, attempt
-from modalmotion.codec.quantiser import MOST_STEPS, is_countable, quantise
-from modalmotion.codec.search import coarsest
-from modalmotion.codec.temporal import Temporal
-from modalmotion.codec.transforms import choose
+from modalmotion.codec.frames import choose
+from modalmotion.codec.search import ModalBlock, attempt, coarsest
+from modalmotion.codec.temporal import MOST_STEPS, Temporal, is_countable, quantise
 
 
 def test_numbers_are_whole_as_long_as_they_count_as_countable(rng: np.random.Generator) -> None:

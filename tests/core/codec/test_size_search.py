@@ -10,7 +10,7 @@ import pytest
 from codec_sequences import lattice_sequence
 
 from modalmotion.codec import encode, encoder
-from modalmotion.codec.size_search import FULL_ENOUGH, MOST_TRIALS, try_sizes
+from modalmotion.codec.search import FULL_ENOUGH, MOST_TRIALS, try_sizes
 from modalmotion.mesh.sequence import mesh_sequence
 
 BRACKET = (-23.0, 2.0)

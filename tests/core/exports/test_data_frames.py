@@ -11,8 +11,7 @@ from viewed_surfaces import viewed
 
 from modalmotion.clinical import clinical_readouts
 from modalmotion.errors import MissingExtraError
-from modalmotion.exports.data_frames import to_dataframe, to_xarray
-from modalmotion.exports.table import frame_table
+from modalmotion.exports.tables import frame_table, to_dataframe, to_xarray
 
 
 def test_a_data_frame_turns_back_into_the_array() -> None:

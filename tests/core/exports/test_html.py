@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from viewed_surfaces import VIEWED, viewed
 
-from modalmotion.alignment.rigid import Rotations
-from modalmotion.exports.html import to_html
+from modalmotion.exports.plotting import to_html
+from modalmotion.mesh.alignment import Rotations
 
 
 class Tags(HTMLParser):

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from modalmotion.errors import ParameterError
-from modalmotion.exports.modal_animation import modal_animation
+from modalmotion.exports.animation import modal_animation
 from modalmotion.formats import read_sequence, write_glb
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CYLINDER
-from modalmotion.signature.interpolation import at_times
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
-from modalmotion.signature.reconstruction import reconstruct
+from modalmotion.signature.reconstruction import at_times, reconstruct
 
 SHAPE = (9, 16)
 

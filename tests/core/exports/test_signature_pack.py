@@ -156,7 +156,7 @@ def test_an_export_without_a_sound_signature_writes_nothing(root: Path, tmp_path
         export(root, tmp_path / "out.h5")
     with ResultStore(tmp_path / "empty"):
         pass
-    with pytest.raises(NotFoundError, match="holds no signatures"):
+    with pytest.raises(NotFoundError, match="has no signatures"):
         export(tmp_path / "empty", tmp_path / "out.h5")
     assert not (tmp_path / "out.h5").exists()
 

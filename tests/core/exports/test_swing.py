@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from modalmotion.errors import LimitError, ParameterError
-from modalmotion.exports.swing import one_by_one, swing
+from modalmotion.exports.animation import one_by_one, swing
 from modalmotion.formats import read_sequence, write_glb
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.naming import parse_label
+from modalmotion.modes.order import parse_label
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.template import Template, make_template
-from modalmotion.template.directions import Direction, directions_on
+from modalmotion.template.body_frame import Direction, directions_on
 from modalmotion.template.vibration_modes import VibrationModes, surface_modes_named
 
 
@@ -105,7 +105,7 @@ def test_what_cannot_be_shown_is_refused(tube: Template, monkeypatch: pytest.Mon
         swing(tube, modes, np.ones(1), x, n_frames=10_001)
     assert caught.value.limit == "frames"
     small = replace(DEFAULT_LIMITS, decompressed_bytes=10 * tube.vertices.nbytes)
-    monkeypatch.setattr("modalmotion.exports.swing.DEFAULT_LIMITS", small)
+    monkeypatch.setattr("modalmotion.exports.animation.DEFAULT_LIMITS", small)
     swing(tube, modes, np.ones(1), x, n_frames=10).sequence()
     with pytest.raises(LimitError, match="GLB"):
         swing(tube, modes, np.ones(1), x, n_frames=11).sequence()

@@ -12,14 +12,14 @@ from viewed_surfaces import viewed
 
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.ventricle import ventricle_readouts
-from modalmotion.exports.table import (
+from modalmotion.exports.tables import (
     Recording,
     Table,
     amplitude_table,
     cohort_table,
     frame_table,
 )
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 
 
 @pytest.mark.parametrize(

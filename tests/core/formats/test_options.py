@@ -10,12 +10,10 @@ import pytest
 from click.testing import CliRunner
 
 from modalmotion.cli.commands import main
-from modalmotion.codec import encode
 from modalmotion.errors import (
     ConnectivityError,
     MalformedFileError,
     NonFiniteError,
-    ParameterError,
     StoreError,
     TopologyError,
 )
@@ -106,11 +104,6 @@ def test_names_that_differ_in_more_than_a_number_are_left_alone() -> None:
 def test_a_missing_folder_is_named(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="no folder 'nowhere'"):
         write_atomic(tmp_path / "nowhere" / "beat.h5", b"")
-
-
-def test_an_encoding_without_a_target_is_told_its_names() -> None:
-    with pytest.raises(ParameterError, match=r"Neither .* Ask for one of rms, max_error and bytes"):
-        encode(mesh_sequence(VERTICES, unit="mm"))
 
 
 FACES = np.random.default_rng(4).permutation(48).reshape(-1, 3)

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from store_samples import assert_same, sample_classification, sample_sequence, sample_signature
 
-from modalmotion.alignment.rigid import Rotations
 from modalmotion.classification.answer import Classification
 from modalmotion.errors import StoreError
 from modalmotion.hdf5.image import (
@@ -28,6 +27,7 @@ from modalmotion.hdf5.image import (
     write_image,
 )
 from modalmotion.hdf5.sealed import SEAL_LENGTH
+from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence, mesh_sequence
 from modalmotion.mesh.spring_modes import SpringModes
 from modalmotion.modes import Modes, lowest_modes

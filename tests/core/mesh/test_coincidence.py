@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from modalmotion.mesh import coincidence
+from modalmotion.mesh import sequence as sequence_module
 from modalmotion.mesh.checks import FloatArray
-from modalmotion.mesh.coincidence import first_at_place
+from modalmotion.mesh.sequence import first_at_place
 
 # Few values, so that vertices meet in some frames and part in others.
 _PATHS = arrays(
@@ -34,7 +34,7 @@ def test_it_is_what_comparing_each_with_each_finds(vertices: FloatArray) -> None
 @given(_PATHS)
 def test_places_of_the_same_hash_are_told_apart(vertices: FloatArray) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(coincidence, "_hashes", lambda x: np.zeros(len(x), dtype=np.uint64))
+        patch.setattr(sequence_module, "_hashes", lambda x: np.zeros(len(x), dtype=np.uint64))
         assert first_at_place(vertices).tolist() == slowly(vertices)
 
 

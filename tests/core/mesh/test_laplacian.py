@@ -20,7 +20,7 @@ from modalmotion.mesh import (
     solve_positive_definite,
     vertex_areas,
 )
-from modalmotion.mesh.connectivity import connectivity_of
+from modalmotion.mesh.triangles import connectivity_of
 
 
 def naive_stiffness(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

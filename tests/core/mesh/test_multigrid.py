@@ -9,8 +9,8 @@ from template_remeshing import subdivided
 from template_surfaces import make_ventricle
 from threadpoolctl import threadpool_limits
 
-from modalmotion.mesh import cotangent_laplacian, dissection, multigrid, solve_positive_definite
-from modalmotion.mesh.multigrid import solve_by_multigrid
+from modalmotion.mesh import cotangent_laplacian, laplacian, solve_positive_definite
+from modalmotion.mesh.laplacian import solve_by_multigrid
 
 Floats = np.ndarray
 
@@ -59,7 +59,7 @@ def test_large_systems_take_it_where_it_is_there(monkeypatch: pytest.MonkeyPatch
         return factored(matrix, **options)
 
     monkeypatch.setattr(scipy.sparse.linalg, "splu", noted)
-    monkeypatch.setattr(dissection, "LARGE", 1000)
+    monkeypatch.setattr(laplacian, "LARGE", 1000)
     found = solve_positive_definite(matrix, right, place)
     # Nothing larger than the coarsest level was factored.
     assert max(sizes) <= 500
@@ -72,8 +72,8 @@ def test_what_converges_too_slowly_is_solved_directly(
 ) -> None:
     matrix, right, place = ventricle()
     direct = solve_positive_definite(matrix, right, place)
-    monkeypatch.setattr(multigrid, name, value)
-    monkeypatch.setattr(dissection, "LARGE", 1000)
+    monkeypatch.setattr(laplacian, name, value)
+    monkeypatch.setattr(laplacian, "LARGE", 1000)
     assert solve_by_multigrid(matrix, right) is None
     assert (solve_positive_definite(matrix, right, place) == direct).all()
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from modalmotion.mesh.space_order import space_order
+from modalmotion.mesh.laplacian import space_order
 
 
 def test_neighbours_in_space_are_near_in_the_order() -> None:

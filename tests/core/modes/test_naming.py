@@ -6,7 +6,7 @@ import pytest
 
 from modalmotion.errors import ParameterError
 from modalmotion.modes import ModeLabel, lowest_modes
-from modalmotion.modes.naming import modes_named, parse_label
+from modalmotion.modes.order import modes_named, parse_label
 from modalmotion.modes.topology import CUP, CYLINDER, OPEN_CURVE, PLANE, SPHERE, TORUS, Topology
 
 ALL = (OPEN_CURVE, PLANE, CYLINDER, TORUS, CUP, SPHERE, Topology.parse("closed x closed x closed"))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from modalmotion.numeric.cholesky import gram, inverse_of_cholesky
+from modalmotion.numeric.products import gram, inverse_of_cholesky
 
 
 def definite(n: int, rng: np.random.Generator) -> np.ndarray:

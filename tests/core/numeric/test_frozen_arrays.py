@@ -18,7 +18,7 @@ from classify_samples import small_model
 
 import modalmotion as mm
 from modalmotion.classification import TrainingCase, TrainingOptions, classify
-from modalmotion.numeric.frozen_arrays import FrozenArrays
+from modalmotion.representation import FrozenArrays
 
 FACTS = mm.Facts(period=2.0, landmarks={"apex": 3}, covariates={"age": 61, "sex": "f"})
 

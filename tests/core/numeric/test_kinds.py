@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import modalmotion as mm
-from modalmotion.choice.parameters import ErrorKind
+from modalmotion.arguments.checking import one_of, real, truth, whole, whole_numbers
 from modalmotion.codec import encode
 from modalmotion.modes import whole_count
-from modalmotion.numeric.kinds import one_of, real, truth, whole, whole_numbers
-from modalmotion.tradeoff import measure_front
+from modalmotion.signature import measure_front
+from modalmotion.signature.parameters import ErrorKind
 
 P: Any = mm.SignatureParameters
 MAKE: Any = mm.make_template

@@ -11,13 +11,14 @@ from modalmotion.numeric.products import (
     LARGEST_SINGLE_THREADED,
     LARGEST_WITH_VECTOR,
     along,
+    exceeded_by_a_twentieth,
+    inverse_of_triangle,
     product,
     second_moments,
+    tall_qr,
     tile,
     weighted_sum,
 )
-from modalmotion.numeric.qr import inverse_of_triangle, tall_qr
-from modalmotion.numeric.quantile import exceeded_by_a_twentieth
 
 SIZES = st.integers(1, 3000)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from modalmotion.numeric.scale import power_of_two, root_mean_square
+from modalmotion.numeric.products import power_of_two, root_mean_square
 
 
 @pytest.mark.parametrize("size", [1e-300, 2.0**-1000, 0.3, 1.0, 7.0, 2.0**200, 1e300])

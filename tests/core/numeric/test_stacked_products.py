@@ -21,7 +21,7 @@ from modalmotion.modes.topology import (
     Topology,
 )
 from modalmotion.modes.transform import project, project_all, superpose, superpose_all
-from modalmotion.numeric.stacked_products import multiply
+from modalmotion.numeric.products import multiply
 
 FloatArray = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.patches import Wedge
 
 from modalmotion.clinical.segments import RINGS, SEGMENTS, RegionalMotion
-from modalmotion.pictures.bulls_eye import bulls_eye_figure
+from modalmotion.pictures.readouts import bulls_eye_figure
 
 
 def motion(names: tuple[str, ...], reason: str = "") -> RegionalMotion:

@@ -9,8 +9,8 @@ import pytest
 from ellipsoid_images import LANDMARKS, RADIUS, planes, volume
 
 from modalmotion.images import ImageSequence, PlaneSet, Volume
-from modalmotion.mesh.plane_section import Edges
-from modalmotion.pictures.image_overlay import contours_in, overlay_figure
+from modalmotion.mesh.normal_lines import Edges
+from modalmotion.pictures.track import contours_in, overlay_figure
 from modalmotion.tracking import track
 
 

@@ -12,8 +12,7 @@ from matplotlib.image import imread
 import modalmotion as mm
 from modalmotion.mesh import lattice_faces
 from modalmotion.modes.topology import CYLINDER
-from modalmotion.pictures.signature import signature_figure
-from modalmotion.pictures.trajectory import main_trajectories
+from modalmotion.pictures.signature import main_trajectories, signature_figure
 
 SCALES = {"tiny": 1e-300, "huge": 1e300, "far away": 1.0}
 

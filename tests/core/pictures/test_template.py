@@ -18,7 +18,7 @@ pytest.importorskip("matplotlib")
 @pytest.mark.every(3)
 @pytest.mark.parametrize("topology", sorted(MAKERS))
 def test_both_coordinates_from_both_sides(topology: str) -> None:
-    from modalmotion.pictures.template import template_figure
+    from modalmotion.pictures.modes import template_figure
 
     sequence = mesh_sequence(*MAKERS[topology](200, np.random.default_rng(0)), topology=topology)
     figure = template_figure(make_template(sequence))
@@ -34,7 +34,7 @@ def test_both_coordinates_from_both_sides(topology: str) -> None:
 
 
 def test_the_colours_are_the_coordinates() -> None:
-    from modalmotion.pictures.template import template_figure
+    from modalmotion.pictures.modes import template_figure
 
     template = make_template(mesh_sequence(*make_ventricle(300, np.random.default_rng(0))))
     panel = template_figure(template).axes[0]
@@ -43,7 +43,7 @@ def test_the_colours_are_the_coordinates() -> None:
 
 
 def test_surfaces_without_natural_coordinates_have_none() -> None:
-    from modalmotion.pictures.template import template_figure
+    from modalmotion.pictures.modes import template_figure
 
     vertices, faces = make_ventricle(200, np.random.default_rng(0))
     springs = make_template(mesh_sequence(vertices, faces), closed_form=False)

@@ -37,12 +37,12 @@ def test_points_lie_over_the_surface_of_each_frame() -> None:
         "frame 3",
     ]
     assert "mm; " in figure.get_suptitle()
-    assert "of 450 points hardly counted" in figure.get_suptitle()
+    assert "of 450 points are outliers" in figure.get_suptitle()
     assert drawn(figure).startswith(b"\x89PNG")
 
 
 def test_a_track_without_its_data_says_so() -> None:
-    with pytest.raises(ParameterError, match="none of the data"):
+    with pytest.raises(ParameterError, match="not contain the data"):
         data_figure(replace(TRACK, data=None))
 
 

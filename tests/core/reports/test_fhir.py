@@ -20,8 +20,8 @@ from modalmotion.classification import classify
 from modalmotion.clinical import clinical_readouts
 from modalmotion.norm import train_norm
 from modalmotion.reports import Report, fhir_bundle, fhir_json, quantities_of, report_of
-from modalmotion.reports.codes import LOINC, SYSTEM, code_systems
-from modalmotion.reports.fhir_elements import quantity
+from modalmotion.reports.content import LOINC, SYSTEM, code_systems
+from modalmotion.reports.fhir import quantity
 from modalmotion.simulate import MotionClass
 
 ISSUED = datetime(2026, 1, 31, 12, tzinfo=UTC)

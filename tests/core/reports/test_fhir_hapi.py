@@ -17,7 +17,7 @@ from norm_controls import beat
 
 import modalmotion as mm
 from modalmotion.classification import classify
-from modalmotion.facts import facts_from_texts
+from modalmotion.mesh import facts_from_texts
 from modalmotion.norm import train_norm
 from modalmotion.reports import fhir_bundle, report_of
 from modalmotion.simulate import MotionClass

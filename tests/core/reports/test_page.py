@@ -11,8 +11,8 @@ from norm_controls import beat
 
 import modalmotion as mm
 from modalmotion.classification import classify
-from modalmotion.numerals import with_interval
 from modalmotion.reports import quantities_of, report_figure, report_of, report_pdf
+from modalmotion.representation import with_interval
 
 pytest.importorskip("matplotlib")
 

@@ -7,9 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.mesh.frame_order import in_time_order
-from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature.comparison import compare
+from modalmotion.mesh.sequence import MeshSequence, in_time_order, mesh_sequence
+from modalmotion.signature.distance import compare
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 

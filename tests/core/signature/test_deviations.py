@@ -12,16 +12,15 @@ from template_surfaces import MAKERS
 
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.strain_of import strain
-from modalmotion.facts import Facts
-from modalmotion.mesh import lattice_faces
+from modalmotion.mesh import Facts, lattice_faces
+from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.mesh.uncertainty import Uncertainty
 from modalmotion.modes.topology import CYLINDER
-from modalmotion.signature.comparison import compare
-from modalmotion.signature.first_modes import first_modes
+from modalmotion.signature.distance import compare
 from modalmotion.signature.hdf5 import signature_from_hdf5, signature_to_hdf5
-from modalmotion.signature.interpolation import at_times
 from modalmotion.signature.making import SignatureKind, SignatureParameters, modal_signature
+from modalmotion.signature.reconstruction import at_times
+from modalmotion.signature.value import first_modes
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template import GivenLandmarks, choose_modes, make_template
 from modalmotion.tracking import Track, track

@@ -17,7 +17,7 @@ from modalmotion import (
     reconstruct,
     simulate_ventricle,
 )
-from modalmotion.facts import NO_FACTS
+from modalmotion.mesh import NO_FACTS
 from modalmotion.signature.hdf5 import signature_from_hdf5, signature_to_hdf5
 from modalmotion.signature.making import resolve_parameters
 from modalmotion.simulate import Acquisition

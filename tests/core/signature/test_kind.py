@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
 from modalmotion.errors import ParameterError
-from modalmotion.signature.comparison import compare
+from modalmotion.signature import measure_tradeoff
+from modalmotion.signature.distance import compare
 from modalmotion.signature.hdf5 import signature_from_hdf5, signature_to_hdf5
 from modalmotion.signature.making import SignatureKind, SignatureParameters, modal_signature
+from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
-from modalmotion.tradeoff import measure_tradeoff
 
 BEAT = simulate_ventricle(
     VentricleParameters(shape_variation=2.0, motion_variation=1.0),

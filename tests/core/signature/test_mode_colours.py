@@ -8,7 +8,7 @@ import pytest
 
 from modalmotion.modes import lowest_modes
 from modalmotion.modes.topology import CLOSED_CURVE, CUP, PLANE, SPHERE, Topology
-from modalmotion.signature.mode_colours import DASHES, mode_colour, mode_dash, mode_tone
+from modalmotion.signature.mode_names import DASHES, mode_colour, mode_dash, mode_tone
 
 
 @pytest.mark.parametrize("topology", [CLOSED_CURVE, CUP, PLANE, SPHERE])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from modalmotion.modes import lowest_modes
-from modalmotion.modes.label import ModeLabel
 from modalmotion.modes.topology import (
     CLOSED_CURVE,
     CUP,
@@ -14,9 +13,10 @@ from modalmotion.modes.topology import (
     PLANE,
     SPHERE,
     TORUS,
+    ModeLabel,
     Topology,
 )
-from modalmotion.signature.plain_names import plain_name
+from modalmotion.signature.mode_names import plain_name
 from modalmotion.template.body_frame import Components
 
 

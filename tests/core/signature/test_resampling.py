@@ -9,7 +9,7 @@ import pytest
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.signature.resampling import note_on, resample
+from modalmotion.signature.reconstruction import note_on, resample
 from modalmotion.simulate import Acquisition, simulate_ventricle
 
 

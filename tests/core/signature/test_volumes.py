@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from modalmotion.alignment.reference import reference_positions
 from modalmotion.clinical.readouts import clinical_readouts
-from modalmotion.fit.basis import make_basis
-from modalmotion.fit.fit import project
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MEAN, mesh_sequence
 from modalmotion.modes.topology import CYLINDER
+from modalmotion.signature.basis import make_basis
+from modalmotion.signature.fit import project
 from modalmotion.signature.making import (
     SignatureParameters,
+    enclosed_volumes,
     modal_signature,
     resolve_parameters,
     resolve_template,
 )
-from modalmotion.signature.volumes import enclosed_volumes
 from modalmotion.simulate import simulate_ventricle
 from modalmotion.template.body_frame import Components
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from store_samples import sample_sequence
 
 from modalmotion import Facts, MeshSequence, NotFoundError, ParameterError, modal_signature
-from modalmotion.facts import NO_FACTS, facts_patched
+from modalmotion.mesh import NO_FACTS, facts_patched
 from modalmotion.mesh.hdf5 import sequence_from_hdf5
 from modalmotion.signature.hdf5 import signature_from_hdf5
 from modalmotion.store import ResultStore, rebuild, verify

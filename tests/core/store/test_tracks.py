@@ -11,7 +11,7 @@ from clouds import breathing_spheroid, sampled
 from store_samples import sample_sequence
 
 from modalmotion.errors import CorruptFileError, LostFileError, NotFoundError
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 from modalmotion.store import (
     ResultStore,
     backup,

@@ -17,9 +17,9 @@ from template_surfaces import (
     shared,
 )
 
-from modalmotion.fit.basis import make_basis
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes import ModeSet
+from modalmotion.signature.basis import make_basis
 from modalmotion.signature.distance import resample_to_phase, signature_distance, theta_invariants
 from modalmotion.template import GivenLandmarks, choose_modes, make_template
 from modalmotion.template.body_frame import Components

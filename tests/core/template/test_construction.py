@@ -10,13 +10,12 @@ from template_surfaces import MAKERS, Moving, cut_in_two
 
 from modalmotion.clinical import clinical_readouts
 from modalmotion.errors import TopologyError
-from modalmotion.mesh import connectivity_of, dissection
+from modalmotion.mesh import connectivity_of, laplacian
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.template import GivenLandmarks, Weights, make_template
-from modalmotion.template.body_frame import Components
-from modalmotion.template.directions import vertex_normals
+from modalmotion.template.body_frame import Components, vertex_normals
 from modalmotion.template.hdf5 import template_from_hdf5, template_to_hdf5
 from modalmotion.template.template import is_merged
 
@@ -260,7 +259,7 @@ def test_making_a_template_tells_how_far_it_is(topology: str, reference: Any) ->
 
 def test_the_solution_is_part_of_what_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """Multigrid, which tells each of its steps, from a few hundred unknowns on."""
-    monkeypatch.setattr(dissection, "LARGE", 1000)
+    monkeypatch.setattr(laplacian, "LARGE", 1000)
     told: list[float] = []
     make_template(mesh_sequence(*surface(n=2500)), report=told.append)
     assert told == sorted(told)

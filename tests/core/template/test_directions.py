@@ -12,7 +12,7 @@ from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CLOSED_CURVE, CYLINDER, PLANE, SPHERE, TORUS
 from modalmotion.template import Template, make_template
-from modalmotion.template.directions import Direction, directions_on
+from modalmotion.template.body_frame import Direction, directions_on
 
 
 def template_of(lattice: Lattice, scale: float = 1.0) -> Template:

@@ -9,7 +9,7 @@ from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.simulate import simulate_ventricle
 from modalmotion.template import choose_modes, make_template
 from modalmotion.template.body_frame import local_frames
-from modalmotion.template.loose_vertices import nearest_in_use, shapes_of
+from modalmotion.template.vibration_modes import nearest_in_use, shapes_of
 
 
 @pytest.mark.parametrize("closed_form", [True, False])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from clouds import breathing_spheroid, ends_of, rim_of, sampled
 
-from modalmotion.mesh.cavity_gradient import lid_gradient, volume_gradient
+from modalmotion.mesh.cavity import lid_gradient, volume_gradient
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from modalmotion.errors import ParameterError
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 from modalmotion.tracking.landmarks import landmarks_from_json, landmarks_of
 
 

@@ -16,9 +16,9 @@ from clouds import breathing_spheroid, sampled
 from project import ROOT
 from viewed_surfaces import VIEWED, scaled, viewed
 
-from modalmotion.alignment.reference import reference_positions
 from modalmotion.classification import classify
 from modalmotion.codec import decode, encode
+from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
@@ -26,7 +26,7 @@ from modalmotion.modes.topology import CUP
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import fitted_on, reconstruct
 from modalmotion.simulate import Acquisition, simulate_ventricle
-from modalmotion.template.directions import Direction, directions_on
+from modalmotion.template.body_frame import Direction, directions_on
 from modalmotion.tracking import track
 from modalmotion.viewer.bundle_files import script, style
 from modalmotion.viewer.container import read_container
@@ -317,7 +317,9 @@ def test_reasons_of_the_class_set_the_modes_and_a_narrow_page_has_all(
     with chromium.open(beat_page, viewport={"width": 380, "height": 800}) as opened:
         page = opened.shown().page
         sentence = page.locator(".class .sentence").text_content()
-        assert re.match(r"Normal with probability (0\.\d\d|1\.00); .+ at 90 %", sentence), sentence
+        assert re.match(r"Normal with probability (0\.\d\d|> 0\.99); .+ at 90 %", sentence), (
+            sentence
+        )
         assert "object" not in page.locator(".class").text_content()
         page.get_by_text("What moved the answer").click()
         reason = page.locator(".reasons button:not(:disabled)").first

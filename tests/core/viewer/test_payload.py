@@ -15,8 +15,7 @@ from viewed_surfaces import VIEWED, viewed
 from modalmotion.classification import classify
 from modalmotion.clinical.strain_of import strain
 from modalmotion.errors import LimitError, ParameterError
-from modalmotion.facts import Facts
-from modalmotion.mesh import lattice_faces
+from modalmotion.mesh import Facts, lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.topology import CUP, Topology

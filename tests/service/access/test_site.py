@@ -64,7 +64,7 @@ def test_a_service_that_needs_keys_shows_its_first_one_once(tmp_path: Path, beat
     assert "1 sequences" in command("store", "rebuild", folder, "--owner", "lab").output
     out = str(tmp_path / "out.h5")
     packed = command("store", "export", folder, out, "--owner", "lab")
-    assert (packed.exit_code, "holds no signatures" in packed.output) == (1, True)
+    assert (packed.exit_code, "has no signatures" in packed.output) == (1, True)
     for owner in ("nobody", "..", "lab/../lab", ""):
         assert command("store", "verify", folder, "--owner", owner).exit_code == 2
     assert "entries: whole" in command("audit", "verify", "--data-dir", folder).output

@@ -15,8 +15,8 @@ from fastapi.testclient import TestClient
 from signing import signed
 
 from modalmotion import Facts, SignatureParameters, simulate_ventricle
-from modalmotion.facts import NO_FACTS, facts_as_json
 from modalmotion.formats import write_npz
+from modalmotion.mesh import NO_FACTS, facts_as_json
 from modalmotion.mesh.hdf5 import sequence_from_hdf5
 from modalmotion.signature.hdf5 import signature_from_hdf5
 from modalmotion.simulate import Acquisition

@@ -15,8 +15,8 @@ from training_cohort import finished
 
 import modalmotion as mm
 from modalmotion.client import Client, RemoteError
-from modalmotion.facts import Facts
 from modalmotion.formats import write_npz
+from modalmotion.mesh import Facts
 from modalmotion.norm import cohort_deviation, norm_from_hdf5, train_norm
 from modalmotion.norm.norm import Control
 from modalmotion.simulate import MotionClass

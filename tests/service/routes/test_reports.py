@@ -24,7 +24,7 @@ import modalmotion as mm
 from modalmotion.classification import classify
 from modalmotion.client import Client
 from modalmotion.errors import ParameterError
-from modalmotion.exports.table import frame_table
+from modalmotion.exports.tables import frame_table
 from modalmotion.formats import write_npz
 from modalmotion.formats.parser.registry import ParserHere
 from modalmotion.limits import DEFAULT_LIMITS

@@ -15,8 +15,7 @@ from signing import signed
 from modalmotion.errors import LimitError
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.signature.making import SignatureParameters, modal_signature
-from modalmotion.signature.reconstruction import reconstruct
-from modalmotion.signature.resampling import resample
+from modalmotion.signature.reconstruction import reconstruct, resample
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template import make_template
 from modalmotion.template.vibration_modes import surface_modes

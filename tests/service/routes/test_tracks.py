@@ -18,9 +18,9 @@ from job_requests import ASYNC, finished
 from services import served
 from signing import signed
 
-from modalmotion.facts import Facts
 from modalmotion.formats import write_npz
 from modalmotion.formats.ply.ply import write_ply
+from modalmotion.mesh import Facts
 from modalmotion.mesh.hdf5 import sequence_to_hdf5
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.store import track_from_hdf5, track_to_hdf5

@@ -30,20 +30,21 @@ def test_from_a_dropped_file_to_a_page_of_one_file(
 ) -> None:
     pytest.importorskip("nibabel")
     (tmp_path / "beat.npz").write_bytes(beat)
-    service = RunningService(
-        tmp_path / "results", {"REQUIRE_KEYS": "true", "WORKERS": "1", "WAIT_SECONDS": "60"}
-    ).start()
+    # Under a path, as a proxy has it; the other roads are without one.
+    settings = {"REQUIRE_KEYS": "true", "WORKERS": "1", "WAIT_SECONDS": "60"}
+    service = RunningService(tmp_path / "results", {**settings, "PATH_PREFIX": "/motion"}).start()
+    base = f"{service.base}/motion"
     try:
         with KeyRing(service.data_dir) as ring:
             token = ring.create("alice", frozenset({Scope.READ, Scope.WRITE}))[1]
-        with chromium.open(service.base) as opened:
+        with chromium.open(f"{base}/") as opened:
             page = opened.page
             # The key is typed in, and kept in no address and no storage.
             page.locator("dialog input").fill(token)
             page.keyboard.press("Enter")
             page.set_input_files("#file", tmp_path / "beat.npz")
             opened.shown()
-            assert page.url.startswith(f"{service.base}/view/")
+            assert page.url.startswith(f"{base}/view/")
             assert token not in page.url
             kept = "JSON.stringify([localStorage, sessionStorage, document.cookie])"
             assert page.evaluate(kept) == '[{},{},""]'
@@ -59,7 +60,7 @@ def test_from_a_dropped_file_to_a_page_of_one_file(
                 with page.expect_download() as started:
                     page.get_by_role("button", name=button).click()
                 started.value.save_as(tmp_path / name)
-            assert [url for url in opened.asked if not url.startswith(service.base)] == [
+            assert [url for url in opened.asked if not url.startswith(f"{base}/")] == [
                 url for url in opened.asked if url.startswith("blob:")
             ]
             # Only the answer that asked for the key was refused.
@@ -71,13 +72,13 @@ def test_from_a_dropped_file_to_a_page_of_one_file(
             heads = page.locator("thead th").all_text_contents()
             assert heads[2:4] == ["Class (model)", "Stated label"]
             page.locator("table a").click()
-            opened.wait("location.pathname.startsWith('/view/')")
+            opened.wait("location.pathname.startsWith('/motion/view/')")
             address = page.url
         with chromium.open(address) as opened:
             opened.page.locator("dialog input").fill(token)
             opened.page.keyboard.press("Enter")
             opened.shown()
-        with chromium.open(service.base) as opened:
+        with chromium.open(f"{base}/") as opened:
             opened.page.locator("dialog input").fill(token)
             opened.page.keyboard.press("Enter")
             from_images(opened, tmp_path)

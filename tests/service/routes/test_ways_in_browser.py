@@ -6,6 +6,7 @@ import io
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -119,6 +120,31 @@ def test_a_newcomer_reads_a_sample_heart_places_its_wall_and_takes_a_report(
             page.get_by_role("button", name="FHIR").click()
         started.value.save_as(tmp_path / "fhir.json")
         assert '"Bundle"' in (tmp_path / "fhir.json").read_text()
+        assert opened.said == []
+
+
+def test_a_class_that_a_job_makes_is_read_as_one_answer(
+    chromium: Browser, base: str, tmp_path: Path
+) -> None:
+    (tmp_path / "beat.zip").write_bytes(zip_of_stl(ventricle(8)))
+    with chromium.open(base, viewport={"width": 1280, "height": 900}) as opened:
+        page = opened.page
+        asked: list[str] = []
+
+        def as_a_job(route: Any) -> None:
+            preferred = {} if "POST" in asked else {"prefer": "respond-async"}
+            asked.append(route.request.method)
+            route.continue_(headers={**route.request.headers, **preferred})
+
+        page.route("**/classifications", as_a_job)
+        page.set_input_files("#file", tmp_path / "beat.zip")
+        opened.shown()
+        page.get_by_role("button", name="Classify").click()
+        opened.wait("document.querySelector('.card.class .sentence')")
+        # Once for the job, and once for its answer.
+        assert asked.count("POST") == 2
+        # One answer of a model, and not the list of all.
+        assert page.locator(".card.class .sentence strong").text_content()
         assert opened.said == []
 
 

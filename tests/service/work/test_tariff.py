@@ -12,13 +12,13 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from modalmotion.exports.surfaces import SurfaceFormat
-from modalmotion.facts import NO_FACTS
+from modalmotion.exports.signature_pack import SurfaceFormat
 from modalmotion.formats import Format, ReadOptions, write_npz
+from modalmotion.mesh import NO_FACTS
 from modalmotion.signature.making import SignatureParameters
+from modalmotion.signature.predicted_time import reading_seconds, signature_seconds
 from modalmotion.simulate import simulate_ventricle
 from modalmotion.store import SequenceRecord
-from modalmotion.tradeoff.predicted_time import reading_seconds, signature_seconds
 from modalmotion_service.http.negotiation import JSON, NPZ, PNG
 from modalmotion_service.schemas.requests import EncodingTarget, ModesRequest
 from modalmotion_service.work import tasks

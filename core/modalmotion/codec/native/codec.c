@@ -1,4 +1,4 @@
-/* The codec's inner loops, for Python (modalmotion.native) and for WebAssembly.
+/* The codec's inner loops, for Python (modalmotion.numeric.native) and for WebAssembly.
  *
  * Freestanding C11: no library, no allocation, no state; floating point in single operations only
  * (-ffp-contract=off), so that every machine codes the same bits. Functions that code take the

@@ -10,15 +10,14 @@ from modalmotion.errors import (
     NonFiniteError,
     ShapeError,
 )
-from modalmotion.facts import facts_from_texts
 from modalmotion.formats.detect import Format
 from modalmotion.formats.frames.frame import ONE_MESH, Frame
 from modalmotion.formats.frames.merge import MergeMap, merge_corners
 from modalmotion.formats.result import Reading
 from modalmotion.limits import ReadLimits
+from modalmotion.mesh import facts_from_texts
 from modalmotion.mesh.checks import FloatArray, given_up
-from modalmotion.mesh.frame_order import in_time_order
-from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.mesh.sequence import in_time_order, mesh_sequence
 
 
 class FrameStack:

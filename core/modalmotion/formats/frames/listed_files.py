@@ -22,8 +22,8 @@ from modalmotion.formats.frames.names import (
 from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.result import Reading
 from modalmotion.formats.xdmf import XDMF_SUFFIXES, read_xdmf
-from modalmotion.numerals import counted
 from modalmotion.progress import Progress
+from modalmotion.representation import counted
 
 LISTS: Final = (*SERIES_SUFFIXES, *XDMF_SUFFIXES)
 """Ends of the names of files that name others."""

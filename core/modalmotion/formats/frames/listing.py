@@ -19,7 +19,7 @@ from modalmotion.formats.frames.names import (
 from modalmotion.formats.frames.series import read_series
 from modalmotion.formats.result import Reading
 from modalmotion.limits import ReadLimits
-from modalmotion.numerals import counted
+from modalmotion.representation import counted
 
 _NUMBERED: Final = re.compile(r"(.*?)(\d{1,18})(\D*)", re.DOTALL)
 

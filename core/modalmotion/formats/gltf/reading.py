@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, MalformedFileError
-from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.formats.gltf.channels import Channel, Key, read_channels
 from modalmotion.formats.gltf.container import Container, malformed, read_container
 from modalmotion.formats.gltf.meshes import MorphMesh, read_morph_mesh
 from modalmotion.formats.gltf.scene import Chain, MeshNode, mesh_nodes, transforms_at
 from modalmotion.formats.result import Reading, Source
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
+from modalmotion.mesh import NO_FACTS, Facts
 from modalmotion.mesh.checks import given_up
 from modalmotion.mesh.sequence import mesh_sequence
 

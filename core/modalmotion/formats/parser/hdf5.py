@@ -7,7 +7,6 @@ from typing import Any, Final
 from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError, StoreError
-from modalmotion.facts import facts_as_json
 from modalmotion.formats.frames.frame import NOTHING_TO_TRACK
 from modalmotion.formats.named_arrays import parse_datasets as parse_named
 from modalmotion.formats.parser.answer import Parsed
@@ -16,6 +15,7 @@ from modalmotion.formats.vtk.vtkhdf_clouds import parse_vtkhdf_clouds
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.gate import open_gated
 from modalmotion.limits import ReadLimits
+from modalmotion.mesh import facts_as_json
 from modalmotion.mesh.hdf5 import FORM, TRACK, sequence_from_hdf5
 
 _OURS: Final = "modalmotion."

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ShapeError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
-from modalmotion.numerals import counted
+from modalmotion.representation import counted
 
 # Slices of one plane agree to this, mm and as directions.
 _SAME_PLACE: Final = 0.1

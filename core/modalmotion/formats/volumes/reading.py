@@ -23,8 +23,8 @@ from modalmotion.formats.zip_member import UNREADABLE
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.images.volume import slices_of
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
-from modalmotion.numerals import counted
 from modalmotion.progress import Progress
+from modalmotion.representation import counted
 
 _REMEDY: Final = "Use NIfTI, NRRD, MetaImage, or a folder or zip of DICOM slices or of such files."
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
 
-from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
 from modalmotion.classification.record import ModelRecord
-from modalmotion.facts import facts_from_json
+from modalmotion.mesh import facts_from_json
 from modalmotion.representation import shown
+from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
 from modalmotion.store.folder import ResultKind, ResultName
 from modalmotion.store.index.cursor import from_cursor, require_limit, to_cursor
 from modalmotion.store.index.database import SEQUENCE_COLUMNS, Database
@@ -194,6 +194,15 @@ class Index:
         """Add records, and results with the sha256 of their files, in one transaction."""
         with self.database.write() as connection:
             put_records(connection, records)
+            put_results(connection, results.items())
+
+    def replace(
+        self, old_id: str, record: SequenceRecord, results: Mapping[ResultName, str]
+    ) -> None:
+        """Put a record with results in the place of another sequence, in one transaction."""
+        with self.database.write(erases=True) as connection:
+            connection.execute("DELETE FROM sequences WHERE id = ?", (old_id,))
+            put_records(connection, [record])
             put_results(connection, results.items())
 
     @property

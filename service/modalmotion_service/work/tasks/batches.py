@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.exports.signature_pack import write_pack
-from modalmotion.exports.table import Recording, Table, cohort_table
+from modalmotion.exports.tables import Recording, Table, cohort_table
 from modalmotion.signature.making import ModalSignature
 from modalmotion.store import SequenceRecord, signature_from_hdf5
 from modalmotion_service.work.tasks.files import whole_file

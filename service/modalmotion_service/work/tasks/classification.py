@@ -15,7 +15,7 @@ from modalmotion.classification import (
     load_model,
     shipped_for,
 )
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import model_from_hdf5, signature_from_hdf5
 from modalmotion_service.schemas.sequences import ReadingAnswer
@@ -81,7 +81,7 @@ def classify_upload(
 
 def draw_card(card: dict[str, Any], title: str) -> bytes:
     """Draw the confusion matrix and the calibration curve of a card, as PNG."""
-    from modalmotion.pictures.model_card import card_figure
+    from modalmotion.pictures.classification import card_figure
 
     return png_of(card_figure(ModelCard.from_json(card), title))
 

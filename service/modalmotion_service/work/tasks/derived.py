@@ -10,16 +10,16 @@ import numpy as np
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.ventricle import ventricle_readouts
 from modalmotion.errors import ParameterError
-from modalmotion.exports.surfaces import SurfaceFormat, write_superposed
-from modalmotion.exports.table import frame_table
-from modalmotion.facts import Facts
+from modalmotion.exports.signature_pack import SurfaceFormat, write_superposed
+from modalmotion.exports.tables import frame_table
+from modalmotion.mesh import Facts
 from modalmotion.pictures.readouts import volume_figure
+from modalmotion.progress import Stopwatch
+from modalmotion.signature import measure_tradeoff
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.stopwatch import Stopwatch
+from modalmotion.signature.tradeoff import as_plain
 from modalmotion.store import sequence_from_hdf5, signature_from_hdf5, template_from_hdf5
 from modalmotion.template.body_frame import Components
-from modalmotion.tradeoff import measure_tradeoff
-from modalmotion.tradeoff.plain import as_plain
 from modalmotion_service.http.negotiation import CSV, PNG
 from modalmotion_service.schemas.readouts import ReadoutsAnswer
 from modalmotion_service.schemas.signatures import TradeoffAnswer

@@ -27,7 +27,7 @@ def measure(
     if media_type == CSV:
         return result.as_csv().encode()
     if media_type == PNG:
-        from modalmotion.pictures.model_card import evaluation_figure
+        from modalmotion.pictures.classification import evaluation_figure
 
         return png_of(evaluation_figure(result))
     return EvaluationAnswer.of(result, version).model_dump_json().encode()

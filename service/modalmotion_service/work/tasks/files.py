@@ -11,8 +11,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from modalmotion.fit.cache import TemplateCache
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.basis import TemplateCache
 from modalmotion.store import sequence_from_hdf5, template_from_hdf5, track_from_hdf5
 from modalmotion.template import Template
 

@@ -11,7 +11,7 @@ import numpy as np
 from modalmotion.errors import InputError
 from modalmotion.images import ImageSequence
 from modalmotion.images.hdf5 import read_images_file, write_images
-from modalmotion.stopwatch import Stopwatch
+from modalmotion.progress import Stopwatch
 from modalmotion.store import ImagesRecord, images_record_of, track_from_hdf5
 from modalmotion.tracking.label_maps import from_labels
 from modalmotion.tracking.label_values import is_label_map

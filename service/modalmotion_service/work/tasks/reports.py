@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 
 from modalmotion.classification.answer_hdf5 import classification_from_hdf5
-from modalmotion.exports.table import frame_table
+from modalmotion.exports.tables import frame_table
 from modalmotion.formats import ReadLimits
 from modalmotion.reports import Report, fhir_json, report_of, report_pdf
 from modalmotion.reports.dicom import dicom_zip, read_study

@@ -9,9 +9,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion.facts import Facts
+from modalmotion.mesh import Facts
+from modalmotion.progress import Stopwatch
 from modalmotion.simulate import Acquisition, simulate_ventricle
-from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import (
     SequenceRecord,
     record_of,

@@ -13,12 +13,12 @@ import numpy as np
 from modalmotion.clinical import clinical_readouts
 from modalmotion.errors import InputError
 from modalmotion.exports.signature_pack import write_pack
-from modalmotion.exports.table import Recording, amplitude_table, cohort_table
+from modalmotion.exports.tables import Recording, amplitude_table, cohort_table
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.signature.comparison import Comparison, compare
+from modalmotion.progress import Stopwatch
+from modalmotion.signature.distance import Comparison, compare
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
-from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import (
     SequenceRecord,
     sequence_from_hdf5,

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Final
 
 from modalmotion.errors import LimitError
-from modalmotion.exports.vibration_modes import modes_to_hdf5, modes_to_npz
+from modalmotion.exports.animation import modes_to_hdf5, modes_to_npz
+from modalmotion.progress import Stopwatch
 from modalmotion.signature.making import (
     SignatureParameters,
     resolve_parameters,
     resolve_template,
 )
-from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import template_from_hdf5, template_to_hdf5
 from modalmotion.template.vibration_modes import surface_modes
 from modalmotion_service.http.negotiation import HDF5, NPZ, PNG
@@ -55,7 +55,7 @@ def describe_template(path: Path) -> TemplateAnswer:
 
 def draw_template(path: Path) -> bytes:
     """Draw s and theta on a kept template's surface, as PNG."""
-    from modalmotion.pictures.template import template_figure
+    from modalmotion.pictures.modes import template_figure
 
     return png_of(template_figure(template_from_hdf5(path)))
 

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Final, Literal
 
 from modalmotion.errors import NotFoundError, ParameterError
-from modalmotion.facts import Facts
 from modalmotion.images.hdf5 import read_images_file
-from modalmotion.stopwatch import Stopwatch
+from modalmotion.mesh import Facts
+from modalmotion.progress import Stopwatch
 from modalmotion.store import (
     SequenceRecord,
     record_of,
@@ -99,7 +99,7 @@ def show_data(path: Path) -> bytes:
 
 def draw_overlay(path: Path, images: Path) -> bytes:
     """Draw the contours of a kept track over its images, as PNG."""
-    from modalmotion.pictures.image_overlay import overlay_figure
+    from modalmotion.pictures.track import overlay_figure
 
     return png_of(overlay_figure(track_from_hdf5(path), read_images_file(images)))
 

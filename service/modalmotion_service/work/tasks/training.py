@@ -13,7 +13,7 @@ from modalmotion.classification import CaseFile, Model, TrainingCase, TrainingOp
 from modalmotion.classification.cases import case_name
 from modalmotion.classification.training import joblib_backend
 from modalmotion.errors import ModalMotionError, ParameterError
-from modalmotion.facts import Named
+from modalmotion.mesh import Named
 from modalmotion.store import kept_model, model_to_hdf5
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.work.task_progress import ProgressFile

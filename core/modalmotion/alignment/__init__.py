@@ -1,1 +1,0 @@
-"""Alignment: the reference, the mean shape, rotations, displacements."""

@@ -1,0 +1,222 @@
+"""Calls: an endpoint, and a method whose signature says what goes in and what comes back."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields
+from typing import Any, Final, TypeVar, cast
+
+from modalmotion.client.bodies import body_of, json_body
+from modalmotion.client.connection import JSON, Answer, Call, Connection
+from modalmotion.client.errors import BrokenAnswerError, understood
+from modalmotion.client.jobs import Job, JobStatus, awaited
+from modalmotion.client.query import Option, plain, segment
+from modalmotion.client.values import Info, compressed_of, info_of, template_modes_of
+from modalmotion.formats.npz import read_npz
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.progress import Progress
+from modalmotion.signature.making import ModalSignature, SignatureParameters
+
+F = TypeVar("F", bound=Callable[..., Any])
+T = TypeVar("T")
+Share = Callable[[float], None]
+
+# Options that say which signature is meant; all others belong to what is made of it.
+_OF_SIGNATURE: Final = frozenset(("amplitudes", *(one.name for one in fields(SignatureParameters))))
+# Parameters that are lists of stored sequences: ids, or mappings with id, label and more.
+_CASES: Final = ("cases", "controls", "sequences")
+# Member of a page whose name is not the end of its path.
+_MEMBERS: Final = {"audit": "entries"}
+
+
+def call(
+    endpoint: str, accept: str = JSON, *, is_keyed: bool = False, nests: bool = False
+) -> Callable[[F], F]:
+    """Make a method, of which only signature and docstring are written, send a request.
+
+    Parameters named in the path go there, `{signature}` standing for the key of the signature that
+    the sequence and the options name. `source` is the body, `progress` is called, and all others
+    are options: members of a POST's JSON body, and else the query. The annotation of what comes
+    back says how it is read: a value, an `Iterator` over the pages of a list, or a `Job`.
+
+    Parameters
+    ----------
+    endpoint : str
+        Such as "GET /v1/sequences/{sequence_id}".
+    accept : str
+        Media type of the answer.
+    is_keyed : bool
+        Whether it carries an idempotency key: a POST that stores something.
+    nests : bool
+        Whether the options are one member of the body, and not members each.
+    """
+    method, _, path = endpoint.partition(" ")
+
+    def decorate(function: F) -> F:
+        signature = inspect.signature(function)
+        kind, _, inner = str(signature.return_annotation).rstrip("]").rpartition("[")
+        read = _READERS[inner]
+
+        @functools.wraps(function)
+        def made(self: Caller, *args: Any, **options: Any) -> Any:
+            given = signature.bind(self, *args, **options)
+            given.apply_defaults()
+            values = {name: one for name, one in given.arguments.items() if name != "self"}
+            stated = values.pop("options", {})
+            values |= {"options": plain(stated)} if nests else stated
+            progress, source = values.pop("progress", None), values.pop("source", None)
+            if "{signature}" in path:
+                own, values = parted(values)
+                values["signature"] = self._key(values.pop("sequence_id"), own)
+            place = re.sub(r"{(\w+)}", lambda name: segment(str(values.pop(name[1]))), path)
+            if kind == "Iterator":
+                return map(read, self._pages(place, values))
+            for name in _CASES:
+                if name in values:
+                    cases = values.pop(name)
+                    values["sequences"] = [c if isinstance(c, str) else dict(c) for c in cases]
+            query: Mapping[str, Option] | None = values
+            body = None if source is None else body_of(source)
+            if method == "POST" and source is None:
+                query, body = None, json_body(plain(values))
+            asked = Call(method, place, query, accept, body, None, not is_keyed, is_keyed)
+            if kind == "Job":
+                return self._started(asked, read, progress)
+            return self._awaited(asked, read, progress, is_upload=source is not None)
+
+        return cast(F, made)
+
+    return decorate
+
+
+class Caller:
+    """What all calls to one service have in common.
+
+    Parameters
+    ----------
+    connection : Connection
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+
+    def _get(self, path: str, accept: str = JSON) -> Answer:
+        return self._awaited(Call("GET", path, None, accept), lambda answer: answer)
+
+    def _awaited(
+        self,
+        asked: Call,
+        read: Callable[[Answer], T],
+        progress: Any = None,
+        *,
+        is_upload: bool = False,
+    ) -> T:
+        """Send a request, and wait for its result; progress is of the upload, or of the job."""
+        answer = self._connection.send(asked, progress if is_upload else None)
+        shown = None if is_upload else progress
+        return awaited(self._connection, answer, read, asked.accept, shown)
+
+    def _started(
+        self, asked: Call, read: Callable[[Answer], T], progress: Progress | None = None
+    ) -> Job[T]:
+        answer = self._connection.send(asked.with_headers(Prefer="respond-async"), progress)
+        if answer.status != 202:
+            raise BrokenAnswerError(
+                f"The service answered {answer.status} and started no job.",
+                remedy="Make the call that waits for its result.",
+            )
+        return Job(self._connection, JobStatus.of(answer.json), read, asked.accept)
+
+    def _key(self, sequence_id: str, own: Mapping[str, Option]) -> str:
+        """Key of a signature, made where options say which; a sequence stands for its usual one."""
+        if not own:
+            return segment(sequence_id)
+        answer = self._awaited(signature_call(sequence_id, own, JSON), info_of)
+        with understood("a signature"):
+            return segment(str(answer["key"]))
+
+    def _pages(self, path: str, options: Mapping[str, Option]) -> Iterator[Any]:
+        """Yield the members of a list, page by page; `page` is how many are fetched at once."""
+        member = path.rpartition("/")[2]
+        member = _MEMBERS.get(member, member)
+        query = {"limit" if name == "page" else name: one for name, one in options.items()}
+        cursor: str | None = None
+        while True:
+            asked = Call("GET", path, {**query, "cursor": cursor})
+            page = self._awaited(asked, lambda answer: answer).json
+            with understood(f"a page of {member}"):
+                members, following = list(page[member]), page["cursor"]
+            yield from members
+            if following is None:
+                return
+            if following == cursor:
+                raise BrokenAnswerError(
+                    f"The service gives the same page of {member} again and again.",
+                    remedy="Check the version of the service.",
+                )
+            cursor = following
+
+
+def parted(options: Mapping[str, Option]) -> tuple[dict[str, Option], dict[str, Option]]:
+    """Part options of a signature from those of what is made of it."""
+    own = {name: one for name, one in options.items() if name in _OF_SIGNATURE and one is not None}
+    return own, {name: one for name, one in options.items() if name not in _OF_SIGNATURE}
+
+
+def posted(path: str, options: Mapping[str, Option], accept: str = JSON) -> Call:
+    """Write a request that stores nothing, or one thing once, with its options as JSON."""
+    return Call("POST", path, None, accept, json_body(plain(options)), is_repeatable=True)
+
+
+def signature_call(sequence_id: str, options: Mapping[str, Option], accept: str) -> Call:
+    """Write the request for a stored signature with these parameters."""
+    return posted(f"/v1/sequences/{segment(sequence_id)}/signatures", options, accept)
+
+
+def signature_of(answer: Answer) -> ModalSignature:
+    """Read a signature: the library's own."""
+    from modalmotion.store import signature_from_hdf5
+
+    return signature_from_hdf5(answer.content)
+
+
+def sequence_of(answer: Answer) -> MeshSequence:
+    """Read a sequence."""
+    return read_npz(answer.content).sequence
+
+
+def track_of(answer: Answer) -> Any:
+    """Read a track: the library's own."""
+    from modalmotion.tracking.hdf5 import track_from_hdf5
+
+    return track_from_hdf5(answer.content)
+
+
+def _features_of(answer: Answer) -> Any:
+    from modalmotion.classification import FeatureTable
+
+    with understood("a table of features"):
+        return FeatureTable.from_json(answer.json)
+
+
+def _read(answer: Any) -> Any:
+    """Read an object, or a member of a list."""
+    return info_of(answer) if isinstance(answer, Answer) else Info(answer)
+
+
+_READERS: Final[dict[str, Callable[[Any], Any]]] = {
+    "CompressedSequence": compressed_of,
+    "FeatureTable": _features_of,
+    "Info": _read,
+    "JobStatus": JobStatus.of,
+    "MeshSequence": sequence_of,
+    "ModalSignature": signature_of,
+    "None": lambda _: None,
+    "TemplateModes": template_modes_of,
+    "Track": track_of,
+    "str": str,
+}
+"""How an answer, or a member of a list, is read, by the annotation of what comes back."""

@@ -1,1 +1,0 @@
-"""Orthonormal modes that a stream is written in."""

@@ -1,1 +1,0 @@
-"""Parts of a mesh that move as one."""

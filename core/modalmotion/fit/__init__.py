@@ -1,1 +1,0 @@
-"""Least-squares fit of modes to a sequence, (2) inverted, and superposition back, (2)."""

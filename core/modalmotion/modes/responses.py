@@ -1,0 +1,393 @@
+"""Responses of u'' + c u' + w^2 u = f over one step, in one stable form for every regime.
+
+With r <= R the two decay rates, the roots of R^2 - c R + w^2 = 0 (a conjugate pair where
+c < 2w), z = r h and Z = R h, every response is a divided difference of the exponential:
+
+    impulse   g = h   exp[-z, -Z]
+    step      S = h^2 exp[-z, -Z, 0]
+    ramp      T = h^2 exp[-z, -Z, 0, 0]     to a force that rises from 0 to 1 over the step
+
+which has no singular point: not at c = 2w, where the roots meet, nor at w = 0 or c = 0.
+They are evaluated by recursion where the roots lie apart from 0, and as a power series where
+they do not; neither subtracts nearly equal numbers.
+
+Source of the divided differences: McCurdy, Ng and Parlett, "Accurate computation of divided
+differences of the exponential function", Mathematics of Computation 43, 1984.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError
+from modalmotion.modes import twofold
+from modalmotion.modes.oscillators import Oscillators, State, require_state, require_times
+from modalmotion.modes.twofold import Twofold
+from modalmotion.representation import shown
+
+Array = NDArray[np.float64]
+
+# The series runs while the larger root is below this, and then to this many terms.
+_SERIES_BELOW: Final = 1.0
+_N_TERMS: Final = 20
+
+
+@shown("impulse", "step", "ramp")
+class Responses(NamedTuple):
+    """Responses after a time h, all of one shape.
+
+    Parameters
+    ----------
+    impulse : time units
+        g, displacement after a unit velocity.
+    step : time units squared
+        S, displacement under a unit force that stays on.
+    ramp : time units squared
+        T, displacement under a force that rises linearly from 0 to 1 over h.
+    kept : 1
+        A = 1 - w^2 S, displacement after a unit displacement.
+    lost : 1
+        1 - A, to full precision where it is small.
+    kept_velocity : 1
+        B = g', velocity after a unit velocity.
+    lost_velocity : 1
+        1 - B, to full precision where it is small.
+    """
+
+    impulse: Array
+    step: Array
+    ramp: Array
+    kept: Array
+    lost: Array
+    kept_velocity: Array
+    lost_velocity: Array
+
+
+class _Rates(NamedTuple):
+    h: Array
+    w: Array
+    half: Array  # c / 2
+    s: Array  # half the distance of the roots
+    slow: Array  # r
+    fast: Array  # R
+    gamma: Twofold  # c h / 2
+    x: Twofold  # s h
+    slow_z: Twofold  # z = r h
+    fast_z: Twofold  # Z = R h
+
+
+def responses(w: Array, c: Array, h: Array) -> Responses:
+    """Responses of oscillators after a time.
+
+    Parameters
+    ----------
+    w, c, h : (...) float64
+        Angular frequencies, dampings and times: finite, not negative, of one shape.
+    """
+    shape = np.shape(h)
+    w, c, h = (np.ascontiguousarray(a, dtype=np.float64).ravel() for a in (w, c, h))
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        rates = _rates(w, c, h)
+        oscillates = rates.half < w
+        small = np.where(oscillates, w * h, rates.fast_z.high) < _SERIES_BELOW
+        out = np.empty((len(Responses._fields), h.size))
+        for where, rule in (
+            (small, _near_zero),
+            (~small & oscillates, _oscillating),
+            (~small & ~oscillates, _decaying),
+        ):
+            if where.any():
+                out[:, where] = rule(_at(rates, where))
+    return Responses(*(row.reshape(shape) for row in out))
+
+
+def _rates(w: Array, c: Array, h: Array) -> _Rates:
+    half = 0.5 * c
+    # s^2 = (c/2 - w)(c/2 + w): the difference is exact, however near the critical damping.
+    total = twofold.add(half, w)
+    difference = twofold.add(np.maximum(half, w), -np.minimum(half, w))
+    s = twofold.multiply(twofold.sqrt(difference), twofold.sqrt(total))
+    # R = c/2 + s and r = w^2 / R: c/2 - s would lose every digit at c = 1e8 w.
+    is_real = half >= w
+    fast = twofold.add(half, np.where(is_real, s.high, 0.0))
+    fast = Twofold(fast.high, fast.low + np.where(is_real, s.low, 0.0))
+    slow = twofold.scale(twofold.divide(w, fast), w)
+    angles = (Twofold(half, np.zeros_like(half)), s, slow, fast)
+    gamma, x, slow_z, fast_z = (twofold.bounded(twofold.scale(rate, h)) for rate in angles)
+    return _Rates(h, w, half, s.high, slow.high, fast.high, gamma, x, slow_z, fast_z)
+
+
+def _at(q: _Rates, where: NDArray[np.bool_]) -> _Rates:
+    floats = (a[where] for a in (q.h, q.w, q.half, q.s, q.slow, q.fast))
+    h, w, half, s, slow, fast = floats
+    twofolds = (Twofold(a.high[where], a.low[where]) for a in (q.gamma, q.x, q.slow_z, q.fast_z))
+    gamma, x, slow_z, fast_z = twofolds
+    return _Rates(h, w, half, s, slow, fast, gamma, x, slow_z, fast_z)
+
+
+def _near_zero(q: _Rates) -> tuple[Array, ...]:
+    """Both roots near 0, or at it: a power series in them."""
+    gamma, omega = q.gamma.high, q.w * q.h
+    # exp[-z, -Z, 0] = sum (-1)^n h_n(z, Z) / (n + 2)!, one factorial on for each further 0,
+    # h_n = 2 gamma h_(n-1) - omega^2 h_(n-2) the complete symmetric polynomials of the roots.
+    before, now = np.zeros_like(omega), np.ones_like(omega)
+    step, ramp = 0.5 * now, now / 6.0
+    factorial = 2.0
+    for n in range(1, _N_TERMS):
+        before, now = now, 2.0 * gamma * now - omega**2 * before
+        factorial *= -(n + 2)
+        step = step + now / factorial
+        ramp = ramp + now / (factorial * (n + 3))
+    G = np.where(q.half < q.w, _exp(q.gamma) * _sinc(q.x), _exp(q.slow_z) * _mean_decay(q.x))
+    lost = omega**2 * step
+    lost_velocity = lost + 2.0 * gamma * G
+    return (
+        q.h * G,
+        q.h * (q.h * step),
+        q.h * (q.h * ramp),
+        1.0 - lost,
+        lost,
+        1.0 - lost_velocity,
+        lost_velocity,
+    )
+
+
+def _oscillating(q: _Rates) -> tuple[Array, ...]:
+    """Complex roots, away from 0."""
+    E = _exp(q.gamma)
+    cosine, g = E * _cos(q.x), E * _sin(q.x) / q.s
+    half_g = q.half * g
+    # 1 - A = e^-gamma (1 - cos x) + [1 - e^-gamma - (c/2) g], neither of them negative;
+    # 1 - B is the same with the last sign turned.
+    half_sine = _sin(Twofold(0.5 * q.x.high, 0.5 * q.x.low))
+    turned, decayed = 2.0 * E * half_sine**2, -np.expm1(-q.gamma.high)
+    lost = turned + (decayed - half_g)
+    # w^2 T = 1 - (g + c S) / h
+    ramp = 1.0 - g / q.h - 2.0 * (q.half / q.w) * (lost / (q.w * q.h))
+    return (
+        g,
+        lost / q.w / q.w,
+        ramp / q.w / q.w,
+        cosine + half_g,
+        lost,
+        cosine - half_g,
+        turned + (decayed + half_g),
+    )
+
+
+def _decaying(q: _Rates) -> tuple[Array, ...]:
+    """Real roots, the larger one away from 0."""
+    # g = e^-z (1 - e^-2x) / 2s, 2s = R - r; the roots may meet, or be too far for h.
+    near = q.x.high < 1.0
+    g = _exp(q.slow_z) * np.where(
+        near, q.h * _mean_decay(q.x), -np.expm1(-2.0 * q.x.high) / np.where(near, 1.0, 2.0 * q.s)
+    )
+    # h exp[-z, 0] = (1 - e^-z) / r and h exp[-z, 0, 0] = (1 - exp[-z, 0]) / r
+    phi_1, phi_2 = _phi(q)
+    step = (phi_1 - g) / q.fast
+    kept_velocity = _exp(q.fast_z) - q.slow * g
+    return (
+        g,
+        step,
+        phi_2 / q.fast - step / q.fast_z.high,
+        _exp(q.slow_z) + q.slow * g,
+        q.slow * (phi_1 - g),
+        kept_velocity,
+        1.0 - kept_velocity,
+    )
+
+
+def _exp(x: Twofold) -> Array:
+    """e^-x."""
+    return np.exp(-x.high) * (1.0 - x.low)
+
+
+def _mean_decay(x: Twofold) -> Array:
+    """(1 - e^-2x) / 2x, and 1 at 0."""
+    numerator = -np.expm1(-2.0 * x.high) + 2.0 * x.low * np.exp(-2.0 * x.high)
+    is_zero = x.high == 0
+    return np.where(is_zero, 1.0, numerator / np.where(is_zero, 1.0, 2.0 * x.high))
+
+
+def _sin(x: Twofold) -> Array:
+    sine: Array = np.sin(x.high) * np.cos(x.low) + np.cos(x.high) * np.sin(x.low)
+    return sine
+
+
+def _cos(x: Twofold) -> Array:
+    cosine: Array = np.cos(x.high) * np.cos(x.low) - np.sin(x.high) * np.sin(x.low)
+    return cosine
+
+
+def _sinc(x: Twofold) -> Array:
+    """sin(x) / x, and 1 at 0."""
+    is_zero = x.high == 0
+    return np.where(is_zero, 1.0, _sin(x) / np.where(is_zero, 1.0, x.high))
+
+
+def _phi(q: _Rates) -> tuple[Array, Array]:
+    """(1 - e^-z) / r and its successor, with their limits h and h / 2 at r = 0."""
+    z = q.slow_z.high
+    is_small = z < 1.0
+    r = np.where(is_small, 1.0, q.slow)
+    phi_1 = -np.expm1(-z) / r
+    phi_2 = (1.0 - phi_1 / q.h) / r
+    # exp[-z, 0, 0] = sum (-z)^n / (n + 2)!, and exp[-z, 0] = 1 - z exp[-z, 0, 0].
+    y = np.where(is_small, z, 0.0)
+    term, series = np.full_like(y, 0.5), np.full_like(y, 0.5)
+    for n in range(3, _N_TERMS):
+        term = -term * y / n
+        series = series + term
+    return np.where(is_small, q.h * (1.0 - y * series), phi_1), np.where(
+        is_small, q.h * series, phi_2
+    )
+
+
+_MOST_VALUES_AT_ONCE = 65_536
+
+
+def impulse_response(oscillators: Oscillators, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Displacement after a unit velocity at time 0.
+
+    Parameters
+    ----------
+    oscillators : Oscillators
+    times : (times,) float64, time units
+        From 0 on, in any order.
+
+    Returns
+    -------
+    (times, modes) float64, time units
+
+    Raises
+    ------
+    ParameterError
+        If a time is negative or not finite.
+    """
+    return _free_at(oscillators, times).impulse
+
+
+def step_response(oscillators: Oscillators, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Displacement under a unit force that stays on from time 0.
+
+    Parameters
+    ----------
+    oscillators : Oscillators
+    times : (times,) float64, time units
+
+    Returns
+    -------
+    (times, modes) float64, time units squared
+
+    Raises
+    ------
+    ParameterError
+        If a time is negative or not finite, or a response exceeds the range of float64.
+    """
+    return _require_range(_free_at(oscillators, times).step)
+
+
+def ramp_response(oscillators: Oscillators, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Displacement under a force that grows as the time.
+
+    Parameters
+    ----------
+    oscillators : Oscillators
+    times : (times,) float64, time units
+
+    Returns
+    -------
+    (times, modes) float64, time units cubed
+
+    Raises
+    ------
+    ParameterError
+        If a time is negative or not finite, or a response exceeds the range of float64.
+    """
+    t = require_times(times)
+    with np.errstate(over="ignore"):
+        return _require_range(t[:, None] * _free_at(oscillators, t).ramp)
+
+
+def free_response(oscillators: Oscillators, times: NDArray[np.float64], start: State) -> State:
+    """Motion without force from an initial displacement and velocity.
+
+    Parameters
+    ----------
+    oscillators : Oscillators
+    times : (times,) float64, time units
+    start : State
+        At time 0, (modes, ...) each.
+
+    Returns
+    -------
+    State
+        (times, modes, ...) each.
+
+    Raises
+    ------
+    ParameterError
+        If a time is negative or not finite.
+    ShapeError
+        If the state does not have one row for each mode.
+    """
+    start = require_state(oscillators, start)
+    u0, v0 = start.amplitudes, start.velocities
+    r = _free_at(oscillators, times)
+    w = oscillators.angular_frequencies
+    parts = (r.kept, r.impulse, w * (w * r.impulse), r.kept_velocity)
+    A, g, w2_g, B = (part.reshape(part.shape + (1,) * (u0.ndim - 1)) for part in parts)
+    # u = A u0 + g v0 and u' = -w^2 g u0 + B v0
+    return State(A * u0 + g * v0, B * v0 - w2_g * u0)
+
+
+def free_states(
+    oscillators: Oscillators, times: NDArray[np.float64], start: State
+) -> Iterator[State]:
+    """`free_response` one time after the other, in memory that does not grow with the times.
+
+    Yields
+    ------
+    State
+        (modes, ...) each.
+    """
+    t = require_times(times)
+    start = require_state(oscillators, start)
+    return _free_states(oscillators, t, start)
+
+
+def _free_states(
+    oscillators: Oscillators, times: NDArray[np.float64], start: State
+) -> Iterator[State]:
+    chunk = max(1, _MOST_VALUES_AT_ONCE // max(1, start.amplitudes.size))
+    for first in range(0, len(times), chunk):
+        several = free_response(oscillators, times[first : first + chunk], start)
+        for u, v in zip(several.amplitudes, several.velocities, strict=True):
+            yield State(u, v)
+
+
+def _free_at(oscillators: Oscillators, times: NDArray[np.float64]) -> Responses:
+    t = require_times(times)
+    shape = (len(t), len(oscillators))
+    return responses(
+        np.broadcast_to(oscillators.angular_frequencies, shape),
+        np.broadcast_to(oscillators.dampings, shape),
+        np.broadcast_to(t[:, None], shape),
+    )
+
+
+def _require_range(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    beyond = np.argwhere(~np.isfinite(values))
+    if beyond.size:
+        frame, mode = (int(i) for i in beyond[0])
+        raise ParameterError(
+            f"The response of mode {mode} at time {frame} exceeds the range of float64.",
+            remedy="Use shorter times, or a time unit in which they are smaller numbers.",
+            frame=frame,
+            details={"mode": mode},
+        )
+    return values

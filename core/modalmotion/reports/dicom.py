@@ -1,0 +1,470 @@
+"""Reports as DICOM objects: measurements and surfaces of a study."""
+
+from __future__ import annotations
+
+import io
+import logging
+import uuid
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from modalmotion.errors import MalformedFileError, ParameterError, needs_extra
+from modalmotion.formats import Parser
+from modalmotion.formats.parser.process import ParserProcess
+from modalmotion.formats.stl import write_stl
+from modalmotion.formats.volumes.stack import unheard
+from modalmotion.limits import DEFAULT_LIMITS
+from modalmotion.mesh import Facts
+from modalmotion.reports.content import (
+    DICOM,
+    LOINC,
+    OWN,
+    SYSTEM,
+    Report,
+    concept,
+    errors_of,
+    moments_of,
+    quantities_of,
+)
+from modalmotion.representation import shown
+
+
+@shown()
+@dataclass(frozen=True)
+class Study:
+    """What is copied from an instance into objects of the same study.
+
+    Its `repr` does not show it, because it names a patient.
+
+    Parameters
+    ----------
+    header : mapping of str to str
+        By DICOM's keywords.
+    """
+
+    header: Mapping[str, str]
+
+    @property
+    def frame_of_reference(self) -> str | None:
+        """UID of the instance's frame of reference."""
+        return self.header["FrameOfReferenceUID"] or None
+
+    def dataset(self) -> Any:
+        """Return the header as a pydicom Dataset."""
+        from pydicom.dataset import Dataset
+
+        found = Dataset()
+        found.SpecificCharacterSet = "ISO_IR 192"
+        for name, value in self.header.items():
+            if name != "FrameOfReferenceUID" or value:
+                setattr(found, name, value)
+        return found
+
+
+def read_study(source: bytes | Path, *, parser: Parser | None = None) -> Study:
+    """Read the header of an instance, in a disposable process.
+
+    Parameters
+    ----------
+    source : bytes or Path
+    parser : Parser, optional
+
+    Raises
+    ------
+    MalformedFileError
+        If it is not a DICOM instance; no value of it is named.
+    MissingExtraError
+        If pydicom is absent.
+    """
+    try:
+        data = source.read_bytes() if isinstance(source, Path) else source
+    except OSError as error:
+        raise MalformedFileError(
+            f"The instance cannot be read: {error.strerror}.", remedy="Name a DICOM file."
+        ) from error
+    if parser is None:
+        with ParserProcess(DEFAULT_LIMITS) as own:
+            return Study(own.parse("study", data).info["header"])
+    return Study(parser.parse("study", data).info["header"])
+
+
+# The earliest time in a zip.
+_NO_DATE: Final = (1980, 1, 1, 0, 0, 0)
+
+
+def dicom_instances(report: Report, study: Study) -> dict[str, bytes]:
+    """Write a report as objects of the patient's study.
+
+    Parameters
+    ----------
+    report : Report
+        Of surfaces in LPS mm, in the frame of reference of the study's instance.
+    study : Study
+
+    Returns
+    -------
+    dict of str to bytes
+        DICOM files by name: `report.dcm`, and of surfaces two frames, such as `end-diastole.dcm`
+        and `end-systole.dcm`. The same for the same report and study.
+
+    Raises
+    ------
+    ParameterError
+        If the coordinates are not stated to be LPS mm.
+    MissingExtraError
+        If a package is absent.
+    """
+    require_space(report.sequence.facts, report.sequence.unit)
+    with needs_extra("dicom"):
+        import highdicom  # noqa: F401 (its modules log from here on)
+        import pydicom  # noqa: F401
+
+    loggers = [name for name in logging.root.manager.loggerDict if name.startswith(_LIBRARIES)]
+    # They log ids, and warn with the values of headers.
+    with unheard(*loggers):
+        written = {"report.dcm": structured_report(report, study)}
+        # Points without triangles are not a surface.
+        moments = moments_of(report) if len(report.sequence.faces) else []
+        for number, (frame, name) in enumerate(moments, 1):
+            file = f"{name.replace(' ', '-')}.dcm"
+            written[file] = surface_instance(report, study, frame, name, number)
+        files = {}
+        for name, dataset in written.items():
+            buffer = io.BytesIO()
+            dataset.save_as(buffer, enforce_file_format=True)
+            files[name] = buffer.getvalue()
+    return files
+
+
+def dicom_zip(report: Report, study: Study) -> bytes:
+    """Write the objects of `dicom_instances` as one zip, the same bytes for the same objects."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in dicom_instances(report, study).items():
+            archive.writestr(
+                zipfile.ZipInfo(name, _NO_DATE), data, compress_type=zipfile.ZIP_DEFLATED
+            )
+    return buffer.getvalue()
+
+
+def require_space(facts: Facts, unit: str | None) -> None:
+    """Check that coordinates are patient coordinates of DICOM.
+
+    Raises
+    ------
+    ParameterError
+        If they are not stated to be LPS, in mm.
+    """
+    if facts.coordinates != "LPS":
+        stated = "are not stated" if facts.coordinates == "unknown" else f"are {facts.coordinates}"
+        raise ParameterError(
+            f"The coordinates {stated}; an object of a study must be in LPS.",
+            remedy="State coordinates=LPS if x goes to the patient's left, y to the back and z to "
+            "the head, in the space of the study's images; otherwise convert the points first.",
+            details={"fact": "coordinates"},
+        )
+    if unit != "mm":
+        raise ParameterError(
+            f"The unit is {unit or 'unknown'}; an object of a study must be in mm.",
+            remedy="State unit=mm, or send the points in mm.",
+            details={"fact": "unit"},
+        )
+
+
+_LIBRARIES: Final = ("highdicom", "pydicom")
+
+
+SCHEME: Final = "99MODALMOTION"
+"""Of our own codes; DICOM requires 99 before unregistered ones."""
+
+_NAMESPACE: Final = uuid.uuid5(uuid.NAMESPACE_OID, f"{SYSTEM}:dicom")
+# Longest code and longest meaning.
+_MEANING: Final = 64
+
+
+def uid_of(report: Report, study: Study, name: str) -> str:
+    """Return the UID of an object: of the report, the study and the object's name.
+
+    Of the form 2.25 (PS3.5, B.2), which needs no registered root.
+    """
+    text = f"{report.digest} {study.header['StudyInstanceUID']} {name}"
+    return f"2.25.{uuid.uuid5(_NAMESPACE, text).int}"
+
+
+def own_code(code: str, meaning: str | None = None) -> Any:
+    """Return a code of our own table."""
+    from highdicom.sr import CodedConcept
+
+    said = OWN[code] if meaning is None else meaning
+    return CodedConcept(code.replace("_", "-"), SCHEME, said[:_MEANING])
+
+
+def code_of(code: str, facts: Facts) -> Any:
+    """Return the code of a quantity: DICOM's, LOINC's as in the FHIR bundle, or our own."""
+    from highdicom.sr import CodedConcept
+
+    if code in DICOM:
+        return CodedConcept(DICOM[code][0], "DCM", DICOM[code][1])
+    first = concept(code, facts)["coding"][0]
+    if first["system"] == LOINC:
+        return CodedConcept(first["code"], "LN", first["display"])
+    return own_code(code)
+
+
+def ucum(code: str) -> Any:
+    """Give a unit."""
+    from highdicom.sr import CodedConcept
+
+    return CodedConcept(code, "UCUM", {"1": "no units", "%": "percent"}.get(code, code))
+
+
+def stamp(dataset: Any, report: Report) -> None:
+    """Set all times of an object to that of the result, and its origin."""
+    day, time = f"{report.issued:%Y%m%d}", f"{report.issued:%H%M%S}"
+    for moment in ("InstanceCreation", "Content", "Series"):
+        setattr(dataset, f"{moment}Date", day)
+        setattr(dataset, f"{moment}Time", time)
+    dataset.TimezoneOffsetFromUTC = "+0000"
+    for equipment in dataset.get("ContributingEquipmentSequence", ()):
+        equipment.ContributionDateTime = f"{day}{time}"
+    dataset.Manufacturer = dataset.ManufacturerModelName = "modalmotion"
+    dataset.DeviceSerialNumber = "none"
+    dataset.SoftwareVersions = version_of(report)
+
+
+def version_of(report: Report) -> str:
+    """Version that made the result."""
+    return str(report.signature.provenance.get("modalmotion", "unknown"))
+
+
+SERIES_NUMBER: Final = 9101
+"""Of the structured report; surfaces have the next one."""
+
+
+def structured_report(report: Report, study: Study) -> Any:
+    """Write a report as a Comprehensive SR, preliminary and unverified.
+
+    Parameters
+    ----------
+    report : Report
+    study : Study
+
+    Returns
+    -------
+    pydicom.Dataset
+
+    Raises
+    ------
+    ParameterError
+        If the instance that the study was read from is of an unknown kind.
+    """
+    from highdicom.coding_schemes import CodingSchemeIdentificationItem
+    from highdicom.sr import ComprehensiveSR
+
+    try:
+        written = ComprehensiveSR(
+            evidence=[study.dataset()],
+            content=_content(report, study)[0],
+            series_instance_uid=uid_of(report, study, "SR series"),
+            series_number=SERIES_NUMBER,
+            sop_instance_uid=uid_of(report, study, "SR"),
+            instance_number=1,
+            manufacturer="modalmotion",
+            is_complete=True,
+            series_description="Motion analysis (no medical device)",
+            coding_schemes=[
+                CodingSchemeIdentificationItem(designator=SCHEME, name="modalmotion's own codes")
+            ],
+        )
+    except KeyError:
+        raise ParameterError(
+            "The kind of the instance is not supported.",
+            remedy="Send an image of the study, such as one of MR, CT or US.",
+        ) from None
+    stamp(written, report)
+    return written
+
+
+def _content(report: Report, study: Study) -> Any:
+    from highdicom.sr import (
+        DeviceObserverIdentifyingAttributes,
+        MeasurementReport,
+        ObservationContext,
+        ObserverContext,
+    )
+    from pydicom.sr.codedict import codes
+
+    version = version_of(report)
+    device = DeviceObserverIdentifyingAttributes(
+        uid=uid_of(report, study, "device"),
+        name="modalmotion",
+        manufacturer_name="modalmotion",
+        model_name=f"modalmotion {version}",
+    )
+    context = ObservationContext(observer_device_context=ObserverContext(codes.DCM.Device, device))
+    return MeasurementReport(
+        observation_context=context,
+        procedure_reported=own_code("analysis"),
+        imaging_measurements=list(_groups(report, study)),
+    )
+
+
+def _groups(report: Report, study: Study) -> Sequence[Any]:
+    facts = report.sequence.facts
+    groups = []
+    quantities = quantities_of(report)
+    if quantities:
+        measured = []
+        for one in quantities:
+            measured.append(_measured(code_of(one.name, facts), one.value, one.ucum))
+            for end, value in (("low", one.low), ("high", one.high)):
+                meaning = f"{OWN[one.name]}: {OWN[end].lower()}"
+                name = _own(f"{one.name}-{end}", meaning)
+                measured.append(_measured(name, value, one.ucum))
+        groups.append(_group(report, study, "volumes", measured))
+    rms, largest = errors_of(report)
+    fit = [
+        _measured(own_code("rms_error"), rms, "mm"),
+        _measured(own_code("max_error"), largest, "mm"),
+    ]
+    groups.append(_group(report, study, "fit", fit))
+    groups.append(_class(report, study))
+    if report.deviation is not None:
+        p_values = [_measured(own_code("p"), report.deviation.p, "1")]
+        p_values += [
+            _measured(own_code("p", f"p-value of {one.name}, corrected"), one.p, "1")
+            for one in report.deviation.groups
+        ]
+        groups.append(_group(report, study, "deviation", p_values))
+    return groups
+
+
+def _class(report: Report, study: Study) -> Any:
+    from highdicom.sr import QualitativeEvaluation
+
+    answer = report.classification
+    if answer is None:
+        said = _own("not-asked", "No model was asked")
+        probabilities = []
+    else:
+        why = "; ".join(answer.flags) or "inconclusive"
+        said = (
+            _own("no-class", f"No class: {why}")
+            if answer.label is None
+            else _own("-".join(answer.label.split()), answer.label)
+        )
+        probabilities = [
+            _measured(own_code("probability", f"Probability of {name}"), float(p), "1")
+            for name, p in zip(answer.classes, answer.probabilities, strict=True)
+        ]
+    stated = [QualitativeEvaluation(own_code("class"), said)]
+    return _group(report, study, "class", probabilities, stated)
+
+
+def _own(code: str, meaning: str) -> Any:
+    from highdicom.sr import CodedConcept
+
+    return CodedConcept(code.replace("_", "-")[:64], SCHEME, meaning[:64])
+
+
+def _measured(name: Any, value: float, unit: str) -> Any:
+    from highdicom.sr import Measurement
+
+    return Measurement(name=name, value=float(value), unit=ucum(unit))
+
+
+def _group(
+    report: Report, study: Study, name: str, measured: Sequence[Any], stated: Sequence[Any] = ()
+) -> Any:
+    from highdicom.sr import MeasurementsAndQualitativeEvaluations, TrackingIdentifier
+
+    return MeasurementsAndQualitativeEvaluations(
+        tracking_identifier=TrackingIdentifier(
+            uid=uid_of(report, study, f"tracking {name}"),
+            identifier=f"{report.sequence_id[:12]} {OWN[name]}",
+        ),
+        finding_type=own_code(name),
+        measurements=list(measured) or None,
+        qualitative_evaluations=list(stated) or None,
+        source_images=_sources(study),
+    )
+
+
+def _sources(study: Study) -> list[Any] | None:
+    from highdicom.sr import SourceImageForMeasurementGroup
+    from pydicom.uid import UID
+
+    kind = study.header["SOPClassUID"]
+    if "Image Storage" not in UID(kind).name:
+        return None
+    return [
+        SourceImageForMeasurementGroup(
+            referenced_sop_class_uid=kind,
+            referenced_sop_instance_uid=study.header["SOPInstanceUID"],
+        )
+    ]
+
+
+_STL_STORAGE: Final = "1.2.840.10008.5.1.4.1.1.104.3"
+
+
+def surface_instance(report: Report, study: Study, frame: int, name: str, number: int) -> Any:
+    """Write the surface of a frame, as sent.
+
+    Parameters
+    ----------
+    report : Report
+        Whose coordinates are LPS mm: see `require_space`.
+    study : Study
+    frame : int
+    name : str
+        Such as "End diastole".
+    number : int
+        Of the instance in its series.
+
+    Returns
+    -------
+    pydicom.Dataset
+    """
+    from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
+    from pydicom.uid import ExplicitVRLittleEndian
+
+    uid = uid_of(report, study, f"STL {name}")
+    meta = FileMetaDataset()
+    meta.MediaStorageSOPClassUID = _STL_STORAGE
+    meta.MediaStorageSOPInstanceUID = uid
+    meta.TransferSyntaxUID = ExplicitVRLittleEndian
+    meta.ImplementationClassUID = "2.25.247361850291147352840137524918603258176"
+    written = FileDataset("", {}, file_meta=meta, preamble=b"\0" * 128)
+    written.update(study.dataset())
+    written.SOPClassUID, written.SOPInstanceUID = _STL_STORAGE, uid
+    written.Modality = "M3D"
+    written.SeriesInstanceUID = uid_of(report, study, "STL series")
+    written.SeriesNumber, written.InstanceNumber = SERIES_NUMBER + 1, number
+    written.SeriesDescription = "Surfaces of a motion analysis (no medical device)"
+    space = study.frame_of_reference or uid_of(report, study, "space")
+    written.FrameOfReferenceUID, written.PositionReferenceIndicator = space, ""
+    stamp(written, report)
+    written.AcquisitionDateTime = ""
+    written.BurnedInAnnotation = "NO"
+    written.DocumentTitle = f"{name.capitalize()}, frame {frame}"
+    written.ConceptNameCodeSequence = []
+    written.MIMETypeOfEncapsulatedDocument = "model/stl"
+    source = Dataset()
+    source.ReferencedSOPClassUID = study.header["SOPClassUID"]
+    source.ReferencedSOPInstanceUID = study.header["SOPInstanceUID"]
+    written.SourceInstanceSequence = [source]
+    series = Dataset()
+    series.SeriesInstanceUID = study.header["SeriesInstanceUID"]
+    series.ReferencedInstanceSequence = [source]
+    written.ReferencedSeriesSequence = [series]
+    stl = write_stl(report.sequence.vertices[frame], report.sequence.faces, written.DocumentTitle)
+    written.EncapsulatedDocumentLength = len(stl)
+    written.EncapsulatedDocument = stl + b"\0" * (len(stl) % 2)
+    written.MeasurementUnitsCodeSequence = [ucum("mm")]
+    written.ModelModification = "NO"
+    written.ModelMirroring = "NO"
+    return written

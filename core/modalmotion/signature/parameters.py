@@ -1,0 +1,380 @@
+"""Request for a signature: number of modes, order, reference and limits."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import InitVar, asdict, dataclass, field, fields, replace
+from enum import StrEnum
+from functools import cached_property, partial
+from typing import Any, Final
+
+import numpy as np
+
+from modalmotion.arguments.checking import one_of, real, truth, whole, whole_numbers
+from modalmotion.errors import ModeCountError, ParameterError
+from modalmotion.mesh import Facts
+from modalmotion.mesh.sequence import MEAN, Reference
+from modalmotion.modes.topology import MESH, Topology
+from modalmotion.representation import shown
+from modalmotion.template import GivenLandmarks, Weights
+from modalmotion.template.body_frame import Components
+from modalmotion.template.landmarks import landmarks_in
+from modalmotion.template.vibration_modes import require_wave_speed
+
+# Above this a signature is no longer compact, and a typing error is more likely.
+MOST_MODES: Final = 2000
+
+USUAL_MODES: Final = 7
+"""Default number of modes: a whole set for every topology."""
+
+
+class ErrorKind(StrEnum):
+    """Error that a tolerance limits, over all frames: docs/error.md."""
+
+    RMS = "rms"
+    WEIGHTED_RMS = "weighted_rms"
+    MAX = "max"
+
+
+class SignatureKind(StrEnum):
+    """What amplitudes are of: displacements of points, or offsets of the surface.
+
+    Offsets are distances along the reference's normals; they see no motion within the surface.
+    """
+
+    MATERIAL = "material"
+    OFFSET = "offset"
+
+
+class ModeOrder(StrEnum):
+    """Which modes come first: the fixed order of the topology, or those with most energy."""
+
+    FIXED = "fixed"
+    ENERGY = "energy"
+
+
+@shown(
+    *("modes", "tolerance", "tolerance_of", "auto", "topology", "reference", "components", "kind"),
+    "key",
+)
+@dataclass(frozen=True)
+class SignatureParameters:
+    """Request for a signature.
+
+    The number of modes is set in one of four ways: `modes` (or `amplitudes`),
+    `tolerance`, `tolerance_share` or `auto`; 7 modes if in none.
+
+    Parameters
+    ----------
+    modes : int or None
+        Number of modes, three amplitudes per frame each, or one of offsets. 7 where nothing else is
+        asked for; rounded up where a cosine-sine pair would be split, unless `split_pairs`. None
+        where it follows from the data.
+    topology : str or None
+        Topology: cup, cylinder, ..., or mesh for the spring modes of the mesh itself. It goes over
+        what the sequence states; mesh is `closed_form=False`.
+    grid : tuple of int or None
+        Lattice shape such as 32,64, over what the sequence states.
+    reference : int or "mean"
+        Frame from which displacements are measured, or mean: the mean shape of all frames. Each is
+        turned onto it, and turned as they are on the mean: another first frame then changes
+        nothing, unless the frames turn all the way round.
+    weights : Weights
+        How much each vertex counts.
+    remove_rotation : bool
+        Whether each frame's rotation is taken out before the fit.
+    wave_speed : float, length unit per s
+        c of w = c k, which frequencies and strain energy are stated with.
+    components : Components
+        Directions of the three amplitudes of a mode: x, y, z or radial, tangential, axial.
+    landmarks : GivenLandmarks
+        Places stated by the user, over those of the shape.
+    closed_form : bool
+        False selects the spring modes of the mesh itself, even on a known topology.
+    merge_vertices : bool
+        Whether vertices that coincide in every frame are one vertex of the template.
+    template : str or None
+        Id of a template to use in place of one made from the sequence's own reference.
+    tolerance : float or None, mm
+        Error that is not exceeded, with the fewest modes that hold it.
+    tolerance_of : ErrorKind
+        Error that a tolerance limits: the RMS over all frames and vertices, the one by the
+        vertices' shares of the surface, or the largest of any vertex.
+    tolerance_share : float or None
+        A tolerance as a share of the motion: of the RMS displacement over all frames, by weight
+        where the tolerance is.
+    auto : bool
+        Stop where the residual looks like the noise of the measurement.
+    order : ModeOrder
+        Which modes come first: in the fixed order, or by energy among the first `most_modes`.
+    most_modes : int or None
+        Largest number of modes for a tolerance, `auto` or the order of energy.
+    harmonics : int or None
+        Harmonics that each amplitude's path over time is limited to. None leaves it as it is.
+    split_pairs : bool
+        Take the stated number of modes exactly: a cosine without its sine depends on where theta is
+        zero. Its amplitudes compare only where that is the same.
+    kind : SignatureKind
+        Whether amplitudes follow the vertices, or measure the surface along its reference's
+        normals. OFFSET has one amplitude a mode, and does not see where on the surface the
+        vertices are: see `modalmotion.signature.superposition`.
+    volumes : bool
+        Whether the signature has the volume that the surface encloses in each frame. Models may
+        read it.
+    deviations : bool
+        Whether the signature has a standard deviation of each amplitude, from estimated noise.
+        Of a tracked sequence, and with `auto`, it has in any case.
+    amplitudes : int, optional
+        In place of `modes`: amplitudes per frame, three of a mode, or one of offsets.
+    """
+
+    modes: int | None = None
+    topology: str | None = None
+    grid: tuple[int, ...] | None = None
+    reference: Reference = 0
+    weights: Weights = Weights.AREA
+    remove_rotation: bool = True
+    wave_speed: float = 1.0
+    components: Components = Components.CARTESIAN
+    landmarks: GivenLandmarks = field(default_factory=GivenLandmarks)
+    closed_form: bool = True
+    merge_vertices: bool = True
+    template: str | None = None
+    tolerance: float | None = None
+    tolerance_of: ErrorKind = ErrorKind.RMS
+    tolerance_share: float | None = None
+    auto: bool = False
+    order: ModeOrder = ModeOrder.FIXED
+    most_modes: int | None = None
+    harmonics: int | None = None
+    split_pairs: bool = False
+    kind: SignatureKind = SignatureKind.MATERIAL
+    volumes: bool = False
+    deviations: bool = False
+    amplitudes: InitVar[int | None] = None
+
+    def __post_init__(self, amplitudes: int | None) -> None:
+        if self.topology == MESH:
+            object.__setattr__(self, "topology", None)
+            object.__setattr__(self, "closed_form", False)
+        if amplitudes is not None:
+            if self.modes is not None:
+                raise _several_requests(["modes", "amplitudes"])
+            n_directions = 1 if self.kind == SignatureKind.OFFSET else 3
+            n_modes = -(-whole("amplitudes", amplitudes) // n_directions)
+            object.__setattr__(self, "modes", n_modes)
+        self._take_kinds()
+        values = {name: getattr(self, name) for name in _WAYS}
+        requests = [name for name, value in values.items() if not (value is None or value is False)]
+        if len(requests) > 1:
+            raise _several_requests(requests)
+        if not requests:
+            object.__setattr__(self, "modes", USUAL_MODES)
+        for name, count in (("modes", self.modes), ("most_modes", self.most_modes)):
+            if count is not None and not 1 <= count <= MOST_MODES:
+                raise ModeCountError(
+                    f"{count} modes were requested; a signature has 1 to {MOST_MODES}.",
+                    remedy=f"Ask for 1 to {MOST_MODES} modes; 7 is the usual number.",
+                    details={name: count, "most": MOST_MODES},
+                )
+        if self.split_pairs and (self.modes is None or self.order != ModeOrder.FIXED):
+            raise ParameterError(
+                "Pairs are split only for a stated number of modes in the fixed order: a number "
+                "that follows from the data takes whole pairs.",
+                remedy="Leave out split_pairs, or ask by modes or amplitudes and leave the order "
+                "fixed.",
+            )
+        self._require_kind()
+        require_wave_speed(self.wave_speed)
+        for name in ("tolerance", "tolerance_share"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value >= 0):
+                raise ParameterError(
+                    f"The {name.replace('_', ' ')} is {value}.",
+                    remedy="Use a finite number, 0 or more.",
+                )
+        if self.harmonics is not None and self.harmonics < 0:
+            raise ParameterError(
+                f"{self.harmonics} harmonics were requested.", remedy="Use 0 or more."
+            )
+
+    def _require_kind(self) -> None:
+        """Refuse for offsets what only displacements have."""
+        if self.kind == SignatureKind.MATERIAL:
+            return
+        if self.components != Components.CARTESIAN:
+            raise ParameterError(
+                f"An offset is one number a mode, so there are no {self.components} components "
+                "of it.",
+                remedy="Leave the components out, or ask for the kind material.",
+            )
+        if self.auto:
+            raise ParameterError(
+                "The noise of vertices, where auto stops, is not known of offsets.",
+                remedy="Ask by modes, tolerance or tolerance_share, or for the kind material.",
+            )
+
+    def _take_kinds(self) -> None:
+        """Take each value as what it should be, or refuse it by name."""
+        takes: dict[str, Callable[[str, Any], object]] = {
+            **dict.fromkeys(("modes", "most_modes", "harmonics"), whole),
+            **dict.fromkeys(("wave_speed", "tolerance", "tolerance_share"), real),
+            **dict.fromkeys(
+                (
+                    "remove_rotation",
+                    "closed_form",
+                    "merge_vertices",
+                    "auto",
+                    "split_pairs",
+                    "volumes",
+                    "deviations",
+                ),
+                truth,
+            ),
+            **{
+                name: partial(one_of, words=words)
+                for name, words in (
+                    ("weights", Weights),
+                    ("components", Components),
+                    ("tolerance_of", ErrorKind),
+                    ("order", ModeOrder),
+                    ("kind", SignatureKind),
+                )
+            },
+            "grid": whole_numbers,
+            "topology": _name,
+            "template": _name,
+        }
+        if self.reference != MEAN:
+            takes["reference"] = whole
+        if not isinstance(self.landmarks, GivenLandmarks):
+            raise ParameterError(
+                f"landmarks is {repr(self.landmarks)[:80]}, not places with names.",
+                remedy="Give them as GivenLandmarks(apex=..., base=...).",
+            )
+        for name, take in takes.items():
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, take(name, value))
+
+    @property
+    def n_directions(self) -> int:
+        """Number of amplitudes of a mode in each frame."""
+        return 1 if self.kind == SignatureKind.OFFSET else 3
+
+    @property
+    def is_adaptive(self) -> bool:
+        """Whether the number of modes follows from the data."""
+        return self.modes is None
+
+    @property
+    def fixes_kind(self) -> bool:
+        """Whether the kind of modes is stated, and not left to the shape of each recording."""
+        return self.topology is not None or self.template is not None or not self.closed_form
+
+    def with_facts(
+        self, facts: Facts, topology: Topology | str | None, grid: tuple[int, ...] | None
+    ) -> SignatureParameters:
+        """Return the parameters with the facts that the fit reads: landmarks of the template.
+
+        So the key contains a fact that the fit reads, and no other.
+
+        Parameters
+        ----------
+        facts : Facts
+            Of the sequence; landmarks that the parameters state go over its own.
+        topology : Topology, str or None
+            As the sequence states it.
+        grid : tuple of int or None
+            Of the sequence.
+        """
+        if self.template is not None or not self.closed_form or not facts.landmarks:
+            return self
+        known = topology if self.topology is None else self.topology
+        landmarks = landmarks_in(
+            facts,
+            self.landmarks,
+            Topology.parse(known) if isinstance(known, str) else known,
+            is_lattice=(grid if self.grid is None else self.grid) is not None,
+        )
+        # `amplitudes` is not a field: replacing leaves `modes` as it is.
+        return self if landmarks == self.landmarks else replace(self, landmarks=landmarks)
+
+    def as_plain(self) -> dict[str, Any]:
+        """Give the parameters as JSON values."""
+        values = asdict(self)
+        # Settings of adaptive choice are left out at their defaults, as in most requests.
+        for way in fields(self):
+            if way.name in _LEFT_OUT and values[way.name] == way.default:
+                del values[way.name]
+        return values
+
+    @cached_property
+    def key(self) -> str:
+        """Short name of this choice of parameters, for file names and ETags."""
+        text = json.dumps(self.as_plain(), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _name(name: str, value: Any) -> str:
+    if not isinstance(value, str | Topology):
+        raise ParameterError(
+            f"{name} is {repr(value)[:80]}, not the name of one.",
+            remedy=f"Give its name or id as text: {name}='...'.",
+        )
+    return str(value)
+
+
+_WAYS: Final = ("modes", "tolerance", "tolerance_share", "auto")
+
+_LEFT_OUT: Final = (
+    "tolerance",
+    "tolerance_of",
+    "tolerance_share",
+    "auto",
+    "order",
+    "most_modes",
+    "harmonics",
+    "split_pairs",
+    "merge_vertices",
+    "kind",
+    "volumes",
+    "deviations",
+)
+
+
+def _several_requests(names: list[str]) -> ParameterError:
+    return ParameterError(
+        f"The number of modes was requested in several ways: {', '.join(names)}.",
+        remedy="Ask by one of modes, amplitudes, tolerance, tolerance_share and auto.",
+        details={"asked": names},
+    )
+
+
+_NAMES: Final = tuple(field.name for field in fields(SignatureParameters))
+
+
+def parameters_as_json(parameters: SignatureParameters) -> dict[str, Any]:
+    """Values of a signature's parameters, ready for JSON."""
+    # All are plain values; `asdict` would copy them.
+    values = {name: getattr(parameters, name) for name in _NAMES}
+    return {**values, "landmarks": parameters.landmarks.as_json()}
+
+
+def parameters_from_json(values: dict[str, Any]) -> SignatureParameters:
+    """Read the output of `parameters_as_json`."""
+    # JSON has neither tuples nor enumerations.
+    grid = values["grid"]
+    return SignatureParameters(
+        **{
+            **values,
+            "grid": None if grid is None else tuple(grid),
+            "weights": Weights(values["weights"]),
+            "components": Components(values["components"]),
+            "landmarks": GivenLandmarks.from_json(values["landmarks"]),
+            "tolerance_of": ErrorKind(values["tolerance_of"]),
+            "order": ModeOrder(values["order"]),
+        }
+    )

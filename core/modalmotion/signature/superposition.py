@@ -1,0 +1,390 @@
+"""Modal superposition, (2) of Nastar (1994), and surfaces known along their normals.
+
+A place of the reference has one offset in each frame, the height above it at which the surface
+of that frame, its rotation and drift removed, meets the normal there (`NormalLines.heights`).
+Where vertices lie on the surface does not matter: rotation and drift are the surface's own, too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from modalmotion.errors import TopologyError
+from modalmotion.mesh import oriented_faces
+from modalmotion.mesh.alignment import Displacements, PositionBlock, Rotations
+from modalmotion.mesh.normal_lines import NormalLines, vertex_normals
+from modalmotion.mesh.reference import reference_positions
+from modalmotion.mesh.sequence import MeshSequence, Reference
+from modalmotion.mesh.triangles import face_normals
+from modalmotion.numeric.products import power_of_two, product, weighted_sum
+from modalmotion.representation import shown
+from modalmotion.signature.fit import FrameErrors, errors_of_offsets
+from modalmotion.template import Template
+from modalmotion.template.body_frame import Components, from_local, local_frames
+from modalmotion.template.vibration_modes import nearest_in_use
+
+# Below this the surface is no more on one side of its centroid than on the other: its winding
+# says then which side is outside.
+_FLAT: Final = 0.1
+
+# Lines that a rotation is fitted to, and how often: the third turn moves nothing by 0.1 degrees.
+_N_TURNING: Final = 512
+_N_TURNS: Final = 2
+
+# Of the mean square radius: draws a rotation that the shape hardly determines to that of the
+# vertices.
+_PULL: Final = 1e-2
+
+# Consecutive multiples of it fall apart evenly: some of the lines, from everywhere. Multiples of
+# the golden ratio would all lie at one side where points follow a spiral, which goes round by it.
+_SPREAD: Final = math.sqrt(2.0) - 1.0
+
+
+@shown()
+@dataclass(frozen=True, eq=False)
+class Offsets:
+    """Offsets of every frame, as a motion of the reference's vertices along its normals.
+
+    Parameters
+    ----------
+    displacements : Displacements
+        Of that motion, in which nothing turns or drifts as a whole.
+    directions : (vertices, 1, 3) float64
+        Outward unit normals of the reference.
+    rotations : Rotations
+        Of the surface, removed.
+    translations : (frames, 3) float64, length unit
+        Path of the surface's area centroid from the reference's, removed too.
+    """
+
+    displacements: Displacements
+    directions: NDArray[np.float64]
+    rotations: Rotations
+    translations: NDArray[np.float64]
+
+
+def offset_reference(
+    template: Template, start: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Directions of offsets, and the place about which their rotations turn.
+
+    Parameters
+    ----------
+    template : Template
+    start : (vertices, 3) float64, length unit
+        The reference.
+
+    Returns
+    -------
+    directions : (vertices, 1, 3) float64
+        Outward unit normals.
+    centre : (3,) float64, length unit
+        Area centroid.
+
+    Raises
+    ------
+    TopologyError
+        As `offsets_of` says.
+    """
+    centre = weighted_sum(template.weights, start)
+    rest = start - centre
+    rest[template.isolated] = 0.0
+    scale = power_of_two(float(np.abs(rest).max(initial=0.0)))
+    reference = _Reference.of(template, rest / scale)
+    normals = reference.normals[_to_all_vertices(template)]
+    return normals[:, None], centre + reference.centroid * scale
+
+
+def offsets_of(displacements: Displacements, template: Template) -> Offsets:
+    """Measure the offsets of a sequence.
+
+    Parameters
+    ----------
+    displacements : Displacements
+        Of its vertices, from the reference.
+    template : Template
+
+    Raises
+    ------
+    TopologyError
+        If the shape is not a surface, or has one side only.
+    """
+    sequence, shape = displacements.sequence, displacements.shape
+    reference = _Reference.of(template, np.ascontiguousarray(shape.rest.T))
+    spread = _to_all_vertices(template)
+    parts = [_measured(block, reference) for block in displacements.positions()]
+    rotations = Rotations(
+        np.concatenate([part[1].matrices for part in parts]),
+        np.concatenate([part[1].is_determined for part in parts]),
+    )
+    vertices = np.empty((sequence.n_frames, sequence.n_vertices, 3))
+    for block, (heights, _, _) in zip(_slices(parts), parts, strict=True):
+        h = np.zeros((len(heights), sequence.n_vertices))
+        h[:, reference.lines.vertices] = heights
+        vertices[block] = h[:, spread, None] * (reference.normals[spread] * shape.scale)
+    vertices += displacements.start
+    # The motion has the sequence's own times and unit, and no facts that concern vertices.
+    moved = replace(sequence, vertices=vertices)
+    return Offsets(
+        replace(displacements, sequence=moved, remove_rotation=False),
+        reference.normals[spread][:, None],
+        rotations,
+        np.concatenate([part[2] for part in parts]) * shape.scale,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Reference:
+    """The reference with its lines, centred and in units of its scale.
+
+    Parameters
+    ----------
+    faces : (faces, 3) int64
+        Wound so that normals point outward.
+    positions, normals : (vertices, 3) float64
+    centroid : (3,) float64
+        Of the area.
+    lines : NormalLines
+    """
+
+    faces: NDArray[np.int64]
+    positions: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    centroid: NDArray[np.float64]
+    lines: NormalLines
+
+    @staticmethod
+    def of(template: Template, x: NDArray[np.float64]) -> _Reference:
+        """Take the positions (vertices, 3) of a template's reference."""
+        faces = _sides_of(template)
+        centroid = _centroids(x[None], faces)[0]
+        of_faces = face_normals(x, faces)
+        r = x[faces].mean(axis=1) - centroid
+        outward = np.einsum("ij,ij->i", of_faces, r)
+        most = np.linalg.norm(of_faces, axis=1) @ np.linalg.norm(r, axis=1)
+        if outward.sum() < -_FLAT * most:
+            faces = np.ascontiguousarray(faces[:, ::-1])
+        normals = vertex_normals(x, faces)
+        lines = NormalLines.of(faces, np.unique(faces), x, normals)
+        return _Reference(faces, x, normals, centroid, lines)
+
+
+def _sides_of(template: Template) -> NDArray[np.int64]:
+    """Triangles of a template, all wound the same way round."""
+    faces = template.faces
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    is_surface = template.surface is None or template.surface.n_axes == 2
+    if not len(faces) or not is_surface:
+        raise TopologyError(
+            "Offsets are measured along the normals of a surface, and this shape is a curve, a "
+            "volume or points.",
+            remedy="Ask for the kind material.",
+        )
+    oriented = oriented_faces(faces, template.n_vertices)
+    if oriented is None:
+        raise TopologyError(
+            "The surface has one side only, so its normals point nowhere outward.",
+            remedy="Ask for the kind material.",
+        )
+    return oriented
+
+
+def _centroids(x: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Area centroids of shapes, (frames, 3), of positions (frames, vertices, 3)."""
+    centroids = np.empty((len(x), 3))
+    for k, positions in enumerate(x):
+        areas = np.linalg.norm(face_normals(positions, faces), axis=1)
+        total = float(areas.sum()) or 1.0
+        middles = positions[faces].sum(axis=1) / 3.0
+        centroids[k] = areas @ middles / total if areas.any() else middles.mean(axis=0)
+    return centroids
+
+
+def _measured(
+    block: PositionBlock, reference: _Reference
+) -> tuple[NDArray[np.float64], Rotations, NDArray[np.float64]]:
+    """Heights above all lines, rotations and drifts of a block, in units of the scale."""
+    shape, lines, middle = block.shape, reference.lines, reference.centroid
+    f, _, n = block.positions.shape
+    sums = product(block.positions.reshape(3 * f, n), shape.moments).reshape(f, 3, 4)
+    rotations, _ = block.alignment(sums)
+    x = np.ascontiguousarray(block.positions.transpose(0, 2, 1))
+    drifts = _centroids(x, reference.faces) - middle
+    drifts[block.is_still] = 0.0
+    x -= (middle + drifts)[:, None]
+    matrices = rotations.matrices
+    if block.remove_rotation:
+        matrices = _turned(x, matrices, reference, shape.weights)
+        matrices[block.is_still] = np.eye(3)
+    aligned = x @ matrices
+    aligned += middle
+    aligned[block.is_still] = reference.positions
+    return lines.heights(aligned), Rotations(matrices, rotations.is_determined), drifts
+
+
+def _turned(
+    x: NDArray[np.float64],
+    matrices: NDArray[np.float64],
+    reference: _Reference,
+    weights: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Turn rotations of vertices into those of the surface: offsets are then least.
+
+    A small turn w moves the surface by n . (w x r) along its normals; least squares, from the
+    vertices' own rotation on, which stays where the shape determines none, as about the axis of
+    a round one. What all lines have in common, as where a surface narrows, is no turn.
+    """
+    lines = reference.lines
+    places = np.modf(np.arange(len(lines.vertices)) * _SPREAD)[0]
+    some = lines.some(np.sort(np.argsort(places, kind="stable")[:_N_TURNING]))
+    w = weights[some.vertices]
+    r = some.starts - reference.centroid
+    slopes = np.cross(r, some.directions[:, 2])
+    pull = _PULL * float(w @ (r**2).sum(axis=1))
+    if pull == 0.0:
+        return matrices
+    slopes -= w @ slopes / w.sum()
+    A = (slopes * w[:, None]).T @ slopes + pull * np.eye(3)
+    for _ in range(_N_TURNS):
+        heights = some.heights(x @ matrices + reference.centroid)
+        turns = np.linalg.solve(A, (heights @ (slopes * w[:, None])).T).T
+        matrices = matrices @ scipy.spatial.transform.Rotation.from_rotvec(turns).as_matrix()
+    return matrices
+
+
+def _to_all_vertices(template: Template) -> NDArray[np.int64]:
+    """Vertex whose offset each one takes: where it coincides with another, or is in no triangle."""
+    spread = template.representatives.copy()
+    if len(template.isolated):
+        spread[template.isolated] = nearest_in_use(template.vertices, template.isolated)
+    return spread
+
+
+def _slices(
+    parts: list[tuple[NDArray[np.float64], Rotations, NDArray[np.float64]]],
+) -> list[slice]:
+    ends = np.cumsum([0, *(len(part[0]) for part in parts)]).tolist()
+    return [slice(a, b) for a, b in pairwise(ends)]
+
+
+# Floats of positions held at once while they are compared.
+_BLOCK: Final = 500_000
+
+
+@dataclass(frozen=True, eq=False)
+class Superposition:
+    """A reference shape, mode shapes on it, and how both become positions.
+
+    Parameters
+    ----------
+    start : (vertices, 3) float64, length unit
+        Reference positions.
+    centre : (3,) float64, length unit
+        Its weighted centroid.
+    shapes : (vertices, modes) float64
+    frames : (vertices, n, 3) float64 or None
+        Local directions of the components; None for x, y, z.
+    holds_drift : bool
+        Whether shapes hold the path of the centroid, as displacements do and offsets do not.
+    """
+
+    start: NDArray[np.float64]
+    centre: NDArray[np.float64]
+    shapes: NDArray[np.float64]
+    frames: NDArray[np.float64] | None
+    holds_drift: bool = True
+
+    @staticmethod
+    def on(
+        sequence: MeshSequence,
+        template: Template,
+        shapes: NDArray[np.float64],
+        *,
+        reference: Reference,
+        components: Components,
+    ) -> Superposition:
+        """Superpose shapes on one frame of a sequence, or on its mean shape."""
+        start = reference_positions(sequence, reference)
+        frames = None if components == Components.CARTESIAN else local_frames(template)
+        return Superposition(start, template.weights @ start, shapes, frames)
+
+    @staticmethod
+    def of_offsets(
+        sequence: MeshSequence,
+        template: Template,
+        shapes: NDArray[np.float64],
+        *,
+        reference: Reference,
+    ) -> Superposition:
+        """Superpose shapes along the normals of a reference."""
+        start = reference_positions(sequence, reference)
+        directions, centre = offset_reference(template, start)
+        return Superposition(start, centre, shapes, directions, holds_drift=False)
+
+    def positions(
+        self,
+        amplitudes: NDArray[np.float64],
+        matrices: NDArray[np.float64],
+        translations: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Positions that amplitudes, rotations and the path of the centroid stand for.
+
+        Parameters
+        ----------
+        amplitudes : (frames, modes, n) float64, length unit
+        matrices : (frames, 3, 3) float64
+        translations : (frames, 3) float64, length unit
+
+        Returns
+        -------
+        (frames, vertices, 3) float64, length unit
+        """
+        # (2) u = sum_p a_p phi_p
+        u = self.shapes @ amplitudes
+        if self.frames is not None:
+            u = from_local(u, self.frames)
+        # R (x - c + u - d) + c + d, so written that what does not move stays to the last bit.
+        drift = translations[:, None, :]
+        if not self.holds_drift:
+            u = u + drift
+        turned = (self.start - self.centre + u - drift) @ (matrices - np.eye(3)).transpose(0, 2, 1)
+        x: NDArray[np.float64] = self.start + u
+        x += turned
+        return x
+
+
+def measured(
+    sequence: MeshSequence,
+    template: Template,
+    superposition: Superposition,
+    amplitudes: NDArray[np.float64],
+    rotations: Rotations,
+    translations: NDArray[np.float64],
+) -> FrameErrors:
+    """Measure superposed positions against those of the sequence.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    template : Template
+    superposition : Superposition
+    amplitudes : (frames, modes, 3) float64, length unit
+    rotations : Rotations
+    translations : (frames, 3) float64, length unit
+    """
+    parts = []
+    step = max(1, _BLOCK // (3 * sequence.n_vertices))
+    for first in range(0, sequence.n_frames, step):
+        at = slice(first, first + step)
+        x = superposition.positions(amplitudes[at], rotations.matrices[at], translations[at])
+        x -= sequence.vertices[at]
+        parts.append(errors_of_offsets(x, template))
+    return FrameErrors.joined(parts)

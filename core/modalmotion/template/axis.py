@@ -1,0 +1,349 @@
+"""Axes and potentials of a surface, from integrals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError
+from modalmotion.mesh import cotangent_laplacian, graph_laplacian, solve_positive_definite
+from modalmotion.modes.topology import CLOSED, Topology
+from modalmotion.numeric.products import along
+from modalmotion.progress import ShareReport, silent
+from modalmotion.template.surface import Surface
+
+# An axis through two places closer than this share of the surface's size has no direction.
+_SHORTEST = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Axes:
+    """Directions that natural coordinates are placed by.
+
+    Parameters
+    ----------
+    axis : (3,) float64
+        Unit vector; the normal of a plane.
+    zero : (3,) float64
+        Unit vector across it, in which theta is 0; along s of a plane.
+    strengths : mapping of str to float
+        How well each is determined, 0 to 1: see `Landmarks`.
+    """
+
+    axis: NDArray[np.float64]
+    zero: NDArray[np.float64]
+    strengths: Mapping[str, float]
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """The two and the one across both in the columns of a rotation, (3, 3)."""
+        return np.stack([self.zero, np.cross(self.axis, self.zero), self.axis], axis=1)
+
+    def turned(self, w: NDArray[np.float64]) -> Axes:
+        """Turn both by the rotation vector w, (3,), rad."""
+        R = scipy.spatial.transform.Rotation.from_rotvec(w).as_matrix()
+        return Axes(R @ self.axis, R @ self.zero, self.strengths)
+
+
+def direction_between(
+    surface: Surface, apex: NDArray[np.float64], base: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Find the unit vector from one place to another, (3,).
+
+    Raises
+    ------
+    ParameterError
+        If the two places coincide.
+    """
+    span = base - apex
+    size = float(np.linalg.norm(span))
+    if not size > _SHORTEST * np.sqrt(surface.area):
+        raise ParameterError(
+            "The apex and the base lie in the same place, so they give no axis.",
+            remedy="Give two places at opposite ends of the surface.",
+        )
+    axis: NDArray[np.float64] = span / size
+    return axis
+
+
+def origin_on(
+    surface: Surface, axis: NDArray[np.float64], places: Mapping[str, NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """Foot of the area centroid on the axis through a stated end; the centroid without one."""
+    place = places.get("apex", places.get("base"))
+    if place is None:
+        return surface.centroid
+    foot: NDArray[np.float64] = place + ((surface.centroid - place) @ axis) * axis
+    return foot
+
+
+def principal_axes(surface: Surface) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Directions in which the surface extends most to least, and its variance along them.
+
+    The sense of each is that in which the surface is blunt: its third moment along it is
+    not positive.
+
+    Returns
+    -------
+    variances : (3,) float64
+    directions : (3, 3) float64
+        One in each row.
+    """
+    offsets, areas = surface.offsets, surface.areas
+    variances, columns = np.linalg.eigh(surface.covariance)
+    directions = columns.T[::-1].copy()
+    for direction in directions:
+        if (areas * along(offsets, direction) ** 3).sum() > 0:
+            direction *= -1
+    return np.maximum(variances[::-1], 0.0), directions
+
+
+def skewness(surface: Surface, direction: NDArray[np.float64]) -> float:
+    """Strength of the third moment that gives a direction its sense, 0 to 1."""
+    cubes = surface.areas * along(surface.offsets, direction) ** 3
+    total = float(np.abs(cubes).sum())
+    return abs(float(cubes.sum())) / total if total > 0 else 0.0
+
+
+def lean(surface: Surface, axis: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Direction across the axis in which the wall leans, and how strongly, 0 to 1.
+
+    The product moment of height and offset across the axis. It turns with the surface, is
+    the same for any triangulation, and vanishes on a surface of revolution.
+    """
+    of_axis = surface.covariance @ axis
+    high = float(of_axis @ axis)
+    wide = float(np.trace(surface.covariance)) - high
+    return _unit_across(of_axis, axis, float(np.sqrt(max(high * wide, 0.0))))
+
+
+def widest_across(surface: Surface, axis: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Direction across the axis in which the surface is widest, and how strongly, 0 to 1.
+
+    For an axis of inertia, along which nothing leans. Its sense is that of `principal_axes`.
+    """
+    across = np.eye(3) - np.outer(axis, axis)
+    variances, columns = np.linalg.eigh(across @ surface.covariance @ across)
+    direction: NDArray[np.float64] = columns[:, 2]
+    if float((surface.areas * along(surface.offsets, direction) ** 3).sum()) > 0:
+        direction = -direction
+    gap = float((variances[2] - variances[1]) / variances[2]) if variances[2] > 0 else 0.0
+    direction, strength = _unit_across(direction * gap, axis, 1.0)
+    return direction, min(strength, skewness(surface, direction))
+
+
+def towards(
+    place: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    axis: NDArray[np.float64],
+    size: float,
+) -> NDArray[np.float64]:
+    """Find the unit vector across the axis towards a place.
+
+    Raises
+    ------
+    ParameterError
+        If the place lies on the axis.
+    """
+    across = place - origin
+    across = across - (across @ axis) * axis
+    length = float(np.linalg.norm(across))
+    if not length > 1e-6 * size:
+        raise ParameterError(
+            "The landmark 'theta_zero' lies on the axis, where theta has no value.",
+            remedy="Give a place on the wall, away from apex and axis.",
+        )
+    unit: NDArray[np.float64] = across / length
+    return unit
+
+
+def axes_about(
+    surface: Surface,
+    places: Mapping[str, NDArray[np.float64]],
+    axis: NDArray[np.float64],
+    by_shape: tuple[NDArray[np.float64], float],
+    strengths: Mapping[str, float],
+) -> Axes:
+    """Axes of a known axis, and the zero of theta on it.
+
+    Parameters
+    ----------
+    surface : Surface
+    places : mapping of str to (3,) float64
+        Positions of the stated landmarks; "theta_zero" decides where it is one of them.
+    axis : (3,) float64
+    by_shape : (3,) float64 and float
+        `lean` or `widest_across`: how the shape decides otherwise.
+    strengths : mapping of str to float
+        Of the axis.
+    """
+    zero, strength = by_shape
+    if "theta_zero" in places:
+        origin = origin_on(surface, axis, places)
+        zero, strength = towards(places["theta_zero"], origin, axis, surface.area**0.5), 1.0
+    return Axes(axis, zero, {**strengths, "theta_zero": strength})
+
+
+def azimuth(
+    offsets: NDArray[np.float64], axis: NDArray[np.float64], zero: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Angle about the axis in turns, (-1/2, 1/2], right-handed for either winding of the mesh.
+
+    Parameters
+    ----------
+    offsets : (vertices, 3) float64
+        From a point of the axis.
+    axis, zero : (3,) float64
+        Unit vectors across each other.
+
+    Returns
+    -------
+    (vertices,) float64, turns
+    """
+    beside = np.cross(axis, zero).astype(np.float64)
+    turns: NDArray[np.float64] = np.arctan2(along(offsets, beside), along(offsets, zero))
+    return turns / (2 * np.pi)
+
+
+def n_vortices(theta: NDArray[np.float64], faces: NDArray[np.int64]) -> int:
+    """Triangles around which theta makes a whole turn: where the axis meets the surface."""
+    corners = theta[faces]
+    steps = np.roll(corners, -1, axis=1) - corners
+    return int((np.abs(np.round(steps).sum(axis=1)) > 0).sum())
+
+
+def corner_steps(angle: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Take an angle in turns to each triangle's corners, unwrapped about the first, (faces, 3)."""
+    corners = angle[faces]
+    corners = corners - corners[:, :1]
+    corners -= np.round(corners)
+    return corners
+
+
+def degree(surface: Surface, coordinates: NDArray[np.float64], topology: Topology) -> float:
+    """How many times the coordinates cover their rectangle, folds counted backwards.
+
+    1 where every place has its own pair of coordinates; less where theta turns back on itself
+    or the axis meets the surface outside the poles.
+    """
+    faces = surface.wound_faces
+    if faces is None:
+        return 0.0
+    x, y = (
+        corner_steps(column, faces) if ends == CLOSED else column[faces] - column[faces][:, :1]
+        for column, ends in zip(coordinates.T, topology.ends, strict=True)
+    )
+    return abs(0.5 * float((x[:, 1] * y[:, 2] - x[:, 2] * y[:, 1]).sum()))
+
+
+def any_across(axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Choose some unit vector across the axis, where the shape offers none."""
+    one = np.eye(3)[np.argmin(np.abs(axis))]
+    one = one - (one @ axis) * axis
+    unit: NDArray[np.float64] = one / np.linalg.norm(one)
+    return unit
+
+
+def _unit_across(
+    direction: NDArray[np.float64], axis: NDArray[np.float64], spread: float
+) -> tuple[NDArray[np.float64], float]:
+    direction = direction - (direction @ axis) * axis
+    length = float(np.linalg.norm(direction))
+    strength = min(1.0, length / spread) if spread > 0 else 0.0
+    # Rounding alone leaves this much of a direction.
+    if not strength > 1e-12:
+        return any_across(axis), 0.0
+    return direction / length, strength
+
+
+# Springs this weak join vertices that no triangle with area joins.
+_GLUE = 1e-12
+
+
+def potential(
+    surface: Surface,
+    sources: NDArray[np.float64],
+    held: NDArray[np.int64],
+    values: NDArray[np.float64],
+    report: ShareReport = silent,
+) -> NDArray[np.float64] | None:
+    """Solve -Laplace u = sources with u fixed on some vertices, by linear elements.
+
+    Parameters
+    ----------
+    surface : Surface
+        In one piece.
+    sources : (vertices,) float64
+        Integrated over each vertex's cell.
+    held : (n,) int64
+        Vertices with a fixed value; if there are none, the sources must add up to zero and
+        the mean of u over the surface is zero.
+    values : (n,) float64
+    report : callable, optional
+        Told the share of the solution that is there.
+
+    Returns
+    -------
+    (vertices,) float64, or None
+        None where the triangles are too thin for a solution. Isolated vertices get zero.
+    """
+    n = len(surface.vertices)
+    u = np.zeros(n)
+    u[held] = values
+    is_free = np.ones(n, dtype=np.bool_)
+    is_free[held] = False
+    is_free[surface.connectivity.isolated] = False
+    free = np.flatnonzero(is_free)
+    if not len(held):
+        # Without held values u is known up to a constant: one vertex is held, the mean
+        # taken off afterwards.
+        free = free[1:]
+    if len(free):
+        found = _solved(surface, sources, u, free, report)
+        if found is None:
+            return None
+        u[free] = found
+    if not np.isfinite(u).all():
+        return None
+    if not len(held):
+        u -= (surface.areas * u).sum() / surface.area
+    return u
+
+
+def _solved(
+    surface: Surface,
+    sources: NDArray[np.float64],
+    u: NDArray[np.float64],
+    free: NDArray[np.int64],
+    report: ShareReport,
+) -> NDArray[np.float64] | None:
+    stiffness = _stiffness(surface)
+    right = sources[free] - (stiffness @ u)[free]
+    try:
+        return solve_positive_definite(
+            scipy.sparse.csc_array(stiffness[free][:, free]),
+            right,
+            surface.vertices[free],
+            report,
+        )
+    except RuntimeError:
+        return None
+
+
+def _has_area_everywhere(surface: Surface) -> bool:
+    used = np.ones(len(surface.vertices), dtype=np.bool_)
+    used[surface.connectivity.isolated] = False
+    return bool((surface.areas[used] > 0).all())
+
+
+def _stiffness(surface: Surface) -> scipy.sparse.csc_array:
+    stiffness = cotangent_laplacian(surface.vertices, surface.faces)
+    if _has_area_everywhere(surface):
+        return stiffness
+    diagonal = stiffness.diagonal()
+    springs = graph_laplacian(surface.connectivity.edges, len(surface.vertices))
+    return scipy.sparse.csc_array(stiffness + _GLUE * float(diagonal.max(initial=1.0)) * springs)

@@ -1,1 +1,0 @@
-"""Natural coordinates (s, theta), one file for each kind of surface."""
