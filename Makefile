@@ -101,13 +101,14 @@ $(VENV)/.wheels: constraints.txt | $(BIN)/python
 	$(VENV)/wheels/bin/pip install --quiet --disable-pip-version-check -c constraints.txt hatchling ziglang lief
 	@touch $@
 
-# What `pip install modalmotion[all]` installs, with licences, and what the viewer contains, as CycloneDX.
-sbom: wheels
+# What the package with the extra `all` installs, with licences, and what the viewer contains, as CycloneDX.
+sbom: | $(BIN)/python
 	rm -rf $(VENV)/installed $(VENV)/sbom
 	$(BIN)/python -m venv $(VENV)/sbom
 	$(VENV)/sbom/bin/pip install --quiet --disable-pip-version-check -c constraints.txt cyclonedx-bom
 	$(BIN)/python -m venv --without-pip $(VENV)/installed
-	$(BIN)/pip --python $(VENV)/installed/bin/python install --quiet --disable-pip-version-check -c constraints.txt --find-links dist 'modalmotion[all]'
+	$(BIN)/pip --python $(VENV)/installed/bin/python install --quiet --disable-pip-version-check -c constraints.txt '.[all]'
+	mkdir -p dist
 	$(VENV)/sbom/bin/python tools/sbom.py $(VENV)/installed/bin/python dist
 
 # The site in site/ of the sources in docs/; every example of the gallery runs. It opens from disk.

@@ -1,5 +1,6 @@
 """How the site is built: `make site`."""
 
+import json
 import shutil
 import sys
 import tomllib
@@ -16,6 +17,10 @@ from sphinx_gallery.scrapers import figure_rst
 from modalmotion.classification import available_models, card_markdown, load_model
 
 _ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(_ROOT / "tools"))
+from http_reference import http_reference  # noqa: E402
+from play import play_page, sample_stream  # noqa: E402
+
 _PROJECT = tomllib.loads((_ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 project = "modalmotion"
@@ -91,6 +96,8 @@ def _write_pages(_: Sphinx) -> None:
         model = load_model(name)
         card = card_markdown(model.name, model.id, model.card)
         (folder / f"model-{name}.md").write_text(card, encoding="utf-8")
+    interface = json.loads((_ROOT / "openapi" / "openapi.json").read_text(encoding="utf-8"))
+    (folder / "calls.md").write_text(http_reference(interface), encoding="utf-8")
     for name in ("SECURITY.md", "CHANGELOG.md"):
         text = (_ROOT / name).read_text(encoding="utf-8").replace("](docs/", "](../")
         (folder / name).write_text(text, encoding="utf-8")
@@ -112,9 +119,6 @@ _PAGES = {
 def _write_play_page(app: Sphinx, error: Exception | None) -> None:
     """Write the page with the heart beside the page that shows it."""
     if error is None and app.builder.format == "html":
-        sys.path.insert(0, str(_ROOT / "tools"))
-        from play import play_page, sample_stream
-
         (Path(app.outdir) / "heart.html").write_text(play_page(sample_stream()), encoding="utf-8")
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from browser import browser
+from http_reference import http_reference
 from play import play_page, sample_stream
 from project import ROOT
 
@@ -53,6 +54,26 @@ def test_there_is_one_version() -> None:
     ):
         named = re.findall(pattern, (ROOT / file).read_text(), re.MULTILINE)
         assert set(named) == {version}, file
+
+
+def test_every_call_of_the_interface_has_its_parameters_on_the_page() -> None:
+    interface = json.loads((ROOT / "openapi" / "openapi.json").read_text())
+    page = http_reference(interface)
+    sections = dict(re.findall(r"^### `(.+)`\n((?:(?!^##).*\n)*)", page, re.MULTILINE))
+    calls = {
+        f"{method.upper()} {path}": call
+        for path, methods in interface["paths"].items()
+        for method, call in methods.items()
+    }
+    assert sections.keys() == calls.keys()
+    for name, call in calls.items():
+        assert call["summary"] in sections[name]
+        for parameter in call.get("parameters", []):
+            own = parameter.get("name", parameter.get("$ref", "").rpartition("/")[2])
+            assert f"| `{own}` |" in sections[name], name
+    body = sections["POST /v1/sequences/{sequence_id}/signatures"]
+    assert "| `components` | body | `cartesian`" in body
+    assert "| `grid` | body | array of integer or null |" in body
 
 
 def test_there_is_a_gallery_of_twelve_questions() -> None:
@@ -120,3 +141,17 @@ def test_the_page_itself_forbids_every_request(play: str) -> None:
     (packed,) = re.findall(r'id="packed">([^<]+)<', play)
     inner = gzip.decompress(base64.b64decode(packed)).decode()
     assert "default-src 'none'" in re.findall(r'Policy" content="([^"]+)"', inner)[0]
+
+
+@pytest.mark.every(4)
+@pytest.mark.parametrize(
+    "page", sorted((ROOT / "docs/gallery").glob("plot_*.py")), ids=lambda p: p.stem
+)
+def test_examples_of_the_gallery_run_and_draw(page: Path) -> None:
+    pytest.importorskip("nibabel")
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pyplot.switch_backend("Agg")
+    namespace: dict[str, object] = {}
+    exec(page.read_text(), namespace)  # noqa: S102 (our own example)
+    assert "figure" in namespace or pyplot.get_fignums()
+    pyplot.close("all")

@@ -40,6 +40,10 @@ def main(python: str, folder: str) -> None:
             "licenses": [{"license": {"id": "MIT"}}],
         }
     )
+    # Of a checkout that was installed, where it was.
+    for one in (document["metadata"]["component"], *document["components"]):
+        links = one.get("externalReferences", [])
+        one["externalReferences"] = [link for link in links if not link["url"].startswith("file:")]
     path = Path(folder, "modalmotion.cdx.json")
     path.write_text(json.dumps(document, indent=1) + "\n")
     print(f"{path}: {len(document['components'])} components")

@@ -99,7 +99,7 @@ class ShapeError(InputError):
 
 
 class NonFiniteError(InputError):
-    """An array holds NaN or infinity."""
+    """An array contains NaN or infinity."""
 
     code = "non_finite"
 
@@ -123,7 +123,7 @@ class ModeCountError(InputError):
 
 
 class ParameterError(InputError):
-    """An option lies outside its range."""
+    """An option is outside its range."""
 
     code = "bad_parameter"
 

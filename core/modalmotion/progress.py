@@ -28,7 +28,7 @@ def part_of(report: ShareReport, start: float, stop: float) -> ShareReport:
 
 
 def share_fallen(value: float, start: float, end: float) -> float:
-    """Tell how far a value has come from its start to its end, counting its powers.
+    """Measure how far a value has come from its start to its end, counting its powers.
 
     Parameters
     ----------

@@ -1,58 +1,56 @@
-"""The application."""
+"""The application, with a store or without one."""
 
 from __future__ import annotations
 
 import asyncio
 import shutil
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from functools import partial
-from typing import Any
+from typing import Any, Final, NoReturn
 
 from fastapi import Depends, FastAPI
 from fastapi.middleware.cors import CORSMiddleware
-from starlette.routing import BaseRoute
+from fastapi.routing import APIRoute
+from starlette.routing import BaseRoute, Route
 
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion_service.access.keys import KeyRing, KeySnapshot
 from modalmotion_service.access.logins import logins_of
 from modalmotion_service.access.rates import Rates
+from modalmotion_service.audit.entry import Lines
 from modalmotion_service.audit.log import AuditLog, AuditStream, Notes
-from modalmotion_service.audit.stream import Lines
-from modalmotion_service.contract.document import completed
+from modalmotion_service.document import completed
+from modalmotion_service.errors import NeedsStoreError
 from modalmotion_service.http import problems
-from modalmotion_service.http.admission import BodyLimits, Concurrency, WholeAnswers
-from modalmotion_service.http.api_version import API_VERSION
-from modalmotion_service.http.departure import Departure
+from modalmotion_service.http.admission import BodyLimits, Concurrency, Departure, WholeAnswers
 from modalmotion_service.http.gate import Access, Gate, require_judged
-from modalmotion_service.http.head import HeadAsGet
-from modalmotion_service.http.judged_router import JudgedRouter
+from modalmotion_service.http.heads import (
+    API_VERSION,
+    HeadAsGet,
+    Prefix,
+    RequestHeadCheck,
+    SecurityHeaders,
+)
 from modalmotion_service.http.observation import Observation
-from modalmotion_service.http.prefix import Prefix
-from modalmotion_service.http.request_head import RequestHeadCheck
-from modalmotion_service.http.security_headers import SecurityHeaders
-from modalmotion_service.monitoring.metrics import Meter, MeteredExecutor, Metrics, StateOfThings
+from modalmotion_service.monitoring.metrics import Meter, Metrics, StateOfThings
 from modalmotion_service.monitoring.telemetry import Telemetry, Tracing
 from modalmotion_service.routes import (
     files,
-    jobs,
     models,
-    norms,
     operation,
     recordings,
     sequences,
     signatures,
-    templates,
     views,
 )
-from modalmotion_service.routes.stateless import stateless_routes
+from modalmotion_service.routes.described import BODIES, EXAMPLES
 from modalmotion_service.schemas.general import Problem
-from modalmotion_service.schemas.requests import BODIES, EXAMPLES
 from modalmotion_service.settings import Settings
-from modalmotion_service.work.parsing import say_whether_confined
 from modalmotion_service.work.pool import WorkerPool, open_engine
+from modalmotion_service.work.upload import say_whether_confined
+from modalmotion_service.workspace.background import for_ever
 from modalmotion_service.workspace.owners import Owners, trainings_at_once
-from modalmotion_service.workspace.perseverance import for_ever
 
 
 class _App(FastAPI):
@@ -83,11 +81,11 @@ async def _forget(log: Notes, days: float) -> None:
 
 def judged_routes() -> list[BaseRoute]:
     """Give all routes, made once for all applications of a process."""
-    modules = (
-        *(sequences, signatures, files, recordings, templates),
-        *(models, norms, jobs, operation),
-    )
-    routers: list[JudgedRouter] = [*(module.router for module in modules), views.pages]
+    routers = [
+        *(sequences.router, signatures.router, files.router, recordings.router),
+        *(sequences.of_templates, models.router, models.of_norms),
+        *(operation.of_jobs, operation.router, views.pages),
+    ]
     return [route for router in routers for route in router.routes]
 
 
@@ -110,7 +108,7 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        engine = MeteredExecutor(await asyncio.to_thread(open_engine, chosen), metrics, telemetry)
+        engine = await asyncio.to_thread(open_engine, chosen)
         if engine.are_parsers_confined is not None:
             say_whether_confined()
         # Processes of its own, on this machine: no request waits for a training.
@@ -122,7 +120,9 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
             # Trainings are few, and wait for their signatures first.
             is_eager=False,
         )
-        owners = Owners(chosen, engine, MeteredExecutor(training_pool, metrics, telemetry))
+        watchers = (metrics.watch, *(() if telemetry is None else (telemetry.task,)))
+        engine.watchers = training_pool.watchers = watchers
+        owners = Owners(chosen, engine, training_pool)
         things = StateOfThings(owners, metrics, engine)
         metrics.registry.register(things)
         try:
@@ -215,3 +215,54 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
     routes = judged_routes()
     app.router.routes.extend(stateless_routes(routes) if chosen.stateless else routes)
     return app
+
+
+SERVED: Final = frozenset(
+    (
+        *(("POST", f"/v1/{name}") for name in ("signature", "classify", "encode", "decode")),
+        *(("GET", f"/v1/{name}") for name in ("limits", "models", "templates")),
+        ("GET", "/v1/models/{name}"),
+        ("GET", "/v1/templates/{template_id}"),
+        ("GET", "/v1/templates/{template_id}/modes"),
+        *(("GET", f"/health/{name}") for name in ("live", "ready")),
+        ("GET", "/metrics"),
+    )
+)
+"""Calls whose answer hangs on nothing that was sent before, by method and template."""
+
+
+def stateless_routes(routes: Iterable[BaseRoute]) -> list[BaseRoute]:
+    """Give routes that serve what needs no store, and refuse the rest by name.
+
+    Parameters
+    ----------
+    routes : iterable of route
+        Of a service with a store.
+    """
+    return [route if _is_served(route) else _refused(route) for route in routes]
+
+
+def _is_served(route: BaseRoute) -> bool:
+    return isinstance(route, Route) and any(
+        (method, route.path) in SERVED for method in route.methods or ()
+    )
+
+
+def _refused(route: BaseRoute) -> APIRoute:
+    assert isinstance(route, Route)  # noqa: S101 (all of ours are)
+    return APIRoute(
+        route.path,
+        _refuse,
+        response_model=None,
+        methods=sorted(route.methods or ()),
+        include_in_schema=False,
+        dependencies=[Depends(require_judged)],
+    )
+
+
+def _refuse() -> NoReturn:
+    raise NeedsStoreError(
+        "This service keeps nothing, and the call needs a store.",
+        remedy="Send the sequence with POST /v1/signature or POST /v1/classify, which need none, "
+        "or ask a service that was started without --stateless.",
+    )

@@ -50,7 +50,7 @@ class Seldom(logging.Filter):
         self._passed: dict[tuple[str, int], float] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Tell whether to write the record; records from one line of code are of one kind."""
+        """Return whether to write the record; records from one line of code are of one kind."""
         kind, now = (record.pathname, record.lineno), time.monotonic()
         if now - self._passed.get(kind, -self._seconds) < self._seconds:
             return False

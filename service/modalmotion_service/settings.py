@@ -1,15 +1,19 @@
-"""Settings, read from the environment (MODALMOTION_...) when the app is made."""
+"""Settings, read from the environment (MODALMOTION_...); errors name the variables."""
 
 from __future__ import annotations
 
 import os
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Literal
+from typing import Any, Final, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from modalmotion.errors import ParameterError
 from modalmotion.formats import ReadLimits
 
 
@@ -277,3 +281,47 @@ class Settings(BaseSettings):
         limits["task_cost_seconds"] = self.task_cost_seconds
         limits["task_memory_bytes"] = self.task_memory_bytes
         return limits
+
+
+_PREFIX: Final = "MODALMOTION_"
+
+# A cluster that runs a service of this name sets these for everything in it.
+_OF_OTHERS: Final = re.compile(r"(SERVICE|PORT)(_.*)?")
+
+
+def read_settings(**stated: Any) -> Settings:
+    """Read the settings.
+
+    Parameters
+    ----------
+    **stated
+        By name; they go over the environment.
+
+    Raises
+    ------
+    ParameterError
+        If a value is not valid for its setting; all of them are named.
+    """
+    try:
+        return Settings(**stated)
+    except ValidationError as error:
+        faults = [
+            f"{_PREFIX}{str(fault['loc'][0]).upper()} is {fault['input']!r}: {fault['msg']}."
+            for fault in error.errors()
+        ]
+        raise ParameterError(
+            " ".join(faults), remedy="docs/service.md lists the settings with their defaults."
+        ) from error
+
+
+def unknown_variables(environment: Mapping[str, str] = os.environ) -> Iterator[tuple[str, str]]:
+    """Give variables that look like settings but are not, each with the nearest setting.
+
+    A setting that is misspelt has its default: a service that should demand keys may not.
+    """
+    known = [name.upper() for name in Settings.model_fields]
+    for name in sorted(environment):
+        end = name.upper().removeprefix(_PREFIX)
+        if end == name.upper() or end in known or _OF_OTHERS.fullmatch(end):
+            continue
+        yield name, "".join(f"{_PREFIX}{match}" for match in get_close_matches(end, known, n=1))

@@ -18,8 +18,7 @@ from running import RunningService
 from modalmotion.cli.commands import main
 from modalmotion.errors import ParameterError
 from modalmotion_service.access.keys import KeyRing
-from modalmotion_service.environment import read_settings, unknown_variables
-from modalmotion_service.settings import Settings
+from modalmotion_service.settings import Settings, read_settings, unknown_variables
 
 
 def test_values_that_are_none_are_all_named(monkeypatch: pytest.MonkeyPatch) -> None:

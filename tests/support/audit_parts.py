@@ -8,9 +8,8 @@ from pathlib import Path
 from click.testing import CliRunner, Result
 
 from modalmotion.cli import main
-from modalmotion_service.audit.entry import Event
+from modalmotion_service.audit.entry import Event, Lines
 from modalmotion_service.audit.log import AuditLog, audit_path
-from modalmotion_service.audit.stream import Lines
 
 
 def event(number: int = 0, status: int = 200) -> Event:

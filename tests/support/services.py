@@ -94,8 +94,8 @@ def engine_client(
         cluster: DaskCluster = request.getfixturevalue("dask_cluster")
         settings = settings.model_copy(update={"engine": "dask", "scheduler": cluster.address})
     with served(settings) as client:
-        metered = client.app.state.owners.local.analysis.engine  # type: ignore[attr-defined]
-        assert (type(metered.engine).__name__ == "DaskEngine") == (engine != "processes here")
+        used = client.app.state.owners.local.analysis.engine  # type: ignore[attr-defined]
+        assert (type(used).__name__ == "DaskEngine") == (engine != "processes here")
         yield client
 
 

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+from packages import ROOTS, imports_of, modules_of, naming_nodes
 from project import ROOT
-from rooms import ROOTS, imports_of, modules_of, telling_nodes
 
 import modalmotion
 from modalmotion.arguments.public import homes_in
@@ -41,7 +41,7 @@ def graph() -> dict[str, set[str]]:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     added = project["entry-points"]["modalmotion.commands"].values()
     imported["modalmotion.cli.commands"] |= {
-        *(f"modalmotion.cli.{module}" for module, _ in COMMANDS.values()),
+        *(f"modalmotion.cli.{module}" for module in COMMANDS.values()),
         *(entry.partition(":")[0] for entry in added),
     }
     return imported
@@ -56,9 +56,9 @@ def needing_tests() -> Iterator[str]:
 
 def mirror_of(module: str) -> Path:
     """Give the test file that a module has by its name."""
-    root, *rooms, file = module.split(".")
+    root, *packages, file = module.split(".")
     side = next(side for side, package in SIDES.items() if package == root)
-    return TESTS.joinpath(side, *rooms, f"test_{file}.py")
+    return TESTS.joinpath(side, *packages, f"test_{file}.py")
 
 
 def named_by(path: Path) -> set[str]:
@@ -78,7 +78,7 @@ def _said_in(path: Path) -> tuple[set[str], set[Path]]:
     named = imports_of(path, sources())
     helpers: set[Path] = set()
     homes = homes_in(Path(modalmotion.__file__))
-    for node in telling_nodes(path.read_text()):
+    for node in naming_nodes(path.read_text()):
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
             if node.value.id == "mm" and node.attr in homes:
                 named.add(homes[node.attr])

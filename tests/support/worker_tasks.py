@@ -12,8 +12,8 @@ import numpy as np
 from modalmotion.errors import NonFiniteError
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion_service.work.owner import remembering
-from modalmotion_service.work.parsing import _forks, parser_for
 from modalmotion_service.work.tasks.files import _kept, whole_file
+from modalmotion_service.work.upload import _forks, parser_for
 
 
 def swallow_memory() -> int:

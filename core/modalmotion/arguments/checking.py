@@ -105,7 +105,7 @@ def _bound(
 ) -> inspect.BoundArguments:
     """Bind arguments to a function, and turn what is clear into what is meant.
 
-    A file's path, an array (frames, vertices, 3), a `Reading` or a track stand for a sequence, a
+    A file's path, an array (frames, vertices, 3), a `Reading` or a track represent a sequence, a
     sequence for its signature, and keywords that the function has not, or a number of modes, for
     its parameters: modal_signature(sequence, modes=7).
 
@@ -161,7 +161,7 @@ def _is_told_within(value: Any, hint: Any) -> bool:
 
 
 def _meant(value: Any, hint: Any) -> Any:
-    """Give what a value stands for where that is clear; None if nothing."""
+    """Give what a value represents where that is clear; None if nothing."""
     import numpy as np
 
     if isinstance(value, str) and _fits(Path(value), hint):

@@ -64,7 +64,7 @@ def classification_to_hdf5(
     Raises
     ------
     StoreError
-        If the name of the model is not a text that HDF5 can hold.
+        If the name of the model is not a text that HDF5 can contain.
     """
     ids = {"sequence_id": classification.sequence_id, "model_id": classification.model_id}
     if parameters_key is not None:
@@ -87,7 +87,7 @@ def classification_from_hdf5(source: bytes | Path) -> Classification:
     Raises
     ------
     StoreError
-        As `Form.read` says.
+        As in `Form.read`.
     """
     return read_classification(source)[0]
 

@@ -46,7 +46,7 @@ class ModelCard(Plotted):
     extra : dict
         Additions by its maker, such as a test on a held-out cohort.
     accuracy, accuracy_interval, confusion, calibration_curve, calibration_error
-        Of cross-validation, as in `Performance`; None or empty where there was none.
+        Of cross-validation, as in `Performance`; None or empty if there was none.
     balanced_accuracy, auc, auc_interval, class_auc, log_loss, log_loss_interval, brier
         Likewise.
     brier_interval, sensitivity, specificity, roc
@@ -57,7 +57,7 @@ class ModelCard(Plotted):
         Accuracy, AUC, log loss, Brier score and calibration error of each repetition of the
         cross-validation; the figures above are their means.
     confounds : tuple of dict
-        Conditions of the recordings, and how well each alone tells the classes apart.
+        Conditions of the recordings, and how well each alone separates the classes.
     """
 
     classes: tuple[str, ...]

@@ -117,7 +117,7 @@ class TrainingCase:
 @shown()
 @dataclass(frozen=True)
 class CaseFile:
-    """A training case whose signature lies in a file, and is read where it is worked on.
+    """A training case whose signature is in a file, and is read where it is worked on.
 
     Parameters
     ----------
@@ -233,9 +233,5 @@ def left_out_notes(cases: Sequence[LeftOut]) -> tuple[str, ...]:
     return (
         f"Cases left out: {len(cases)}.",
         *(f"Left out: {case}" for case in cases[:_MOST_NAMED]),
-        *(
-            (f"Left out besides: {counted(more, 'case')} that this list is too short for.",)
-            if more > 0
-            else ()
-        ),
+        *((f"Also left out: {counted(more, 'case')} not listed here.",) if more > 0 else ()),
     )

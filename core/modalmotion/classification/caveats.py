@@ -1,4 +1,4 @@
-"""What to heed of a cohort: slips of the pen, and conditions that tell the classes apart."""
+"""What to heed of a cohort: slips of the pen, and conditions that separate the classes."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ _RESTARTED: Final = 0.5
 _MOST_NAMED: Final = 5
 
 SUBJECT_NOTE: Final = (
-    "No subject is stated, so each recording counted as a subject of its own. If some are of one "
-    "person, state subjects: else the accuracy is too hopeful."
+    "No subjects are given, so each recording counted as a subject of its own. If some are of "
+    "one person, give subjects; otherwise the accuracy is too optimistic."
 )
 
 
@@ -97,7 +97,7 @@ def _spelling(rows: Sequence[TrainingCase]) -> Iterator[str]:
             what = "case" if label.split() != twin.split() else "blanks"
             yield (
                 f"The class {label[:80]!r} differs from {twin[:80]!r} in {what} alone: case "
-                f"{cases}. If they are one, spell them alike."
+                f"{cases}. If they are the same, spell them alike."
             )
             continue
         many = [one for one in others if counts[one] >= _MANY and _words(one) != _words(label)]
@@ -105,7 +105,7 @@ def _spelling(rows: Sequence[TrainingCase]) -> Iterator[str]:
         if counts[label] == 1 and close:
             yield (
                 f"The class {label[:80]!r} has one case, {cases}, and is spelt nearly as "
-                f"{close[0][:80]!r}. If it is a slip, correct it."
+                f"{close[0][:80]!r}. If it is a misspelling, correct it."
             )
 
 
@@ -146,7 +146,7 @@ def confounds(
     groups: NDArray[np.int64],
     seed: int,
 ) -> tuple[Confound, ...]:
-    """Test how well each condition alone tells the classes apart.
+    """Test how well each condition alone separates the classes.
 
     Parameters
     ----------
@@ -208,10 +208,10 @@ def confounds(
 
 
 def confound_notes(tests: Sequence[Confound]) -> tuple[str, ...]:
-    """Warn of the conditions that surely tell the classes apart."""
+    """Warn of the conditions that surely separate the classes."""
     return tuple(
         f"Possible confound: {test['text']} The model may have learnt how these recordings were "
-        "made, or whom they are of, in place of how they move."
+        "made, or their subjects, instead of their motion."
         for test in tests
         if test["p_holm"] < _SURE
     )

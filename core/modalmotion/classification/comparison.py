@@ -22,7 +22,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.representation import shown
 
 COMPARISON_METHODS: Final = (
-    "Differences are the second model's figure less the first's, on the same cases. Intervals of "
+    "Differences are the second model's figure minus the first's, on the same cases. Intervals of "
     "95 % and p of AUC, log loss and Brier score: normal, with the variance of what each subject "
     "adds (of the AUC by DeLong, DeLong and Clarke-Pearson 1988). p of the accuracy: McNemar's "
     "exact test; a subject with several cases counts once, for the model that is right more often."
@@ -67,7 +67,7 @@ class Comparison:
     accuracy : Difference
         An abstention counts as wrong.
     auc : Difference or None
-        Macro, each class against the rest; None where only one class is there.
+        Macro, each class against the rest; None if only one class is there.
     log_loss, brier : Difference
         Smaller is better.
     only_first, only_second : int

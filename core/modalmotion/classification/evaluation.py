@@ -276,7 +276,8 @@ def _notes(model: Model, answers: Sequence[CaseAnswer]) -> tuple[str, ...]:
     if not n:
         return ()
     note = (
-        f"{n} of the {len(answers)} cases were trained on: the figures are too hopeful. Test on "
+        f"{n} of the {len(answers)} cases are in the training set: the figures are too "
+        "optimistic. Test on "
         "other subjects, or read the card, whose figures are of held-out cases."
     )
     return (note,)

@@ -93,7 +93,7 @@ def _groups(
 
 
 def only_modes(signature: ModalSignature, modes: Iterable[str]) -> ModalSignature:
-    """Signature in which only some modes move: the moving mesh that an explanation stands for.
+    """Signature in which only some modes move: the moving mesh that an explanation represents.
 
     Parameters
     ----------

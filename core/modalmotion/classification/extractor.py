@@ -56,7 +56,7 @@ class Extractor:
     Parameters
     ----------
     what : str
-        AXIS, SUMMARY, WAVES or TERMS of the motion; empty where only what is beside it is read.
+        AXIS, SUMMARY, WAVES or TERMS of the motion; empty if only what is beside it is read.
     is_cycle : bool
         Whether a recording is one turn of a cycle, which may start anywhere, or a transient.
     n_modes : int

@@ -45,7 +45,7 @@ class FeatureTable:
     labels, subjects : tuple of (str or None)
     columns : tuple of str
     values : (cases, features) float64
-        NaN where a covariate is unknown.
+        NaN if a covariate is unknown.
     left_out : tuple of LeftOut
         Cases that could not be used, if the cohort goes on without them.
     """

@@ -93,14 +93,14 @@ def _drawn(
     alone = cohort.classes[int(np.argmin(subjects))]
     what = "subject" if options.groups is None else f"value of {options.groups}"
     note = (
-        f"The class {alone!r} has one {what} only: how well it is recognised in another "
-        f"{what} cannot be known. "
+        f"The class {alone!r} has one {what} only: its recognition in another {what} was not "
+        "tested. "
     )
     if cases < 2:
-        note += "There was no cross-validation, so class sets hold everything."
+        note += "There was no cross-validation, so class sets contain every class."
         return [], False, [note]
     folds = list(StratifiedKFold(min(options.folds, cases), **shuffled).split(y, y))
-    note += f"Cross-validation split recordings of one {what}, and is too hopeful."
+    note += f"Cross-validation split recordings of one {what}, and is too optimistic."
     return folds, False, [note]
 
 
@@ -121,8 +121,7 @@ def _better_folds(folds: list[Fold], cohort: Cohort, options: TrainingOptions) -
     if _least_classes(folds, cohort.y) < 2:
         by = "subjects" if options.groups is None else f"the values of {options.groups!r}"
         raise ParameterError(
-            f"The classes go with {by}: where some are held out one class is left, and there is "
-            "nothing to tell it from.",
+            f"The classes are confounded with {by}: with some held out, only one class remains.",
             remedy="Leave the option 'groups' out and read the confounds of the card, group by "
             "another column, or give folds that leave cases of two classes (cv).",
             details={"option": "groups"},
@@ -213,7 +212,7 @@ def _notes_on_own(folds: Sequence[Fold], cohort: Cohort) -> list[str]:
     if n_torn:
         notes.append(
             f"Subjects or groups on both sides of a split: {n_torn}. Cross-validation is too "
-            "hopeful."
+            "optimistic."
         )
     for k, (inner, outer) in enumerate(folds):
         unseen = np.setdiff1d(cohort.y[outer], cohort.y[inner])

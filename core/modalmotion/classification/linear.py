@@ -51,7 +51,7 @@ def discriminant(X: Array, y: Labels, n_classes: int) -> Linear:
     X : (cases, features) float64
     y : (cases,) int64
     n_classes : int
-        A class without cases is as good as ruled out.
+        A class without cases is as good as excluded.
 
     Notes
     -----

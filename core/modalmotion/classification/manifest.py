@@ -18,8 +18,8 @@ from modalmotion.tracking.recording import sequence_of
 _COLUMNS: Final = ("path", "label", "subject")
 
 _HOW: Final = (
-    "Give a table with the columns path, label and, where they are known, subject and facts; or "
-    "files that lie in folders named by their class."
+    "Give a table with the columns path, label and, if known, subject and facts; or files in "
+    "folders named by their class."
 )
 
 
@@ -35,7 +35,7 @@ class LabelledFile:
     facts : Facts
         Override those that the file states.
     url : str or None
-        Of one that lies elsewhere; the path is its name then.
+        Of one that is elsewhere; the path is its name then.
     """
 
     path: Path
@@ -73,7 +73,7 @@ def labelled_files(
         as_two = f", with the labels {' and '.join(map(repr, labels[:3]))}" if labels[1:] else ""
         raise ParameterError(
             f"'{path}' is named {n} times{as_two}.",
-            remedy="Name each file once: repeated, it would stand on both sides of a split.",
+            remedy="Name each file once: repeated, it would be on both sides of a split.",
         )
     return files
 
@@ -141,7 +141,7 @@ def _not_utf8(manifest: Path, place: int) -> MalformedFileError:
 
 @dataclass(frozen=True)
 class LabelledSequence:
-    """A case whose sequence lies in a file: a `CaseSource`.
+    """A case whose sequence is in a file: a `CaseSource`.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def _row(
         if not values[name]:
             raise MalformedFileError(
                 f"Line {line} of '{manifest.name}' has no {name}.",
-                remedy=f"Fill it in, or leave the line out. {_HOW}",
+                remedy=f"Fill it in, or remove the line. {_HOW}",
                 details={"line": line},
             )
     url = values["path"] if "://" in values["path"] else None
@@ -226,8 +226,8 @@ def _row(
         raise MalformedFileError(
             f"Line {line} of '{manifest.name}' names '{values['path']}', and there is no such "
             "file.",
-            remedy="Paths are relative to the folder that the manifest lies in. To go on without "
-            "such files use --skip-unreadable.",
+            remedy="Paths are relative to the folder of the manifest. To continue without such "
+            "files use --skip-unreadable.",
             details={"line": line},
         )
     try:

@@ -32,7 +32,7 @@ def card_markdown(
     card : ModelCard
     version : int, optional
     file : str, optional
-        Where the model lies, for the example; a file of its name by default, and for a shipped
+        Where the model is, for the example; a file of its name by default, and for a shipped
         model its name.
 
     Returns
@@ -44,7 +44,7 @@ def card_markdown(
     parts = [
         _head(name, card),
         f"# {_plain(reference)}",
-        f"Names the class of a surface's motion: {_listed(card.classes)}. Model id `{model_id}`.",
+        f"Classifies the motion of a surface: {_listed(card.classes)}. Model id `{model_id}`.",
         "## Intended use",
         _plain(card.intended_use),
         "## Training data",
@@ -79,8 +79,8 @@ def _use(name: str, version: int | None, file: str | None) -> list[str]:
     # No path may end the block.
     place = own if file is None or "`" in file or not file.isprintable() else file
     words = (
-        "Here `--model` takes the model's file, wherever it lies; only models that come with the "
-        "package have names there."
+        "Here `--model` takes the path of the model's file; only models included in the package "
+        "have names there."
     )
     return [f"```sh\nmodalmotion classify beat.npz --model {shlex.quote(place)}\n```", words]
 
@@ -129,7 +129,7 @@ def _metrics(card: ModelCard) -> list[tuple[str, str, float | None]]:
 
 def _evaluation(card: ModelCard) -> list[str]:
     if card.accuracy is None:
-        return ["There was no cross-validation: nothing is known of how often it is right."]
+        return ["There was no cross-validation: its accuracy is unknown."]
     intervals = {
         "Accuracy": card.accuracy_interval,
         "AUC, macro": card.auc_interval,
@@ -141,7 +141,11 @@ def _evaluation(card: ModelCard) -> list[str]:
         for _, said, value in _metrics(card)
         if value is not None
     ]
-    how = "No subject was on both sides." if card.is_grouped else "Cases were apart, not subjects."
+    how = (
+        "No subject was on both sides."
+        if card.is_grouped
+        else "Cases were separated, not subjects."
+    )
     parts = [
         f"Cross-validation, {max(len(card.repetitions), 1)} times. {how}",
         _table(("figure", "value", "95 % interval"), rows),
@@ -181,8 +185,8 @@ def _sets(card: ModelCard) -> str:
     rows = [(label, f"{share:.3f}") for label, share in card.class_coverage.items()]
     size = "" if card.mean_set_size is None else f" They have {card.mean_set_size:.2f} classes."
     return (
-        f"Sets of classes that cannot be ruled out, at a coverage of {card.coverage:g}.{size}\n\n"
-        + _table(("class", "share whose set held it"), rows)
+        f"Sets of classes that cannot be excluded, at a coverage of {card.coverage:g}.{size}\n\n"
+        + _table(("class", "share whose set contains it"), rows)
     )
 
 
@@ -190,7 +194,7 @@ def _confounds(card: ModelCard) -> list[str]:
     if not card.confounds:
         return []
     lines = [f"- {_plain(str(one.get('text', one)))}" for one in card.confounds]
-    return ["## Conditions that tell the classes apart", "\n".join(lines)]
+    return ["## Conditions that separate the classes", "\n".join(lines)]
 
 
 def _notes(card: ModelCard) -> list[str]:

@@ -44,7 +44,7 @@ class TrainingOptions:
     ----------
     modes : int or None
         Of the signatures; see `SignatureParameters`. Features of the first 7 and 12 of them are
-        weighed, too. None for 18, or as many as every recording can tell apart.
+        weighed, too. None for 18, or as many as every recording can resolve.
     topology : str or None
         Of the signatures: None lets the cases decide, all together. "mesh" for spring modes.
     kind : SignatureKind or None

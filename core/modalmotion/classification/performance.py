@@ -43,7 +43,7 @@ _Z: Final = 1.959963984540054
 # Bins of a calibration curve, and the least cases of one.
 _N_BINS: Final = 10
 _LEAST_IN_BIN: Final = 5
-# Points of a curve that is stored and drawn; more cannot be told apart in a picture.
+# Points of a curve that is stored and drawn; more cannot be distinguished in a picture.
 _MOST_POINTS: Final = 101
 
 
@@ -61,13 +61,13 @@ class Performance:
     balanced_accuracy : float
         Mean over classes of the share that was right.
     auc : float or None
-        Macro area under the ROC curves; None where only one class is there.
+        Macro area under the ROC curves; None if only one class is there.
     auc_interval : (float, float) or None
     class_auc : dict of str to (float, float, float)
         Of each class against the rest, with its interval.
     log_loss : float, nats
     log_loss_interval : (float, float) or None
-        None where all cases are of one subject.
+        None if all cases are of one subject.
     brier : float
         Sum over the classes of squared differences, 0 to 2.
     brier_interval : (float, float) or None
@@ -435,7 +435,7 @@ class Auc(NamedTuple):
 
 
 def auc(scores: NDArray[np.float64], is_class: NDArray[np.bool_]) -> Auc | None:
-    """Area under the curve of a score; None where the class, or the rest, has no case.
+    """Area under the curve of a score; None if the class, or the rest, has no case.
 
     Notes
     -----
@@ -512,7 +512,7 @@ def auc_interval(
 
 
 def roc_curve(scores: NDArray[np.float64], is_class: NDArray[np.bool_]) -> RocCurve:
-    """Corners of the curve; empty where the class, or the rest, has no case."""
+    """Corners of the curve; empty if the class, or the rest, has no case."""
     m, n = int(is_class.sum()), int((~is_class).sum())
     if not m or not n:
         return ()
@@ -543,12 +543,12 @@ def calibration_curve(
     -------
     tuple of (float, float, int)
         One for each of ten bins of equal count, from the least sure to the surest; fewer where a
-        bin would hold fewer than five cases.
+        bin would contain fewer than five cases.
 
     Notes
     -----
     Nguyen and O'Connor, Posterior calibration and exploratory analysis for natural language
-    processing models, EMNLP, 2015. Bins of equal width leave most of them nearly empty where
+    processing models, EMNLP, 2015. Bins of equal width leave most of them nearly empty if
     most answers are sure.
     """
     order = np.argsort(confidence, kind="stable")

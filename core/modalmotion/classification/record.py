@@ -24,7 +24,7 @@ class ModelReference(NamedTuple):
     ----------
     name : str
     version : int or None
-        None stands for the newest.
+        None represents the newest.
     """
 
     name: str
@@ -73,7 +73,7 @@ class ModelRecord:
 
 
 def is_model_name(text: object) -> bool:
-    """Tell whether a model may be called this; only such a text becomes a folder's name."""
+    """Return whether a model may be called this; only such a text becomes a folder's name."""
     # Lower case, for on some file systems "A" and "a" are one folder.
     return isinstance(text, str) and _NAME.fullmatch(text) is not None
 

@@ -329,8 +329,8 @@ def _empty_card(cohort: Cohort) -> ModelCard:
             + f"; {cohort.readable.topology}, {cohort.readable.n_modes} modes."
         ),
         has_not_seen=(
-            "Any other class, subject, device or way to segment: the figures hold for recordings "
-            "like these only."
+            "Any other class, subject, device or way to segment: the figures are valid for "
+            "recordings like these only."
         ),
     )
 
@@ -388,7 +388,7 @@ def _card(
 def _cross_sets(
     cohort: Cohort, folds: Sequence[Fold], probabilities: Array
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Whether each case's set, calibrated on the other folds, holds its class; and its size."""
+    """Whether each case's set, calibrated on the other folds, contains its class; and its size."""
     held = np.zeros(len(cohort), dtype=np.bool_)
     sizes = np.zeros(len(cohort), dtype=np.int64)
     for inner, outer in folds:
@@ -406,13 +406,13 @@ def _notes_on_few(n_cases: dict[str, int]) -> tuple[str, ...]:
         rare = min(n_cases, key=lambda k: n_cases[k])
         of = "" if n < _FEW_IN_ALL else f", {least} of {rare},"
         notes.append(
-            f"Figures of {n} cases{of} say little: even where all of them are right, or a loss is "
-            "0, that is no certainty. Heed the intervals, and train or test on more."
+            f"Figures of {n} cases{of} are uncertain, even if all of them are right or a loss is "
+            "0. See the intervals, and train or test on more."
         )
     few = [label for label, count in n_cases.items() if count < _FEW]
     if few:
         notes.append(
-            f"Fewer than {_FEW} cases of {', '.join(few)}: class sets of 90 % always hold "
+            f"Fewer than {_FEW} cases of {', '.join(few)}: class sets of 90 % always contain "
             f"{'it' if len(few) == 1 else 'them'}."
         )
     return tuple(notes)

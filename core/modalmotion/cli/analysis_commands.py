@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ from modalmotion.cli.options import (
     command,
     fit_options,
     json_option,
-    list_written,
     output_option,
     plot_option,
     tell,
@@ -65,12 +63,9 @@ def signature(
             with watch.stage("picture" if path.suffix.lower() in PICTURES else "write"):
                 _write(path, sequence, result)
     price = price_of(result, waiting.milliseconds())
-    if as_json:
-        click.echo(json.dumps(summary(result, price), indent=2))
-    else:
-        said = [*_lines(result), *(price_lines(price) if verbose else []), *volume]
-        click.echo("\n".join([*said, *(f"note: {note}" for note in result.notes)]))
-    list_written(output, plot, as_json=as_json)
+    lines = [*_lines(result), *(price_lines(price) if verbose else []), *volume]
+    lines += [f"note: {note}" for note in result.notes]
+    tell(summary(result, price), lines, output, plot, as_json=as_json)
 
 
 def _write(path: Path, sequence: MeshSequence, result: ModalSignature) -> None:

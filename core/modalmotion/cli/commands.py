@@ -2,61 +2,45 @@
 
 from __future__ import annotations
 
+import ast
 import sys
 from difflib import get_close_matches
 from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import LazyLoader, find_spec, module_from_spec
+from pathlib import Path
 from typing import Final
 
 import click
 
 from modalmotion.errors import ModalMotionError
 
-COMMANDS: Final = {
-    "animate": ("modes_commands", "Animate vibration modes of the surface in FILE."),
-    "card": ("model_commands", "Show the training and the performance of MODEL."),
-    "classify": ("model_commands", "Classify the motion of the sequence in FILE."),
-    "cohort": (
-        "cohort_command",
-        "Fit a signature to every recording of a manifest, and store the results.",
-    ),
-    "compare-models": ("model_commands", "Compare two models, on the same labelled sequences."),
-    "convert": ("convert_command", "Write the sequence in FILE in another format."),
-    "decode": ("codec_commands", "Decode a compressed STREAM, or some of its frames."),
-    "dicom": ("dicom_command", "Write DICOM objects of the sequence in FILE, for an archive."),
-    "encode": ("codec_commands", "Compress the sequence in FILE at a given error."),
-    "evaluate": ("model_commands", "Test MODEL, a file or a name, on labelled sequences."),
-    "features": ("features_command", "Write the features of labelled or unlabelled sequences."),
-    "modes": ("modes_commands", "List the vibration modes of a lattice or of FILE's surface."),
-    "norm": ("norm_commands", "Compare recordings with your own controls."),
-    "readouts": (
-        "readouts_command",
-        "Compute volume, ejection fraction and strain of the cavity in FILE.",
-    ),
-    "reconstruct": ("analysis_commands", "Write the surfaces superposed from a few modes."),
-    "report": ("report_command", "Report on the sequence in FILE: PDF, FHIR, CSV and HTML."),
-    "resample": ("resample_command", "Write the surface in FILE at any phase of its cycle."),
-    "score": ("score_command", "Compare the motion in ANSWER with the true one in TRUTH."),
-    "segment": ("segment_command", "Find a surface in one image of IN, with its stated error."),
-    "show": ("show_command", "Show what is in FILE."),
-    "signature": ("analysis_commands", "Fit the modal signature of the sequence in FILE."),
-    "simulate": ("simulate_command", "Simulate one heartbeat of a left ventricle."),
-    "simulate-cohort": (
-        "simulate_command",
-        "Simulate labelled ventricles that differ in motion, shape and mesh.",
-    ),
-    "store": (
-        "store_commands",
-        "Maintain a folder of results: back up, restore, verify, rebuild, export.",
-    ),
-    "table": ("table_command", "Write amplitudes of the sequence in FILE as CSV."),
-    "track": ("track_command", "Track a surface through the frames in IN."),
-    "tradeoff": ("tradeoff_command", "Measure error, size and time of each number of modes."),
-    "train": ("train_command", "Train a model on labelled sequences."),
-    "view": ("view_command", "Write an HTML page of the moving surface in FILE."),
+_OF_MODULES: Final = {
+    "analysis_commands": "reconstruct signature",
+    "codec_commands": "decode encode",
+    "cohort_command": "cohort",
+    "convert_command": "convert",
+    "dicom_command": "dicom",
+    "features_command": "features",
+    "model_commands": "card classify compare-models evaluate",
+    "modes_commands": "animate modes",
+    "norm_commands": "norm",
+    "readouts_command": "readouts",
+    "report_command": "report",
+    "resample_command": "resample",
+    "score_command": "score",
+    "segment_command": "segment",
+    "show_command": "show",
+    "simulate_command": "simulate simulate-cohort",
+    "store_commands": "store",
+    "table_command": "table",
+    "track_command": "track",
+    "tradeoff_command": "tradeoff",
+    "train_command": "train",
+    "view_command": "view",
 }
-"""Module and help line of each; a command's imports happen when it is called."""
+COMMANDS: Final = {name: module for module, all_ in _OF_MODULES.items() for name in all_.split()}
+"""Module of each; it is imported when the command is called."""
 
 MEANT: Final = {
     "help": "--help",
@@ -77,7 +61,7 @@ class _Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in COMMANDS:
             _put_off("f2py", "testing", "polynomial", "ma")
-            module = import_module(f".{COMMANDS[cmd_name][0]}", __package__)
+            module = import_module(f".{COMMANDS[cmd_name]}", __package__)
             return _command(getattr(module, cmd_name.replace("-", "_")))
         for entry in entry_points(group="modalmotion.commands", name=cmd_name):
             return _command(entry.load())
@@ -108,7 +92,11 @@ class _Commands(click.Group):
 
     def _line(self, ctx: click.Context, name: str) -> str:
         if name in COMMANDS:
-            return COMMANDS[name][1]
+            # The first line of its docstring, read without the module's imports.
+            tree = ast.parse(Path(__file__).with_name(f"{COMMANDS[name]}.py").read_text())
+            functions = [one for one in tree.body if isinstance(one, ast.FunctionDef)]
+            own = next(one for one in functions if one.name == name.replace("-", "_"))
+            return (ast.get_docstring(own) or "").partition("\n")[0]
         for entry in entry_points(group="modalmotion.commands", name=name):
             # A distribution may hold its lines beside its commands, so that no command is imported.
             lines = getattr(import_module(entry.module.rpartition(".")[0]), "LINES", {})
@@ -119,7 +107,7 @@ class _Commands(click.Group):
 
 
 def _put_off(*parts: str) -> None:
-    """Let parts of NumPy that SciPy names and no command uses be imported at their first use.
+    """Import parts of NumPy that SciPy names and no command uses only at their first use.
 
     SciPy's `from numpy import *` takes each, a fifth of what a short command costs.
     """
@@ -143,4 +131,4 @@ def _command(value: object) -> click.Command | None:
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="modalmotion")
 def main() -> None:
-    """Modal signatures and classes of nonrigidly moving surfaces."""
+    """Modal signatures and motion classes of surfaces that deform over time."""

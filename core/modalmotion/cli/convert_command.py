@@ -18,7 +18,9 @@ from modalmotion.exports.files import SURFACES, save
 @click.argument("output", metavar="OUT", type=OutputFile(*SURFACES))
 @json_option
 def convert(source: Path, output: Path, as_json: bool, **options: Any) -> None:
-    """Write the sequence in FILE in another format: .npz, .h5, .vtkhdf, .glb, .zip (PLY) or .raw.
+    """Write the sequence in FILE in another format.
+
+    The suffix chooses it: .npz, .h5, .vtkhdf, .glb, .zip (PLY) or .raw.
 
     FILE is a file of any known format, a folder of frames, or a pattern of their names in quotes.
     """

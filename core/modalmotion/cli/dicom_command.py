@@ -24,7 +24,7 @@ from modalmotion.cli.waiting import Waiting
 )
 @json_option
 def dicom(source: Path, out: Path, study: Path, as_json: bool, **options: Any) -> None:
-    """Write DICOM objects of the sequence in FILE: a structured report and surfaces.
+    """Write a DICOM structured report and surfaces of the sequence in FILE.
 
     The folder gets report.dcm (TID 1500) and the surfaces at the ends of diastole and systole as
     encapsulated STL, as instances of the patient's study. Coordinates must be stated as LPS, in

@@ -17,7 +17,7 @@ from modalmotion.cli.options import (
 )
 from modalmotion.cli.stated_facts import fact_options, stated_facts
 from modalmotion.cli.waiting import Waiting
-from modalmotion.exports.files import read_recording
+from modalmotion.exports.reading import read_recording
 from modalmotion.formats import ReadOptions
 from modalmotion.formats.raw import RAW_TYPES
 from modalmotion.mesh.sequence import MeshSequence

@@ -27,6 +27,7 @@ from modalmotion.cli.options import (
     list_written,
     plot_option,
     surface_options,
+    tell,
 )
 from modalmotion.cli.outputs import OutputFile, write_picture
 
@@ -74,10 +75,9 @@ def evaluate(
         write_picture(evaluation_figure(result), plot)
     if cases_file is not None:
         write_atomic(cases_file, result.as_csv().encode())
-    click.echo(json.dumps(result.as_json(), indent=2) if as_json else evaluation_lines(result))
-    for note in left_out_notes(left_out):
-        click.echo(note, err=as_json)
-    list_written(plot, cases_file, as_json=as_json)
+    notes = list(left_out_notes(left_out))
+    found = {**result.as_json(), "left_out": notes}
+    tell(found, [evaluation_lines(result), *notes], plot, cases_file, as_json=as_json)
 
 
 @command("compare-models mine.h5 other.h5 cases.csv")
@@ -96,10 +96,10 @@ def compare_models(
     unit: str | None,
     skip_unreadable: bool,
 ) -> None:
-    """Compare two models, on the same labelled sequences: MODEL and OTHER.
+    """Compare two models on the same labelled sequences.
 
-    Each is a file or a name. MANIFEST and FILES are as for training, of subjects that neither model
-    was trained on. Cases of one subject count together.
+    MODEL and OTHER are each a file or a name. MANIFEST and FILES are as for training, of subjects
+    that neither model was trained on. Cases of one subject count together.
     """
     from modalmotion.classification import compare_models as compare
     from modalmotion.classification.cases import left_out_notes
@@ -156,8 +156,7 @@ def classify(
         from modalmotion.pictures.classification import answer_figure
 
         write_picture(answer_figure(result), plot)
-    click.echo(answer_json(result) if as_json else answer_lines(result))
-    list_written(plot, as_json=as_json)
+    tell(answer_json(result), [answer_lines(result)], plot, as_json=as_json)
 
 
 @command("card mine.h5 --markdown -o README.md")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Final
@@ -190,9 +189,9 @@ def answer_lines(result: Classification) -> str:
     return "\n".join(lines + [f"note: {note}" for note in result.notes])
 
 
-def answer_json(result: Classification) -> str:
-    """Write a model's answer for a sequence as JSON."""
-    answer = {
+def answer_json(result: Classification) -> dict[str, object]:
+    """Give the members of a model's answer for a sequence, as JSON has them."""
+    return {
         "sequence_id": result.sequence_id,
         "model": result.model,
         "model_id": result.model_id,
@@ -204,4 +203,3 @@ def answer_json(result: Classification) -> str:
         "explanation": [asdict(part) for part in result.explanation],
         "notes": list(result.notes),
     }
-    return json.dumps(answer, indent=2)

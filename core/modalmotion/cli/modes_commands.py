@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +15,6 @@ from modalmotion.cli.options import (
     Member,
     command,
     json_option,
-    list_written,
     output_option,
     surface_options,
     tell,
@@ -122,13 +120,9 @@ def modes(
     """
     surface = _surface(source, grid, topology, stated)
     vibration_modes = _lowest(surface, modes)
-    if as_json:
-        click.echo(json.dumps(_numbers(vibration_modes), indent=2))
-    else:
-        click.echo("\n".join(_table(vibration_modes)))
     if output is not None:
         _write_modes(output, surface, vibration_modes, direction)
-    list_written(output, as_json=as_json)
+    tell(_numbers(vibration_modes), _table(vibration_modes), output, as_json=as_json)
 
 
 @command("animate beat.npz --mode 1,1,cos=5 --mode 0,2,sin=3 -o swing.glb")

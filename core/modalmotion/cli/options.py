@@ -108,7 +108,7 @@ def several(*options: Decorator) -> Decorator:
     return lambda function: reduce(lambda made, add: add(made), reversed(options), function)
 
 
-def options_of(kind: type, *names: str, group: str = "", **own: Mapping[str, Any]) -> Decorator:
+def options_of(kind: type, /, *names: str, group: str = "", **own: Mapping[str, Any]) -> Decorator:
     """Make options of the fields of a parameter class.
 
     Names, types and defaults are those of the class; the help is the first sentence about a field

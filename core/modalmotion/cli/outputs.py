@@ -10,7 +10,7 @@ from typing import Any, Final
 import click
 
 from modalmotion.errors import needs_extra
-from modalmotion.exports.plotting import PICTURES, write_picture
+from modalmotion.exports.picture_files import PICTURES, write_picture
 
 __all__ = [
     "MOVING",

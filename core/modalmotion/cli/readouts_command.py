@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ import click
 import numpy as np
 
 from modalmotion.cli.files import fitted, sequence_argument
-from modalmotion.cli.options import command, fit_options, json_option, list_written, picture_option
+from modalmotion.cli.options import command, fit_options, json_option, picture_option, tell
 from modalmotion.cli.outputs import PICTURES, OutputFile, write_picture
 from modalmotion.cli.waiting import Waiting
 from modalmotion.clinical import ClinicalReadouts, VolumeCurve, clinical_readouts
@@ -56,20 +55,13 @@ def readouts(
                 remedy="Leave --bulls-eye out: segments are those of a cup, a ventricle's wall.",
             )
         write_picture(bulls_eye_figure(ventricle.regions), bulls_eye)
-    if as_json:
-        click.echo(json.dumps({**_numbers(result), **ventricle_json(ventricle)}, indent=2))
-    else:
-        notes = [f"note: {note}" for note in (*result.notes, *ventricle.reasons)]
-        click.echo(
-            "\n".join(
-                [
-                    *_lines(result),
-                    *_further(ventricle, result.volume_unit, direction_names(signature)),
-                    *notes,
-                ]
-            )
-        )
-    list_written(plot, bulls_eye, as_json=as_json)
+    lines = [
+        *_lines(result),
+        *_further(ventricle, result.volume_unit, direction_names(signature)),
+        *(f"note: {note}" for note in (*result.notes, *ventricle.reasons)),
+    ]
+    numbers = {**_numbers(result), **ventricle_json(ventricle)}
+    tell(numbers, lines, plot, bulls_eye, as_json=as_json)
 
 
 def _lines(readouts: ClinicalReadouts) -> list[str]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import click
 
-from modalmotion.cli.options import command, json_option, list_written, output_option, plot_option
+from modalmotion.cli.options import command, json_option, output_option, plot_option, tell
 from modalmotion.cli.outputs import write_picture
 from modalmotion.cli.track_command import stated_landmarks
 from modalmotion.cli.tracking_options import label_options
@@ -60,7 +59,7 @@ def segment(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Find a surface in one image of IN, with its stated error.
+    """Segment one image of IN by a surface, with its standard deviation.
 
     IN is NIfTI, NRRD, MetaImage, or a folder or zip of DICOM. The surface is fitted to the edge
     around the axis from apex to base; --plot shows it over slices.
@@ -74,18 +73,14 @@ def segment(
         shown = ImageSequence((images.frames[options["frame"]],))
         write_picture(overlay_figure(result, shown), plot)
     numbers = _numbers(result)
-    if as_json:
-        click.echo(json.dumps(numbers, indent=2))
-    else:
-        bound = 2 * numbers["volume_deviation_ml"]
-        muscles = f"papillary muscles counted as {options['papillary']}"
-        lines = [
-            f"volume {numbers['volume_ml']:.1f} ml +- {bound:.1f}, {muscles}",
-            f"stated error {numbers['deviation_across']:.2g} mm across the surface",
-            *(f"note: {note}" for note in result.notes),
-        ]
-        click.echo("\n".join(lines))
-    list_written(output, plot, as_json=as_json)
+    bound = 2 * numbers["volume_deviation_ml"]
+    muscles = f"papillary muscles counted as {options['papillary']}"
+    lines = [
+        f"volume {numbers['volume_ml']:.1f} ml +- {bound:.1f}, {muscles}",
+        f"stated error {numbers['deviation_across']:.2g} mm across the surface",
+        *(f"note: {note}" for note in result.notes),
+    ]
+    tell(numbers, lines, output, plot, as_json=as_json)
 
 
 def _written(result: Track, suffix: str) -> bytes:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 import numpy as np
 
-from modalmotion.cli.options import command, json_option, list_written, options_of, output_option
+from modalmotion.cli.options import command, json_option, options_of, output_option, tell
 from modalmotion.cli.outputs import MOVING, PICTURES, OutputFile, write_picture
 from modalmotion.cli.tracking_options import tracking_options
 from modalmotion.errors import ParameterError
@@ -100,12 +99,8 @@ def track(
         write_atomic(plot, overlay_gif(result, recorded.images))
     elif plot is not None:
         write_picture(_figure(result, recorded, picture), plot)
-    if as_json:
-        click.echo(json.dumps(_numbers(result), indent=2))
-    else:
-        notes = [f"note: {note}" for note in result.notes]
-        click.echo("\n".join([*_lines(result), *notes]))
-    list_written(output, plot, as_json=as_json)
+    notes = [f"note: {note}" for note in result.notes]
+    tell(_numbers(result), [*_lines(result), *notes], output, plot, as_json=as_json)
 
 
 def _require_images(recorded: Recorded, picture: str) -> None:

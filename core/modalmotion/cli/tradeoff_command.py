@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,13 +13,13 @@ from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
     command,
     json_option,
-    list_written,
     merge_option,
     mode_options,
     options_of,
     picture_option,
     signature_parameters,
     surface_options,
+    tell,
     verbose_option,
 )
 from modalmotion.cli.outputs import write_picture
@@ -83,11 +82,10 @@ def tradeoff(
                 write_picture(tradeoff_figure(result), plot)
     price = replace(result.chosen.price, milliseconds=waiting.milliseconds())
     result = replace(result, chosen=replace(result.chosen, price=price))
-    click.echo(json.dumps(as_plain(result), indent=2) if as_json else _lines(result, verbose))
-    list_written(plot, as_json=as_json)
+    tell(as_plain(result), _lines(result, verbose), plot, as_json=as_json)
 
 
-def _lines(result: Tradeoff, verbose: bool) -> str:
+def _lines(result: Tradeoff, verbose: bool) -> list[str]:
     front, price = result.front, result.chosen.price
     unit, motion = front.unit or "length units", front.motion_rms
     lines = [
@@ -120,8 +118,7 @@ def _lines(result: Tradeoff, verbose: bool) -> str:
     lines += price_lines(price) if verbose else []
     if result.chosen.signature is not None:
         lines += [f"note: {note}" for note in result.chosen.signature.notes]
-    lines += [f"note: {note}" for note in result.chosen.notes]
-    return "\n".join(lines)
+    return lines + [f"note: {note}" for note in result.chosen.notes]
 
 
 def describe(result: Tradeoff) -> str:

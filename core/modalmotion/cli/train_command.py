@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
 import click
 
 from modalmotion.classification.manifest import LabelledSequence, labelled_files
+from modalmotion.classification.options import OnError, TrainingOptions
 from modalmotion.cli.case_options import cases_option, labelled_sources, unit_option
 from modalmotion.cli.model_texts import card_lines, model_json
-from modalmotion.cli.options import command, json_option, plot_option, tell
+from modalmotion.cli.options import command, json_option, options_of, plot_option, tell
 from modalmotion.cli.outputs import OutputFile, write_picture
 
 _HELP: Final = {
@@ -26,24 +26,7 @@ _HELP: Final = {
     "groups": "Column of the manifest, such as site, whose cases are never divided by a split.",
     "seed": "Seed of all random numbers.",
 }
-
-
-def _training_options(command: Callable[..., None]) -> Callable[..., None]:
-    # Options of the library under their own names; the library checks their ranges.
-    from modalmotion.classification import TrainingOptions
-
-    for name, value in reversed(TrainingOptions().as_json().items()):
-        if name == "on_error":
-            continue
-        command = click.option(
-            f"--{name.replace('_', '-')}",
-            name,
-            type=int if name == "modes" else str if value is None else type(value),
-            default=value,
-            show_default=True,
-            help=_HELP.get(name),
-        )(command)
-    return command
+_OWN: Final[dict[str, Any]] = {name: {"help": text} for name, text in _HELP.items()}
 
 
 @command("train cases.csv --name mine -o mine.h5")
@@ -54,7 +37,7 @@ def _training_options(command: Callable[..., None]) -> Callable[..., None]:
 @plot_option
 @cases_option
 @json_option
-@_training_options
+@options_of(TrainingOptions, *_HELP, **_OWN)
 def train(
     sources: tuple[Path, ...],
     name: str,
@@ -72,9 +55,7 @@ def train(
     subject are never on both sides of a split. Further columns (age, sex, ...) are covariates. Or
     name files, each in a folder named after its class: normal/*.npz akinesia/*.npz
     """
-    from modalmotion.classification import TrainingOptions
     from modalmotion.classification import train as fit
-    from modalmotion.classification.options import OnError
     from modalmotion.store import model_to_hdf5, require_model_name, write_atomic
 
     require_model_name(name)

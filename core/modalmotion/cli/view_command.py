@@ -12,7 +12,7 @@ from modalmotion.classification.answer import Classification
 from modalmotion.cli.files import fitted, sequence_argument
 from modalmotion.cli.options import command, fit_options, json_option, output_option, tell
 from modalmotion.cli.waiting import Waiting
-from modalmotion.exports.files import stream_at
+from modalmotion.exports.reading import stream_at
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP
 from modalmotion.signature.making import ModalSignature

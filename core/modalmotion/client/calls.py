@@ -131,7 +131,7 @@ class Caller:
         return Job(self._connection, JobStatus.of(answer.json), read, asked.accept)
 
     def _key(self, sequence_id: str, own: Mapping[str, Option]) -> str:
-        """Key of a signature, made where options say which; a sequence stands for its usual one."""
+        """Key of a signature, made where options say which; a sequence represents its usual one."""
         if not own:
             return segment(sequence_id)
         answer = self._awaited(signature_call(sequence_id, own, JSON), info_of)

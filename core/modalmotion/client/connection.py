@@ -52,7 +52,7 @@ class Call:
     Parameters
     ----------
     method, path : str
-        The path begins with a slash, and may hold a query.
+        The path begins with a slash, and may contain a query.
     query : mapping
     accept : str
         Media type of the answer.
@@ -253,7 +253,7 @@ def _plain_key(key: str) -> str:
     plain = key.strip()
     if _KEY.fullmatch(plain) is None:
         raise ParameterError(
-            "The key is empty, or holds blanks or characters outside ASCII.",
+            "The key is empty, or contains blanks or characters outside ASCII.",
             remedy="Give it as `modalmotion keys create` showed it.",
         )
     return plain

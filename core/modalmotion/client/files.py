@@ -56,7 +56,7 @@ _TYPES: Final = {
 
 
 def form_of(what: str, path: Path) -> tuple[str, str]:
-    """Look up the path of what is saved, and the media type that the file's suffix stands for.
+    """Look up the path of what is saved, and the media type that the file's suffix represents.
 
     Raises
     ------

@@ -71,7 +71,7 @@ class Retries:
 
 
 def is_passing(status: int) -> bool:
-    """Tell whether the same request may succeed later."""
+    """Return whether the same request may succeed later."""
     return status in _PASSING
 
 

@@ -236,7 +236,7 @@ class Block:
         return self.time_basis().superpose(rows)
 
     def _shape_around(self, modes: OrthonormalModes, numbers: Floats, where: Ints) -> Floats:
-        """Shape of the parts that hold some vertices, (3, vertices); zero elsewhere."""
+        """Shape of the parts that contain some vertices, (3, vertices); zero elsewhere."""
         assert self.parts is not None  # noqa: S101 - for the type checker
         asked = np.zeros(sum(map(len, self.parts.pieces)), dtype=bool)
         asked[where] = True
@@ -324,7 +324,7 @@ def read_block(
     if where is not None:
         guards = guards.within(shape, where)
     if not (np.abs(scaled) < MOST_QUANTA).all():
-        raise damaged("Decoded positions lie beyond what the stream's quantum can count.")
+        raise damaged("Decoded positions are beyond what the stream's quantum can count.")
     whole = guards.round(scaled)
     if block.width:
         corrections = code_corrections(reader, shape, None)
@@ -434,7 +434,7 @@ def restore_positions(
     except (lzma.LZMAError, EOFError) as error:
         raise damaged("A stored block does not unpack.") from error
     if len(plain) != n_bytes:
-        raise damaged(f"A stored block holds {len(plain)} bytes, not {n_bytes}.")
+        raise damaged(f"A stored block contains {len(plain)} bytes, not {n_bytes}.")
     planes = np.frombuffer(plain, np.uint8).reshape(dtype.itemsize, -1)
     raw = np.frombuffer(planes.T.tobytes(), dtype.newbyteorder("<"))
     positions: FloatArray = raw.astype(dtype).reshape(shape)

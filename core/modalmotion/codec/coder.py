@@ -32,7 +32,7 @@ _WORD, _N_WORDS, _BIT, _N_BITS, _NEEDED = 3, 4, 5, 6, 11
 _FINE, _FULL, _ROOM, _KEYS = 0, 16, 17, 18
 _MESSAGES: Final = {
     1: "The range coder cannot have written these words.",
-    2: "A block holds fewer bits than its values need.",
+    2: "A block contains fewer bits than its values need.",
     3: "A face of the stream names a vertex that does not exist.",
     4: "The stream numbers a vertex that does not exist.",
     5: "A number in the faces does not end.",
@@ -210,7 +210,7 @@ class Coder:
 
 
 def write_varint(value: int) -> bytes:
-    """Write a whole number >= 0, seven bits a byte, low bits first.
+    """Write a whole number >= 0, seven bits per byte, low bits first.
 
     The high bit of a byte says that another follows.
     """

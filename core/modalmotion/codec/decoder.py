@@ -43,7 +43,7 @@ def decode(
     data : bytes
         A stream that `encode` wrote.
     frames : range, optional
-        Frames to decode, in steps of 1; only the blocks that hold them are read.
+        Frames to decode, in steps of 1; only the blocks that contain them are read.
     vertices : range or (n,) int, optional
         Numbers of the vertices to decode, each once, in any order; only what they need is solved
         for and computed. The sequence has these vertices in this order, the triangles between

@@ -86,7 +86,7 @@ def encode(
     ------
     ParameterError
         If there are several targets, one is not positive, the effort is unknown, or no
-        stream of so few bytes holds the sequence.
+        stream of so few bytes contains the sequence.
     """
     target = require_target(rms, max_error, n_bytes, _usual_error(sequence))
     try:
@@ -127,7 +127,8 @@ def _usual_error(sequence: MeshSequence) -> float:
 def _at_error(
     sequence: MeshSequence, choice: Choice, faces: bytes, target: Target, report: ShareReport
 ) -> Encoded:
-    # Finer than float64 tells positions apart, or than its squares: only the numbers themselves do.
+    # Finer than float64 distinguishes positions, or than its squares: only the numbers themselves
+    # do.
     finest = float(np.finfo(np.float64).eps) * float(np.abs(sequence.vertices).max())
     if target.value <= max(finest, 1e-150):
         return _store(sequence, faces)
@@ -198,7 +199,7 @@ def _within_bytes(
 def _require_fit(best: Encoded | None, smallest: int, n_bytes: int) -> Encoded:
     if best is None:
         raise ParameterError(
-            f"No stream of {n_bytes} bytes holds this sequence; the smallest tried has {smallest}.",
+            f"No stream of {n_bytes} bytes contains this sequence; the smallest has {smallest}.",
             remedy="Allow more bytes: connectivity and header alone take some.",
             details={"smallest": smallest},
         )

@@ -268,7 +268,7 @@ def encode_frames(
     Returns
     -------
     EncodedBlock or None
-        None where the target is finer than this way of coding can guarantee.
+        None if the target is finer than this way of coding can guarantee.
     """
     frames = _prepare(vertices, choice, target)
     if frames is None:
@@ -393,7 +393,7 @@ def _finish(
 def _written(
     frames: _Frames, choice: Choice, trial: Trial, width: int, room: float
 ) -> EncodedBlock | None:
-    """Write a trial; None where its numbers are too large, or other machines may round them."""
+    """Write a trial; None if its numbers are too large, or other machines may round them."""
     if trial.largest > LARGEST_MAGNITUDE:
         return None
     block = trial.block(len(frames.vertices), frames.exponent, frames.origin, width)

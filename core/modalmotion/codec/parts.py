@@ -48,7 +48,7 @@ def segmented(
     Returns
     -------
     Parts or None
-        None where there is nothing to merge: without connectivity, or with too many pieces.
+        None if there is nothing to merge: without connectivity, or with too many pieces.
     """
     n = offsets.shape[2]
     finest = max(FINEST_PIECE, 2 * n // MOST_PIECES)
@@ -331,7 +331,7 @@ class _Found:
 def find_parts(
     amplitudes: Floats, offsets: Floats, modes: OrthonormalModes, step: float
 ) -> Articulated | None:
-    """Look for parts that move as one; None where there are none.
+    """Look for parts that move as one; None if there are none.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ class ModalBlock:
         return basis_numbers(learned_components(self.amplitudes))
 
     def articulated(self, step: float) -> Articulated | None:
-        """Parts that move as one, found at the first step asked for; None where there are none."""
+        """Parts that move as one, found at the first step asked for; None if there are none."""
         if not self._articulated:
             found = None
             if self.offsets is not None and self.modes is not None:
@@ -275,7 +275,7 @@ def try_sizes(
     Parameters
     ----------
     size : callable
-        Bytes at the logarithm of an error; None where it is too fine for a stream. Whoever asks
+        Bytes at the logarithm of an error; None if it is too fine for a stream. Whoever asks
         keeps the best.
     most : int
         Bytes.

@@ -432,10 +432,10 @@ class OrthonormalModes(Protocol):
 
     @property
     def shaken(self) -> OrthonormalModes | None:
-        """The same modes with errors larger than rounding; None where none are solved for."""
+        """The same modes with errors larger than rounding; None if none are solved for."""
 
     def pieces(self, largest: int) -> list[Ints] | None:
-        """Vertices of the pieces of the connectivity; None where the modes do not know it."""
+        """Vertices of the pieces of the connectivity; None if the modes do not know it."""
 
     def write(self) -> bytes:
         """Write which modes these are, and a probe of those that are solved for."""

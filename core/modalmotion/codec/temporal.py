@@ -111,7 +111,7 @@ class Quantiser:
     step : float
         Quanta.
     shifts : (int, int, int)
-        How far inside its cell the value of magnitude 1, 2, and of any larger one lies, in
+        How far inside its cell the value of magnitude 1, 2, and of any larger one is, in
         1/256 of a step.
     """
 
@@ -161,7 +161,7 @@ def quantise(coefficients: Floats, step: float, price: float) -> Ints:
 
 
 def is_countable(coefficients: Floats, step: float) -> bool:
-    """Tell whether each is a number of steps that a whole number can hold."""
+    """Return whether each is a number of steps that a whole number can contain."""
     return bool(np.abs(coefficients).max(initial=0.0) < MOST_STEPS * step)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -15,6 +14,7 @@ from modalmotion.clinical import ClinicalReadouts
 from modalmotion.clinical.strain import Strain
 from modalmotion.clinical.ventricle import VentricleReadouts
 from modalmotion.errors import ParameterError
+from modalmotion.exports.picture_files import picture_bytes, write_picture
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.pictures.classification import answer_figure, card_figure, evaluation_figure
 from modalmotion.pictures.modes import template_figure
@@ -26,40 +26,11 @@ from modalmotion.representation import counted, numeral, with_article
 from modalmotion.signature import Tradeoff
 from modalmotion.signature.making import ModalSignature, modal_signature
 from modalmotion.signature.mode_names import mode_colour, plain_name
-from modalmotion.store.disk.atomic import write_atomic
 from modalmotion.template import Template
 from modalmotion.tracking import Track
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-PICTURES: Final = (".png", ".svg", ".pdf")
-"""Suffixes of pictures."""
-
-
-def picture_bytes(figure: Figure, kind: str) -> bytes:
-    """Write a picture as png, svg or pdf."""
-    picture = io.BytesIO()
-    figure.savefig(picture, format=kind)
-    return picture.getvalue()
-
-
-def write_picture(figure: Figure, path: Path) -> None:
-    """Write a picture to a file, in the format of its suffix.
-
-    Raises
-    ------
-    ParameterError
-        If it names another.
-    StoreError
-        If it cannot be written.
-    """
-    if path.suffix.lower() not in PICTURES:
-        raise ParameterError(
-            f"{path.name!r} does not have the suffix of a picture.",
-            remedy=f"Use a name that ends with {', '.join(PICTURES)}.",
-        )
-    write_atomic(path, picture_bytes(figure, path.suffix[1:].lower()))
 
 
 def plot(value: Any, path: str | Path | None = None) -> Figure:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, BinaryIO, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,10 +33,11 @@ from modalmotion.signature.hdf5 import mode_datasets
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import at_times, reconstruct, resample
 from modalmotion.store.disk.atomic import cannot_write, sync_folder, temporary_beside
-from modalmotion.store.record import SequenceRecord
-from modalmotion.store.recovery import existing_store
-from modalmotion.store.results import ResultStore
 from modalmotion.template import Template
+
+if TYPE_CHECKING:
+    from modalmotion.store import ResultStore
+    from modalmotion.store.record import SequenceRecord
 
 FORM: Final = Form("export", 3)
 
@@ -154,6 +155,9 @@ def export(
     """
     import h5py
 
+    from modalmotion.store import ResultStore
+    from modalmotion.store.recovery import existing_store
+
     existing_store(root)
     if out.exists() and not (replace and is_pack(out)):
         raise StoreError(
@@ -262,6 +266,8 @@ def _pack(file: Any, signatures: Iterable[tuple[ModalSignature, SequenceRecord]]
 
 def _group(file: Any, kind: _Kind, signature: ModalSignature, number: int) -> Any:
     import h5py
+
+    from modalmotion.store.record import SequenceRecord
 
     group = file.create_group(f"{number:03d}-{kind.key}")
     group.attrs["parameters"] = json.dumps(asdict(signature.parameters), sort_keys=True)

@@ -69,8 +69,8 @@ def amplitude_table(signature: ModalSignature) -> Table:
     Returns
     -------
     Table
-        frame, time_s (NaN where unknown), mode (its rank), label, direction, amplitude, deviation
-        (its standard deviation, NaN where unknown), unit.
+        frame, time_s (NaN if unknown), mode (its rank), label, direction, amplitude, deviation
+        (its standard deviation, NaN if unknown), unit.
     """
     frames, modes, n = signature.amplitudes.shape
     directions = direction_names(signature)

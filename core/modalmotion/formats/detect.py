@@ -63,7 +63,7 @@ _OTHERS: Final = (
     (
         rb"\s*\{",
         "JSON (perhaps a .gltf)",
-        "Convert it to .glb, which holds its own data: `gltf-pipeline -i beat.gltf -o beat.glb`.",
+        "Convert it to .glb, with its data inside: `gltf-pipeline -i beat.gltf -o beat.glb`.",
     ),
     (
         rb"#VRML|#X3D|Kaydara FBX|; FBX|Ogawa|PXR-USDC|#usda|solid_collada|<COLLADA",
@@ -102,7 +102,7 @@ def detect_format(data: bytes) -> Format | None:
     data : bytes
     """
     if data.startswith((b"PK\x03\x04", b"PK\x05\x06")):
-        # The first member's name stands at byte 30, its length at byte 26.
+        # The first member's name is at byte 30, its length at byte 26.
         name = data[30 : 30 + int.from_bytes(data[26:28], "little")]
         return Format.NPZ if name.endswith(b".npy") else Format.ZIP
     if data.startswith(SIGNATURE) or data[512:520] == SIGNATURE:
@@ -156,13 +156,11 @@ def unknown_format(data: bytes) -> MalformedFileError:
             return MalformedFileError(f"The file is {what}, which cannot be read.", remedy=remedy)
     if (declared := cut_short(data)) is not None:
         return MalformedFileError(
-            f"These {len(data)} bytes are of no format that is read; as binary STL they would be "
+            f"These {len(data)} bytes have no recognised format; as binary STL they would be "
             f"{declared} bytes.",
             remedy="If it is an STL file, it was cut short: send it again.",
         )
-    return MalformedFileError(
-        f"These {len(data)} bytes are of no format that is read.", remedy=_REMEDY
-    )
+    return MalformedFileError(f"Unrecognised file format ({len(data)} bytes).", remedy=_REMEDY)
 
 
 _REMEDY: Final = (

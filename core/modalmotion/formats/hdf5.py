@@ -1,4 +1,4 @@
-"""HDF5 files that hold a sequence: VTKHDF surfaces over time, and files of our own store."""
+"""HDF5 files that contain a sequence: VTKHDF surfaces over time, and files of our own store."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def read_hdf5(
     data : bytes
     limits : ReadLimits, optional
     parser : Parser, optional
-        Parser to reuse; its own limits hold.
+        Parser to reuse; its own limits apply.
     task : {"hdf5", "mat"}
         Its name: MATLAB's files of other versions hold the same.
 
     Raises
     ------
     MalformedFileError
-        If the file is damaged, leads out of itself, or holds no sequence.
+        If the file is damaged, leads out of itself, or contains no sequence.
     LimitError
         If it declares more than `limits` accept.
     InputError

@@ -31,7 +31,7 @@ _GATES: Final = {
 
 
 def read_mesh(data: bytes, stated: Format | None, parser: Parser) -> tuple[Frame, Format]:
-    """Read a file that holds one mesh.
+    """Read a file that contains one mesh.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def read_mesh(data: bytes, stated: Format | None, parser: Parser) -> tuple[Frame
     stated : Format or None
         Recognised by content if None.
     parser : Parser
-        For the formats that need one; its limits hold for all.
+        For the formats that need one; its limits apply to all.
 
     Returns
     -------
@@ -49,14 +49,14 @@ def read_mesh(data: bytes, stated: Format | None, parser: Parser) -> tuple[Frame
     Raises
     ------
     InputError
-        The subclass says what is wrong.
+        The subclass names the problem.
     """
     kind = detect_format(data) if stated is None else stated
     if kind is None:
         raise unknown_format(data)
     if kind not in MESH_FORMATS:
         raise MalformedFileError(
-            f"The file is {kind.upper()}, which holds a whole sequence or none.",
+            f"The file is {kind.upper()}, which contains a whole sequence or none.",
             remedy="Send such a file by itself, not as a frame.",
         )
     if kind in _READERS:

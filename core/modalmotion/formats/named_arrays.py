@@ -96,7 +96,7 @@ def _required(names: Iterable[str], what: str, listed: list[str] | None = None) 
     if aliases is None:
         inside = [*names] if listed is None else listed
         shown = ", ".join(repr(name[:40]) for name in inside[:8]) or "nothing"
-        raise _malformed(f"The {what} holds {shown}: no vertices with faces.")
+        raise _malformed(f"The {what} contains {shown}: no vertices with faces.")
     return aliases
 
 

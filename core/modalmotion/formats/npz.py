@@ -73,7 +73,7 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
         arrays["vertices"] = positions_in(arrays["vertices"], is_matlab=False)
     if "times" in arrays and "times_ms" in arrays:
         raise ShapeError(
-            "The archive holds both 'times' and 'times_ms'.", remedy="Keep one of them."
+            "The archive contains both 'times' and 'times_ms'.", remedy="Keep one of them."
         )
     times = arrays.get("times")
     if "times_ms" in arrays:
@@ -138,12 +138,12 @@ def read_arrays(
         for info in archive.infolist():
             name = info.filename.removesuffix(".npy")
             if name in members:
-                raise _malformed(f"The archive holds {name[:40]!r} twice.")
+                raise _malformed(f"The archive contains {name[:40]!r} twice.")
             members[name] = info
         for name in needed:
             if name not in members:
                 raise _malformed(
-                    f"The archive holds {_listing(list(members))} but no {name!r}.",
+                    f"The archive contains {_listing(list(members))} but no {name!r}.",
                     details={"arrays": [own[:40] for own in list(members)[:20]]},
                 )
         headers: dict[str, _Header] = {
@@ -241,7 +241,7 @@ def _plain_dtype(name: str, descr: str) -> np.dtype[Any]:
     kinds = "fiuU" if name in _TEXTS else "fiu"
     if descr[2:3] == "O":
         raise MalformedFileError(
-            f"The array {name!r} holds pickled Python objects, which are never loaded.",
+            f"The array {name!r} contains pickled Python objects, which are never loaded.",
             remedy="Store plain numbers (float32, float64, int32, int64) and text.",
         )
     try:
@@ -250,7 +250,7 @@ def _plain_dtype(name: str, descr: str) -> np.dtype[Any]:
         dtype = np.dtype(np.void)
     if dtype.kind not in kinds:
         raise ShapeError(
-            f"The array {name!r} holds {descr[:20]}, which is not understood there.",
+            f"The array {name!r} contains {descr[:20]}, which is not understood there.",
             remedy="Store plain numbers (float32, float64, int32, int64), and text only for "
             f"{', '.join(_TEXTS)}.",
             details={"array": name, "dtype": descr[:20]},
@@ -284,7 +284,7 @@ def _read_array(
 
 
 def text_in(arrays: dict[str, np.ndarray[Any, Any]], name: str) -> str | None:
-    """Read an array that is one text; None where it is empty or not there.
+    """Read an array that is one text; None if it is empty or not there.
 
     Raises
     ------

@@ -79,7 +79,7 @@ def read_obj(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
         limits.require("vertices", n_vertices)
         limits.require("faces", len(sizes))
     if not n_vertices:
-        raise _malformed("The OBJ file holds no vertex.")
+        raise _malformed("The OBJ file contains no vertex.")
     polygons = triangulate_sizes(sizes, corners)
     return Frame(
         np.concatenate(blocks),
@@ -155,7 +155,7 @@ def _corners(words: list[bytes], n_vertices: int) -> array[int]:
         raise _malformed(f"A face of the OBJ file reads {b' '.join(words)[:40]!r}.") from None
     if numbers and (min(corners) < 0 or 0 in numbers):
         raise _malformed(
-            f"A face of the OBJ file names vertex {min(numbers)}, but {n_vertices} stand before "
+            f"A face of the OBJ file names vertex {min(numbers)}, but {n_vertices} are before "
             "it and counting starts at 1."
         )
     return corners

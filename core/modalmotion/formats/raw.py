@@ -53,7 +53,7 @@ def read_raw(
     if n_vertices is None or n_vertices < 1:
         raise ParameterError(
             f"Raw numbers say nothing of their shape, and the number of vertices is {n_vertices}.",
-            remedy="State the number of vertices a frame, or the grid.",
+            remedy="State the number of vertices per frame, or the grid.",
         )
     if dtype not in RAW_TYPES:
         raise ParameterError(

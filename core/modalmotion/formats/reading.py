@@ -41,7 +41,7 @@ def read_sequence(
     progress : callable, optional
         Called with (frames read, frames in all) where frames are files of their own.
     parser : Parser, optional
-        Parser to reuse for many files; its own limits then hold.
+        Parser to reuse for many files; its own limits then apply.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def read_sequence(
     Raises
     ------
     InputError
-        The subclass says what is wrong; frame and vertex are named where known.
+        The subclass names the problem; frame and vertex are named where known.
     """
     options = ReadOptions() if options is None else options
     source = Path(source) if isinstance(source, str) else source

@@ -35,12 +35,12 @@ _FACET: Final = (
 )
 _KEYWORDS: Final = tuple((i, word) for i, word in enumerate(_FACET) if word is not None)
 _FIRST_CORNER: Final = 7
-# The name of a solid may hold any words.
+# The name of a solid may contain any words.
 _NAME_LINE: Final = re.compile(rb"(?m)^[ \t]*((?:end)?solid(?!\S)[^\r\n]*)")
 
 
 def is_binary_stl(data: bytes) -> bool:
-    """Tell whether the number of triangles agrees with the number of bytes."""
+    """Return whether the number of triangles agrees with the number of bytes."""
     return len(data) >= _HEADER_BYTES and _declared_bytes(data) == len(data)
 
 
@@ -90,7 +90,7 @@ def read_stl(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
             detail = f" (a binary one of {n} triangles has {_declared_bytes(data)} bytes)"
         raise _malformed(f"These {len(data)} bytes are not a complete STL file{detail}.")
     if not len(corners):
-        raise _malformed("The STL file holds no triangle.")
+        raise _malformed("The STL file contains no triangle.")
     faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
     return Frame(corners, faces, is_soup=True, statements=space_in(header))
 

@@ -59,19 +59,19 @@ def read_xdmf(data: bytes, beside: Callable[[str], bytes], parser: Parser) -> Re
     beside : callable
         Gives the bytes of a file that it names, of its own folder or archive.
     parser : Parser
-        Its limits hold.
+        Its limits apply.
 
     Raises
     ------
     MalformedFileError
-        If it is not readable, or holds no triangles.
+        If it is not readable, or contains no triangles.
     InputError
         If the frames do not form a sequence.
     """
     domain = _parsed(data)
     grids = [g for g in domain.all("Grid") if g.attributes.get("GridType", "Uniform") == "Uniform"]
     if not grids:
-        raise _malformed("The XDMF file holds no grid.")
+        raise _malformed("The XDMF file contains no grid.")
     steps = [grid for grid in grids if grid.child("Time") is not None] or grids
     parser.limits.require("frames", len(steps))
     arrays = _Arrays(beside, parser)
@@ -138,7 +138,7 @@ class _Arrays:
         if name not in self.files:
             self.files[name] = self.parser.parse("datasets", self.beside(name)).arrays
         if place.strip("/") not in self.files[name]:
-            raise _malformed(f"{name[-60:]!r} holds no dataset {place[:60]!r}.")
+            raise _malformed(f"{name[-60:]!r} contains no dataset {place[:60]!r}.")
         return self.files[name][place.strip("/")]
 
 
@@ -148,7 +148,7 @@ def _parsed(data: bytes) -> _Element:
     path, counted = [root], [0]
 
     def refuse(*_: object) -> None:
-        raise _malformed("The XDMF file holds entities, which are never read.")
+        raise _malformed("The XDMF file contains entities, which are never read.")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         counted[0] += 1

@@ -36,31 +36,31 @@ class Contents:
     arrays: dict[str, NDArray[Any]]
 
     def text(self, name: str) -> str:
-        """Attribute that holds text."""
+        """Attribute that contains text."""
         value = self.attributes[name]
         if not isinstance(value, str):
             raise TypeError(f"attribute {name} is not text")
         return value
 
     def optional_text(self, name: str) -> str | None:
-        """Attribute that holds text, None where there is no such attribute."""
+        """Attribute that contains text, None if there is no such attribute."""
         return self.text(name) if name in self.attributes else None
 
     @property
     def unit(self) -> str | None:
-        """Unit of lengths, None where nobody stated it."""
+        """Unit of lengths, None if nobody stated it."""
         unit = self.text("unit")
         return None if unit == UNKNOWN else unit
 
     def json(self, name: str, kind: type[T]) -> T:
-        """Value of a dataset that holds JSON of type `kind`."""
+        """Value of a dataset that contains JSON of type `kind`."""
         value = json.loads(bytes(self.arrays[name][()]))
         if not isinstance(value, kind):
-            raise TypeError(f"dataset {name} does not hold a {kind.__name__}")
+            raise TypeError(f"dataset {name} does not contain a {kind.__name__}")
         return value
 
     def number(self, name: str) -> Any:
-        """Value of a dataset that holds one number."""
+        """Value of a dataset that contains one number."""
         return self.array(name, ()).item()
 
     def array(self, name: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
@@ -75,7 +75,7 @@ class Contents:
 
 
 def contents_of(name: str, data: bytes) -> Contents:
-    """Read all of an HDF5 file, and nothing that lies outside of it or takes more than its size.
+    """Read all of an HDF5 file, and nothing that is outside of it or takes more than its size.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def _datasets(root: Any, most_bytes: int) -> Iterator[tuple[str, Any]]:
         # Many names of one dataset, or datasets on the same bytes, would fill the memory.
         n_bytes += dataset.get_storage_size()
         if n_bytes > most_bytes:
-            raise ValueError("its datasets lie on one another")
+            raise ValueError("its datasets are on one another")
         yield key.decode(), dataset
 
 
@@ -142,7 +142,7 @@ def _attributes(root: Any) -> dict[str, Any]:
     for number in range(h5a.get_num_attrs(root)):
         attribute = h5a.open(root, index=number)
         if attribute.dtype.kind not in "iuS":
-            raise ValueError(f"the attribute {attribute.name!r} holds {attribute.dtype}")
+            raise ValueError(f"the attribute {attribute.name!r} contains {attribute.dtype}")
         value = np.empty(attribute.shape, attribute.dtype)
         attribute.read(value)
         attributes[attribute.name.decode()] = _plain(value)
@@ -180,6 +180,6 @@ def require_match(path: Path, contents: Contents, **ids: str | int | None) -> No
     for name, expected in ids.items():
         if contents.attributes.get(name) != expected:
             raise CorruptFileError(
-                f"'{path.name}' holds another {name.replace('_', ' ')} than its name says.",
+                f"'{path.name}' contains another {name.replace('_', ' ')} than its name says.",
                 remedy="Restore it from a copy, or delete it and make the result again.",
             )

@@ -56,7 +56,7 @@ class Form:
         Raises
         ------
         StoreError
-            If an attribute is not a text that HDF5 can hold.
+            If an attribute is not a text that HDF5 can contain.
         """
         return sealed_image(self.header(**more), ids, datasets)
 
@@ -109,8 +109,8 @@ class Form:
         form = _form(contents)
         if form.kind != self.kind:
             raise CorruptFileError(
-                f"{contents.name} holds {form.kind[:80]!r}, not a {self.kind} of modalmotion.",
-                remedy=f"Name a file that holds a {self.kind}.",
+                f"{contents.name} contains {form.kind[:80]!r}, not a {self.kind} of modalmotion.",
+                remedy=f"Name a file that contains a {self.kind}.",
             )
         if form.version != self.version:
             is_older = 1 <= form.version < self.version
@@ -154,7 +154,7 @@ def _explained(name: str, kind: str) -> Iterator[None]:
         # The seal is right, so the file was not damaged: it was written like this.
         reason = error.message if isinstance(error, ModalMotionError) else str(error)
         raise CorruptFileError(
-            f"{name} does not hold a {kind} as modalmotion writes it ({reason[:200]}).",
+            f"{name} does not contain a {kind} as modalmotion writes it ({reason[:200]}).",
             remedy="Name an HDF5 file written by modalmotion.",
         ) from error
 

@@ -2,7 +2,7 @@
 
 The HDF5 library follows external storage, external links and virtual layouts to any file of
 the machine by itself, and allocates what a shape declares. So a file is walked first, from
-memory, and let through only if everything in it lies in it.
+memory, and let through only if everything in it is in it.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def open_gated(data: bytes, limits: ReadLimits) -> Iterator[Any]:
     ----------
     data : bytes
     limits : ReadLimits
-        `decompressed_bytes` holds for all datasets together.
+        `decompressed_bytes` applies to all datasets together.
 
     Yields
     ------
@@ -59,7 +59,7 @@ def open_gated(data: bytes, limits: ReadLimits) -> Iterator[Any]:
     Raises
     ------
     MalformedFileError
-        If the file cannot be read, or holds anything but plain datasets.
+        If the file cannot be read, or contains anything but plain datasets.
     LimitError
         If it declares more than is accepted.
     """
@@ -190,7 +190,7 @@ def _refused(name: str, what: str) -> MalformedFileError:
 
 def _too_many(what: str, value: int, most: int) -> LimitError:
     return LimitError(
-        f"The HDF5 file holds {value} {what}; at most {most} are accepted.",
+        f"The HDF5 file contains {value} {what}; at most {most} are accepted.",
         remedy=_REMEDY,
         limit="hdf5_objects",
         details={"value": value, "most": most},

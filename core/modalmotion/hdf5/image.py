@@ -70,7 +70,7 @@ class Layout:
 
 
 def json_text(name: str, value: object) -> Dataset:
-    """Dataset that holds a value as JSON, in ASCII."""
+    """Dataset that contains a value as JSON, in ASCII."""
     text = _JSON.encode(value).encode()
     size = -(-len(text) // _TEXT_STEP) * _TEXT_STEP
     return Dataset(name, np.array(text.ljust(size), dtype=f"S{size}"), "none", "")
@@ -92,7 +92,7 @@ def sealed_image(
     Raises
     ------
     StoreError
-        If an attribute is not a text that HDF5 can hold.
+        If an attribute is not a text that HDF5 can contain.
     """
     arrays = [d.values if d.values.flags.c_contiguous else d.values.copy() for d in datasets]
     layout = Layout(
@@ -103,7 +103,7 @@ def sealed_image(
             for d, a in zip(datasets, arrays, strict=True)
         ),
     )
-    # Arrays are joined as they lie in memory, without a copy of their own.
+    # Arrays are joined as they are in memory, without a copy of their own.
     values: list[bytes | memoryview] = [value.encode("ascii") for value in ids.values()]
     values += [array.data for array in arrays]
     return seal([values[p] if isinstance(p, int) else p for p in _skeleton(layout)])
@@ -116,7 +116,7 @@ def write_image(layout: Layout, ids: Sequence[str], arrays: Sequence[NDArray[Any
     -------
     image : bytes
     offsets : list of int or None
-        Where the values of each dataset lie; None for those without any.
+        Where the values of each dataset are; None for those without any.
     """
     import h5py
 

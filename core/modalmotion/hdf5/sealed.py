@@ -127,7 +127,7 @@ def load_sealed(source: bytes | Path) -> tuple[str, bytes]:
 
 
 def is_sound(path: Path) -> bool:
-    """Tell whether a sealed file is there as it was written."""
+    """Return whether a sealed file is there as it was written."""
     try:
         load_sealed(path)
     except StoreError:

@@ -20,8 +20,8 @@ OUTER: Final = 4.0
 _LEAST_STEP: Final = 0.4
 _BESIDE: Final = 3.0
 
-# Likeness of what lies next to an edge on its inner side: less is a layer of blood and muscle, and
-# the edge lies in the middle between the layer and the outside. One that is told from an edge's
+# Likeness of what is next to an edge on its inner side: less is a layer of blood and muscle, and
+# the edge is in the middle between the layer and the outside. One that is told from an edge's
 # blur, and any where trabeculae are known to be; what it is at least, and how many times the noise
 # of one sample it must be below that of blood.
 _DISTINCT: Final = 0.45
@@ -101,7 +101,7 @@ class Edges(NamedTuple):
         Of the mean brightness there, 1 for the whole contrast.
     is_found : (n,) bool
     inside : (n,) float64
-        Likeness of what lies next to it on its inner side: 1 of blood, less of a layer of muscle
+        Likeness of what is next to it on its inner side: 1 of blood, less of a layer of muscle
         and blood.
     """
 
@@ -140,7 +140,7 @@ def find_edges(
     All up to the edge is inside, OUTER beyond it outside. The place between two samples comes
     from the area under the profile next to the edge, which noise moves least: w (a + b) + x (a - b)
     is that between levels a and b, x beyond the middle. b is the outside's, -1; a is 1, or where a
-    layer of trabeculae lies next to the edge that layer's.
+    layer of trabeculae is next to the edge that layer's.
     """
     n, m = likeness.shape
     a, b = round(INNER / step), round(OUTER / step)
@@ -162,7 +162,7 @@ def find_edges(
     w = np.clip(np.rint((1.5 * extents + 1.0) / step).astype(np.int64), 1, min(a, b))
     wide = _sums(np.clip(likeness, -1.5, 1.5)) * step
     area = wide[rows, at + w] - wide[rows, at - w]
-    # Farther half of the window: nearer to the edge lies its blur.
+    # Farther half of the window: nearer to the edge is its blur.
     half = (w + 1) // 2
     beside_it = (wide[rows, at - half] - wide[rows, at - w]) / (np.maximum(w - half, 1) * step)
     is_layer = (beside_it < layer) & (half < w)

@@ -18,7 +18,7 @@ from modalmotion.representation import FrozenArrays, shown
 
 Image: TypeAlias = Volume | PlaneSet
 
-# Voxels longer than this times their width are slices: what lies between two of them is not seen.
+# Voxels longer than this times their width are slices: what is between two of them is not seen.
 _SLICED: Final = 2.5
 
 # Slices with fewer voxels through a volume are a few slices, not a volume.
@@ -33,7 +33,7 @@ class ImageSequence(FrozenArrays):
     Parameters
     ----------
     frames : tuple of Volume, PlaneSet or None
-        None where a frame is missing. Sets of planes have as many planes in each frame, in the
+        None if a frame is missing. Sets of planes have as many planes in each frame, in the
         same order.
     times : (frames,) float64, s, or None
     period : float or None, s
@@ -156,7 +156,7 @@ def images_in(observed: Any) -> ImageSequence | None:
         if item is not None and not is_image:
             raise ShapeError(
                 f"Frame {k} is a {type(item).__name__}, others are images.",
-                remedy="Give images in all frames, and None where one is missing.",
+                remedy="Give images in all frames, and None if one is missing.",
                 frame=k,
             )
     return ImageSequence(tuple(observed))

@@ -82,7 +82,7 @@ def require_affine(affine: Any, n_axes: int) -> NDArray[np.float64]:
 
 
 def are_missing(samples: NDArray[Any]) -> bool:
-    """Tell whether any sample is not finite, looking at a slab at a time."""
+    """Return whether any sample is not finite, looking at a slab at a time."""
     return samples.dtype.kind == "f" and not all(np.isfinite(slab).all() for slab in samples)
 
 
@@ -98,7 +98,7 @@ def interpolated(
     Parameters
     ----------
     values : (i, j, k) or (i, j) array
-        NaN where missing.
+        NaN if missing.
     indices : (n, axes) float64
     are_missing : bool
         Whether any are.
@@ -146,7 +146,7 @@ class Volume(FrozenArrays):
     Parameters
     ----------
     values : (i, j, k) array of real numbers
-        As they are stored: not copied. NaN where nothing is known.
+        As they are stored: not copied. NaN if nothing is known.
     affine : (4, 4) or (3, 4) float64, mm
         From indices to LPS coordinates of the voxels' middles. Sheared and left-handed ones are
         as good as others.
@@ -211,7 +211,7 @@ class Plane(FrozenArrays):
     Parameters
     ----------
     values : (i, j) array of real numbers
-        As they are stored: not copied. NaN where nothing is known.
+        As they are stored: not copied. NaN if nothing is known.
     affine : (4, 3) or (3, 3) float64, mm
         From indices to LPS coordinates of the pixels' middles.
     thickness : float, mm

@@ -203,7 +203,7 @@ _BLOCK: Final = 500_000
 
 @dataclass(frozen=True, eq=False)
 class LooseVertices:
-    """Vertices in no triangle: apart from the others, for they may lie anywhere.
+    """Vertices in no triangle: apart from the others, for they may be anywhere.
 
     Parameters
     ----------

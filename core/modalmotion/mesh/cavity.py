@@ -114,7 +114,7 @@ def cavity_of(faces: NDArray[np.int64], n_vertices: int) -> Cavity:
     if connectivity.n_components > 1:
         raise TopologyError(
             f"The triangles are {connectivity.n_components} separate pieces: which of them bound "
-            "the cavity, and whether one lies inside another, is unknown.",
+            "the cavity, and whether one is inside another, is unknown.",
             remedy="Send the surface of one cavity at a time.",
             details=connectivity.details(),
         )

@@ -106,7 +106,7 @@ def require_vertices(vertices: Any, name: str = "vertices") -> FloatArray:
     array = np.asarray(vertices)
     if array.dtype.kind not in "fiu":
         raise ShapeError(
-            f"'{name}' holds {array.dtype}, not numbers.",
+            f"'{name}' contains {array.dtype}, not numbers.",
             remedy="Store float32 or float64 coordinates.",
             details={"array": name, "dtype": str(array.dtype)},
         )
@@ -218,7 +218,7 @@ def require_faces(faces: Any, n_vertices: int, n_frames: int = 0) -> NDArray[np.
         return np.zeros((0, 3), dtype=np.int64)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iu":
         raise ShapeError(
-            f"'faces' has the shape {array.shape} and holds {array.dtype}, "
+            f"'faces' has the shape {array.shape} and contains {array.dtype}, "
             "not (faces, 3) integers.",
             remedy="Send triangles as zero-based vertex indices.",
             details={"array": "faces", "shape": list(array.shape)},
@@ -266,7 +266,7 @@ def require_times(times: Any, n_frames: int) -> NDArray[np.float64]:
     array = np.asarray(times)
     if array.dtype.kind not in "fiu" or array.shape != (n_frames,):
         raise ShapeError(
-            f"'times' has the shape {array.shape} and holds {array.dtype}; "
+            f"'times' has the shape {array.shape} and contains {array.dtype}; "
             f"{n_frames} frames need ({n_frames},) numbers.",
             remedy="Send one time in seconds for each frame, or none at all.",
             details={"array": "times", "shape": list(array.shape)},

@@ -27,7 +27,7 @@ LONGEST_TEXT: Final = 100_000
 
 
 def facts_as_json(facts: Facts) -> dict[str, Any]:
-    """Return all facts, ready for JSON: "unknown", null or empty where they are unknown."""
+    """Return all facts, ready for JSON: "unknown", null or empty if they are unknown."""
     values = {name: getattr(facts, name) for name in NAMES}
     return {**values, "landmarks": dict(facts.landmarks), "covariates": dict(facts.covariates)}
 
@@ -89,7 +89,7 @@ def read_object(name: str, text: str) -> dict[str, Any]:
     Raises
     ------
     ParameterError
-        If it is not an object, names something twice, or holds NaN.
+        If it is not an object, names something twice, or contains NaN.
     """
 
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -226,7 +226,7 @@ def _value(prefix: str, name: str, content: Any) -> Any:
     if content.lower() in _NO_NUMBER:
         raise ParameterError(
             f"The covariate '{name}' is {content!r}, which is not a finite number.",
-            remedy="Leave it empty where it is missing.",
+            remedy="Leave it empty if it is missing.",
             details={"fact": "covariates", "name": name},
         )
     return float(content) if _NUMBER.fullmatch(content) else content

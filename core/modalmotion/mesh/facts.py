@@ -280,7 +280,7 @@ class Facts:
         ----------
         n_vertices : int
         span : float or None, s
-            From the first time to the last; None where times are unknown.
+            From the first time to the last; None if times are unknown.
 
         Raises
         ------
@@ -391,7 +391,7 @@ def require_fact_name(kind: str, name: Any) -> None:
     Raises
     ------
     ParameterError
-        If it is too long, or cannot stand in a heading or before an "=".
+        If it is too long, or cannot be in a heading or before an "=".
     """
     if not isinstance(name, str) or not _is_plain(name, LONGEST_NAME) or set("=:;,") & set(name):
         raise ParameterError(

@@ -16,7 +16,7 @@ FORM: Final = Form("sequence", 2)
 """Version 1 had no facts."""
 
 TRACK: Final = Form("track", 3)
-"""Of a track, which holds its sequence in the same way."""
+"""Of a track, which contains its sequence in the same way."""
 
 
 def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
@@ -61,7 +61,7 @@ def sequence_from_hdf5(source: bytes | Path, form: Form = FORM) -> MeshSequence:
     Raises
     ------
     StoreError
-        As `Form.read` says.
+        As in `Form.read`.
     """
     return read_sequence(source, form)[0]
 

@@ -162,7 +162,7 @@ def solve_by_multigrid(
     Returns
     -------
     (n,) float64, or None
-        None where it converges too slowly, as on long thin triangles.
+        None if it converges too slowly, as on long thin triangles.
     """
     # The rows of a symmetric matrix are its columns.
     A = scipy.sparse.csr_matrix(
@@ -444,7 +444,7 @@ def solve_positive_definite(
     """
     entries = matrix.tocoo()
     if len(right) >= LARGE and right.ndim == 1:
-        # Each step reads the whole matrix: where its rows lie anywhere it takes four times as long.
+        # Each step reads the whole matrix: where its rows are anywhere it takes four times as long.
         order = space_order(positions)
         permuted, place = _permuted(entries, order)
         solution = solve_by_multigrid(permuted, right[order], report)

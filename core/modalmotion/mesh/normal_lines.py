@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from modalmotion.mesh.triangles import face_normals
 
 # Triangles passed without getting nearer to a line before it is given up: in noise as large as
-# the triangles these lie folded around it.
+# the triangles these are folded around it.
 _PATIENCE: Final = 8
 
 # More than a line crosses on its way over the surface, whatever that surface.
@@ -208,7 +208,7 @@ class Section(NamedTuple):
     shares : (n, 2) float64
         Of each of them in the place; they add up to 1.
     lengths : (n,) float64, length unit
-        Of the curve that lies next to each place.
+        Of the curve that is next to each place.
     segments : (segments, 2) int64
         Places that a triangle joins.
     """

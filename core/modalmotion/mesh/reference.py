@@ -151,7 +151,7 @@ def reference_positions(sequence: MeshSequence, reference: Reference) -> NDArray
 
 
 def middle_positions(sequence: MeshSequence, reference: Reference) -> NDArray[np.float64]:
-    """Mean of all frames where the reference lies: each turned and moved onto it.
+    """Mean of all frames where the reference is: each turned and moved onto it.
 
     Its noise is that of a frame over the root of their number.
 

@@ -33,7 +33,7 @@ _MIXERS: Final = (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
 
 
 def first_at_place(vertices: FloatArray) -> NDArray[np.int64]:
-    """Find for each vertex the first one that lies exactly where it lies in every frame.
+    """Find for each vertex the first one that lies exactly where it is in every frame.
 
     Vertices that only meet, in some frames, stay apart.
 
@@ -61,7 +61,7 @@ def first_at_place(vertices: FloatArray) -> NDArray[np.int64]:
         names = first[others]
         apart = others[(positions[others] != positions[names]).any(axis=1)]
         if len(apart):
-            # Those that leave the first of their group may still lie with each other.
+            # Those that leave the first of their group may still be with each other.
             first[apart] = _grouped(positions[apart], apart, first[apart])
     return first
 
@@ -94,7 +94,7 @@ def _grouped(
 def representatives_of(vertices: FloatArray, faces: NDArray[np.int64]) -> NDArray[np.int64]:
     """Merge vertices that coincide in every frame, where that joins the surface.
 
-    Vertices at one place are one where border edges lie on each other (two rims, a seam), where
+    Vertices at one place are one where border edges are on each other (two rims, a seam), where
     a triangle repeats another, along an edge without length, and where a vertex is in no
     triangle. A surface that only touches itself in a point, or along edges that have their two
     triangles, stays as it is: joined there, it would not be a surface.
@@ -128,11 +128,11 @@ def representatives_of(vertices: FloatArray, faces: NDArray[np.int64]) -> NDArra
 
 
 def _pairs_of_rows(first: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Pairs of vertices of edges or triangles that lie on each other, (2, pairs)."""
+    """Pairs of vertices of edges or triangles that are on each other, (2, pairs)."""
     # Each row in the order of its places, so that columns belong together.
     rows = np.take_along_axis(rows, np.argsort(first[rows], axis=1, kind="stable"), axis=1)
     places = first[rows]
-    # What is a point or an edge only lies on itself.
+    # What is a point or an edge only is on itself.
     proper = (places[:, 1:] != places[:, :-1]).all(axis=1)
     rows, places = rows[proper], places[proper]
     order = np.lexsort(places.T)
@@ -149,7 +149,7 @@ def _border(faces: NDArray[np.int64], n_vertices: int) -> NDArray[np.int64]:
 
 
 def _without_length(first: NDArray[np.int64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Pair the ends of each edge that lies in one place, (2, pairs)."""
+    """Pair the ends of each edge that is in one place, (2, pairs)."""
     sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     pairs: NDArray[np.int64] = sides[first[sides[:, 0]] == first[sides[:, 1]]].T
     return pairs
@@ -202,7 +202,7 @@ class MeshSequence(FrozenArrays, Recorded):
         As the sender states it; otherwise the connectivity decides.
     times : (frames,) float64, s, optional
     unit : str, optional
-        Length unit: m, cm, mm, um or nm; None where it is unknown.
+        Length unit: m, cm, mm, um or nm; None if it is unknown.
     facts : Facts
         Further statements of the sender; not part of the id.
     uncertainty : Uncertainty, optional
@@ -235,7 +235,7 @@ class MeshSequence(FrozenArrays, Recorded):
 
     @property
     def span(self) -> float | None:
-        """From the first time to the last, in s; None where times are unknown."""
+        """From the first time to the last, in s; None if times are unknown."""
         return None if self.times is None else float(self.times[-1] - self.times[0])
 
     @cached_property
@@ -272,7 +272,7 @@ class MeshSequence(FrozenArrays, Recorded):
 
     @cached_property
     def representatives(self) -> NDArray[np.int64]:
-        """Vertex that stands for each, (vertices,) int64: see `representatives_of`.
+        """Vertex that represents each, (vertices,) int64: see `representatives_of`.
 
         The vertex itself where it is alone, and on curves and lattices, whose order says which
         are neighbours.
@@ -293,7 +293,7 @@ class MeshSequence(FrozenArrays, Recorded):
         if isinstance(reference, str):
             is_there = reference == MEAN
         else:
-            # True is 1, and 1.5 lies between two frames.
+            # True is 1, and 1.5 is between two frames.
             is_whole = type(reference) is int or isinstance(reference, np.integer)
             is_there = is_whole and 0 <= reference < self.n_frames
         if not is_there:

@@ -31,7 +31,7 @@ class Connectivity:
     isolated : (n,) int64
         Vertices in no triangle.
     n_components : int
-        Pieces that hold at least one triangle.
+        Pieces that contain at least one triangle.
     euler_characteristic : int
         Vertices - edges + triangles, over the vertices that triangles use.
     degenerate : (n,) int64
@@ -183,7 +183,7 @@ def oriented_faces(faces: NDArray[np.int64], n_vertices: int) -> NDArray[np.int6
     Returns
     -------
     (faces, 3) int64, or None
-        None where that is impossible: a surface with one side only.
+        None if that is impossible: a surface with one side only.
     """
     n, m = np.int64(n_vertices), len(faces)
     start, end = faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel()
@@ -248,7 +248,7 @@ def corners_of(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Places of the first, second and third corners, each (faces, 3) and a copy."""
     # `take` reads a vertex at once; indexing, or axis by axis, takes three times as long where
-    # neighbours lie far apart in memory.
+    # neighbours are far apart in memory.
     first, second, third = (np.take(vertices, faces[:, i], axis=0) for i in range(3))
     return first, second, third
 

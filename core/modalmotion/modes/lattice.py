@@ -32,7 +32,7 @@ from modalmotion.representation import shown
 
 @shown("sines", "mode")
 class Places(NamedTuple):
-    """Where one term of each of some modes stands in the spectrum.
+    """Where one term of each of some modes is in the spectrum.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ class Lattice:
 
     @cached_property
     def places(self) -> tuple[Places, ...]:
-        """Where the terms of every mode stand in the spectrum of the fast transforms."""
+        """Where the terms of every mode are in the spectrum of the fast transforms."""
         return places(self._all_modes, self.shape)
 
     @cached_property
@@ -292,7 +292,7 @@ class Lattice:
         TopologyError
             If the modes are of another topology.
         ParameterError
-            If a mode lies beyond the lattice's Nyquist wavenumber.
+            If a mode is beyond the lattice's Nyquist wavenumber.
         ShapeError
             If the lattice has no such node, or `out` is not such an array.
         """

@@ -48,7 +48,7 @@ class Surface(Protocol):
 
     @property
     def representatives(self) -> NDArray[np.int64]:
-        """Vertex that stands for each in the triangles, (vertices,) int64."""
+        """Vertex that represents each in the triangles, (vertices,) int64."""
 
 
 class Modes(Protocol):

@@ -111,7 +111,7 @@ def require_shape(topology: Topology, shape: tuple[int, ...]) -> None:
         If the number of axes differs, an axis has no node, or the closed axis around a pole
         has an odd number of nodes.
     LimitError
-        If an axis has more nodes than phases of 64 bits can tell apart.
+        If an axis has more nodes than phases of 64 bits can resolve.
     """
     if len(shape) != topology.n_axes or min(shape, default=0) < 1:
         raise ShapeError(
@@ -130,7 +130,7 @@ def require_shape(topology: Topology, shape: tuple[int, ...]) -> None:
         if End.POLE in ends and shape[axis + 1] % 2 == 1:
             raise ShapeError(
                 f"Axis {axis + 1} runs around a pole and has {shape[axis + 1]} nodes: with an "
-                "odd number no node lies opposite another, and there is no closed form.",
+                "odd number no node is opposite another, and there is no closed form.",
                 remedy="Use an even number of nodes, or the cylinder.",
                 details={"axis": axis + 1, "nodes": shape[axis + 1]},
             )
@@ -153,7 +153,7 @@ def require_within_zone(modes: ModeSet, shape: tuple[int, ...]) -> None:
             p = modes.wavenumbers[:, axis]
             beyond = np.flatnonzero((p < least) | (p > most))
             raise ParameterError(
-                f"Mode {modes.labels[beyond[0]]} lies beyond what {n} nodes along axis {axis} "
+                f"Mode {modes.labels[beyond[0]]} is beyond what {n} nodes along axis {axis} "
                 f"resolve ({least} to {most}) and would alias into a lower mode.",
                 remedy="Ask for lower wavenumbers, or use more nodes.",
                 details={"axis": axis, "least": least, "most": most},
@@ -169,7 +169,7 @@ def squared_keys(topology: Topology, wavenumbers: NDArray[np.int64]) -> NDArray[
     Raises
     ------
     LimitError
-        If 64 bits do not hold them.
+        If 64 bits do not contain them.
     """
     h = half_periods(topology, wavenumbers)
     key = np.zeros(len(h), dtype=np.int64)

@@ -51,7 +51,7 @@ class HarmonicPotential(FrozenArrays):
     force_constants : mapping of offset to (3, 3) float64, force per length
         K(l) for each offset l, a tuple of int, one for each axis. K(-l) is the transpose
         of K(l) and may be left out. K(0) is minus the sum of all others and may be left
-        out: a potential does not feel where the whole lattice lies.
+        out: a potential does not feel where the whole lattice is.
     mass : float
         M of one node.
 

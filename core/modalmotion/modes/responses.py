@@ -8,7 +8,7 @@ c < 2w), z = r h and Z = R h, every response is a divided difference of the expo
     ramp      T = h^2 exp[-z, -Z, 0, 0]     to a force that rises from 0 to 1 over the step
 
 which has no singular point: not at c = 2w, where the roots meet, nor at w = 0 or c = 0.
-They are evaluated by recursion where the roots lie apart from 0, and as a power series where
+They are evaluated by recursion where the roots are apart from 0, and as a power series where
 they do not; neither subtracts nearly equal numbers.
 
 Source of the divided differences: McCurdy, Ng and Parlett, "Accurate computation of divided

@@ -189,7 +189,7 @@ def driven_states(
     Raises
     ------
     NonFiniteError
-        Naming the frame whose force holds NaN or infinity.
+        Naming the frame whose force contains NaN or infinity.
     ShapeError
         If a force does not have the state's shape.
     """
@@ -199,7 +199,7 @@ def driven_states(
         now = np.asarray(force, dtype=np.float64)
         if not np.isfinite(now).all():
             raise NonFiniteError(
-                f"The force at frame {frame} holds NaN or infinity, and every state after it "
+                f"The force at frame {frame} contains NaN or infinity, and every state after it "
                 "would.",
                 remedy="Leave such a force out, or set it to zero.",
                 frame=frame,

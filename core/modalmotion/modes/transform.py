@@ -51,7 +51,7 @@ def require_frames(array: Any, name: str, length: int, of: str) -> NDArray[Any]:
     frames: NDArray[Any] = np.asanyarray(array)
     if frames.dtype.kind not in "fiu":
         raise ShapeError(
-            f"'{name}' holds {frames.dtype}, not real numbers.",
+            f"'{name}' contains {frames.dtype}, not real numbers.",
             remedy="Use float32 or float64.",
             details={"array": name, "dtype": str(frames.dtype)},
         )
@@ -355,7 +355,7 @@ def _forward(lattice: Lattice, values: NDArray[Any]) -> NDArray[np.float64]:
     topology = lattice.topology
     n_directions = values.shape[1]
     x = values.reshape(*lattice.shape, n_directions)
-    # Node n = N of a closed axis stands at the transform's origin, angle 0.
+    # Node n = N of a closed axis is at the transform's origin, angle 0.
     x = np.roll(x, (1,) * len(topology.closed_axes), axis=topology.closed_axes)
     x = x.astype(np.float64, copy=False)
     for axis in topology.closed_axes:

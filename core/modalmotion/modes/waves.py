@@ -46,7 +46,7 @@ def wave_vectors(lattice: Lattice, modes: ModeSet, spacing: Spacing = 1.0) -> Ar
     Raises
     ------
     ParameterError
-        If a mode lies beyond the zone, where it would repeat another, or a spacing is not
+        If a mode is beyond the zone, where it would repeat another, or a spacing is not
         positive and finite.
     """
     require_within_zone(modes, lattice.shape)
@@ -96,7 +96,7 @@ def dispersion(lattice: Lattice, k: Array, spacing: Spacing = 1.0) -> Array:
     Raises
     ------
     ShapeError, NonFiniteError
-        If `k` does not hold one finite number for each axis.
+        If `k` does not contain one finite number for each axis.
     """
     k = _require_wave_vectors(lattice, k)
     return _length(_frequencies_along(lattice, k, _spacings(lattice, spacing)))

@@ -1,6 +1,6 @@
 """How strange one of a bag of recordings is beside the others: conformal p-values.
 
-The recording in question lies in one bag with the controls, and everything is computed from the
+The recording in question is in one bag with the controls, and everything is computed from the
 bag as if nobody knew which it is. Where it comes from where the controls come from, each of the
 n + 1 places in the order of strangeness is then as likely as any other, so P(p <= a) is
 floor(a (n + 1)) / (n + 1) whatever the distribution: no Gaussian is believed (Vovk, Gammerman,

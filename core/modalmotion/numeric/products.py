@@ -199,7 +199,7 @@ def _multiply_flat(
     One product with a vector of 9 or 300 is faster than three with vectors of 3.
     """
     (m, k), n = matrix.shape, stack.shape[2]
-    # The longer side lies along the rows in memory: long sums, or long vectors to add.
+    # The longer side is along the rows in memory: long sums, or long vectors to add.
     each = np.zeros((m, n, k, n) if k > m else (k, n, m, n))
     for column in range(n):
         each[:, column, :, column] = matrix if k > m else matrix.T

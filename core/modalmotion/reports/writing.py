@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from modalmotion.classification import Model, classify, load_model, shipped_for
-from modalmotion.exports.files import read
+from modalmotion.exports.reading import read
 from modalmotion.exports.tables import frame_table
 from modalmotion.formats.volumes.reading import holds_images
 from modalmotion.mesh.sequence import MeshSequence

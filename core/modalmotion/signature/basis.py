@@ -79,7 +79,7 @@ def make_basis(template: Template, modes: Modes) -> Basis:
     Raises
     ------
     ModeCountError
-        If the weighted vertices cannot tell that many modes apart.
+        If the weighted vertices cannot resolve that many modes.
     """
     return factored(modes, shapes_of(modes, template), template.weights)
 
@@ -90,14 +90,14 @@ def factored(modes: Modes, shapes: NDArray[np.float64], weights: NDArray[np.floa
     Raises
     ------
     ModeCountError
-        If there are fewer weighted vertices than modes, or they cannot tell them apart.
+        If there are fewer weighted vertices than modes, or they cannot distinguish them.
     """
     n_weighted = int((weights > 0).sum())
     root = np.sqrt(weights)[:, None]
     if len(modes) > n_weighted:
         R = triangle_of(root * shapes[:, :n_weighted])
         raise _too_many(
-            modes, R, f"{len(modes)} modes cannot be told apart on {n_weighted} vertices."
+            modes, R, f"{len(modes)} modes cannot be distinguished on {n_weighted} vertices."
         )
     weighted = root * shapes
     R = triangle_of(weighted)

@@ -293,7 +293,7 @@ def deviations_of(
     Returns
     -------
     deviations : (frames, modes, n) float64, length unit, or None
-        None where nothing is known, and nobody asked for an estimate.
+        None if nothing is known, and nobody asked for an estimate.
     notes : tuple of str
         What they come from.
     """
@@ -333,7 +333,7 @@ def deviations_of(
         fits = [(fitter, basis)]
         for turn in turns_of_axes(placement, uncertainty, rotations.matrices):
             turned = replace(fitter, template=fitter.template.turned(turn))
-            # So many modes that the turned shape just cannot tell them apart: none is about axes.
+            # So many modes that the turned shape just cannot distinguish them: none is about axes.
             with suppress(ModeCountError):
                 fits.append((turned, make_basis(turned.template, model.modes)))
         fitted, *others = _amplitudes(fits)

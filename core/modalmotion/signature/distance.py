@@ -183,7 +183,7 @@ def _trigonometric(
 def _least_squares(
     values: NDArray[np.float64], phases: NDArray[np.float64], targets: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Fit harmonics to uneven samples, as many as they tell apart."""
+    """Fit harmonics to uneven samples, as many as they resolve."""
     for n_harmonics in range((len(phases) - 1) // 2, -1, -1):
         design = _harmonics(phases, n_harmonics)
         if n_harmonics == 0 or np.linalg.cond(design) <= _LARGEST_CONDITION:
@@ -216,7 +216,7 @@ class Comparison:
         and two motions that differ in direction alone are at distance 0.
     by_errors : float or None
         Distance that the stated deviations of both would make by themselves, the square root of
-        its mean square: a distance no larger than it shows no difference. None where neither has
+        its mean square: a distance no larger than it shows no difference. None if neither has
         deviations; of one that has none, none are counted.
     """
 

@@ -3,7 +3,7 @@
 Modal superposition (2) u = Phi a of Nastar (1994), inverted: a = argmin |u - Phi a|_W. By
 QR of the weighted shapes, never by normal equations, whose condition is the square.
 
-A plain name counts every vertex that was sent, and all alike; `weighted` stands before what
+A plain name counts every vertex that was sent, and all alike; `weighted` precedes what
 counts each by its share of the surface.
 
 The edges decide, which hardly change when a surface moves; the fit says only where to look.

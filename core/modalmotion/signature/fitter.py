@@ -296,7 +296,7 @@ def scene_of(fitter: Fitter, rotations: Rotations) -> Scene:
 
 
 def planar_motion(fitter: Fitter) -> PlanarMotion:
-    """Find the plane that holds most of the displacements, each frame's rotation removed."""
+    """Find the plane that contains most of the displacements, each frame's rotation removed."""
     template, turned = fitter.template, fitter.asking(remove_rotation=True).displacements
     moments = np.zeros((3, 3))
     for block in turned.blocks():

@@ -58,7 +58,7 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
     Raises
     ------
     StoreError
-        If HDF5 cannot hold the unit as text.
+        If HDF5 cannot contain the unit as text.
     """
     unit = signature.unit or UNKNOWN
     ids = {
@@ -119,7 +119,7 @@ def signature_from_hdf5(source: bytes | Path) -> ModalSignature:
     Raises
     ------
     StoreError
-        As `Form.read` says.
+        As in `Form.read`.
     """
     return read_signature(source)[0]
 
@@ -176,7 +176,7 @@ def _signature(contents: Contents) -> ModalSignature:
 
 
 def mode_datasets(modes: Modes) -> list[Dataset]:
-    """Datasets that hold the names of modes."""
+    """Datasets that contain the names of modes."""
     return [Dataset(name, array, *_OF_MODES[name]) for name, array in modes.arrays.items()]
 
 

@@ -24,7 +24,7 @@ COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#6A51A
 """Of labels, in the order of `mode_tone`."""
 
 DASHES: Final = ((), (7, 2.5), (2, 2), (8, 2, 2, 2), (4, 2), (8, 2, 2, 2, 2, 2))
-"""Lengths of lines and gaps, in points: colours are told apart without seeing them."""
+"""Lengths of lines and gaps, in points: colours are distinguished without seeing them."""
 
 
 def mode_tone(label: ModeLabel) -> int:

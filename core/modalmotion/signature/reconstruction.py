@@ -31,7 +31,7 @@ def reconstruct(
     *,
     template: Template | None = None,
 ) -> NDArray[np.float64]:
-    """Positions that the signature's modes and rotations stand for.
+    """Positions that the signature's modes and rotations represent.
 
     Offsets move the reference along its normals: the vertices are then points of the surface, and
     not those of the sequence.
@@ -285,7 +285,7 @@ def at_times(signature: ModalSignature, times: NDArray[np.float64]) -> ModalSign
     """Trajectory of a signature at other times.
 
     Amplitudes follow cubic splines, rotations the shortest turn between frames. Errors and
-    deviations are those of the frames nearest in time: what lies between frames was not measured.
+    deviations are those of the frames nearest in time: what is between frames was not measured.
 
     Parameters
     ----------
@@ -301,7 +301,7 @@ def at_times(signature: ModalSignature, times: NDArray[np.float64]) -> ModalSign
     Raises
     ------
     ParameterError
-        If `times` is empty, or one lies outside the recording.
+        If `times` is empty, or one is outside the recording.
     """
     own = _times_of(signature)
     instants = np.asarray(times, dtype=np.float64)

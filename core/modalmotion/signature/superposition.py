@@ -2,7 +2,7 @@
 
 A place of the reference has one offset in each frame, the height above it at which the surface
 of that frame, its rotation and drift removed, meets the normal there (`NormalLines.heights`).
-Where vertices lie on the surface does not matter: rotation and drift are the surface's own, too.
+Where vertices are on the surface does not matter: rotation and drift are the surface's own, too.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _N_TURNS: Final = 2
 _PULL: Final = 1e-2
 
 # Consecutive multiples of it fall apart evenly: some of the lines, from everywhere. Multiples of
-# the golden ratio would all lie at one side where points follow a spiral, which goes round by it.
+# the golden ratio would all be at one side where points follow a spiral, which goes round by it.
 _SPREAD: Final = math.sqrt(2.0) - 1.0
 
 
@@ -335,7 +335,7 @@ class Superposition:
         matrices: NDArray[np.float64],
         translations: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        """Positions that amplitudes, rotations and the path of the centroid stand for.
+        """Positions that amplitudes, rotations and the path of the centroid represent.
 
         Parameters
         ----------

@@ -89,7 +89,7 @@ def backup(
 
     The databases are read first, each as of one moment (`VACUUM INTO`), and take their places in
     the copy after the files are there, durably. A result's file is there before the index names it
-    and never changes, so the copy holds all that its index names, whenever this is cut short.
+    and never changes, so the copy contains all that its index names, whenever this is cut short.
 
     A file that the copy has and the source has no more was deleted, which its tombstone says, or
     lost. What was deleted goes from the copy at once. If anything was lost, nothing else goes, and
@@ -109,7 +109,7 @@ def backup(
     Raises
     ------
     ParameterError
-        If one folder lies in the other, or the target holds something else.
+        If one folder is in the other, or the target holds something else.
     StoreError
         If there is no store, the copy is in use, or cannot be written.
     """
@@ -118,7 +118,7 @@ def backup(
     is_backup = any((there / name).exists() for name in ("index.sqlite", _NOTE))
     if there.exists() and not is_backup and any(_is_copied(path.name) for path in there.iterdir()):
         raise ParameterError(
-            f"'{target.name}' holds other files, which a backup would remove.",
+            f"'{target.name}' contains other files, which a backup would remove.",
             remedy="Name a new folder, or that of an earlier backup.",
         )
     try:
@@ -157,9 +157,9 @@ def restore(
     Raises
     ------
     NotFoundError
-        If the copy holds no store.
+        If the copy contains no store.
     ParameterError
-        If one folder lies in the other.
+        If one folder is in the other.
     StoreError
         If a process has either open, or the folder cannot be written.
     """
@@ -197,7 +197,7 @@ def _apart(source: Path, target: Path) -> tuple[Path, Path]:
     here, there = source.resolve(), target.resolve()
     if here == there or here in there.parents or there in here.parents:
         raise ParameterError(
-            "A backup lies neither in its store nor around it.", remedy="Name another folder."
+            "A backup is neither in its store nor around it.", remedy="Name another folder."
         )
     return here, there
 
@@ -305,7 +305,7 @@ def _has_forgotten(database: Path, lost: Iterable[PurePath], store: PurePath) ->
 
 
 def _add(source: Path, copy: Path, progress: Progress | None, done: tuple[int, int]) -> bool:
-    """Copy a file that is new or was replaced; tell whether it was."""
+    """Copy a file that is new or was replaced; return whether it was."""
     try:
         if is_new := not _is_same(source, copy):
             _stage(source, copy).replace(copy)
@@ -340,7 +340,7 @@ def _stage(source: Path, copy: Path) -> Path:
 
 
 def _stage_database(source: Path, copy: Path) -> Path | None:
-    """Copy a database as of one moment, even during writes; None where the copy is up to date."""
+    """Copy a database as of one moment, even during writes; None if the copy is up to date."""
     # Before the look at its log: what is written after it shows in the time, or in the log.
     then = source.stat()
     has_log = source.with_name(f"{source.name}-wal").exists()

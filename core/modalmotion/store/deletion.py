@@ -33,7 +33,7 @@ from modalmotion.store.index.cursor import now, to_text
 from modalmotion.store.index.index import Index
 
 TOMBSTONES: Final = "deleted"
-"""Folder of a store that they lie in."""
+"""Folder of a store that they are in."""
 TOMBSTONE_DAYS: Final = 90
 """How long they are kept: a backup that is older than this no longer learns of a deletion."""
 
@@ -81,7 +81,7 @@ def bury_and_remove(root: Path, digest: str, *files: Path) -> None:
 
 
 def buried(root: Path, digest: str) -> str | None:
-    """When a thing was deleted last, as `now` writes it; None where nothing is known of that."""
+    """When a thing was deleted last, as `now` writes it; None if nothing is known of that."""
     with contextlib.suppress(OSError, UnicodeDecodeError):
         return _path(root, digest).read_text("ascii")
     return None
@@ -93,7 +93,7 @@ def is_older(written: float, deletion: str) -> bool:
 
 
 def forget_tombstones(root: Path, days: float = TOMBSTONE_DAYS) -> int:
-    """Remove tombstones that are older, and tell how many.
+    """Remove tombstones that are older, and return how many.
 
     Raises
     ------
@@ -141,7 +141,7 @@ class Deletions:
             time_of = buried(root, digest)
             if time_of is not None and is_older(written, time_of):
                 return True
-            # A deletion that is under way: its record lies under another name.
+            # A deletion that is under way: its record is under another name.
             if (root / "sequences" / digest[:2] / f"{digest}.deleted").exists():
                 return True
         is_model = name.suffix == ".h5" and name.parent.parent.name == "models"

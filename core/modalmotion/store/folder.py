@@ -77,7 +77,7 @@ def track_name(sequence_id: str) -> ResultName:
 
 @dataclass(frozen=True)
 class Scan:
-    """Everything that lies in a store, by name."""
+    """Everything that is in a store, by name."""
 
     records: set[str] = field(default_factory=set)
     uploads: set[str] = field(default_factory=set)
@@ -187,7 +187,7 @@ class Folder:
         return max((int(match[1]) for match in matches if match is not None), default=0)
 
     def derived(self, sequence_id: str) -> list[Path]:
-        """All files of results of a sequence, as they lie there."""
+        """All files of results of a sequence, as they are there."""
         shards = [self.root / name / sequence_id[:2] for name in RESULT_FOLDERS]
         return [
             path
@@ -202,7 +202,7 @@ class Folder:
         return path.relative_to(self.root).as_posix()
 
     def scan(self) -> Scan:
-        """List everything that lies in the store.
+        """List everything that is in the store.
 
         Raises
         ------
@@ -286,12 +286,12 @@ FOLDERS: Final = ("sequences", "templates", "images", "models", "norms", *RESULT
 
 
 def is_id(text: object) -> bool:
-    """Tell whether this is a sha256 in lower-case hex; only such a text becomes a file name."""
+    """Return whether this is a sha256 in lower-case hex; only such a text becomes a file name."""
     return isinstance(text, str) and re.fullmatch(_ID, text) is not None
 
 
 def is_key(text: object) -> bool:
-    """Tell whether this is a key of parameters."""
+    """Return whether this is a key of parameters."""
     return isinstance(text, str) and re.fullmatch(_KEY, text) is not None
 
 

@@ -57,7 +57,7 @@ class ImagesRecord:
     is_label_map : bool
         Whether they are a segmentation.
     apex, base : tuple of ((x, y, z) or None), mm
-        Of label maps: what they propose in each frame; empty where they propose none.
+        Of label maps: what they propose in each frame; empty if they propose none.
     """
 
     id: str
@@ -99,7 +99,7 @@ def images_record_of(images: ImageSequence) -> ImagesRecord:
 
 
 def images_record_to_json(record: ImagesRecord) -> bytes:
-    """Write a record as JSON that ends with the sha256 of what stands before."""
+    """Write a record as JSON that ends with the sha256 of the text before it."""
     return FORM.write(asdict(record))
 
 
@@ -140,7 +140,7 @@ class ImagesPage:
 
 
 class ImageStore(SequenceStore):
-    """A store of sequences that holds images too.
+    """A store of sequences that contains images too.
 
     They are few and soon gone, so they need no row in the index: a record beside the samples says
     what they are.
@@ -252,7 +252,7 @@ class ImageStore(SequenceStore):
         return tuple(one.id for one in self._records() if not one.is_kept and one.created < before)
 
     def images_id_of_track(self, track_id: str) -> str | None:
-        """Id of the images that a track was made of; None where they were not kept."""
+        """Id of the images that a track was made of; None if they were not kept."""
         return next((one.id for one in self._records() if track_id in one.tracks), None)
 
     def images_of_track(self, track_id: str) -> Path:
@@ -300,7 +300,7 @@ class ImageStore(SequenceStore):
         """
         self._open_index()
         with self._changing(images_id):
-            # A damaged record is no reason to keep what it stands for.
+            # A damaged record is no reason to keep what it represents.
             if not is_id(images_id) or not self._folder.images_record(images_id).is_file():
                 self.images_record(images_id)
             files = (self._folder.images_record(images_id), self._folder.images(images_id))

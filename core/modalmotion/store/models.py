@@ -139,7 +139,7 @@ class ModelStore(Opening):
         return tuple(self._models().with_id(model_id))
 
     def model_of_training(self, training: str) -> ModelRecord | None:
-        """Find the version that a training has made, None where it has made none yet."""
+        """Find the version that a training has made, None if it has made none yet."""
         return self._models().of_training(training)
 
     def model_path(self, name: str, version: int) -> Path:

@@ -56,7 +56,7 @@ class SequenceRecord:
         As stated now, and stored here alone: the file of its vertices has none, so
         that a correction, or the removal of what identifies a person, leaves nothing behind.
     span : float or None, s
-        From the first time to the last; None where times are unknown.
+        From the first time to the last; None if times are unknown.
     name : str or None
         What its owner calls it, such as the name of the file.
     """
@@ -106,7 +106,7 @@ def record_of(
 
 
 def record_to_json(record: SequenceRecord) -> bytes:
-    """Write a record as JSON that ends with the sha256 of what stands before."""
+    """Write a record as JSON that ends with the sha256 of the text before it."""
     return FORM.write(record_values(record))
 
 
@@ -157,7 +157,7 @@ def require_name(name: str, text: str | None) -> str | None:
         )
     if not is_readable(text):
         raise ParameterError(
-            f"The {name} {text[:40]!a} holds control characters, or was not sent in UTF-8.",
+            f"The {name} {text[:40]!a} contains control characters, or was not sent in UTF-8.",
             remedy="Use letters, digits, signs and spaces.",
         )
     return text

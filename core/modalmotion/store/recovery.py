@@ -124,7 +124,7 @@ def existing_store(root: Path) -> Folder:
     folder = Folder(root)
     if not folder.exists:
         raise NotFoundError(
-            f"'{root.name}' holds no store.",
+            f"'{root.name}' contains no store.",
             remedy="Name the folder that has 'index.sqlite' and 'sequences' in it.",
         )
     return folder

@@ -296,7 +296,7 @@ class SequenceStore(SequenceRecords):
         image: Callable[[], bytes],
         results: Mapping[ResultName, Callable[[], bytes]] = MappingProxyType({}),
     ) -> tuple[SequenceRecord, bool]:
-        """Keep a sequence, and results of it, wholly or not at all; tell whether any is new."""
+        """Keep a sequence, and results of it, wholly or not at all; return whether any is new."""
         require_name("subject", record.subject)
         require_name("label", record.label)
         if not is_id(record.id):

@@ -211,7 +211,7 @@ class _Check:
         sequence, contents = read_sequence(path)
         require_match(path, contents, sequence_id=sequence_id)
         if sequence.id != sequence_id:
-            raise StoreError("Its vertices are not those that its id stands for.")
+            raise StoreError("Its vertices are not those that its id represents.")
         if sequence_id not in self.scan.records | self.scan.deletions:
             raise StoreError("Its record is missing.")
 
@@ -226,7 +226,7 @@ class _Check:
             track, contents = read_track(path)
             require_match(path, contents, sequence_id=name.sequence_id)
             if track.sequence.id != name.sequence_id:
-                raise StoreError("Its vertices are not those that its id stands for.")
+                raise StoreError("Its vertices are not those that its id represents.")
         if name.sequence_id in self.scan.deletions:
             return
         if name.sequence_id not in self.scan.records:
@@ -245,7 +245,7 @@ class _Check:
             raise StoreError("The samples that it describes are missing.")
         self.n_bytes += path.stat().st_size
         if read_images_file(path).id != images_id or record.id != images_id:
-            raise StoreError("The samples are not those that their id stands for.")
+            raise StoreError("The samples are not those that their id represents.")
 
     def norm(self, name: str) -> None:
         if norm_from_hdf5(self.folder.norm(name)).name != name:

@@ -28,7 +28,7 @@ from modalmotion.template.surface import Opening, Surface, mean_of
 # s = (1 - u / max u)^(5/8): 1/2 is exact on a flat disk, 3/4 serves a long tube.
 _EXPONENT: Final = 5 / 8
 
-# A sheet whose thickness is below this share of its length has no side for an apex to lie on.
+# A sheet whose thickness is below this share of its length has no side for an apex to be on.
 _FLAT: Final = 0.05
 
 # A base nearer to the area centroid than this gives no axis.
@@ -101,14 +101,14 @@ def cup_coordinates(
 
 
 def axis_strength(surface: Surface) -> float:
-    """How far the base lies from the area centroid, 0 for a flat sheet, 1 for a deep cup."""
+    """How far the base is from the area centroid, 0 for a flat sheet, 1 for a deep cup."""
     # A hemisphere of the same area has its base at half this radius.
     radius = np.sqrt(surface.area / (2 * np.pi))
     return min(1.0, float(np.linalg.norm(_base(surface) - surface.centroid)) / float(radius))
 
 
 def apical_opening(surface: Surface) -> Opening | None:
-    """Give the narrower of two openings that lie at opposite ends: where an apex was cut off."""
+    """Give the narrower of two openings that are at opposite ends: where an apex was cut off."""
     if len(surface.openings) != 2:
         return None
     one, other = surface.openings
@@ -176,7 +176,7 @@ def is_flat(surface: Surface) -> bool:
 def _torsion(surface: Surface, report: ShareReport) -> NDArray[np.float64] | None:
     """Solve -Laplace u = 1 with u = 0 on the openings of the base, over what it is at the pole.
 
-    None where that is impossible. Through the rim of an apex that is cut off flows what its cap
+    None if that is impossible. Through the rim of an apex that is cut off flows what its cap
     gives rise to.
     """
     openings, cut = base_openings(surface), apical_opening(surface)
@@ -203,7 +203,7 @@ def cup_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
     """
     strength = 1.0 if {"apex", "base"} & set(places) else axis_strength(surface)
     if strength < FAINT_AXIS or (strength < 1.0 and is_flat(surface)):
-        # The base lies on neither side, but the normal still is an axis.
+        # The base is on neither side, but the normal still is an axis.
         axis, strength = principal_axes(surface)[1][2], 0.0
     else:
         apex, base = places.get("apex", surface.centroid), places.get("base", _base(surface))
@@ -222,7 +222,7 @@ def _centre_of_cap(surface: Surface, cap: NDArray[np.float64]) -> tuple[NDArray[
 
 
 def _agreement(surface: Surface) -> float:
-    """Whether the openings lie on one side: length of their mean direction, 0 to 1."""
+    """Whether the openings are on one side: length of their mean direction, 0 to 1."""
     lengths = np.array([opening.length for opening in surface.openings])
     arms = np.stack([opening.centre for opening in surface.openings]) - surface.centroid
     reach = float(lengths @ np.linalg.norm(arms, axis=1))

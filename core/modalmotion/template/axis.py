@@ -63,7 +63,7 @@ def direction_between(
     size = float(np.linalg.norm(span))
     if not size > _SHORTEST * np.sqrt(surface.area):
         raise ParameterError(
-            "The apex and the base lie in the same place, so they give no axis.",
+            "The apex and the base are in the same place, so they give no axis.",
             remedy="Give two places at opposite ends of the surface.",
         )
     axis: NDArray[np.float64] = span / size
@@ -147,14 +147,14 @@ def towards(
     Raises
     ------
     ParameterError
-        If the place lies on the axis.
+        If the place is on the axis.
     """
     across = place - origin
     across = across - (across @ axis) * axis
     length = float(np.linalg.norm(across))
     if not length > 1e-6 * size:
         raise ParameterError(
-            "The landmark 'theta_zero' lies on the axis, where theta has no value.",
+            "The landmark 'theta_zero' is on the axis, where theta has no value.",
             remedy="Give a place on the wall, away from apex and axis.",
         )
     unit: NDArray[np.float64] = across / length
@@ -289,7 +289,7 @@ def potential(
     Returns
     -------
     (vertices,) float64, or None
-        None where the triangles are too thin for a solution. Isolated vertices get zero.
+        None if the triangles are too thin for a solution. Isolated vertices get zero.
     """
     n = len(surface.vertices)
     u = np.zeros(n)

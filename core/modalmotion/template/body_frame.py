@@ -237,7 +237,7 @@ whose amplitudes say too little about them."""
 # Of the longest axis: a surface thinner than this has no extent in that direction.
 _THIN: Final = 1e-6
 
-# Of the mean of the diagonal: keeps shapes apart that few vertices cannot tell apart.
+# Of the mean of the diagonal: keeps shapes apart that few vertices cannot resolve.
 _RIDGE: Final = 1e-12
 
 

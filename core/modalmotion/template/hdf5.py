@@ -58,7 +58,7 @@ def template_from_hdf5(source: bytes | Path) -> Template:
     Raises
     ------
     StoreError
-        As `Form.read` says.
+        As in `Form.read`.
     """
     return read_template(source)[0]
 
@@ -95,7 +95,7 @@ _VECTORS: Final = ("origin", "axis", "theta_zero", "apex", "base")
 
 
 def landmark_datasets(landmarks: Landmarks, unit: str) -> list[Dataset]:
-    """Datasets that hold landmarks."""
+    """Datasets that contain landmarks."""
     vectors = np.array([getattr(landmarks, name) for name in _VECTORS], dtype=np.float64)
     rest = {
         "strengths": dict(landmarks.strengths),
@@ -107,7 +107,7 @@ def landmark_datasets(landmarks: Landmarks, unit: str) -> list[Dataset]:
 
 
 def landmarks_from(contents: Contents) -> Landmarks | None:
-    """Landmarks that a file holds, None where there are none."""
+    """Landmarks that a file holds, None if there are none."""
     if "landmarks" not in contents.arrays:
         return None
     vectors = contents.array("landmarks", (len(_VECTORS), 3))

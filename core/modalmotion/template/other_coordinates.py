@@ -116,7 +116,7 @@ def _rim_positions(surface: Surface, corners: NDArray[np.float64]) -> list[NDArr
         raise ParameterError(
             "The four corners do not follow one another along the rim.",
             remedy="Give the corners at (s, t) = (0, 0), (1, 0), (1, 1), (0, 1), in the order in "
-            "which they lie on the rim.",
+            "which they are on the rim.",
         )
     rim = np.roll(rim, -first)
     ends = [*turned, len(rim)]
@@ -201,7 +201,7 @@ def torus_coordinates(
     Returns
     -------
     Coordinates or None
-        None where the tube does not run once around a straight axis, as on a knot.
+        None if the tube does not run once around a straight axis, as on a knot.
     """
     origin, axis = surface.centroid, axes.axis
     offsets = surface.offsets
@@ -271,7 +271,7 @@ def curve_coordinates(
     Raises
     ------
     ParameterError
-        If the stated start lies on the curve's own axis.
+        If the stated start is on the curve's own axis.
     """
     closed = topology == CLOSED_CURVE
     steps = step_lengths(vertices, topology)

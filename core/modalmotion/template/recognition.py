@@ -69,7 +69,7 @@ def recognise(surface: Surface) -> Recognition:
         return Recognition(CYLINDER)
     base = surface.base - surface.centroid
     if axis_strength(surface) < FAINT_AXIS or any(arm @ base <= 0 for arm in towards):
-        return Recognition(None, f"Its {len(openings)} openings do not lie at one end.")
+        return Recognition(None, f"Its {len(openings)} openings are not at one end.")
     return Recognition(CUP)
 
 

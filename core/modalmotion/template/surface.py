@@ -183,7 +183,7 @@ def steady_shape(
     Parameters
     ----------
     start, middle : (vertices, 3) float64
-        The reference, and the mean of all frames where it lies.
+        The reference, and the mean of all frames where it is.
     faces : (faces, 3) int64
     topology : Topology or None
         Of curves, whose vertices are neighbours in order.

@@ -58,7 +58,7 @@ class DataEnd(NamedTuple):
     Parameters
     ----------
     beyond : (sectors,) float64, length unit
-        How far it lies outward of the rim.
+        How far it is outward of the rim.
     variances : (sectors,) float64, length unit squared
         Of that by chance.
     shown : (sectors,) float64
@@ -92,19 +92,19 @@ def end_of_cloud(
     points : sequence of ((n, 3) float64, Matches)
         Points, and their feet on it.
     noise : float, length unit
-        That points lie beside the surface by.
+        That points are beside the surface by.
     blur : float, length unit
-        That they lie beside their places along it by.
+        That they are beside their places along it by.
 
     Returns
     -------
     DataEnd or None
-        None where there are too few points.
+        None if there are too few points.
 
     Notes
     -----
     With the density rho a strip of the area S and the length w has rho (S + w e) points, e being
-    how far their end lies beyond the surface's: those beyond are counted with those within. A point
+    how far their end is beyond the surface's: those beyond are counted with those within. A point
     counts by psi, 1 at the rim and falling evenly to 0 over the strip; rho is that of what is
     behind. Noise along the surface leaves the number alone, but for the kink of psi: s^2 / 8 L, L
     the mean width.

@@ -1,6 +1,6 @@
 """Where contours end: the rim of an opening passes through ends of arcs, and between slices.
 
-Points along lines show no rim by their density. The planes that they lie in do: an arc that is open
+Points along lines show no rim by their density. The planes that they are in do: an arc that is open
 ends at the rim, and where a slice has a contour and the next one has none the rim is between them.
 """
 
@@ -28,13 +28,13 @@ _FEWEST: Final = 6
 _TRIPLES: Final = 300
 _MOST_COUNTED: Final = 10_000
 
-# Of the distance between neighbours: points of a plane lie within it.
+# Of the distance between neighbours: points of a plane are within it.
 _THICKNESS: Final = 0.05
 
 # Of the points: planes of fewer are chance.
 _LEAST: Final = 0.01
 
-# Of the points of a frame, that lie in planes of the reference.
+# Of the points of a frame, that are in planes of the reference.
 _MOST: Final = 0.9
 
 # Of the distance between neighbours, and of the way around: a wider gap is an opening.
@@ -54,7 +54,7 @@ _UNEVEN: Final = 0.05
 
 
 class _Planes(NamedTuple):
-    """Planes n . x = d, n towards the base where they lie across the axis."""
+    """Planes n . x = d, n towards the base where they are across the axis."""
 
     normals: Floats
     offsets: Floats
@@ -86,7 +86,7 @@ def with_contour_ends(
     tuple of Frame
         With points of the rim half a step beyond the ends of open arcs, as `end="base"`, and the
         levels of base and apex along the normal of a stack of slices, as landmarks. Frames that
-        state an end keep to that, and all are as they were where points do not lie in planes that
+        state an end keep to that, and all are as they were where points are not in planes that
         stay.
     """
     axis = _axis(frames[reference], template)
@@ -124,7 +124,7 @@ def with_contour_ends(
 
 
 def _axis(frame: Frame, template: Template | None) -> Floats | None:
-    """Direction from apex to base; None where neither landmarks nor a cup say it."""
+    """Direction from apex to base; None if neither landmarks nor a cup say it."""
     ends = landmarks_of(frame)
     if not {"apex", "base"} <= set(ends):
         if template is None or template.topology != CUP:
@@ -137,7 +137,7 @@ def _axis(frame: Frame, template: Template | None) -> Floats | None:
 
 
 def _planes_of(points: Floats, axis: Floats, thickness: float) -> _Planes:
-    """Find planes that hold most points, one after the other."""
+    """Find planes with most points, one after the other."""
     normals, offsets, left = [], [], points
     rng = np.random.default_rng(0)
     while len(left) >= _FEWEST:
@@ -149,7 +149,7 @@ def _planes_of(points: Floats, axis: Floats, thickness: float) -> _Planes:
         n = np.cross(left[second] - left[first], left[third] - left[first])
         n /= np.maximum(np.linalg.norm(n, axis=1), 1e-300)[:, None]
         offset = (left[first] * n).sum(axis=1)
-        # Of many points some say which plane holds most of them.
+        # Of many points some say which plane contains most of them.
         some = left[:: -(-len(left) // _MOST_COUNTED)]
         counts = (np.abs(some @ n.T - offset) < thickness).sum(axis=0)
         best = int(np.where(n.any(axis=1), counts, -1).argmax())
@@ -176,7 +176,7 @@ def _contour(points: Floats, normal: Floats) -> _Contour:
     arc, step = np.roll(ring, -widest - 1, axis=0), float(np.delete(gaps, widest).mean())
     if gaps[widest] <= max(_GAP * step, _OPEN * gaps.sum()):
         return _Contour(arc, np.zeros((0, 3)), step)
-    # A point stands for half a step on either side.
+    # A point represents half a step on either side.
     return _Contour(arc, np.stack([_beyond(arc[:4], step), _beyond(arc[:-5:-1], step)]), step)
 
 
@@ -234,7 +234,7 @@ def _levels(
     """Find how high the middle of the rim is in each frame.
 
     The rim is taken as a plane that leans alike in all frames, but for some degrees. Ends of arcs
-    lie on it, and stated bases in its middle. Where no arc crosses it, it is between the last
+    are on it, and stated bases in its middle. Where no arc crosses it, it is between the last
     slice with a contour and the next; by how much not in the middle, all frames have in common.
     """
     normal, heights = planes.normals[stack[0]], planes.offsets[stack]

@@ -139,7 +139,7 @@ def require_volume(cavity: Cavity | None, vertices: NDArray[np.float64]) -> None
         raise ShapeError(
             f"In frame {frame} the surface collapses: it encloses "
             f"{volumes[frame] / largest:.2%} of its largest volume.",
-            remedy="Leave the frame out if its points lie in one plane or on one side, or check "
+            remedy="Leave the frame out if its points are in one plane or on one side, or check "
             "the topology and the unit of each frame.",
             frame=frame,
             details={"share": float(volumes[frame]) / largest},

@@ -18,7 +18,7 @@ from modalmotion.tracking.noise import Noise, robust_weights
 from modalmotion.tracking.observation import NAMED_PLACES, Frame, Observation
 from modalmotion.tracking.rim import NEAR_END, Rim, rim_of
 
-# Of a sector: the border of a mesh lies along more than that of it, or does not show it.
+# Of a sector: the border of a mesh is along more than that of it, or does not show it.
 _LEAST: Final = 0.5
 
 
@@ -30,7 +30,7 @@ class Lying(NamedTuple):
 
 
 def lies_evenly(part: Observation) -> bool:
-    """Tell whether nothing is said of points but that they are on the surface."""
+    """Return whether nothing is said of points but that they are on the surface."""
     said = (part.weights, part.normals, part.places, part.feet, part.end)
     return len(part) > 0 and all(value is None for value in said)
 
@@ -46,7 +46,7 @@ class Ending(Observation):
         end is found anew wherever the surface is.
     rim : Rim
     offset : float, length unit
-        How far beyond the rim they end where it is known: points that stand for what is around
+        How far beyond the rim they end where it is known: points that represent what is around
         them, such as the vertices of a mesh, end farther out.
     """
 
@@ -189,7 +189,7 @@ def _are_even(surface: Deformable, x: NDArray[np.float64], frame: Frame) -> bool
 
 
 def _ending(rim: Rim, frame: Frame) -> Ending:
-    """Middles of a mesh's border and the lengths they stand for; no points of a cloud."""
+    """Middles of a mesh's border and the lengths they represent; no points of a cloud."""
     borders = [part.border for part in frame if part.border is not None]
     if not borders:
         return Ending(np.zeros((0, 3)), end=rim.end, rim=rim)
@@ -199,7 +199,7 @@ def _ending(rim: Rim, frame: Frame) -> Ending:
 
 
 def _offset(surface: Deformable, rim: Rim, frame: Frame, noise: Noise) -> float | None:
-    """Measure how far beyond a rim that is known the data end; None where it cannot be seen.
+    """Measure how far beyond a rim that is known the data end; None if it cannot be seen.
 
     As far as it is more than chance: mean squares are shared between both.
     """

@@ -236,8 +236,8 @@ def shape_in(frame: Frame, number: int, topology: Topology | str | None) -> Firs
         )
     if not np.ptp(cloud, axis=0).max() > _LEAST_SPREAD:
         raise ShapeError(
-            f"The points of frame {number}, which the shape is taken from, lie in one place.",
-            remedy="Name a reference frame whose points lie on the surface, or give a surface as "
+            f"The points of frame {number}, which the shape is taken from, are in one place.",
+            remedy="Name a reference frame whose points are on the surface, or give a surface as "
             "start.",
             frame=number,
         )
@@ -279,14 +279,14 @@ def _require_extent(cloud: NDArray[np.float64], number: int, topology: Topology)
     spreads = np.linalg.svd(x / np.abs(x).max(), compute_uv=False)
     if spreads[1] < _THIN * spreads[0]:
         raise ShapeError(
-            f"The points of frame {number}, which the shape is taken from, lie on a line.",
-            remedy="Name a reference frame whose points lie on the surface, give a surface as "
+            f"The points of frame {number}, which the shape is taken from, are on a line.",
+            remedy="Name a reference frame whose points are on the surface, give a surface as "
             "start, or state the topology open curve.",
             frame=number,
         )
     if topology == SPHERE and spreads[2] < _SHEET * spreads[0]:
         raise ShapeError(
-            f"The points of frame {number}, which the shape is taken from, lie in a plane, where "
+            f"The points of frame {number}, which the shape is taken from, are in a plane, where "
             "no closed surface is.",
             remedy="State the topology plane or closed curve, name another reference frame, or "
             "give a surface as start.",

@@ -107,7 +107,7 @@ def track_from_hdf5(source: bytes | Path) -> Track:
     Raises
     ------
     StoreError
-        As `Form.read` says.
+        As in `Form.read`.
     """
     return read_track(source)[0]
 
@@ -118,7 +118,7 @@ def read_track(source: bytes | Path) -> tuple[Track, Contents]:
     Raises
     ------
     StoreError
-        As `Form.read` says.
+        As in `Form.read`.
     """
     with FORM.read(source) as contents:
         return track_in(contents), contents

@@ -12,7 +12,7 @@ from modalmotion.tracking.image_view import Facets, Sight, view_of
 
 Floats = NDArray[np.float64]
 
-# Of the mean radius: how far the middle may lie beside the axis.
+# Of the mean radius: how far the middle may be beside the axis.
 _ASIDE: Final = 0.35
 
 # Radius near the apex over that near the base: more where the two are taken for one another.
@@ -47,7 +47,7 @@ def image_notes(
     across = x - apex - np.outer((x - apex) @ axis, axis)
     middle = across[(heights > 0.1) & (heights < 0.9)]
     if not len(middle):
-        return ("Hardly any of the surface lies between apex and base: check both.",)
+        return ("Hardly any of the surface is between apex and base: check both.",)
     radius = float(np.linalg.norm(middle - middle.mean(axis=0), axis=1).mean())
     aside = float(np.linalg.norm(middle.mean(axis=0)))
     if aside > _ASIDE * radius:
@@ -59,12 +59,12 @@ def image_notes(
     if low > _SWAPPED * high:
         notes.append(
             f"What was found is wider near the apex ({low:.0f} mm) than near the base "
-            f"({high:.0f} mm): are the two taken for one another?"
+            f"({high:.0f} mm): are the two swapped?"
         )
     share = _alike_beyond(image, facets, x, sight)
     if share > _SHARE:
         notes.append(
-            f"Beyond {share:.0%} of the surface something else looks like its inside; what lies "
+            f"Beyond {share:.0%} of the surface something else looks like its inside; the object "
             "between the landmarks is followed."
         )
     return tuple(notes)

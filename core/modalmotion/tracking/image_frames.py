@@ -141,7 +141,7 @@ def _ends(template: Template) -> tuple[Floats, Floats]:
 
 
 def _base_of(frame: Frame) -> Floats | None:
-    """Place of the base in a frame; None where it states none."""
+    """Place of the base in a frame; None if it states none."""
     for part in frame:
         for row, name in enumerate(part.places or ()):
             if name == "base" and part.normals is None:
@@ -165,7 +165,7 @@ class ImageFrames:
     Parameters
     ----------
     frames : tuple of Frame
-        Profiles without landmarks; empty where nothing was found.
+        Profiles without landmarks; empty if nothing was found.
     start : MeshSequence
         The reference frame's shape.
     facets : Facets

@@ -69,7 +69,7 @@ def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> FirstSi
     length = float(np.linalg.norm(base - apex))
     if length < _SHORTEST:
         raise ShapeError(
-            f"Apex and base lie {length:.3g} mm apart in frame {frame}; walls of some mm are "
+            f"Apex and base are {length:.3g} mm apart in frame {frame}; walls of some mm are "
             f"looked for, in objects of {_SHORTEST:g} mm and more.",
             remedy="State apex and base in LPS mm; of a smaller object enlarge the spacing, and "
             "scale the result back.",
@@ -81,7 +81,7 @@ def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> FirstSi
     there = np.isfinite(profiles).mean(axis=1) > 0.6
     if there.sum() < _N_TURNS:
         raise ShapeError(
-            f"The object lies outside the images of frame {frame}: of {len(there)} rays from its "
+            f"The object is outside the images of frame {frame}: of {len(there)} rays from its "
             f"axis {int(there.sum())} are in the field of view.",
             remedy="State apex and base in LPS mm of these images (RAS has other signs of x, y).",
             frame=frame,
@@ -125,7 +125,7 @@ def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> FirstSi
 def renewed(sight: Sight, view: View) -> Sight:
     """Find levels and bias field next to the edges that a view found: linear in place.
 
-    Where layers lie next to the edges, blood is looked for beyond them.
+    Where layers are next to the edges, blood is looked for beyond them.
     """
     inner, outer = view.beside(is_deep=sight.has_layers)
     x = view.starts[view.edges.is_found] - sight.middle

@@ -138,7 +138,7 @@ def _joint(
     k = view.edges.is_found
     n = view.normals[k]
     e = view.directions[k]
-    # Only along e a profile shows a shift in its plane; across it lies the curve itself.
+    # Only along e a profile shows a shift in its plane; across it is the curve itself.
     flat = (n * e).sum(axis=1, keepdims=True) * e
     phi = (view.shares[k][:, :, None] * surface.shapes[view.feet[k]]).sum(axis=1)
     m, p = len(surface), len(sight.shifts)
@@ -302,7 +302,7 @@ def reference_shape(
         is_cold = len(a) == 1
         a = np.concatenate([a, np.zeros((len(surface) - len(a), 3))])
         if is_cold:
-            # Wherever a start lies, and however wide it is, rays from the axis met the edge there.
+            # Wherever a start is, and however wide it is, rays from the axis met the edge there.
             variances = prior.variances(surface.wavenumbers)
             a = map_frame(surface, (Observation(points), *marks), a, variances, noise).amplitudes
         state = search(

@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 # Profiles through a volume.
 _N_PROFILES: Final = 1000
 
-# Least share of a normal that lies in a plane: others meet the surface too flatly.
+# Least share of a normal that is in a plane: others meet the surface too flatly.
 _STEEP: Final = 0.5
 
 # Of the finest voxel: distance of samples on a profile, in mm no finer and no coarser.
@@ -38,7 +38,7 @@ _NEAR: Final = 6.0
 _BEYOND: Final = (1.5, 4.5)
 _WITHIN: Final = (-6.0, -2.0)
 
-# Within it where trabeculae lie next to it: blood is beyond them.
+# Within it where trabeculae are next to it: blood is beyond them.
 _DEEP: Final = (-10.0, -6.0)
 
 
@@ -136,7 +136,7 @@ class Sight:
         Of frames other than the reference.
     valve : Valve, optional
     has_layers : bool
-        Whether layers of trabeculae lie next to the edges: see `Levels.faint_layer`.
+        Whether layers of trabeculae are next to the edges: see `Levels.faint_layer`.
     """
 
     levels: Levels
@@ -176,7 +176,7 @@ class View:
     planes : (n,) int64
         Plane of each, 0 in a volume.
     weights : (n,) float64
-        By the surface that each stands for.
+        By the surface that each represents.
     extents : (n,) float64, mm
         Of a voxel along each.
     profiles : (n, samples) float64
@@ -203,7 +203,7 @@ class View:
         return float(self.edges.is_found[there].mean()) if there.any() else 0.0
 
     def observation(self) -> Observation:
-        """Rows for the estimate: how far the surface lies from each edge along its normal."""
+        """Rows for the estimate: how far the surface is from each edge along its normal."""
         k = self.edges.is_found
         return Observation(
             self.starts[k] + self.edges.offsets[k, None] * self.directions[k],

@@ -1,7 +1,7 @@
 """A track from images, with what they add to it: convention, slices, and errors in common.
 
 The surface is that of the compact wall, papillary muscles within the pool: edges nearer to the
-axis are crossed where blood lies beyond them, and are strays where none does. Muscle keeps its
+axis are crossed where blood is beyond them, and are strays where none does. Muscle keeps its
 volume over the beat. So one number turns volumes of the convention `pool` into those of the
 convention `wall`, in which muscles do not count as cavity.
 """

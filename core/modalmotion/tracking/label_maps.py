@@ -32,7 +32,7 @@ _END: Final = 2.0
 # drawn to the shape of the reference, which has another length.
 _LEVEL: Final = 0.5
 
-# Of half a voxel: what lies so near to the plane of a cut is its border. Tangent of the most that a
+# Of half a voxel: what is so near to the plane of a cut is its border. Tangent of the most that a
 # cut is aslant to the axis; places on the border that are looked at.
 _CUT: Final = 3.0
 _MOST_ASLANT: Final = 0.8
@@ -102,7 +102,7 @@ def from_labels(
     for k, frame in enumerate(images.frames):
         if isinstance(frame, PlaneSet):
             raise ShapeError(
-                f"Frame {k} is a set of planes; the ends of a cavity are seen in volumes.",
+                f"Frame {k} is a set of planes; the ends of a cavity are only found in volumes.",
                 remedy="State apex and base, and track the planes as images.",
                 frame=k,
             )
@@ -131,14 +131,14 @@ def from_labels(
 def doubts_of_places(
     images: ImageSequence, landmarks: Mapping[str, Floats], reference: int
 ) -> tuple[str, ...]:
-    """Note stated landmarks that lie more than 2 mm outside all that is labelled.
+    """Note stated landmarks that are more than 2 mm outside all that is labelled.
 
     Parameters
     ----------
     images : ImageSequence
         The label map.
     landmarks : mapping of str to (3,) or (frames, 3) float64, mm
-        A place in the reference frame, or one for each frame, NaN where it is unknown.
+        A place in the reference frame, or one for each frame, NaN if it is unknown.
     reference : int
     """
     notes = []
@@ -152,14 +152,14 @@ def doubts_of_places(
         far = max(away, key=lambda k: away[k], default=None)
         if far is not None and away[far] > _OUTSIDE:
             notes.append(
-                f"The landmark {name} lies {away[far]:.0f} mm outside what is labelled in frame "
+                f"The landmark {name} is {away[far]:.0f} mm outside what is labelled in frame "
                 f"{far}: check its place, and the system of its coordinates."
             )
     return tuple(notes)
 
 
 def _away(frame: Volume | PlaneSet | None, place: Floats) -> float:
-    """How far a place lies outside the labelled voxels, mm."""
+    """How far a place is outside the labelled voxels, mm."""
     if not isinstance(frame, Volume):
         return 0.0
     points = np.argwhere(frame.values != 0) @ frame.affine[:, :3].T + frame.affine[:, 3]
@@ -265,7 +265,7 @@ def _flat_end(cavity: NDArray[np.bool_], A: Floats, axis: Floats, half: float) -
 def _middle_of_cut(points: Floats, flat: Floats, axis: Floats, half: float) -> Floats:
     """Place the middle of an opening that is nearly flat: over a whole section, at its height.
 
-    Its mean height is that of the section and what lies above, over the section's size.
+    Its mean height is that of the section and what is above, over the section's size.
     """
     z = points @ flat
     low, high = (float(z.max()) - 2.0 * voxels * half for voxels in _SECTION)

@@ -84,8 +84,8 @@ def is_label_map(images: ImageSequence) -> bool:
     is_map = bool((pairs == 0).mean() >= _ALIKE)
     if is_map and n_missing:
         raise ParameterError(
-            f"{n_missing} voxels of the label map are no numbers (NaN or infinite).",
-            remedy="Write 0 where nothing is labelled.",
+            f"{n_missing} voxels of the label map are not numbers (NaN or infinite).",
+            remedy="Write 0 for unlabelled voxels.",
         )
     return is_map
 
@@ -152,7 +152,7 @@ def _ml(volume: Volume, values: NDArray[np.int64]) -> Floats:
 def _borders(volume: Volume, values: NDArray[np.int64]) -> NDArray[np.int64]:
     """Faces of voxels between each value and each other, (values, 1 + values); the first is 0.
 
-    Between thick slices there are none: what lies above a slice is another part of the heart.
+    Between thick slices there are none: what is above a slice is another part of the heart.
     """
     kinds = np.pad(np.searchsorted(values, volume.values) + 1, 1)
     kinds[np.pad(volume.values, 1) == 0] = 0
@@ -176,11 +176,12 @@ def _of_one(volume: Volume, value: int, named: str) -> LabelValues:
     filled = sum(int(scipy.ndimage.binary_fill_holes(section).sum()) for section in own)
     if filled - own.sum() > _HOLE * filled:
         raise ParameterError(
-            f"The map has one label ({named}), which is a ring: a wall, whose cavity has none.",
+            f"The map has one label ({named}), which is a ring: a wall without a label of its "
+            "cavity.",
             remedy="Give the cavity a label of its own.",
             details={"labels": [value]},
         )
-    note = f"The map has one label ({named}), which was taken as the cavity; it shows no wall."
+    note = f"The map has one label ({named}), which was used as the cavity; there is no wall."
     return LabelValues((value,), (), note)
 
 

@@ -20,7 +20,7 @@ from modalmotion.representation import counted, shown
 from modalmotion.tracking.observation import NAMED_PLACES
 
 Landmarks = Mapping[str, NDArray[np.float64]]
-"""By name a place (3,), or (frames, 3) with NaN where it is unknown; in the points' unit."""
+"""By name a place (3,), or (frames, 3) with NaN if it is unknown; in the points' unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class Proposed:
     Parameters
     ----------
     places : (frames, 3) float64, length unit
-        NaN where it is unknown.
+        NaN if it is unknown.
     sd : float, length unit
     normals : (frames, 3) float64, optional
         Directions along which it is known better.
@@ -92,7 +92,7 @@ def landmarks_of(facts: Facts) -> dict[str, NDArray[np.float64]]:
     for name, place in facts.landmarks.items():
         if not (isinstance(place, tuple) and all(isinstance(part, float) for part in place)):
             raise ParameterError(
-                f"The landmark '{name}' is not a point; what is tracked has no vertices yet.",
+                f"The landmark '{name}' is not a point; a recording to be tracked has no vertices.",
                 remedy="State it as x,y,z in the unit of the points.",
                 details={"landmark": name},
             )
@@ -152,7 +152,7 @@ class LandmarkFile:
     Parameters
     ----------
     places : dict of str to (3,) or (frames, 3) float64
-        In the file's own coordinate system and unit; NaN where one is unknown.
+        In the file's own coordinate system and unit; NaN if one is unknown.
     coordinates : {"LPS", "RAS"} or None
         The system, where the file states it.
     unit : str or None
@@ -288,4 +288,4 @@ def _unit(stated: Any) -> str | None:
 
 
 def _malformed(reason: str) -> MalformedFileError:
-    return MalformedFileError(f"It is no file of landmarks ({reason}).", remedy=_FILE_REMEDY)
+    return MalformedFileError(f"It is not a file of landmarks ({reason}).", remedy=_FILE_REMEDY)

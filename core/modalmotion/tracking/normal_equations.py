@@ -185,7 +185,7 @@ def bulge(
 
     Notes
     -----
-    Moved along a surface of the curvatures k1, k2 by e1, e2, a point lies (k1 e1^2 + k2 e2^2) / 2
+    Moved along a surface of the curvatures k1, k2 by e1, e2, a point is (k1 e1^2 + k2 e2^2) / 2
     beside it, on the outside of what is round: s^2 (k1 + k2) / 2 in the mean. k1 + k2 is the
     divergence of the normals, on a triangle sum n_i . grad phi_i. It holds for noise smaller than
     the radius; no more than half a deviation is taken.

@@ -34,7 +34,7 @@ class Observation(FrozenArrays):
     """Rows of one frame: each a place in space, and where the surface passes it.
 
     Points say that the surface passes through them somewhere, and a distance along it means
-    nothing. Points of a profile, with `normals`, say how far it lies along a fixed direction only.
+    nothing. Points of a profile, with `normals`, say how far it is along a fixed direction only.
     Landmarks, with `places`, say where one place of the surface is, along it too. Points of an end,
     with `end`, say that the rim of an opening passes through them somewhere.
 
@@ -160,7 +160,7 @@ def observed_frames(observed: Sequence[Any]) -> tuple[tuple[Frame, ...], tuple[s
     ----------
     observed : sequence
         For each frame an `Observation`, several of them, an array (n, 3) of points, a mesh
-        (vertices, faces), or None where the frame is missing.
+        (vertices, faces), or None if the frame is missing.
 
     Returns
     -------

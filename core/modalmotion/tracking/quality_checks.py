@@ -29,7 +29,7 @@ class Quality(NamedTuple):
     inliers : float
         Share of the points that counted.
     coverage : float
-        Share of the surface in cells that points lie at.
+        Share of the surface in cells that points are at.
     """
 
     rms: float
@@ -83,8 +83,8 @@ _JUMP: Final = 2.0
 _SMALL_MM, _LARGE_MM = 0.1, 1e5
 
 _GUESSED: Final = (
-    "Nobody stated where the surface ends, so it was taken as closed. If it is open, as a "
-    "ventricle is at its base, state the landmarks apex and base: its volumes are off otherwise."
+    "The ends of the surface were not given, so it was treated as closed. If it is open, like a "
+    "ventricle at its base, give the landmarks apex and base; otherwise its volumes are wrong."
 )
 
 # Percentage points.
@@ -112,7 +112,7 @@ def doubtful_notes(result: Track) -> list[str]:
     thick = np.flatnonzero(rms > _THICK * size)
     if thick.size:
         doubts.append(
-            f"In {_frames(thick)} points lie {np.nanmax(rms):.3g} from the surface (RMS), more "
+            f"In {_frames(thick)} points are {np.nanmax(rms):.3g} from the surface (RMS), more "
             f"than a tenth of its radius of {size:.3g}: they may fill a volume, or show several "
             "surfaces."
         )
@@ -128,8 +128,8 @@ def doubtful_notes(result: Track) -> list[str]:
     bound = result.ejection_fraction_bound
     if bound is not None and bound > _WIDE_BOUND:
         doubts.append(
-            f"The ejection fraction is known to {bound:.0f} percentage points only: what its "
-            "volumes need was hardly observed."
+            f"The ejection fraction is known to {bound:.0f} percentage points only: the parts "
+            "that determine its volumes were hardly observed."
         )
     return doubts + _of_turns(result, centre)
 
@@ -166,26 +166,26 @@ def end_notes(
     if taken:
         doubts.append(
             f"The base is not stated in {_frames(np.array(taken))} of {result.n_frames}: it was "
-            "taken to be where the data end, of slices between the last one with a contour and the "
-            "next. State it where they end elsewhere."
+            "assumed where the data end (for slices, between the last one with a contour and the "
+            "next). Give it if it is elsewhere."
         )
     if 2 * len(missing) > len(others) and result.n_frames > 1:
         doubts.append(
             f"The base is not stated in {_frames(np.array(missing))} of {result.n_frames}: points "
-            "do not show where an open surface ends, and the ejection fraction may be off by some "
-            "points more than is stated."
+            "do not show where an open surface ends, and the ejection fraction may have an error "
+            "some points larger than stated."
         )
     swapped = [k for k, ends in enumerate(known) if _is_swapped(stated[k], ends)]
     if swapped:
         doubts.append(
-            f"In {_frames(np.array(swapped))} points lie nearer to the landmark base than to apex: "
-            "the base is the middle of the opening, where no wall is. Are the two swapped?"
+            f"In {_frames(np.array(swapped))} more points are near the landmark base than near "
+            "apex, but the base is the middle of the opening, without a wall. Are the two swapped?"
         )
     return doubts
 
 
 def has_landmarks(frames: Sequence[Frame]) -> bool:
-    """Tell whether any frame has a landmark or points of an end."""
+    """Return whether any frame has a landmark or points of an end."""
     return any(part.is_landmark for frame in frames for part in frame)
 
 
@@ -233,8 +233,8 @@ def _of_points(result: Track) -> list[str]:
     flat = np.flatnonzero(spreads[:, 2] < narrow)
     if flat.size and result.volumes is not None:
         doubts.append(
-            f"In {_frames(flat)} the points lie in a plane or on a line, within "
-            f"{spreads[flat, 2].max():.3g}: what the surface encloses beyond it was not observed."
+            f"In {_frames(flat)} the points are in a plane or on a line, within "
+            f"{spreads[flat, 2].max():.3g}: the volume beyond it was not observed."
         )
     whole = np.sqrt((spreads**2).sum(axis=1))
     if np.isfinite(whole).any():
@@ -242,7 +242,7 @@ def _of_points(result: Track) -> list[str]:
         other = np.flatnonzero((whole * _OTHER_SIZE < usual) | (whole > _OTHER_SIZE * usual))
         if other.size:
             doubts.append(
-                f"In {_frames(other)} the points spread over {whole[other[0]]:.3g}, in most over "
+                f"In {_frames(other)} the points extend over {whole[other[0]]:.3g}, in most over "
                 f"{usual:.3g}: check the unit of each frame."
             )
     return doubts
@@ -260,8 +260,8 @@ def _of_jumps(result: Track, size: float) -> list[str]:
         return []
     most = 1 + int(np.linalg.norm(away, axis=1).argmax())
     text = (
-        f"In frame {most} the surface lies {np.linalg.norm(away[most - 1]):.3g} from the middle of "
-        "its neighbours, more than it is wide: check the coordinates of the frames."
+        f"In frame {most} the surface is {np.linalg.norm(away[most - 1]):.3g} from the centre of "
+        "its neighbours, more than its width: check the coordinates of the frames."
     )
     return [text]
 
@@ -291,8 +291,9 @@ def _of_turns(result: Track, centre: NDArray[np.float64]) -> list[str]:
     where = ", ".join(f"{part:.2f}" for part in axis + 0.0)
     much = "of any angle" if least >= 180.0 else f"of less than {least:.0f} degrees"
     text = (
-        f"The surface is so round about the axis ({where}) that a turn {much} about it does not "
-        "show: turning and torsion about it are not measured, and come out as about none."
+        f"The surface is so round about the axis ({where}) that a rotation {much} about it is "
+        "not detected: rotation and torsion about it are not measured, and are estimated as "
+        "about zero."
     )
     return [text]
 
@@ -318,8 +319,8 @@ _LOW_COVERAGE: Final = 0.8
 _LOW_INLIERS: Final = 0.5
 
 _OFFSETS: Final = (
-    "The motion follows the data along the surface's normals; along the surface it is the prior's, "
-    "with the standard deviation stated: twist and sliding are not measured."
+    "The motion follows the data along the surface's normals; along the surface it comes from "
+    "the prior, with the stated standard deviation: twist and sliding are not measured."
 )
 
 
@@ -334,19 +335,21 @@ def notes_on(result: Track) -> list[str]:
     low = [k for k, c in enumerate(result.coverage) if c < _LOW_COVERAGE and k not in result.unseen]
     if low:
         notes.append(
-            f"In {len(low)} frames points lie at less than {_LOW_COVERAGE:.0%} of the surface (at "
-            f"least {result.coverage[low].min():.0%}, frame {low[0]}); elsewhere the prior speaks."
+            f"In {len(low)} frames points are at less than {_LOW_COVERAGE:.0%} of the surface (at "
+            f"least {result.coverage[low].min():.0%}, frame {low[0]}); elsewhere the motion "
+            "comes from the prior."
         )
     strays = [k for k, c in enumerate(result.inliers) if 0 < c < _LOW_INLIERS]
     if strays:
         notes.append(
-            f"In {len(strays)} frames, frame {strays[0]} the first, most points lie off the "
-            "surface: they may show another object."
+            f"In {len(strays)} frames, frame {strays[0]} the first, most points are outliers: "
+            "they may belong to another object."
         )
     undetermined = int((result.determined[:, 1] < 0.5).sum())
     if undetermined:
         notes.append(
-            f"Of {len(result.modes)} modes the data leave the tangential part of {undetermined} "
+            f"Of {len(result.modes)} modes the data do not determine the tangential part of "
+            f"{undetermined} "
             "undetermined."
         )
     notes += doubtful_notes(result)

@@ -56,12 +56,12 @@ _APEX: Final = "APEX_POINT"
 _WITH_VALVES: Final = "LV_ENDOCARDIAL"
 
 USUAL_CONTOURS: Final = ("LV_ENDOCARDIAL",)
-"""Parts of the names of typed contours that are read where nobody says which."""
+"""Parts of the names of typed contours that are read by default."""
 
 _NOWHERE: Final = np.full(3, np.nan)
 
 _REMEDY: Final = (
-    "Use a zip or folder of one file a frame, a table (.csv) with the columns frame, x, y, z, "
+    "Use a zip or folder with one file per frame, a table (.csv) with the columns frame, x, y, z, "
     "an npz of points and offsets, or VTKHDF."
 )
 
@@ -75,7 +75,7 @@ class Recorded:
     ----------
     frames : tuple of tuple of Observation
     landmarks : mapping of "apex" and "base" to (frames, 3) float64
-        NaN where a frame states none.
+        NaN if a frame states none.
     times : (frames,) float64, s, or None
     unit : str or None
     notes : tuple of str
@@ -108,7 +108,7 @@ def read_observed(
     limits: ReadLimits | None = None,
     parser: Parser | None = None,
 ) -> Recorded:
-    """Read the observations in a folder or zip of one file a frame, or in one npz.
+    """Read the observations in a folder or zip of one file per frame, or in one npz.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def read_observed(
         Called with the frames read and all of them.
     limits : ReadLimits, optional
     parser : Parser, optional
-        Parser to reuse for many files; its own limits then hold.
+        Parser to reuse for many files; its own limits then apply.
 
     Raises
     ------
@@ -196,7 +196,7 @@ def _of_bytes(
     if kind is None:
         raise MalformedFileError(unknown_format(data).message, remedy=_REMEDY)
     raise MalformedFileError(
-        f"The file is {kind.upper()}, which holds a sequence of one mesh.",
+        f"The file is {kind.upper()}, which contains a sequence of one mesh.",
         remedy=f"{NOTHING_TO_TRACK} {_REMEDY}",
     )
 
@@ -257,13 +257,13 @@ def _listed(
     if not names:
         raise MalformedFileError(
             f"None of {len(files)} files is a frame.",
-            remedy=f"Give one file a frame, ending with {', '.join(kinds)}.",
+            remedy=f"Give one file per frame, ending with {', '.join(kinds)}.",
         )
     return tuple(names), None, notes_on_numbers(tuple(names))
 
 
 def _per_frame(marks: Sequence[Mapping[str, Floats]]) -> dict[str, Floats]:
-    """Join the landmarks of frames to rows, NaN where a frame states none."""
+    """Join the landmarks of frames to rows, NaN if a frame states none."""
     names = sorted({name for own in marks for name in own})
     return {name: np.stack([own.get(name, _NOWHERE) for own in marks]) for name in names}
 
@@ -346,13 +346,13 @@ def _cloud(data: bytes) -> NDArray[np.float64]:
             if rows:
                 raise MalformedFileError(
                     f"Line {number} is not three numbers: {line[:40]!r}.",
-                    remedy="Write x, y and z of one point a line.",
+                    remedy="Write x, y and z of one point per line.",
                 ) from None
             continue
         if len(rows[-1]) != 3:
             raise MalformedFileError(
                 f"Line {number} has {len(words)} numbers in place of three.",
-                remedy="Write x, y and z of one point a line.",
+                remedy="Write x, y and z of one point per line.",
             )
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
@@ -371,8 +371,8 @@ def _table(data: bytes) -> tuple[list[Floats], Floats | None] | None:
         rows = np.loadtxt([*lines_of(data)][1:], delimiter=delimiter, ndmin=2, dtype=np.float64)
     except ValueError as error:
         raise MalformedFileError(
-            f"The table has a cell that is no number ({str(error)[:60]}).",
-            remedy="Write x, y, z and frame or time (s), one point a row.",
+            f"The table has a cell that is not a number ({str(error)[:60]}).",
+            remedy="Write x, y, z and frame or time (s), one point per row.",
         ) from error
     points = rows[:, [names.index(name) for name in "xyz"]]
     key = next((name for name in ("frame", "time", "t") if name in names), None)
@@ -435,7 +435,7 @@ def _guide_points(data: bytes, contours: Sequence[str]) -> _FrameFile:
 def _farthest(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Take the two points of one slice that are farthest apart, of several.
 
-    A plane meets the rim of the opening twice. Where it shows both valves, the points between lie
+    A plane meets the rim of the opening twice. Where it shows both valves, the points between are
     at their junction, within the opening.
     """
     if len(points) <= 2:
@@ -484,7 +484,8 @@ def _clouds_in(arrays: Mapping[str, NDArray[Any]], limits: ReadLimits) -> list[N
     if "offsets" not in arrays:
         if points.ndim != 3 or points.shape[2] != 3 or points.dtype.kind not in "fiu":
             raise MalformedFileError(
-                f"The points have the shape {points.shape}, and no offsets say where frames begin.",
+                f"The points have the shape {points.shape}, and there are no offsets of the "
+                "frames.",
                 remedy="Give points (frames, n, 3), or points (n, 3) with offsets (frames + 1,): "
                 "the first row of each frame, and the end.",
             )
@@ -503,7 +504,7 @@ def _clouds_in(arrays: Mapping[str, NDArray[Any]], limits: ReadLimits) -> list[N
     ):
         raise MalformedFileError(
             f"The offsets do not run from 0 to the {n} points.",
-            remedy="Give whole numbers that do not fall: the first row of each frame, and the end.",
+            remedy="Give non-decreasing whole numbers: the first row of each frame, and the end.",
         )
     limits.require("frames", offsets.size - 1)
     limits.require("vertices", int(np.diff(offsets).max()))

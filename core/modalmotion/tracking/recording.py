@@ -41,7 +41,7 @@ def sequence_of(
     options : ReadOptions, optional
         Its topology is that of the start, too.
     parser : Parser, optional
-        Parser to reuse for many files; its own limits then hold.
+        Parser to reuse for many files; its own limits then apply.
 
     Raises
     ------

@@ -18,7 +18,7 @@ def in_mm(unit: str | None) -> str:
     if unit not in (None, "mm"):
         raise ParameterError(
             f"The unit {unit!r:.20} is stated, but images are placed in mm.",
-            remedy="Leave the unit out, and state landmarks in mm.",
+            remedy="Omit the unit, and give landmarks in mm.",
         )
     return "mm"
 
@@ -35,9 +35,9 @@ def phases_of(
         whole_time = span * n / (n - 1) if period is None else float(period)
         if not whole_time > span:
             raise ParameterError(
-                f"The times span {span:g} s, the whole period of {whole_time:g} s: the last frame "
-                "is the first again.",
-                remedy="Leave the last frame out, state a longer period, or track with time open.",
+                f"The times span {span:g} s, the whole period of {whole_time:g} s: the last "
+                "frame repeats the first.",
+                remedy="Omit the last frame, give a longer period, or track with time open.",
                 frame=n - 1,
             )
     phases: NDArray[np.float64] = (times - times[0]) / whole_time
@@ -64,7 +64,7 @@ def with_landmarks(
         places = np.asarray(own, dtype=np.float64)
         if name not in NAMED_PLACES:
             raise ParameterError(
-                f"The landmark '{name}' places nothing.",
+                f"The landmark '{name}' has no meaning.",
                 remedy="State apex and base; other places as Observation(points, places=...).",
                 details={"landmark": name},
             )
@@ -76,7 +76,7 @@ def with_landmarks(
             raise ShapeError(
                 f"The landmark '{name}' has the shape {places.shape}; there are {len(frames)} "
                 "frames.",
-                remedy="Give one place, or one for each frame with NaN where it is unknown.",
+                remedy="Give one place, or one for each frame with NaN if it is unknown.",
                 details={"landmark": name},
             )
         for k, place in enumerate(places):
@@ -109,7 +109,7 @@ def _require_near(
     spread = float(np.linalg.norm(box[1] - box[0]))
     if outside > spread > 0:
         raise ParameterError(
-            f"The landmark '{name}' in frame {frame} lies {outside:.3g} from the points, which "
+            f"The landmark '{name}' in frame {frame} is {outside:.3g} from the points, which "
             f"spread over {spread:.3g}.",
             remedy="State it in the unit and the coordinate system of the points (LPS and RAS "
             "differ in the signs of x and y).",

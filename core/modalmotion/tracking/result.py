@@ -92,7 +92,7 @@ def sample_of(frames: Sequence[Frame], informed: Sequence[NormalEquations]) -> S
     Returns
     -------
     SampledData
-        At most 500 points a frame and some 100,000 in all, beside landmarks.
+        At most 500 points per frame and some 100,000 in all, beside landmarks.
     """
     most = min(_MOST_OF_FRAME, max(_LEAST_OF_FRAME, _MOST // max(1, len(frames))))
     points, weights, are_landmarks, counts = [np.zeros((0, 3))], [np.zeros(0)], [], []
@@ -195,14 +195,14 @@ class Track(FrozenArrays, Recorded):
     inliers : (frames,) float64
         Share of the points that counted, 0 to 1; 0 without any.
     coverage : (frames,) float64
-        Share of the surface that points lie at, 0 to 1.
+        Share of the surface that points are at, 0 to 1.
     unseen : tuple of int
         Frames without a point: there the chain of time alone speaks.
     gap : float or None, length unit
         RMS distance between the shapes that both ways round the cycle end at, before all frames
-        were estimated together; None where time is open.
+        were estimated together; None if time is open.
     reference : int or None
-        Frame whose surface the start is, exactly; None where it is none's.
+        Frame whose surface the start is, exactly; None if it is none's.
     notes : tuple of str
     provenance : mapping
         Parameters and versions, for files.

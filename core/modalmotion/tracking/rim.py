@@ -82,7 +82,7 @@ class RimThere:
     vertices : (n,) int64
         That it passes through.
     lengths : (n,) float64, length unit
-        That each stands for.
+        That each represents.
     outward : (n, 3) float64, length unit
         Out of the surface and across the rim, as long as that.
     sectors : (n,) int64
@@ -135,7 +135,7 @@ def rim_of(surface: Deformable, end: str, width: float) -> Rim | None:
     Returns
     -------
     Rim or None
-        None where the surface has no opening there, or one that touches itself.
+        None if the surface has no opening there, or one that touches itself.
     """
     sides = rim_at(surface, end)
     x = surface.template.vertices
@@ -181,7 +181,7 @@ def rim_at(surface: Deformable, end: str) -> NDArray[np.int64]:
 
 
 def _around(sides: NDArray[np.int64]) -> list[int] | None:
-    """Vertices of a ring in order; None where the sides are no ring."""
+    """Vertices of a ring in order; None if the sides are no ring."""
     beside: dict[int, list[int]] = {}
     for a, b in sides.tolist():
         beside.setdefault(a, []).append(b)

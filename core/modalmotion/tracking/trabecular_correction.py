@@ -1,9 +1,9 @@
 """Trabeculae that close: the muscle on the inner side of a wall keeps its volume.
 
-The surface is that of the compact wall, muscles within it. In the reference frame blood lies
+The surface is that of the compact wall, muscles within it. In the reference frame blood is
 between trabeculae, and what is dark within the surface is seen. As a ventricle empties, blood
 leaves them, they look like the wall, and an edge is found on their inner side. What was seen of
-muscle in the reference, over the area that is left, and is not seen now, lies beyond that edge.
+muscle in the reference, over the area that is left, and is not seen now, is beyond that edge.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _SPREADS: Final = 4
 
 
 def has_trabeculae(image: Image, shape: MeshSequence, sight: Sight, reach: float) -> bool:
-    """Whether layers of blood and muscle lie next to the edges of a cup's reference shape.
+    """Whether layers of blood and muscle are next to the edges of a cup's reference shape.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def muscle_within(
     height : float, mm
         Of the cones from the surface to the middle of its cavity.
     in_layers : bool
-        Whether only what lies in layers next to edges counts.
+        Whether only what is in layers next to edges counts.
 
     Notes
     -----
@@ -218,7 +218,7 @@ def with_trabeculae(
             moved.append(view)
             continue
         now = muscle_within(view, sights[k], surface, heights[k])
-        # It lies where there was more of it than is seen.
+        # It is where there was more of it than is seen.
         denser = np.maximum(muscle, 0.0) * float(areas[reference].sum() / areas[k].sum())
         places = denser - np.maximum(now, 0.0)
         depth = spread_over(surface, shapes[k], places, whole - float(now @ areas[k]))

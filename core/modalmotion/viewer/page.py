@@ -79,7 +79,7 @@ class View:
         n, size = self.sequence.n_frames, 6 * self.sequence.n_vertices
         if n * size > MOST_BYTES:
             raise LimitError(
-                f"The frames as sent take {n * size} bytes; a page holds at most {MOST_BYTES}.",
+                f"The frames as sent take {n * size} bytes; a page contains at most {MOST_BYTES}.",
                 remedy="Show fewer frames, or look at it in the service: /view/{id}.",
                 limit="page_bytes",
                 details={"value": n * size, "most": MOST_BYTES},

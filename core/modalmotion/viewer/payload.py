@@ -41,7 +41,7 @@ from modalmotion.viewer.wave_names import wave_name
 _SMALLEST: Final = 1e-9
 _LARGEST: Final = 1e9
 
-# Stands for a segment in which no vertex lies: JSON and single precision have no NaN to send.
+# Stands for a segment without vertices: JSON and single precision have no NaN to send.
 _UNKNOWN: Final = -1e9
 
 # A first frame this near after the last, in usual steps, closes a cycle; nearer repeats it.
@@ -331,7 +331,7 @@ def _strain_words(
 
 
 def _time_from(sequence: MeshSequence, start: int, end: int) -> float | None:
-    """Time from one frame to the next time that another comes, s; None where it is unknown."""
+    """Time from one frame to the next time that another comes, s; None if it is unknown."""
     times = sequence.times
     if times is None or len(times) < 2:
         return None
@@ -451,7 +451,7 @@ def _segment_words(
 def _known(
     values: NDArray[np.float64], deviations: NDArray[np.float64] | None = None
 ) -> dict[str, Any]:
-    """Values of segments at end systole, None where no vertex lies, and half of each interval."""
+    """Values of segments at end systole, None without vertices, and half of each interval."""
 
     def plain(numbers: NDArray[np.float64]) -> list[float | None]:
         return [float(f"{x:.4g}") if np.isfinite(x) else None for x in numbers.tolist()]

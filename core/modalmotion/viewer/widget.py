@@ -29,7 +29,7 @@ def view(
     motion : MeshSequence, ModalSignature or Track
         Of a track the data are drawn over its surface.
     sequence : MeshSequence, optional
-        The one that a signature was made from, which holds its surface.
+        The one that a signature was made from, which contains its surface.
     parameters : SignatureParameters, optional
         With which a sequence is fitted: 7 modes by default.
     template : Template, optional
@@ -55,7 +55,7 @@ def view(
         signature = modal_signature(motion, parameters, template=template)
     elif sequence is None:
         raise ParameterError(
-            "A signature holds amplitudes and no surface.",
+            "A signature contains amplitudes and no surface.",
             remedy="Give its sequence too: view(signature, sequence).",
         )
     else:

@@ -17,8 +17,7 @@ from typing import Any, Final
 from urllib.parse import urlsplit
 
 from modalmotion.errors import ParameterError, needs_extra
-from modalmotion_service.access.principal import Principal
-from modalmotion_service.access.scopes import Scope
+from modalmotion_service.access.scopes import Principal, Scope
 from modalmotion_service.access.site import is_loopback
 from modalmotion_service.errors import AuthenticationError, ProviderError
 

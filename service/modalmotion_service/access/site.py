@@ -18,7 +18,7 @@ _AUTHORITY = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[^:\[\]/@\s]+)(?::\d{1,5})?")
 
 
 def is_loopback(host: str) -> bool:
-    """Tell whether an address can be reached from this machine only."""
+    """Return whether an address can be reached from this machine only."""
     if host == "localhost":
         return True
     try:
@@ -28,7 +28,7 @@ def is_loopback(host: str) -> bool:
 
 
 def comes_by_loopback(connection: Connection) -> bool:
-    """Tell whether a connection ends at a loopback address, or at none, as within a process."""
+    """Return whether a connection ends at a loopback address, or at none, as within a process."""
     server = connection.get("server")
     if server is None or server[1] is None:
         return True

@@ -9,10 +9,11 @@ from __future__ import annotations
 import abc
 import asyncio
 import contextlib
+import os
 import secrets
 import sqlite3
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import astuple
 from datetime import UTC, datetime, timedelta
@@ -20,9 +21,9 @@ from pathlib import Path
 from typing import Any, Final, Self
 
 from modalmotion.store.index.cursor import now, to_text
-from modalmotion_service.access.keys import explained, open_database
-from modalmotion_service.audit.entry import BEGUN, GENESIS, AuditEntry, Event, chained
-from modalmotion_service.audit.stream import Lines
+from modalmotion_service.access.keys import Key, KeyRing, explained, open_database
+from modalmotion_service.access.scopes import Scope
+from modalmotion_service.audit.entry import BEGUN, GENESIS, AuditEntry, Event, Lines, chained
 
 _VERSION: Final = 3
 _TABLES: Final = (
@@ -304,3 +305,49 @@ def unfinished(entries: Iterable[AuditEntry]) -> list[AuditEntry]:
 def _entry(row: tuple[Any, ...]) -> AuditEntry:
     number, time, *event, digest = row
     return AuditEntry(number, time, Event(*event), digest)
+
+
+def make_key(
+    data_dir: Path,
+    owner: str,
+    scopes: Collection[Scope],
+    *,
+    note: str = "",
+    expires: datetime | None = None,
+) -> tuple[Key, str]:
+    """Make a key as `KeyRing.create` does, and note it; one that cannot be noted is taken back."""
+    with KeyRing(data_dir) as ring, AuditLog(data_dir) as log:
+        return note_key(ring.create(owner, scopes, note=note, expires=expires), ring, log)
+
+
+def note_key(made: tuple[Key, str], ring: KeyRing, log: Notes) -> tuple[Key, str]:
+    """Note a key that was just made; one that cannot be noted is taken back."""
+    key, _ = made
+    try:
+        log.append([of_command("keys create", key.owner, key.id)])
+    except BaseException:
+        ring.revoke(key.id)
+        raise
+    return made
+
+
+def take_back_key(data_dir: Path, key_id: str) -> Key:
+    """Take a key back as `KeyRing.revoke` does, and note it."""
+    with KeyRing(data_dir) as ring, AuditLog(data_dir) as log:
+        key = ring.revoke(key_id)
+        log.append([of_command("keys revoke", key.owner, key.id)])
+    return key
+
+
+def of_command(command: str, owner: str | None, about: str, status: int = 200) -> Event:
+    """Make the entry of a command, by the user of the system who gave it."""
+    return Event(
+        request_id="",
+        owner=owner,
+        key_id=None,
+        client=f"command line, uid {os.getuid()}",
+        method="COMMAND",
+        route=command,
+        ids=about,
+        status=status,
+    )

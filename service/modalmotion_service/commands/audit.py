@@ -64,7 +64,7 @@ def verify(lines: tuple[Path, ...], as_json: bool, data_dir: Path | None) -> Non
     """
     handed_on = {number: digest for path in lines for number, digest in _read(path)}
     # Here, so that the help of all commands need not import the settings.
-    from modalmotion_service.environment import read_settings
+    from modalmotion_service.settings import read_settings
 
     forgets = read_settings().audit_days > 0
     n_entries, faults = faults_of(entries_of(_there(data_dir)), handed_on, forgets=forgets)

@@ -15,13 +15,10 @@ import click
 import numpy as np
 
 from modalmotion.cli.outputs import OutputFolder
-from modalmotion.client import Client, Info
-from modalmotion.clinical import Fraction
+from modalmotion.client import Client
 from modalmotion.errors import InputError, ModalMotionError
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.pictures.signature import signature_figure
-from modalmotion.representation import numeral
-from modalmotion.signature.making import ModalSignature
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.store import signature_from_hdf5
 
@@ -41,121 +38,67 @@ from modalmotion.store import signature_from_hdf5
 def main(file: Path | None, output: Path, stays: bool) -> None:
     """Send FILE (.npz), or a simulated ventricle, through a service of its own."""
     if file is None:
-        name = "a simulated ventricle"
+        name = "Sample heart (simulated)"
         body = write_npz(
             simulate_ventricle(acquisition=Acquisition(noise=0.6), rng=np.random.default_rng(1994))
         )
     else:
-        name, body = str(file), file.read_bytes()
+        name, body = file.name, file.read_bytes()
     output.mkdir(parents=True, exist_ok=True)
-    started = time.perf_counter()
     with _service(output / "results") as (client, base):
-        click.echo(f"           ready after {time.perf_counter() - started:.1f} s")
-        click.echo(f"sequence   {name}, {len(body)} bytes")
         sequence = client.upload(body)
-        name = file.name if file else "Sample heart (simulated)"
-        client.request("PATCH", f"/v1/sequences/{sequence.id}", json={"name": name})
+        here = f"/v1/sequences/{sequence.id}"
+        client.request("PATCH", here, json={"name": name})
         click.echo(
-            f"           {sequence.n_frames} frames of {sequence.n_vertices} vertices, "
+            f"sequence   {name}: {sequence.n_frames} frames of {sequence.n_vertices} vertices, "
             f"id {sequence.id[:12]}..."
         )
-        made = client.request("POST", f"/v1/sequences/{sequence.id}/signatures").json
-        file, here = made["file"], f"/v1/signatures/{made['key']}"
-        image = client.request("GET", here, accept="application/x-hdf5").content
-        readouts = _readouts(client, f"{here}/readouts")
+        made = client.request("POST", f"{here}/signatures").json
+        signed = f"/v1/signatures/{made['key']}"
+        signature = signature_from_hdf5(
+            client.request("GET", signed, accept="application/x-hdf5").content
+        )
+        unit = signature.unit or "length units"
+        click.echo(
+            f"signature  {signature.surface}, {signature.compression:.0f}:1, RMS error "
+            f"{signature.rms_error:.3g} {unit} of {np.sqrt(np.mean(signature.motion_rms**2)):.3g}"
+        )
+        click.echo(f"volume     {_volumes(client, signed)}")
         answer = client.classify(sequence.id)
+        click.echo(f"class      {answer.label or 'none'} (probability {answer.probability:.3f})")
+        for note in [*signature.notes, *answer.notes]:
+            click.echo(f"           note: {note}")
         page = output / "beat.html"
-        html = client.request("GET", f"{here}/view", accept="text/html")
-        page.write_bytes(html.content)
-        _print_answers(signature_from_hdf5(image), readouts, answer)
+        page.write_bytes(client.request("GET", f"{signed}/view", accept="text/html").content)
         click.echo(f"page       {page} (open it in a browser: the surface moves)")
         until = "Ctrl-C ends the service" if stays else "while it runs: make demo OPEN=1"
         click.echo(f"look at    {base}/view/{sequence.id} ({until})")
         if stays:
             # Where there is no browser, the address above is for one elsewhere.
             click.launch(f"{base}/view/{sequence.id}")
-            _wait()
-    signature = signature_from_hdf5(image)
-    path = output / "results" / file
-    stored = signature_from_hdf5(path)
-    # Bytes differ: an answer carries the facts of its sequence, which its file does not.
-    is_same = stored.amplitudes.tobytes() == signature.amplitudes.tobytes()
-    click.echo(
-        f"HDF5       {path} ({path.stat().st_size} bytes; the same amplitudes over HTTP: "
-        f"{'yes' if is_same else 'NO'})"
-    )
+            with contextlib.suppress(KeyboardInterrupt):
+                while True:
+                    time.sleep(3600)
+    path = output / "results" / made["file"]
+    # Bytes differ: an answer has the facts of its sequence, which its file does not.
+    is_same = np.array_equal(signature_from_hdf5(path).amplitudes, signature.amplitudes)
+    click.echo(f"HDF5       {path} (the same amplitudes over HTTP: {'yes' if is_same else 'NO'})")
     picture = output / "systole.png"
     signature_figure(read_npz(body).sequence, signature).savefig(picture)
     click.echo(f"picture    {picture}")
 
 
-def _print_answers(signature: ModalSignature, readouts: str, answer: Info) -> None:
-    _print_signature(signature)
-    click.echo(f"volume     {readouts}")
-    _print_classification(answer)
-
-
-def _wait() -> None:
-    """Sleep until a person has seen enough."""
-    with contextlib.suppress(KeyboardInterrupt):
-        while True:
-            time.sleep(3600)
-
-
-def _print_signature(signature: ModalSignature) -> None:
-    frames, modes, directions = signature.amplitudes.shape
-    unit = signature.unit or "length units"
-    motion = float(np.sqrt(np.mean(np.square(signature.motion_rms))))
-    farthest = int(np.argmax(signature.motion_rms))
-    click.echo(
-        f"signature  {signature.surface}, shape ({frames}, {modes}, {directions}): "
-        f"{modes * directions} amplitudes a frame, {signature.compression:.0f}:1"
-    )
-    for title, frame in (("first frame", 0), ("systole", farthest)):
-        click.echo(f"           {title} (frame {frame}), x y z in {unit}:")
-        for label, row in zip(signature.modes.labels, signature.amplitudes[frame], strict=True):
-            click.echo(
-                f"             {label!s:>12} "
-                + " ".join(f"{numeral(value, of=motion):>9}" for value in row)
-            )
-    click.echo(
-        f"error      {numeral(signature.rms_error, of=motion)} {unit} RMS over all vertices and "
-        f"frames, of {numeral(motion)} {unit} of motion; "
-        f"max {numeral(signature.max_error, of=motion)} {unit}"
-    )
-    for note in signature.notes:
-        click.echo(f"           note: {note}")
-
-
-def _readouts(client: Client, path: str) -> str:
-    """Ask for volume and ejection fraction; a surface that encloses nothing has none."""
+def _volumes(client: Client, signature: str) -> str:
+    """Ask for volumes and their change; a surface that encloses nothing has none."""
     try:
-        answer = client.request("GET", path).json
+        answer = client.request("GET", f"{signature}/readouts").json
     except InputError as error:
         return f"none: {error.message}"
-    volumes, unit = answer["from_signature"], answer["volume_unit"]
-    large, small = (volumes[f"end_{name}_volume"]["value"] for name in ("diastolic", "systolic"))
-    text = f"{numeral(large, 1)} to {numeral(small, 1)} {unit}"
-    for name in Fraction:
-        share, own = volumes[name.value], answer["of_mesh"][name.value]
-        if share is not None and own is not None:
-            text += (
-                f", {name.words} {share['value']:.1f} % ({share['low']:.1f} to "
-                f"{share['high']:.1f}; of the mesh itself {own['value']:.1f})"
-            )
-    return text
-
-
-def _print_classification(answer: Info) -> None:
-    if answer.label is None:
-        click.echo(f"class      none: {answer.model} abstains")
-    else:
-        click.echo(
-            f"class      {answer.label}, probability {answer.probability:.3f} "
-            f"(model {answer.model})"
-        )
-    for note in answer.notes:
-        click.echo(f"           note: {note}")
+    found = answer["from_signature"]
+    large, small = (found[f"end_{name}_volume"]["value"] for name in ("diastolic", "systolic"))
+    share = found["ejection_fraction"] or found["volume_change"]
+    change = f", {share['value']:.1f} % less" if share else ""
+    return f"{large:.1f} to {small:.1f} {answer['volume_unit']}{change}"
 
 
 @contextmanager
@@ -184,22 +127,14 @@ def _service(data_dir: Path) -> Iterator[tuple[Client, str]]:
         raise click.ClickException(str(error)) from error
     finally:
         process.terminate()
-        try:
-            process.wait(timeout=10)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        process.wait()
 
 
 def _await_ready(process: subprocess.Popen[bytes], client: Client, log: Path) -> None:
     end = time.monotonic() + 60
     while not client.is_ready():
-        if process.poll() is not None:
-            raise click.ClickException(
-                f"The service ended with status {process.returncode}:\n{log.read_text()[-2000:]}"
-            )
-        if time.monotonic() > end:
-            raise click.ClickException(f"The service is not ready after 60 s; see {log}.")
+        if process.poll() is not None or time.monotonic() > end:
+            raise click.ClickException(f"The service did not start:\n{log.read_text()[-2000:]}")
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import click
 from modalmotion.cli.options import aligned, example, json_option, tell
 from modalmotion_service.access.keys import Key, KeyRing
 from modalmotion_service.access.scopes import Scope
-from modalmotion_service.audit.key_events import make_key, take_back_key
+from modalmotion_service.audit.log import make_key, take_back_key
 from modalmotion_service.commands.options import DATA_DIR, Moment, folder_of
 
 

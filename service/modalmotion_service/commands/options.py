@@ -19,7 +19,7 @@ DATA_DIR = click.option(
 def folder_of(data_dir: Path | None) -> Path:
     """Give the stated folder, or that of the settings."""
     # Here, so that the help of all commands need not import the settings.
-    from modalmotion_service.environment import read_settings
+    from modalmotion_service.settings import read_settings
 
     return read_settings().data_dir if data_dir is None else data_dir
 

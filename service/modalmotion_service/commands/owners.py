@@ -18,14 +18,13 @@ from modalmotion.store.disk.atomic import cannot_write, sync_folder
 from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.folder import ResultKind
 from modalmotion_service.access.keys import KeyRing
-from modalmotion_service.access.principal import LOCAL
+from modalmotion_service.access.scopes import LOCAL
 from modalmotion_service.audit.entry import BEGUN
-from modalmotion_service.audit.key_events import of_command, take_back_key
-from modalmotion_service.audit.log import AuditLog
+from modalmotion_service.audit.log import AuditLog, of_command, take_back_key
 from modalmotion_service.commands.options import DATA_DIR
 from modalmotion_service.commands.options import folder_of as data_folder_of
+from modalmotion_service.workspace.disk import sizes
 from modalmotion_service.workspace.owners import FOLDER, folder_of
-from modalmotion_service.workspace.quota import sizes
 
 # No owner's name begins so: the service skips folders under removal.
 _REMOVED: Final = ".removed-"

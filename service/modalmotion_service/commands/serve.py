@@ -19,7 +19,7 @@ class _WithSettings(click.Command):
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         # Here, so that the help of all commands need not import the settings.
         from modalmotion_service.commands.settings import described
-        from modalmotion_service.environment import read_settings
+        from modalmotion_service.settings import read_settings
 
         super().format_epilog(ctx, formatter)
         with formatter.section("Settings, of the environment (see `modalmotion settings`)"):
@@ -52,7 +52,7 @@ def serve(
     take_one_thread()
     # Here, so that the help of all commands need not import the service.
     from modalmotion_service.commands.server import run
-    from modalmotion_service.environment import read_settings
+    from modalmotion_service.settings import read_settings
 
     stated = {"data_dir": data_dir, "stateless": stateless or None, "read_only_dir": read_only_dir}
     settings = read_settings(**{name: one for name, one in stated.items() if one is not None})

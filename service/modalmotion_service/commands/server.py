@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import fcntl
 import gc
 import logging
 import logging.config
 import os
+import shutil
 import socket
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -20,19 +24,15 @@ from fastapi import FastAPI
 from modalmotion.errors import ParameterError
 from modalmotion.store import ResultStore
 from modalmotion_service.access.keys import KeyRing, KeySnapshot, parts_of
-from modalmotion_service.access.principal import LOCAL
-from modalmotion_service.access.scopes import Scope
+from modalmotion_service.access.scopes import LOCAL, Scope
 from modalmotion_service.access.site import is_loopback
 from modalmotion_service.app import create_app
-from modalmotion_service.audit.key_events import note_key
-from modalmotion_service.audit.log import Notes
-from modalmotion_service.environment import unknown_variables
+from modalmotion_service.audit.log import Notes, note_key
 from modalmotion_service.http.connections import protocol_with_deadline, room_for_connections
 from modalmotion_service.log_lines import log_config
-from modalmotion_service.settings import Settings
-from modalmotion_service.work.allocation import keep_freed_memory
+from modalmotion_service.settings import Settings, unknown_variables
 from modalmotion_service.work.pool import open_engine
-from modalmotion_service.work.temporary import temporary_folder
+from modalmotion_service.work.worker import keep_freed_memory
 
 
 def secured(settings: Settings, host: str) -> Settings:
@@ -219,3 +219,31 @@ class _Server(uvicorn.Server):
         await super().startup(sockets)
         if self.started:
             await asyncio.to_thread(self._when_started)
+
+
+_TEMPORARY: Final = "modalmotion-"
+
+
+def temporary_folder() -> Path:
+    """Make a folder that is locked while this process lives, and remove those that nobody holds."""
+    parent = Path(tempfile.gettempdir())
+    for left in parent.glob(f"{_TEMPORARY}*"):
+        # Another user's, in use, or gone meanwhile.
+        with contextlib.suppress(OSError), contextlib.ExitStack() as stack:
+            stack.callback(os.close, _locked(left))
+            shutil.rmtree(left)
+    # Named when it is locked: whoever sweeps in between would take it for one that was left behind.
+    made = Path(tempfile.mkdtemp(prefix=f".{_TEMPORARY}"))
+    _locked(made)
+    return made.rename(parent / made.name[1:])
+
+
+def _locked(folder: Path) -> int:
+    """Lock a folder until the descriptor that this gives is closed."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor

@@ -17,7 +17,7 @@ from modalmotion.cli.options import example, json_option
 def settings(as_json: bool) -> None:
     """Show every setting: its variable, value, default and meaning."""
     # Here, so that the help of all commands need not import the settings.
-    from modalmotion_service.environment import read_settings
+    from modalmotion_service.settings import read_settings
 
     known = list(described(read_settings()))
     click.echo(json.dumps(known, indent=1) if as_json else in_words(known))

@@ -20,7 +20,7 @@ _MOST_AT_ONCE: Final = 2048
 
 
 def room_for_connections(most: int) -> tuple[int, int]:
-    """Allow this process more open files, and tell how many of them connections may take.
+    """Allow this process more open files, and return how many of them connections may take.
 
     Where a connection cannot be accepted for want of a file, no result can be read or stored
     either, and asyncio says so a thousand times a second.

@@ -20,14 +20,17 @@ from modalmotion.errors import ModalMotionError
 from modalmotion.mesh import NAMES
 from modalmotion_service.access.keys import Authenticator, key_required
 from modalmotion_service.access.logins import Logins, is_login
-from modalmotion_service.access.principal import (
+from modalmotion_service.access.rates import Rates
+from modalmotion_service.access.scopes import (
     LOCAL_PRINCIPAL,
+    PROBES,
     Principal,
+    Scope,
+    Target,
     attach,
     principal_of,
+    target_of,
 )
-from modalmotion_service.access.rates import Rates
-from modalmotion_service.access.scopes import PROBES, Scope, Target, target_of
 from modalmotion_service.access.site import comes_by_loopback, require_same_site
 from modalmotion_service.audit.entry import BEGUN, Event
 from modalmotion_service.audit.log import Notes

@@ -1,12 +1,17 @@
-"""Content negotiation: the media type that a client prefers."""
+"""What the headers of a request ask for: a media type, an answer at once, only what is new."""
 
 from __future__ import annotations
 
+import hashlib
+import re
+from dataclasses import dataclass
 from typing import Final
 
 from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response
 
-from modalmotion_service.contract.files import OCTETS, is_file
+from modalmotion_service.document import OCTETS, is_file
 
 JSON: Final = "application/json"
 NDJSON: Final = "application/x-ndjson"
@@ -69,3 +74,57 @@ def _matches(name: str, offer: str, octets: bool) -> bool:
         or (name.endswith("/*") and offer.startswith(name[:-1]))
         or (octets and name == RAW and is_file(offer))
     )
+
+
+_WAIT = re.compile(r"wait\s*=\s*\"?(\d{1,6})\"?")
+
+
+@dataclass(frozen=True)
+class Preference:
+    """How long a client wants to wait for an answer.
+
+    Parameters
+    ----------
+    is_async : bool
+        It wants a job at once.
+    wait_seconds : float or None
+        It wants an answer or a job after so long; None where it does not say.
+    """
+
+    is_async: bool
+    wait_seconds: float | None
+
+
+def parse_preference(header: str) -> Preference:
+    """Read a Prefer header; unknown parts are ignored, as the standard requires."""
+    is_async, wait = False, None
+    for part in re.split("[,;]", header.lower()):
+        word = part.strip()
+        if word == "respond-async":
+            is_async = True
+        elif (match := _WAIT.fullmatch(word)) is not None:
+            wait = float(match[1])
+    return Preference(is_async, wait)
+
+
+_TAG: Final = re.compile(r'(?:W/)?("[\x21\x23-\x7e\x80-\xff]*")')
+
+
+def tag_of(*parts: str | bytes) -> str:
+    """Make an entity tag of what the answer is made from."""
+    digest = hashlib.sha256()
+    for part in parts:
+        data = part.encode() if isinstance(part, str) else part
+        digest.update(len(data).to_bytes(8, "little") + data)
+    return f'"{digest.hexdigest()[:32]}"'
+
+
+def is_known(request: Request, tag: str) -> bool:
+    """Tell whether the client says it has what the tag stands for."""
+    condition = request.headers.get("if-none-match")
+    return condition is not None and (condition.strip() == "*" or tag in _TAG.findall(condition))
+
+
+def not_modified(tag: str) -> Response:
+    """Answer 304."""
+    return Response(status_code=304, headers={"ETag": tag})

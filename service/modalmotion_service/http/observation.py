@@ -10,6 +10,9 @@ import logging
 import re
 import secrets
 import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Final
 
 import h11
@@ -17,9 +20,57 @@ from starlette.datastructures import MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from modalmotion_service.access.principal import principal_of
-from modalmotion_service.http import timing
+from modalmotion_service.access.scopes import principal_of
 from modalmotion_service.http.problems import internal_answer
+
+_stages: ContextVar[dict[str, float] | None] = ContextVar("stages", default=None)
+
+
+def begin_stages() -> dict[str, float]:
+    """Start to collect milliseconds by stage in this context."""
+    collected: dict[str, float] = {}
+    _stages.set(collected)
+    return collected
+
+
+@contextmanager
+def stage(name: str) -> Iterator[None]:
+    """Add the time of the block to a stage of the request it belongs to.
+
+    What stages inside it take is theirs alone, so that all of them add up to what was waited.
+    """
+    start, before = time.perf_counter(), _sum()
+    try:
+        yield
+    finally:
+        spent = 1e3 * (time.perf_counter() - start)
+        # Never below 0: stages of several tasks may run at the same time.
+        add_milliseconds({name: max(0.0, spent - (_sum() - before))})
+
+
+def _sum() -> float:
+    return sum((_stages.get() or {}).values())
+
+
+def add_milliseconds(milliseconds: Mapping[str, float]) -> None:
+    """Add times measured elsewhere, such as by a worker."""
+    collected = _stages.get()
+    if collected is not None:
+        for name, spent in milliseconds.items():
+            collected[name] = collected.get(name, 0.0) + spent
+
+
+def stages_so_far() -> dict[str, float]:
+    """Give the milliseconds by stage of this context, so far."""
+    return dict(_stages.get() or {})
+
+
+def server_timing(spent_in: Mapping[str, float], total: float) -> str:
+    """Write the header's value; `total` in milliseconds, and `other` of it in no stage."""
+    other = max(0.0, total - sum(spent_in.values()))
+    entries = [*spent_in.items(), *([("other", other)] if spent_in else []), ("total", total)]
+    return ", ".join(f"{name};dur={spent:.1f}" for name, spent in entries)
+
 
 logger = logging.getLogger("modalmotion_service.requests")
 
@@ -48,7 +99,7 @@ class Observation:
         header = dict(scope["headers"]).get(b"x-request-id", b"").decode("latin-1")
         request_id = header if _REQUEST_ID.fullmatch(header) else secrets.token_hex(8)
         scope["modalmotion.request_id"] = request_id
-        stages = timing.begin()
+        stages = begin_stages()
         start = time.perf_counter()
         status = 0
         broken = False
@@ -63,7 +114,7 @@ class Observation:
                 # Stages tell what was at hand already: only to who may see everything.
                 principal = principal_of(scope)
                 is_local = principal is not None and principal.key_id is None
-                headers["Server-Timing"] = timing.header(stages if is_local else {}, spent)
+                headers["Server-Timing"] = server_timing(stages if is_local else {}, spent)
             if broken:
                 return
             try:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter as Tally
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Future
 from importlib.metadata import version
-from typing import Final, ParamSpec, TypeVar
+from typing import Any, Final, TypeVar
 
 from prometheus_client import CollectorRegistry, Counter, Histogram, Info, ProcessCollector
 from prometheus_client.core import GaugeMetricFamily
@@ -21,8 +21,7 @@ from modalmotion_service.access.scopes import SCOPE_OF
 from modalmotion_service.errors import ClusterError, NoWorkerError
 from modalmotion_service.http.gate import route_of
 from modalmotion_service.http.observation import CLIENT_GONE
-from modalmotion_service.monitoring.telemetry import Telemetry
-from modalmotion_service.work.engine import Engine, Terms
+from modalmotion_service.work.engine import Engine
 from modalmotion_service.workspace.disk import require_room
 from modalmotion_service.workspace.owners import Owners
 from modalmotion_service.workspace.state import State
@@ -59,8 +58,6 @@ def require_ready(local: State) -> None:
     local.store.list_sequences(limit=1)
 
 
-P = ParamSpec("P")
-T = TypeVar("T")
 K = TypeVar("K")
 
 _METHODS: Final = frozenset(method for method, _ in SCOPE_OF) | {"HEAD", "OPTIONS", "PUT"}
@@ -117,8 +114,21 @@ class Metrics:
         """Tasks that were handed to the workers and have no result yet."""
         return self._n_tasks
 
-    def change_tasks(self, number: int) -> None:
-        """Add to the tasks under way; they end in other threads."""
+    def watch(self, kind: str, future: Future[Any]) -> None:
+        """Count a task that was handed to the workers, by its name."""
+        start = time.perf_counter()
+        self._change_tasks(1)
+
+        def count(done: Future[Any]) -> None:
+            self._change_tasks(-1)
+            self.task_seconds.labels(kind).observe(time.perf_counter() - start)
+            if done.cancelled() or done.exception() is not None:
+                self.tasks_failed.labels(kind).inc()
+
+        future.add_done_callback(count)
+
+    def _change_tasks(self, number: int) -> None:
+        # They end in other threads.
         with self._lock:
             self._n_tasks += number
 
@@ -169,67 +179,6 @@ class Meter:
             self.metrics.seconds.labels(method, route).observe(time.perf_counter() - start)
             self.metrics.received.labels(route).inc(n_received)
             self.metrics.sent.labels(route).inc(n_sent)
-
-
-class MeteredExecutor(Engine):
-    """Any engine, with its work counted by the name of the task.
-
-    Parameters
-    ----------
-    engine : Engine
-    metrics : Metrics
-    telemetry : Telemetry, optional
-        Traces it too.
-    """
-
-    def __init__(
-        self, engine: Engine, metrics: Metrics, telemetry: Telemetry | None = None
-    ) -> None:
-        self.engine = engine
-        self._metrics = metrics
-        self._telemetry = telemetry
-
-    @property
-    def n_workers(self) -> int:
-        """Tasks that run at the same time."""
-        return self.engine.n_workers
-
-    @property
-    def are_parsers_confined(self) -> bool | None:
-        """Whether its workers confine what parses HDF5 and VTK; None where only they know."""
-        return self.engine.are_parsers_confined
-
-    def require_ready(self) -> None:
-        """Raise ClusterError if a task could not be run now."""
-        self.engine.require_ready()
-
-    @property
-    def n_waiting(self) -> Mapping[str, int]:
-        """Tasks that wait for a process, by lane."""
-        return self.engine.n_waiting
-
-    def submit_for(
-        self, terms: Terms, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs
-    ) -> Future[T]:
-        """Hand a task on."""
-        kind, start = getattr(fn, "__name__", "other"), time.perf_counter()
-        future = self.engine.submit_for(terms, fn, *args, **kwargs)
-        self._metrics.change_tasks(1)
-        if self._telemetry is not None:
-            self._telemetry.task(kind, future)
-
-        def count(done: Future[T]) -> None:
-            self._metrics.change_tasks(-1)
-            self._metrics.task_seconds.labels(kind).observe(time.perf_counter() - start)
-            if done.cancelled() or done.exception() is not None:
-                self._metrics.tasks_failed.labels(kind).inc()
-
-        future.add_done_callback(count)
-        return future
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the executor."""
-        self.engine.shutdown(wait, cancel_futures=cancel_futures)
 
 
 class StateOfThings(Collector):

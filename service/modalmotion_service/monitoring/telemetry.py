@@ -17,7 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from modalmotion.errors import needs_extra
 from modalmotion_service.http.gate import route_of
-from modalmotion_service.http.timing import stages
+from modalmotion_service.http.observation import stages_so_far
 
 _METHODS: Final = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
 
@@ -84,7 +84,7 @@ class Telemetry:
                 if route is not None:
                     span.update_name(f"{method} {route}")
                     span.set_attribute("http.route", route)
-                for name, spent in stages().items():
+                for name, spent in stages_so_far().items():
                     span.set_attribute(f"modalmotion.stage.{name}.milliseconds", round(spent, 1))
 
     def answered(self, span: Any, status: int) -> None:

@@ -22,12 +22,18 @@ from modalmotion.mesh import facts_as_json
 from modalmotion.store import ResultStore
 from modalmotion.store.index.cursor import from_cursor, to_cursor
 from modalmotion_service.access.keys import key_required
-from modalmotion_service.access.principal import principal_of
+from modalmotion_service.access.scopes import principal_of
 from modalmotion_service.errors import ConflictError, IdempotencyMismatchError
-from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_facts, note_ids
-from modalmotion_service.http.negotiation import JSON, best_type
-from modalmotion_service.http.preferences import Preference, parse_preference
+from modalmotion_service.http.negotiation import (
+    JSON,
+    Preference,
+    best_type,
+    is_known,
+    not_modified,
+    parse_preference,
+    tag_of,
+)
 from modalmotion_service.schemas.general import JobAnswer, JobState
 from modalmotion_service.workspace.jobs import Job
 from modalmotion_service.workspace.operation import Operation, Outcome, Request

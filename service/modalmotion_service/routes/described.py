@@ -6,13 +6,52 @@ from typing import Any, Final
 
 from pydantic import BaseModel
 
-from modalmotion_service.contract.files import is_file
+from modalmotion.classification import DEFAULT_MODEL
+from modalmotion_service.document import is_file
 from modalmotion_service.http.negotiation import FHIR, JSON
 from modalmotion_service.schemas.general import JobAnswer
 
 ACCEPTED: Final[dict[int | str, dict[str, Any]]] = {
     202: {"model": JobAnswer, "description": "Continued as a job; fetch the result later."}
 }
+
+BODIES: Final[list[type[BaseModel]]] = []
+"""Models that bodies and statements of calls are read as."""
+
+_ID: Final = "3f5c" * 16
+
+
+EXAMPLES: Final[dict[str, Any]] = {
+    "SequenceStatements": {"unit": "mm", "subject": "P-7", "cavity": "lv"},
+    "SignatureRequest": {"modes": 18, "reference": "mean"},
+    "SignatureOfFile": {"modes": 7, "unit": "mm"},
+    "TradeRequest": {"tolerance": 0.5},
+    "ManySignatures": {"ids": [_ID], "modes": 7},
+    "EncodingOfFile": {"max_error": 0.5, "unit": "mm"},
+    "ClassOfFile": {"model": DEFAULT_MODEL, "unit": "mm"},
+    "TrackRequest": {"modes": 37, "landmarks": {"apex": [0, 0, -40], "base": [0, 0, 40]}},
+    "SequenceChange": {"label": "rest", "facts": {"period": 0.8, "covariates": {"age": 61}}},
+    "ClassificationRequest": {"model": DEFAULT_MODEL, "coverage": 0.95},
+    "DecodingRequest": {"first": 2, "stop": 5},
+    "TrainingRequest": {
+        "name": "wall-motion",
+        "sequences": [_ID, {"id": _ID, "label": "akinesia"}],
+        "options": {"modes": 7},
+    },
+    "EvaluationRequest": {"sequences": [_ID], "compare_with": "wall-motion@1"},
+    "NormRequest": {"name": "volunteers", "sequences": [_ID], "modes": 7},
+    "DeviationRequest": {"sequences": [_ID], "level": 0.05},
+    "FeaturesRequest": {"sequences": [_ID], "covariates": ["age"]},
+    "sequence_id": _ID,
+    "key": f"{_ID}-0a1b2c3d4e5f6071",
+    "images_id": _ID,
+    "track_id": _ID,
+    "template_id": _ID,
+    "job_id": "0a1b" * 8,
+    "name": "wall-motion",
+}
+
+"""Of each body, by the name of its model; and of what stands in a path."""
 
 _BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 _TEXT: Final = {"schema": {"type": "string"}}
@@ -69,6 +108,7 @@ def answers(
 
 def body(model: type[BaseModel], *, is_optional: bool = False) -> dict[str, Any]:
     """Describe a JSON body that `body_of` reads."""
+    BODIES.append(model)
     content = {JSON: {"schema": {"$ref": f"#/components/schemas/{model.__name__}"}}}
     described = {"content": content, "required": not is_optional}
     return {"openapi_extra": {"requestBody": described}}
@@ -88,6 +128,7 @@ def upload(
     is_optional : bool
         Whether something else may stand in place of a file.
     """
+    BODIES.append(model)
     statements = {"$ref": f"#/components/schemas/{model.__name__}"}
     file = {"type": "string", "format": "binary"}
     properties: dict[str, Any] = {"file": file, "parameters": statements}

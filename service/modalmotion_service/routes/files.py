@@ -12,12 +12,8 @@ from modalmotion_service.http.negotiation import JSON, NDJSON, NPZ, RAW, STREAM,
 from modalmotion_service.routes.asked import Asked, AskedAny
 from modalmotion_service.routes.described import answers, upload
 from modalmotion_service.routes.uploads import Sent, receiving
-from modalmotion_service.schemas.requests import (
-    CLASS_OF_FILE,
-    ENCODING_OF_FILE,
-    SIGNATURE_OF_FILE,
-    DecodingRequest,
-)
+from modalmotion_service.schemas.queries import DecodingRequest
+from modalmotion_service.schemas.requests import CLASS_OF_FILE, ENCODING_OF_FILE, SIGNATURE_OF_FILE
 from modalmotion_service.schemas.results import (
     ClassificationResults,
     SignatureResults,

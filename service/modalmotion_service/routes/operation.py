@@ -1,22 +1,88 @@
-"""For operators: whether the service is alive and ready, its limits, metrics and audit log."""
+"""Jobs; and for operators: health, limits, metrics and the audit log."""
 
 from __future__ import annotations
 
 import asyncio
+from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
 from typing import Annotated, Final
 
 from fastapi import Query, Request, Response
 from prometheus_client.exposition import generate_latest
+from starlette.responses import FileResponse
 
+from modalmotion.errors import LostFileError, NotFoundError
 from modalmotion.store.index.cursor import from_cursor, to_cursor
 from modalmotion_service.audit.log import AuditLog
 from modalmotion_service.http.gate import Access
 from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.monitoring.metrics import require_ready
-from modalmotion_service.routes.asked import AskedNow
-from modalmotion_service.schemas.fields import Paging
-from modalmotion_service.schemas.general import AuditEntryAnswer, AuditPageAnswer, Health, Readiness
+from modalmotion_service.routes.asked import AskedNow, job_answer
+from modalmotion_service.routes.described import answers
+from modalmotion_service.schemas.from_core import JobId, Paging
+from modalmotion_service.schemas.general import (
+    AuditEntryAnswer,
+    AuditPageAnswer,
+    Health,
+    JobAnswer,
+    JobPageAnswer,
+    JobState,
+    Readiness,
+)
+
+of_jobs = JudgedRouter(prefix="/v1/jobs", tags=["jobs"])
+
+
+class JobList(Paging):
+    """Which jobs to list."""
+
+    state: JobState | None = None
+
+
+@of_jobs.get("", response_model=JobPageAnswer)
+def list_jobs(query: Annotated[JobList, Query()], asked: AskedNow) -> JobPageAnswer:
+    """List jobs from the newest to the oldest, a page at a time."""
+    page = asked.state.jobs.list(state=query.state, limit=query.limit, cursor=query.cursor)
+    jobs = [job_answer(job, asked.state.runner.text(job)) for job in page.jobs]
+    return JobPageAnswer(jobs=jobs, cursor=page.cursor)
+
+
+@of_jobs.get("/{job_id}", response_model=JobAnswer)
+def describe_job(job_id: JobId, asked: AskedNow, response: Response) -> JobAnswer:
+    """Give a job's state, its progress, and the link to its result."""
+    record = asked.state.jobs.get(job_id)
+    if not record.is_finished:
+        response.headers["Retry-After"] = "1"
+    return job_answer(record, asked.state.runner.text(record))
+
+
+@of_jobs.get("/{job_id}/result", **answers("*/*", waits=False))
+def result_of_job(job_id: JobId, asked: AskedNow) -> Response:
+    """Give the file of a job's result: the answer that its request would have had."""
+    record = asked.state.jobs.get(job_id)
+    outcome = (record.state == JobState.SUCCEEDED and record.result) or {}
+    if "file" not in outcome:
+        raise NotFoundError(
+            f"The job is {record.state.value} and has no file.",
+            remedy="Follow the result link of its answer, once it has succeeded.",
+        )
+    path = asked.state.spool.at(outcome["file"])
+    if not path.is_file():
+        age = datetime.now(UTC) - datetime.fromisoformat(record.updated)
+        if age < timedelta(hours=asked.state.settings.result_hours):
+            raise LostFileError(
+                "The job's file is lost: its time has not passed, and it is missing.",
+                remedy="Start the job again.",
+            )
+        raise NotFoundError("The job's file is no longer kept.", remedy="Start the job again.")
+    return FileResponse(path, media_type=outcome["media_type"], headers=outcome.get("headers"))
+
+
+@of_jobs.delete("/{job_id}", response_model=JobAnswer)
+async def cancel_job(job_id: JobId, asked: AskedNow) -> JobAnswer:
+    """End a job; 409 if it is finished."""
+    return job_answer(await asked.state.runner.cancel(job_id))
+
 
 router = JudgedRouter(tags=["operation"])
 

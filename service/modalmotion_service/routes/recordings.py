@@ -14,10 +14,10 @@ from modalmotion_service.http.negotiation import HDF5, JSON, PNG, VIEW
 from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey
 from modalmotion_service.routes.described import answers, upload
 from modalmotion_service.routes.uploads import Sent, receiving
-from modalmotion_service.schemas.fields import Paging, SequenceId
-from modalmotion_service.schemas.requests import TRACK, ImagesStatements, ImagesView, TrackView
-from modalmotion_service.schemas.sequences import ImagesPageAnswer, ImagesSummary
-from modalmotion_service.schemas.tracks import TrackAnswer
+from modalmotion_service.schemas.from_core import Paging, SequenceId
+from modalmotion_service.schemas.queries import ImagesView, TrackView
+from modalmotion_service.schemas.requests import TRACK, ImagesStatements
+from modalmotion_service.schemas.sequences import ImagesPageAnswer, ImagesSummary, TrackAnswer
 from modalmotion_service.workspace import sequence_operations as operations
 from modalmotion_service.workspace.erasure import erase_images
 from modalmotion_service.workspace.operation import Request

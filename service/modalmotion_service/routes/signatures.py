@@ -16,10 +16,9 @@ from modalmotion.errors import NotFoundError
 from modalmotion.mesh import facts_as_json
 from modalmotion.reports.dicom import require_space
 from modalmotion_service.errors import BusyError
-from modalmotion_service.http.bodies import body_of
-from modalmotion_service.http.judged_router import JudgedRouter
+from modalmotion_service.http.judged_router import JudgedRouter, body_of
 from modalmotion_service.http.negotiation import CSV, HTML, JSON, PNG, RAW, VIEW, ZIP
-from modalmotion_service.http.timing import stage
+from modalmotion_service.http.observation import stage
 from modalmotion_service.routes.asked import (
     Asked,
     AskedAny,
@@ -29,21 +28,22 @@ from modalmotion_service.routes.asked import (
     temporary_file,
 )
 from modalmotion_service.routes.described import answers, body
-from modalmotion_service.schemas.fields import Paging, SequenceId, SignatureKey
+from modalmotion_service.schemas.cases import FeatureOptions, FeaturesRequest
+from modalmotion_service.schemas.from_core import Paging, SequenceId, SignatureKey
 from modalmotion_service.schemas.models import FeaturesAnswer
+from modalmotion_service.schemas.queries import (
+    DistanceRequest,
+    Reconstruction,
+    ReportRequest,
+    ViewRequest,
+)
 from modalmotion_service.schemas.readouts import ReadoutsAnswer, StrainAnswer
 from modalmotion_service.schemas.requests import (
     MANY_SIGNATURES,
     SIGNATURE,
     ClassificationRequest,
-    DistanceRequest,
-    FeatureOptions,
-    FeaturesRequest,
     ManySignatures,
-    Reconstruction,
-    ReportRequest,
     SignatureRequest,
-    ViewRequest,
 )
 from modalmotion_service.schemas.results import ClassificationAnswer, ClassificationPageAnswer
 from modalmotion_service.schemas.signatures import (
@@ -52,7 +52,7 @@ from modalmotion_service.schemas.signatures import (
     SignaturePageAnswer,
     SignatureSummary,
 )
-from modalmotion_service.work.tasks import reports
+from modalmotion_service.work.tasks import derived
 from modalmotion_service.workspace import signature_operations as operations
 from modalmotion_service.workspace.analysis import USUAL
 from modalmotion_service.workspace.models import KeptClassification
@@ -221,7 +221,7 @@ async def dicom_of_signature(
             ):
                 with analysis.output() as output, stage("report"):
                     await analysis.work(
-                        reports.make_dicom,
+                        derived.make_dicom,
                         one,
                         file.path,
                         asked.state.settings.read_limits,

@@ -13,16 +13,21 @@ from pydantic_core import from_json
 from starlette.datastructures import FormData, QueryParams, UploadFile
 
 from modalmotion.errors import LimitError, MalformedFileError, ParameterError
-from modalmotion.mesh import NAMES, NO_FACTS, Facts, column_of, facts_from_texts, is_fact
-from modalmotion_service.access.principal import principal_of
-from modalmotion_service.http.bodies import checked
-from modalmotion_service.http.forms import received_form
-from modalmotion_service.http.manifest import MANIFEST, entries_by_name
-from modalmotion_service.http.many_files import FILES, ManyFiles, SentPart
-from modalmotion_service.http.timing import stage
+from modalmotion.mesh.fact_forms import column_of, facts_from_texts, is_fact
+from modalmotion.mesh.facts import NAMES, NO_FACTS, Facts
+from modalmotion_service.access.scopes import principal_of
+from modalmotion_service.http.forms import (
+    FILES,
+    MANIFEST,
+    ManyFiles,
+    SentPart,
+    entries_by_name,
+    received_form,
+)
+from modalmotion_service.http.judged_router import checked
+from modalmotion_service.http.observation import stage
 from modalmotion_service.routes.asked import get_state
-from modalmotion_service.schemas.fields import JsonBody
-from modalmotion_service.schemas.from_core import is_listed
+from modalmotion_service.schemas.from_core import JsonBody, is_listed
 from modalmotion_service.work.upload import Part
 from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.state import State

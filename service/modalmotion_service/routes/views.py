@@ -11,8 +11,8 @@ from starlette.exceptions import HTTPException
 from starlette.responses import HTMLResponse
 
 from modalmotion.viewer.bundle_files import NOTHING, content_name, script, style
+from modalmotion_service.http.heads import PREFIX
 from modalmotion_service.http.judged_router import JudgedRouter
-from modalmotion_service.http.prefix import PREFIX
 
 pages = JudgedRouter(include_in_schema=False)
 

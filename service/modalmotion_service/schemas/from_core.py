@@ -1,4 +1,4 @@
-"""Models of requests made from the library's parameter classes: their fields, types and words."""
+"""Fields that several requests share, and models made from the library's parameter classes."""
 
 from __future__ import annotations
 
@@ -7,14 +7,88 @@ from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from functools import partial
 from types import UnionType
-from typing import Any, Final, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Final,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
-from pydantic import Field, create_model
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, create_model, model_validator
+from pydantic_core import PydanticCustomError
 
-from modalmotion_service.schemas.fields import JsonBody
+from modalmotion.store import NAME_PATTERN, VERSION_PATTERN
+
+JobId = Annotated[str, StringConstraints(pattern="^[0-9a-f]{32}$")]
+
+SequenceId = Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}$")]
+
+SignatureKey = Annotated[
+    str,
+    StringConstraints(pattern="^[0-9a-f]{64}(-[0-9a-f]{16})?$"),
+    Field(
+        description="As the answer to the making of the signature names it; or the id of a "
+        "sequence, for its signature with the parameters that are usual, kept or not."
+    ),
+]
+
+ModelName = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$")]
+
+ModelReference = Annotated[
+    str,
+    StringConstraints(pattern=f"^{NAME_PATTERN}(@{VERSION_PATTERN})?$"),
+    Field(description="Name of a model for its newest version, or name@version."),
+]
+
+# Up to so many unknown members are named one by one; more, together.
+_NAMED: Final = 20
+
+
+class JsonBody(BaseModel):
+    """What a request says: one with a million faults is refused at the first ones.
+
+    pydantic makes an error of each, of a kilobyte, while no other request is answered. Lists in
+    such a body are to be `FailFast` for the same reason.
+    """
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    own_names: ClassVar[frozenset[str]] = frozenset()
+    """Members that are called as facts are, and are none."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _few_members(cls, value: Any) -> Any:
+        known = len(cls.model_fields)
+        if isinstance(value, dict) and len(value) > known + _NAMED:
+            raise PydanticCustomError(
+                "too_many_members", "at most {most} members are known", {"most": known}
+            )
+        return value
+
+
+class Paging(BaseModel):
+    """Which page of a list."""
+
+    limit: int = Field(100, ge=1, le=1000, description="Of one page.")
+    cursor: str | None = Field(None, max_length=200, description="Of the page before.")
+
+
+class Paged(BaseModel):
+    """A page of a list."""
+
+    cursor: str | None = Field(description="For the next page; null on the last.")
+
 
 Body = TypeVar("Body", bound=JsonBody)
 Value = TypeVar("Value")
+Answer = TypeVar("Answer", bound=BaseModel)
 
 _HEADING: Final = re.compile(r"^    ([a-z_0-9, ]+) : (.*)$")
 
@@ -75,6 +149,28 @@ def value_of(body: JsonBody, kind: type[Value], **more: Any) -> Value:
     names = [one.name for one in fields(kind) if one.name not in more]  # type: ignore[arg-type]
     known = type(body).model_fields
     return kind(**{name: getattr(body, name) for name in names if name in known}, **more)
+
+
+def read_from(model: type[Answer], source: object, **more: Any) -> Answer:
+    """Make an answer of a value of the library, its members by their names, arrays as lists.
+
+    Parameters
+    ----------
+    model : type of BaseModel
+    source : object
+    **more
+        Members that the value does not have, or has otherwise.
+    """
+    found = {
+        name: getattr(source, name)
+        for name in model.model_fields
+        if name not in more and hasattr(source, name)
+    }
+    plain = {
+        name: value.tolist() if isinstance(value, np.ndarray) else value
+        for name, value in found.items()
+    }
+    return model(**plain, **more)
 
 
 def is_listed(hint: Any) -> bool:

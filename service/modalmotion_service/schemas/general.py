@@ -1,14 +1,17 @@
-"""Health, problems, jobs and the audit log: answers of every part of the service."""
+"""Health, problems, jobs, the audit log, facts: answers of every part of the service."""
 
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from modalmotion.formats import Reading
+from modalmotion.mesh.fact_forms import facts_as_json
+from modalmotion.mesh.facts import Cavity, CoordinateSystem, Facts, Handedness, Tracking
 from modalmotion_service.audit.entry import AuditEntry
-from modalmotion_service.schemas.fields import Paged
+from modalmotion_service.schemas.from_core import Paged, descriptions, read_from
 
 
 class Health(BaseModel):
@@ -108,3 +111,44 @@ class AuditPageAnswer(Paged):
     """A page of the audit log."""
 
     entries: list[AuditEntryAnswer]
+
+
+_WORDS: Final = descriptions(Facts)
+
+
+class FactsAnswer(BaseModel):
+    """Facts of a sequence beside its arrays; not part of its id."""
+
+    tracking: Tracking = Field(description=_WORDS["tracking"])
+    handedness: Handedness
+    coordinates: CoordinateSystem = Field(description=_WORDS["coordinates"])
+    period: float | None = Field(description=_WORDS["period"])
+    cavity: Cavity = Field(description=_WORDS["cavity"])
+    modality: str | None = Field(description=_WORDS["modality"])
+    landmarks: dict[str, int | list[int | float | list[float]]] = Field(
+        description=_WORDS["landmarks"]
+    )
+    covariates: dict[str, int | float | str] = Field(description=_WORDS["covariates"])
+
+    @staticmethod
+    def of(facts: Facts) -> FactsAnswer:
+        """Write facts out."""
+        return FactsAnswer.model_validate(facts_as_json(facts))
+
+
+class ReadingAnswer(BaseModel):
+    """How a file was read: everything besides the sequence in it."""
+
+    format: str
+    ignored: list[str] = Field(description="Arrays and members that were not used.")
+    coordinate_system: str | None = Field(
+        description="Directions of the axes as the file names them; positions are never turned."
+    )
+    unit_from: str | None = Field(description="Who states the unit: file, format or caller.")
+    times_from: str | None = Field(description="Who states the times: file, format or caller.")
+    notes: list[str]
+
+    @staticmethod
+    def of(reading: Reading) -> ReadingAnswer:
+        """Write a reading out, without the sequence."""
+        return read_from(ReadingAnswer, reading)

@@ -15,7 +15,7 @@ from modalmotion.classification import (
 from modalmotion.norm import Norm
 from modalmotion.signature.parameters import parameters_as_json
 from modalmotion.store import KeptModel, ModelRecord
-from modalmotion_service.schemas.fields import Paged
+from modalmotion_service.schemas.from_core import Paged
 
 _LONGEST_NAME: Final = 200
 

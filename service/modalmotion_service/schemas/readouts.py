@@ -8,6 +8,7 @@ from modalmotion.clinical import ClinicalReadouts, Fraction, VolumeCurve
 from modalmotion.clinical.plain import ventricle_json
 from modalmotion.clinical.ventricle import VentricleReadouts
 from modalmotion.hdf5.image import INTENDED_USE
+from modalmotion_service.schemas.from_core import read_from
 
 
 class FigureAnswer(BaseModel):
@@ -51,11 +52,11 @@ class VolumeAnswer(BaseModel):
         if curve.share is not None and curve.share_range is not None:
             share = FigureAnswer.of(curve.share, curve.share_range)
         is_ejected = curve.fraction == Fraction.EJECTION_FRACTION
-        return VolumeAnswer(
+        return read_from(
+            VolumeAnswer,
+            curve,
             volumes=(curve.volumes * factor).tolist(),
             bounds=(curve.bounds * factor).tolist(),
-            end_diastole=curve.end_diastole,
-            end_systole=curve.end_systole,
             end_diastolic_volume=FigureAnswer.of(
                 curve.end_diastolic_volume, curve.end_diastolic_range, factor
             ),
@@ -185,13 +186,10 @@ class ReadoutsAnswer(BaseModel):
     def of(readouts: ClinicalReadouts, ventricle: VentricleReadouts) -> ReadoutsAnswer:
         """Write read-outs out."""
         factor = readouts.shown_in
-        return ReadoutsAnswer(
-            sequence_id=readouts.sequence_id,
-            template_id=readouts.template_id,
+        return read_from(
+            ReadoutsAnswer,
+            readouts,
             amplitudes_per_frame=readouts.n_amplitudes,
-            volume_unit=readouts.volume_unit,
-            times=None if readouts.times is None else readouts.times.tolist(),
-            n_openings=readouts.n_openings,
             from_signature=VolumeAnswer.of(readouts.curve, factor),
             of_mesh=VolumeAnswer.of(readouts.mesh_curve, factor),
             notes=[*readouts.notes, *ventricle.reasons],

@@ -1,42 +1,52 @@
-"""What requests say: how a file is read, which signature is meant, what is made of it."""
+"""What requests with a file or for a signature state: how it is read, what is made of it."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
 from pydantic import FailFast, Field, StringConstraints
 
-from modalmotion.classification import DEFAULT_MODEL, TrainingOptions
+from modalmotion.classification import DEFAULT_MODEL
 from modalmotion.classification.model_files import RULE
 from modalmotion.codec import Effort
 from modalmotion.errors import ParameterError
 from modalmotion.formats import ReadLimits, ReadOptions
-from modalmotion.mesh import NAMES, NO_FACTS, Facts
 from modalmotion.mesh.facts import (
     LONGEST_MODALITY,
+    NO_FACTS,
     Cavity,
     CoordinateSystem,
+    Facts,
     Handedness,
     Tracking,
 )
-from modalmotion.signature import MOST_OF_FRONT
+from modalmotion.signature.front import MOST_OF_FRONT
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.signature.parameters import MOST_MODES
 from modalmotion.template import GivenLandmarks
 from modalmotion.template.body_frame import Components
 from modalmotion.tracking.landmarks import landmarks_of, places_of
 from modalmotion.tracking.parameters import TrackParameters
-from modalmotion_service.schemas.fields import JsonBody, ModelName, Paging, SequenceId
-from modalmotion_service.schemas.from_core import descriptions, model_of, value_of
+from modalmotion_service.schemas.from_core import (
+    JsonBody,
+    SequenceId,
+    descriptions,
+    model_of,
+    value_of,
+)
 
 _FACTS: Final = descriptions(Facts)
-COVARIATES: Final = _FACTS["covariates"]
-_LONGEST_NAME: Final = 200
 
-Name = Annotated[str, StringConstraints(max_length=_LONGEST_NAME)]
-Options = TypeVar("Options", bound=JsonBody)
+
+COVARIATES: Final = _FACTS["covariates"]
+
+
+LONGEST_NAME: Final = 200
+
+
+Name = Annotated[str, StringConstraints(max_length=LONGEST_NAME)]
 
 
 def _unknown(name: str, hint: Any, **limits: Any) -> Any:
@@ -55,6 +65,8 @@ _FACT_FIELDS: Final[dict[str, Any]] = {
     "landmarks": _unknown("landmarks", dict[str, Any]),
     "covariates": _unknown("covariates", dict[str, Any]),
 }
+
+
 _NAME_FIELDS: Final[dict[str, Any]] = {
     "subject": (Name | None, Field(None, description="Whose surface it is.")),
     "label": (Name | None, Field(None, description="Known motion class.")),
@@ -99,12 +111,6 @@ class SequenceChange(JsonBody):
 class Reading(JsonBody):
     """How to read a file, and statements that override its own."""
 
-    def stated_facts(self) -> dict[str, Any]:
-        """Facts that are stated here, ready for `facts_from_texts`."""
-        known = type(self).model_fields
-        values = {name: getattr(self, name) for name in NAMES if name in known}
-        return {name: value for name, value in values.items() if value is not None}
-
     @cached_property
     def _options(self) -> ReadOptions:
         return value_of(self, ReadOptions, facts=NO_FACTS)
@@ -118,6 +124,8 @@ _GRID: Final = (
     tuple[Annotated[int, Field(ge=1, lt=10**9)], ...] | None,
     Field(None, description="Nodes along each axis of a lattice."),
 )
+
+
 _READING: Final[dict[str, Any]] = {
     "grid": _GRID,
     "limits": None,
@@ -126,10 +134,6 @@ _READING: Final[dict[str, Any]] = {
     "n_vertices": {"ge": 1},
     **_FACT_FIELDS,
 }
-
-
-class FileStatements(Reading):
-    """Statements about a file."""
 
 
 class SequenceStatements(Reading):
@@ -173,6 +177,8 @@ _SIGNATURE: Final[dict[str, Any]] = {
         ),
     ),
 }
+
+
 SIGNATURE: Final = model_of(SignatureRequest, SignatureParameters, **_SIGNATURE)
 
 
@@ -217,7 +223,7 @@ MANY_SIGNATURES: Final = model_of(ManySignatures, SignatureParameters, **_SIGNAT
 
 
 class EncodingTarget(JsonBody):
-    """At what error, or at what size, to encode: one of the three."""
+    """At what error, or at what size, to encode: one of the three, or 0.3 % of the diagonal."""
 
     rms: float | None = Field(None, gt=0, description="RMS distance of all vertices, not exceeded.")
     max_error: float | None = Field(
@@ -272,36 +278,6 @@ class ClassOfFile(Reading, ModelRequest):
 
 
 CLASS_OF_FILE: Final = model_of(ClassOfFile, ReadOptions, **_READING)
-
-
-class DecodingRequest(JsonBody):
-    """Which frames and vertices of a stream to decode."""
-
-    first: int | None = Field(None, ge=0, description="First frame; the stream's own by default.")
-    stop: int | None = Field(None, ge=1, description="Frame after the last.")
-    first_vertex: int | None = Field(
-        None, ge=0, description="First vertex; of some vertices come the triangles between them."
-    )
-    stop_vertex: int | None = Field(None, ge=1, description="Vertex after the last.")
-
-    def ranges(self) -> tuple[range | None, range | None]:
-        """Give the frames and the vertices; None for all.
-
-        Raises
-        ------
-        ParameterError
-            If a range has only one end.
-        """
-        return (
-            _range(self.first, self.stop, "frames", "first and stop"),
-            _range(self.first_vertex, self.stop_vertex, "vertices", "first_vertex and stop_vertex"),
-        )
-
-
-def _range(first: int | None, stop: int | None, what: str, names: str) -> range | None:
-    if (first is None) != (stop is None):
-        raise ParameterError(f"The range of {what} has only one end.", remedy=f"Give {names}.")
-    return None if first is None or stop is None else range(first, stop)
 
 
 class TrackRequest(JsonBody):
@@ -411,314 +387,5 @@ TRACK: Final = model_of(
 )
 
 
-class SequenceList(Paging):
-    """Which sequences to list."""
-
-    subject: Name | None = None
-    label: Name | None = None
-    tracked: bool = Field(False, description="Only those that were tracked.")
-
-
-class Reconstruction(JsonBody):
-    """At which times the surfaces are wanted: those of the frames by default."""
-
-    times: str | None = Field(
-        None,
-        max_length=20_000,
-        description="In s (frame numbers where there are none), such as 0,0.1,0.25.",
-    )
-    phases: str | None = Field(
-        None,
-        max_length=20_000,
-        description="In place of times: rising shares of the cycle, such as 0,0.37. A VTKHDF has "
-        "the standard deviation of each vertex's coordinates between frames.",
-    )
-    frames: int | None = Field(
-        None, ge=2, le=1000, description="In place of phases: so many in even steps."
-    )
-    max_targets: int | None = Field(
-        None, ge=0, le=10_000, description="Of a GLB: most morph targets, by energy."
-    )
-
-    def instants(self) -> tuple[list[float] | None, list[float] | int | None]:
-        """Give times and phases.
-
-        Raises
-        ------
-        ParameterError
-            If several are stated, or one is no number.
-        """
-        stated = [one for one in (self.times, self.phases, self.frames) if one is not None]
-        if len(stated) > 1:
-            raise ParameterError(
-                "Several of times, phases and frames came.", remedy="Give one of them."
-            )
-        times = None if self.times is None else parse_numbers(self.times)
-        return times, self.frames if self.phases is None else parse_numbers(self.phases)
-
-
-class ViewRequest(JsonBody):
-    """Frames as they were sent, in place of what the page shows first."""
-
-    first: int | None = Field(None, ge=0, description="First frame.")
-    stop: int | None = Field(None, ge=1, description="Frame after the last; all by default.")
-
-
-class DistanceRequest(JsonBody):
-    """What is compared, and how."""
-
-    to: Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}(-[0-9a-f]{16})?$")] = Field(
-        description="The signature to compare with, by its key or its sequence."
-    )
-    closed: bool = Field(
-        True, description="Both are one turn of a cycle; false for a beginning and an end."
-    )
-
-
-class ReportRequest(JsonBody):
-    """What a report says beside the signature."""
-
-    model: str | None = Field(
-        None,
-        max_length=80,
-        description="Model whose kept classification is reported: a name, or name@version. None "
-        "by default.",
-    )
-
-
-class TrackView(JsonBody):
-    """What a picture of a track shows."""
-
-    picture: Literal["deviations", "data", "determined", "overlay"] = Field(
-        "deviations",
-        description="Stated error on the surface, data over the surface by frame, the share of "
-        "each mode that the data have set, or contours over the images, where these were kept.",
-    )
-    frame: int | None = Field(
-        None, ge=0, description="Of the stated error; that of the smallest volume by default."
-    )
-
-
-class ImagesView(JsonBody):
-    """A frame of images, in place of their description."""
-
-    frame: int | None = Field(None, ge=0, description="From 0: its slices in 256 shades.")
-    track: SequenceId | None = Field(
-        None, description="Made of these images: its surface is sent too, and each slice's shift."
-    )
-
-
-class ModesRequest(JsonBody):
-    """Which vibration modes are requested."""
-
-    modes: int = Field(
-        7,
-        ge=1,
-        le=MOST_MODES,
-        description="How many; rounded up where a cosine-sine pair would be split.",
-    )
-    wave_speed: float = Field(1.0, gt=0, description="c of w = c k, length unit per s.")
-    shapes: bool = Field(False, description="Of JSON: give the shapes too.")
-
-
-class LabelledSequence(JsonBody):
-    """A stored sequence, with label and subject for this request."""
-
-    id: SequenceId
-    label: Name | None = Field(None, min_length=1, description="Its own by default.")
-    subject: Name | None = Field(None, min_length=1, description="Its own by default.")
-    # Their values are checked by the library, which stops at the first fault.
-    covariates: dict[str, Any] | None = Field(
-        None, description=f"Over those stored with it. {COVARIATES}"
-    )
-
-
-class CasesRequest(JsonBody):
-    """Sequences of a request, by their ids or with what is stated of them."""
-
-    sequences: Annotated[list[SequenceId | LabelledSequence], FailFast()] = Field(
-        description="Ids; label, subject and covariates are those stored with the sequence, or "
-        "stated here. Sequences of one subject are never on both sides of a split."
-    )
-
-    @property
-    def cases(self) -> list[LabelledSequence]:
-        """All sequences in the longer form."""
-        return [
-            case if isinstance(case, LabelledSequence) else LabelledSequence(id=case)
-            for case in self.sequences
-        ]
-
-    def without_cases(self, kind: type[Options]) -> Options:
-        """Give all but the sequences."""
-        known = self.model_dump(include=set(kind.model_fields), exclude_unset=True)
-        return kind.model_validate(known)
-
-
-class TrainingOptionsBody(JsonBody):
-    """How a model is trained."""
-
-    def options(self) -> TrainingOptions:
-        """Translate to the library's options.
-
-        Raises
-        ------
-        ParameterError
-            If one is out of range.
-        """
-        return TrainingOptions.from_json(self.model_dump(mode="json", exclude_unset=True))
-
-
-TRAINING: Final = model_of(TrainingOptionsBody, TrainingOptions)
-
-
-class TrainingRequest(CasesRequest):
-    """Name, sequences and options of a model to train."""
-
-    name: str = Field(
-        min_length=1,
-        max_length=_LONGEST_NAME,
-        description="1 to 64 lower-case letters, digits, '.', '_' and '-'. A name that is known "
-        "gets its next version.",
-    )
-    if TYPE_CHECKING:
-        options: TrainingOptionsBody
-    else:
-        options: TRAINING = Field(default_factory=TRAINING)
-
-
-class EvaluationOptions(JsonBody):
-    """Level of the class sets of a test, and a model beside the tested one."""
-
-    coverage: float = Field(0.9, gt=0, lt=1, description="Level of the class sets.")
-    compare_with: str | None = Field(
-        None, max_length=100, description="Another model that is tested too: name or name@version."
-    )
-
-
-class EvaluationRequest(CasesRequest, EvaluationOptions):
-    """Labelled sequences to test a model on, or to compare it with another on."""
-
-
-class NormOptions(JsonBody):
-    """Name and modes of a norm."""
-
-    name: ModelName = Field(
-        description="1 to 64 lower-case letters, digits, '.', '_' and '-', of no other norm."
-    )
-    modes: int = Field(7, ge=1, le=MOST_MODES, description="Of the signatures.")
-    topology: str | None = Field(
-        None,
-        max_length=80,
-        description="Of the signatures; mesh for spring modes. All controls decide it together "
-        "by default.",
-    )
-
-
-class NormRequest(CasesRequest, NormOptions):
-    """Name, controls and modes of a norm to make; one recording of each control."""
-
-
-class DeviationOptions(JsonBody):
-    """How rare a deviation is."""
-
-    level: float = Field(
-        0.05,
-        gt=0,
-        le=0.5,
-        description="Share of recordings like the controls that may be called a deviation.",
-    )
-
-
-class DeviationRequest(CasesRequest, DeviationOptions):
-    """Recordings to compare with a norm, each, and from five on together."""
-
-
-class FeatureOptions(JsonBody):
-    """Which features are read, as `SignatureFeatures` names them."""
-
-    modes: int = Field(7, ge=1, le=MOST_MODES, description="Of the signatures.")
-    topology: str | None = Field(
-        None, max_length=80, description="Of the signatures; mesh for spring modes."
-    )
-    kind: Literal["auto", "axis", "summary", "modes", "terms"] = Field(
-        "auto",
-        description="Parts about the axis of the motion, modes in few numbers, modes, or modes "
-        "and their terms.",
-    )
-    timing: Literal["auto", "cycle", "transient"] = "auto"
-    covariates: Literal["all"] | list[str] | None = Field(
-        None, description="Names of covariates that become columns, or all."
-    )
-    on_error: Literal["raise", "leave out"] = Field(
-        "raise", description="Whether sequences that do not fit end the request or are left out."
-    )
-
-    def options(self) -> dict[str, Any]:
-        """Options of the library's features."""
-        return self.model_dump(exclude={"on_error"})
-
-
-class FeaturesRequest(CasesRequest, FeatureOptions):
-    """Sequences, and which of their features are read."""
-
-
-def parse_numbers(text: str) -> list[float]:
-    """Read numbers such as "0,0.1,0.25".
-
-    Raises
-    ------
-    ParameterError
-        If one of them is not a number.
-    """
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise ParameterError(
-            f"{text[:60]!r} are not all numbers.", remedy="Write them as 0,0.1,0.25."
-        ) from None
-
-
 class ImagesStatements(JsonBody):
     """Nothing is stated beside images."""
-
-
-BODIES: Final[tuple[type[JsonBody], ...]] = (
-    *(SEQUENCE, SIGNATURE, SIGNATURE_OF_FILE, TRADE, MANY_SIGNATURES, ENCODING_OF_FILE),
-    *(CLASS_OF_FILE, TRACK, SequenceChange, ClassificationRequest, DecodingRequest),
-    *(TrainingRequest, EvaluationRequest, NormRequest, DeviationRequest, FeaturesRequest),
-    ImagesStatements,
-)
-"""Models that bodies and statements are read as."""
-
-_ID: Final = "3f5c" * 16
-EXAMPLES: Final[dict[str, Any]] = {
-    "SequenceStatements": {"unit": "mm", "subject": "P-7", "cavity": "lv"},
-    "SignatureRequest": {"modes": 18, "reference": "mean"},
-    "SignatureOfFile": {"modes": 7, "unit": "mm"},
-    "TradeRequest": {"tolerance": 0.5},
-    "ManySignatures": {"ids": [_ID], "modes": 7},
-    "EncodingOfFile": {"max_error": 0.5, "unit": "mm"},
-    "ClassOfFile": {"model": DEFAULT_MODEL, "unit": "mm"},
-    "TrackRequest": {"modes": 37, "landmarks": {"apex": [0, 0, -40], "base": [0, 0, 40]}},
-    "SequenceChange": {"label": "rest", "facts": {"period": 0.8, "covariates": {"age": 61}}},
-    "ClassificationRequest": {"model": DEFAULT_MODEL, "coverage": 0.95},
-    "DecodingRequest": {"first": 2, "stop": 5},
-    "TrainingRequest": {
-        "name": "wall-motion",
-        "sequences": [_ID, {"id": _ID, "label": "akinesia"}],
-        "options": {"modes": 7},
-    },
-    "EvaluationRequest": {"sequences": [_ID], "compare_with": "wall-motion@1"},
-    "NormRequest": {"name": "volunteers", "sequences": [_ID], "modes": 7},
-    "DeviationRequest": {"sequences": [_ID], "level": 0.05},
-    "FeaturesRequest": {"sequences": [_ID], "covariates": ["age"]},
-    "sequence_id": _ID,
-    "key": f"{_ID}-0a1b2c3d4e5f6071",
-    "images_id": _ID,
-    "track_id": _ID,
-    "template_id": _ID,
-    "job_id": "0a1b" * 8,
-    "name": "wall-motion",
-}
-"""Of each body, by the name of its model; and of what stands in a path."""

@@ -7,9 +7,8 @@ from pydantic import BaseModel, Field
 from modalmotion.classification import FLAGS, Classification
 from modalmotion.codec import Encoded
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion_service.schemas.fields import Paged
-from modalmotion_service.schemas.general import Problem
-from modalmotion_service.schemas.sequences import ReadingAnswer
+from modalmotion_service.schemas.from_core import Paged, read_from
+from modalmotion_service.schemas.general import Problem, ReadingAnswer
 from modalmotion_service.schemas.signatures import SignatureAnswer
 
 
@@ -26,7 +25,7 @@ class EncodedAnswer(BaseModel):
     @staticmethod
     def of(stream: Encoded) -> EncodedAnswer:
         """Write the measurements out."""
-        return EncodedAnswer.model_validate(stream, from_attributes=True)
+        return read_from(EncodedAnswer, stream)
 
     @property
     def headers(self) -> dict[str, str]:
@@ -75,23 +74,12 @@ class ClassificationAnswer(BaseModel):
     @staticmethod
     def of(result: Classification, version: int | None, file: str | None) -> ClassificationAnswer:
         """Write a classification out."""
-        return ClassificationAnswer(
-            sequence_id=result.sequence_id,
-            model=result.model,
+        return read_from(
+            ClassificationAnswer,
+            result,
             version=version,
-            model_id=result.model_id,
-            label=result.label,
-            probability=result.probability,
             probabilities=dict(zip(result.classes, result.probabilities.tolist(), strict=True)),
-            class_set=list(result.class_set),
-            coverage=result.coverage,
-            flags=list(result.flags),
-            explanation=[
-                ContributionAnswer.model_validate(part, from_attributes=True)
-                for part in result.explanation
-            ],
-            notes=list(result.notes),
-            provenance=result.provenance,
+            explanation=[read_from(ContributionAnswer, part) for part in result.explanation],
             file=file,
         )
 

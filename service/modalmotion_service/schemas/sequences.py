@@ -1,70 +1,21 @@
-"""Stored sequences, images and what files said."""
+"""Stored sequences, images and tracks, and what files said."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
-from typing import Final, Literal
+from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, Field
 
-from modalmotion.formats import Reading
-from modalmotion.mesh import Facts, facts_as_json
-from modalmotion.mesh.facts import (
-    Cavity,
-    CoordinateSystem,
-    Handedness,
-    Tracking,
-)
 from modalmotion.store import ImagesRecord, SequenceRecord
-from modalmotion_service.schemas.fields import Paged
-from modalmotion_service.schemas.from_core import descriptions
-
-_WORDS: Final = descriptions(Facts)
-
-
-class FactsAnswer(BaseModel):
-    """Facts of a sequence beside its arrays; not part of its id."""
-
-    tracking: Tracking = Field(description=_WORDS["tracking"])
-    handedness: Handedness
-    coordinates: CoordinateSystem = Field(description=_WORDS["coordinates"])
-    period: float | None = Field(description=_WORDS["period"])
-    cavity: Cavity = Field(description=_WORDS["cavity"])
-    modality: str | None = Field(description=_WORDS["modality"])
-    landmarks: dict[str, int | list[int | float | list[float]]] = Field(
-        description=_WORDS["landmarks"]
-    )
-    covariates: dict[str, int | float | str] = Field(description=_WORDS["covariates"])
-
-    @staticmethod
-    def of(facts: Facts) -> FactsAnswer:
-        """Write facts out."""
-        return FactsAnswer.model_validate(facts_as_json(facts))
-
-
-class ReadingAnswer(BaseModel):
-    """How a file was read: everything besides the sequence in it."""
-
-    format: str
-    ignored: list[str] = Field(description="Arrays and members that were not used.")
-    coordinate_system: str | None = Field(
-        description="Directions of the axes as the file names them; positions are never turned."
-    )
-    unit_from: str | None = Field(description="Who states the unit: file, format or caller.")
-    times_from: str | None = Field(description="Who states the times: file, format or caller.")
-    notes: list[str]
-
-    @staticmethod
-    def of(reading: Reading) -> ReadingAnswer:
-        """Write a reading out, without the sequence."""
-        return ReadingAnswer(
-            format=reading.format,
-            ignored=list(reading.ignored),
-            coordinate_system=reading.coordinate_system,
-            unit_from=reading.unit_from,
-            times_from=reading.times_from,
-            notes=list(reading.notes),
-        )
+from modalmotion.tracking import Track
+from modalmotion.tracking.result import Papillary
+from modalmotion_service.schemas.from_core import Paged, read_from
+from modalmotion_service.schemas.general import FactsAnswer, ReadingAnswer
+from modalmotion_service.schemas.signatures import Label
 
 
 class SequenceSummary(BaseModel):
@@ -92,19 +43,9 @@ class SequenceSummary(BaseModel):
     def of(record: SequenceRecord, reading: ReadingAnswer | None = None) -> SequenceSummary:
         """Summarise a record of the store."""
         here = f"/v1/sequences/{record.id}"
-        return SequenceSummary(
-            id=record.id,
-            n_frames=record.n_frames,
-            n_vertices=record.n_vertices,
-            n_faces=record.n_faces,
-            topology=record.topology,
-            grid=None if record.grid is None else list(record.grid),
-            unit=record.unit,
-            has_times=record.has_times,
-            name=record.name,
-            subject=record.subject,
-            label=record.label,
-            created=record.created,
+        return read_from(
+            SequenceSummary,
+            record,
             facts=FactsAnswer.of(record.facts),
             reading=reading,
             links={
@@ -160,3 +101,124 @@ class ImagesPageAnswer(Paged):
     """A page of the list of images."""
 
     images: list[ImagesSummary]
+
+
+class ImagesEstimate(BaseModel):
+    """What was found of images that were tracked."""
+
+    papillary: Papillary = Field(description="Convention of the volumes.")
+    papillary_volume: float = Field(description="Within the surface, like its outside; mm^3.")
+    ejection_fractions: dict[str, float] = Field(description="Under both conventions, percent.")
+    inside: float = Field(description="Brightness within the surface in the reference frame.")
+    outside: float
+    spread: float = Field(description="Standard deviation of brightness on one side.")
+    shifts: list[list[float]] = Field(
+        description="By which each slice shows everything aside, mm; none of volumes."
+    )
+    shift_deviation: float = Field(description="Of a shift along one axis, mm.")
+    found: list[float] = Field(description="Share of profiles with an edge in each frame.")
+
+    @staticmethod
+    def of(track: Track) -> ImagesEstimate | None:
+        """Write out what a track says of its images; None of one without."""
+        own = track.images
+        if own is None:
+            return None
+        return read_from(
+            ImagesEstimate,
+            own,
+            ejection_fractions=track.ejection_fractions,
+            shift_deviation=own.shift_sd,
+        )
+
+
+class TrackEstimate(BaseModel):
+    """What was found, and how well; lengths in the unit of the sequence."""
+
+    modes: list[Label]
+    reference: int | None = Field(description="Frame whose surface the start is; null for none.")
+    noise: float = Field(description="Standard deviation of a point.")
+    residual_rms: list[float | None] = Field(
+        description="Of each frame, of the points that counted; null without any."
+    )
+    residual_p95: list[float | None]
+    inliers: list[float] = Field(description="Share of the points of each frame that counted.")
+    coverage: list[float] = Field(description="Share of the surface that points lie at.")
+    unseen: list[int] = Field(description="Frames without points, which are interpolated.")
+    deviation_across: list[float] = Field(
+        description="Of each frame: standard deviation of a vertex across the surface, RMS."
+    )
+    deviation_along: list[float] = Field(
+        description="The same in each direction along it, where the prior speaks."
+    )
+    truncations: list[float] = Field(description="RMS of what the modes leave in each frame.")
+    determined: list[list[float]] = Field(
+        description="Share of each mode that the data have set, across the surface and along it; "
+        "below 0.5 it is the prior's."
+    )
+    gap: float | None = Field(
+        description="Distance of the shapes that both ways round the cycle end at; null of an "
+        "open recording."
+    )
+    volumes: list[float] | None = Field(description="Cubed unit; null of what encloses none.")
+    volume_deviations: list[float] | None
+    ejection_fraction: float | None = Field(
+        description="Share of the largest volume that the smallest lacks, percent."
+    )
+    ejection_fraction_bound: float | None = Field(
+        description="Two standard deviations, percentage points."
+    )
+    times: list[float] | None = Field(description="In s.")
+    images: ImagesEstimate | None = Field(description="Null where points were tracked.")
+    parameters: dict[str, Any] = Field(description="As they were used.")
+    notes: list[str]
+
+    @staticmethod
+    def of(track: Track) -> TrackEstimate:
+        """Write a track out, without its surfaces and amplitudes."""
+        rms = np.sqrt(np.mean(track.deviations**2, axis=1))
+        return read_from(
+            TrackEstimate,
+            track,
+            modes=[Label.of(label) for label in track.modes.labels],
+            noise=track.noise.sd,
+            residual_rms=_with_null(track.residuals[:, 0]),
+            residual_p95=_with_null(track.residuals[:, 1]),
+            deviation_across=rms[:, 0].tolist(),
+            deviation_along=rms[:, 1].tolist(),
+            times=None if track.sequence.times is None else track.sequence.times.tolist(),
+            images=ImagesEstimate.of(track),
+            parameters=dict(track.provenance),
+        )
+
+
+class TrackSummary(BaseModel):
+    """A track, and the sequence that it made, which has the same id."""
+
+    id: str = Field(description="That of the sequence.")
+    sequence: SequenceSummary
+    links: dict[str, str]
+
+
+class TrackAnswer(TrackEstimate, TrackSummary):
+    """A track: its sequence, and what was found besides."""
+
+    @staticmethod
+    def joined(
+        estimate: TrackEstimate, record: SequenceRecord, images_id: str | None
+    ) -> TrackAnswer:
+        """Add to what was found the record of its sequence, and the images that were kept."""
+        summary = _summary(record)
+        if images_id is not None:
+            summary["links"]["images"] = f"/v1/images/{images_id}"
+        return TrackAnswer(**summary, **estimate.model_dump())
+
+
+def _summary(record: SequenceRecord) -> dict[str, Any]:
+    sequence = SequenceSummary.of(record)
+    links = {"self": f"/v1/tracks/{record.id}", "sequence": sequence.links["self"]}
+    return {"id": record.id, "sequence": sequence, "links": links}
+
+
+def _with_null(values: NDArray[np.float64]) -> list[float | None]:
+    return [value if math.isfinite(value) else None for value in values.tolist()]

@@ -11,18 +11,15 @@ from pydantic_core import from_json
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.modes import ModeLabel
 from modalmotion.modes.topology import MESH
-from modalmotion.signature import Price, price_of
 from modalmotion.signature.fitter import SceneKind
+from modalmotion.signature.front import Price, price_of
 from modalmotion.signature.making import ModalSignature
-from modalmotion.signature.parameters import (
-    SignatureKind,
-    parameters_as_json,
-)
+from modalmotion.signature.parameters import SignatureKind, parameters_as_json
 from modalmotion.template import Landmarks, Template
 from modalmotion.template.body_frame import Components
 from modalmotion.template.vibration_modes import VibrationModes
-from modalmotion_service.schemas.fields import Paged
-from modalmotion_service.schemas.sequences import FactsAnswer
+from modalmotion_service.schemas.from_core import Paged, read_from
+from modalmotion_service.schemas.general import FactsAnswer
 
 
 class PriceAnswer(BaseModel):
@@ -193,15 +190,7 @@ class LandmarksAnswer(BaseModel):
     @staticmethod
     def of(landmarks: Landmarks) -> LandmarksAnswer:
         """Write landmarks out."""
-        return LandmarksAnswer(
-            origin=landmarks.origin.tolist(),
-            axis=landmarks.axis.tolist(),
-            theta_zero=landmarks.theta_zero.tolist(),
-            apex=landmarks.apex.tolist(),
-            base=landmarks.base.tolist(),
-            strengths=dict(landmarks.strengths),
-            given=list(landmarks.given),
-        )
+        return read_from(LandmarksAnswer, landmarks)
 
 
 class FrameErrors(BaseModel):
@@ -303,62 +292,35 @@ class SignatureAnswer(BaseModel):
     ) -> SignatureAnswer:
         """Write a signature out as lists."""
         parameters = signature.parameters
-        return SignatureAnswer(
+        return read_from(
+            SignatureAnswer,
+            signature,
             key=key,
-            sequence_id=signature.sequence_id,
-            template_id=signature.template_id,
+            file=file,
             topology=signature.surface,
-            n_frames=signature.n_frames,
-            n_vertices=signature.n_vertices,
-            unit=signature.unit,
-            times=None if signature.times is None else signature.times.tolist(),
             modes=[Label.of(label) for label in signature.modes.labels],
-            kind=signature.kind,
             shape=signature.amplitudes.shape,
-            amplitudes=signature.amplitudes.tolist(),
-            amplitude_deviations=(
-                None
-                if signature.amplitude_deviations is None
-                else signature.amplitude_deviations.tolist()
-            ),
-            deviation_share=signature.deviation_share,
             components=parameters.components,
-            landmarks=(
-                None if signature.landmarks is None else LandmarksAnswer.of(signature.landmarks)
-            ),
-            reference_amplitudes=signature.reference_amplitudes.tolist(),
-            volumes=None if signature.volumes is None else signature.volumes.tolist(),
-            translations=signature.translations.tolist(),
-            angular_frequencies=signature.angular_frequencies.tolist(),
+            landmarks=_landmarks(signature.landmarks),
             wave_speed=parameters.wave_speed,
-            lengths=list(signature.lengths),
             rotations=signature.rotations.matrices.tolist(),
             rotation_determined=signature.rotations.is_determined.tolist(),
-            rms_error=signature.rms_error,
-            weighted_rms_error=signature.weighted_rms_error,
-            max_error=signature.max_error,
             errors=FrameErrors(
                 rms=signature.rms_errors.tolist(),
                 weighted_rms=signature.weighted_rms_errors.tolist(),
                 p95=signature.p95_errors.tolist(),
                 max=signature.max_errors.tolist(),
             ),
-            motion_rms=signature.motion_rms.tolist(),
-            weighted_motion_rms=signature.weighted_motion_rms.tolist(),
-            closure_gap=signature.closure_gap,
-            deformation_spectrum=signature.deformation_spectrum.tolist(),
             strain_energy=signature.strain_energy.sum(axis=1).tolist(),
-            compression=signature.compression,
-            compression_of_sequence=signature.compression_of_sequence,
-            condition=signature.condition,
             price=PriceAnswer.of(price_of(signature)),
             choice=None if signature.choice is None else signature.choice.as_json(),
             facts=FactsAnswer.of(signature.facts),
-            notes=list(signature.notes),
             parameters=parameters_as_json(parameters),
-            provenance=signature.provenance,
-            file=file,
         )
+
+
+def _landmarks(landmarks: Landmarks | None) -> LandmarksAnswer | None:
+    return None if landmarks is None else LandmarksAnswer.of(landmarks)
 
 
 class DistanceAnswer(BaseModel):
@@ -390,16 +352,12 @@ class TemplateAnswer(BaseModel):
     @staticmethod
     def of(template: Template) -> TemplateAnswer:
         """Describe a template."""
-        return TemplateAnswer(
-            id=template.id,
+        return read_from(
+            TemplateAnswer,
+            template,
             topology=MESH if template.surface is None else template.surface.name,
-            n_vertices=template.n_vertices,
             n_faces=len(template.faces),
-            lengths=list(template.lengths),
-            landmarks=(
-                None if template.landmarks is None else LandmarksAnswer.of(template.landmarks)
-            ),
-            notes=list(template.notes),
+            landmarks=_landmarks(template.landmarks),
             links={"self": f"/v1/templates/{template.id}"},
         )
 
@@ -426,12 +384,11 @@ class ModesAnswer(BaseModel):
     @staticmethod
     def of(template: Template, modes: VibrationModes, with_shapes: bool) -> ModesAnswer:
         """Write modes out."""
-        return ModesAnswer(
+        return read_from(
+            ModesAnswer,
+            modes,
             template_id=template.id,
             topology=modes.surface,
             modes=[Label.of(label) for label in modes.labels],
-            angular_frequencies=modes.angular_frequencies.tolist(),
-            frequency_unit=modes.frequency_unit,
             shapes=modes.shapes.tolist() if with_shapes else None,
-            notes=list(modes.notes),
         )

@@ -15,7 +15,7 @@ import json
 import math
 import types
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import lru_cache
 from pathlib import Path
@@ -50,12 +50,6 @@ class AnswerError(Exception):
 
 class TaskError(Exception):
     """A task failed in a way that nobody foresaw; the text is its traceback."""
-
-
-@dataclass(frozen=True)
-class _Piece:
-    place: int
-    length: int
 
 
 def answer_of(function: Callable[..., Any], args: Any, kwargs: Any) -> bytes:
@@ -210,7 +204,7 @@ def _read(tree: Any, expected: Any, body: memoryview) -> Any:
         return {_read(name, key, body): _read(value, item, body) for name, value in tree.items()}
     if isinstance(origin, type) and issubclass(origin, Sequence):
         return [_read(value, inner[0], body) for value in _require(tree, isinstance(tree, list))]
-    # An alias: what it stands for.
+    # An alias: what it represents.
     if (meant := getattr(expected, "__value__", None)) is not None:
         return _read(tree, meant, body)
     raise AnswerError(f"no answer can be {expected}")

@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from typing import Final, ParamSpec, TypeVar
+from typing import Any, Final, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -44,6 +44,18 @@ class Engine(Executor):
 
     Tasks are functions of a module, carry paths and small values, and may run twice.
     """
+
+    watchers: tuple[Callable[[str, Future[Any]], None], ...] = ()
+    """Told of each task of an owner: its name, and the future of its result."""
+
+    def run(
+        self, terms: Terms, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs
+    ) -> Future[T]:
+        """Run a task as `submit_for` does, and tell the watchers of it."""
+        future = self.submit_for(terms, fn, *args, **kwargs)
+        for watch in self.watchers:
+            watch(getattr(fn, "__name__", "other"), future)
+        return future
 
     @property
     @abstractmethod

@@ -27,10 +27,7 @@ PRELOADED: Final = [
     *("scipy.sparse.csgraph", "scipy.sparse.linalg", "scipy.spatial.transform", "scipy.special"),
     *(
         f"modalmotion_service.work.tasks.{name}"
-        for name in (
-            *("sequences", "signatures", "templates", "derived"),
-            *("codec", "classification", "tracks"),
-        )
+        for name in ("sequences", "signatures", "derived", "classification", "tracks")
     ),
     "modalmotion_service.work.worker",
 ]

@@ -131,7 +131,7 @@ class WorkerProcess:
         return self._receive(deadline)
 
     def exit_code(self) -> int | None:
-        """Code that it ended with, negative for a signal; None where nobody knows."""
+        """Code that it ended with, negative for a signal; None if nobody knows."""
         return FORKS.exit_code(self.pid)
 
     def end(self) -> None:

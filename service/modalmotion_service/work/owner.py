@@ -48,7 +48,7 @@ def attributed(function: Callable[..., Any], args: Any) -> tuple[Callable[..., A
 def serve(owner: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
     """Do a task for an owner, in a worker, which first forgets what it knows of others."""
     # All formats, which the processes that only hand tasks on do without.
-    from modalmotion_service.work.parsing import end_parser
+    from modalmotion_service.work.upload import end_parser
 
     if _served and _served[-1] != owner:
         for cache in remembering():

@@ -30,7 +30,7 @@ from modalmotion_service.work.keeper import (
 )
 from modalmotion_service.work.lanes import Lanes, Task
 from modalmotion_service.work.owner import payload_of
-from modalmotion_service.work.parsing import are_confined
+from modalmotion_service.work.upload import are_confined
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -20,26 +20,12 @@ from modalmotion.signature.predicted_time import (
 )
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
 from modalmotion_service.http.negotiation import PNG
-from modalmotion_service.schemas.requests import EncodingTarget, ModesRequest
+from modalmotion_service.schemas.queries import ModesRequest
+from modalmotion_service.schemas.requests import EncodingTarget
 from modalmotion_service.work.engine import Terms
-from modalmotion_service.work.fitted import Fitted
-from modalmotion_service.work.tasks import (
-    batches,
-    classification,
-    codec,
-    derived,
-    evaluation,
-    features,
-    images,
-    norms,
-    reports,
-    sequences,
-    signatures,
-    templates,
-    tracks,
-    views,
-)
-from modalmotion_service.work.tasks.norms import KeptRecording
+from modalmotion_service.work.tasks import classification, derived, sequences, signatures, tracks
+from modalmotion_service.work.tasks.classification import KeptRecording
+from modalmotion_service.work.tasks.files import Fitted
 from modalmotion_service.work.upload import Upload
 
 # s for a picture, of which the first imports what draws it.
@@ -224,41 +210,42 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     signatures.pack_npz: _packing,
     signatures.pack_hdf5: _packing,
     signatures.tabulate: _tabulating,
-    batches.pack_archive: lambda args: _reading(args) + _PACKED * len(args[1]),
-    batches.tabulate_archive: lambda args: _reading(args) + _PACKED * len(args[1]),
-    templates.make_template: _signature,
-    templates.describe_template: _reading,
-    templates.draw_template: _picture,
-    templates.modes_of_template: _modes,
+    signatures.pack_archive: lambda args: _reading(args) + _PACKED * len(args[1]),
+    signatures.tabulate_archive: lambda args: _reading(args) + _PACKED * len(args[1]),
+    sequences.make_template: _signature,
+    sequences.describe_template: _reading,
+    sequences.draw_template: _picture,
+    sequences.modes_of_template: _modes,
     classification.name_class: _reading,
-    classification.require_loads: _reading,
     classification.classify_upload: _signature,
     classification.draw_card: _picture,
-    evaluation.measure: lambda args: _picture(args) + _CASE * len(args[2]),
-    evaluation.compare: lambda args: _picture(args) + _COMPARED * len(args[2][0]),
-    evaluation.held_out_ids: _reading,
-    evaluation.held_out_table: _reading,
+    classification.measure: lambda args: _picture(args) + _CASE * len(args[2]),
+    classification.compare: lambda args: _picture(args) + _COMPARED * len(args[2][0]),
+    classification.held_out_ids: _reading,
+    classification.held_out_table: _reading,
     signatures.kinds_of: _reading,
-    codec.encode_upload: _encoding,
-    codec.encode_kept: _encoding,
-    codec.decode_upload: lambda args: _reading(args) + _DECODED * _bytes(args),
+    sequences.encode_upload: _encoding,
+    sequences.encode_kept: _encoding,
+    sequences.decode_upload: lambda args: _reading(args) + _DECODED * _bytes(args),
     derived.read_out: _read_out,
     derived.measure_trade: _trade,
     derived.superpose: _superposed,
-    reports.make_report: lambda args: _PICTURE + _read_out(args),
-    reports.make_dicom: lambda args: _DICOM + _read_out(args[:1]),
-    views.make_view: _shown,
-    views.make_frames: _shown,
-    images.ingest_images: lambda args: _TRACK + _IMAGES * _bytes(args),
-    images.show_slices: _reading,
+    derived.make_report: lambda args: _PICTURE + _read_out(args),
+    derived.make_dicom: lambda args: _DICOM + _read_out(args[:1]),
+    derived.make_view: _shown,
+    derived.make_frames: _shown,
+    tracks.ingest_images: lambda args: _TRACK + _IMAGES * _bytes(args),
+    tracks.show_slices: _reading,
     tracks.follow: _tracking,
     tracks.describe_track: _reading,
     tracks.track_with_facts: _reading,
     tracks.draw_track: _picture,
     tracks.show_data: _reading,
     tracks.draw_overlay: lambda args: _picture(args) + _IMAGES * _bytes(args),
-    norms.make_norm: lambda args: _PICTURE + sum(map(_recording, args[0])),
-    norms.ask_norm_together: lambda args: _COMPARED_COHORT + sum(map(_recording, args[0])),
-    norms.ask_norm: lambda args: _reading(args[1:]) + _recording(args[0]),
-    features.tabulate: lambda args: _TABLE + _packing(args),
+    classification.make_norm: lambda args: _PICTURE + sum(map(_recording, args[0])),
+    classification.ask_norm: lambda args: (
+        (_COMPARED_COHORT if len(args[0]) >= classification.LEAST_TOGETHER else _reading(args[1:]))
+        + sum(map(_recording, args[0]))
+    ),
+    classification.tabulate_features: lambda args: _TABLE + _packing(args),
 }

@@ -34,7 +34,7 @@ class ProgressFile:
         self._n_read = 0
 
     def write(self, share: float, text: str = "") -> None:
-        """Tell the share that is done, 0 to 1, and what is done now."""
+        """Return the share that is done, 0 to 1, and what is done now."""
         now = time.monotonic()
         # What is done now is always told: it may last. So is that something is done at all, or
         # quick work would go from nothing to its end.

@@ -20,12 +20,11 @@ from modalmotion.signature.making import SignatureParameters
 from modalmotion.signature.parameters import parameters_from_json
 from modalmotion.store import SequenceRecord
 from modalmotion_service.errors import ConflictError
-from modalmotion_service.http.timing import add_milliseconds, stage
-from modalmotion_service.work.fitted import Fitted
+from modalmotion_service.http.observation import add_milliseconds, stage
 from modalmotion_service.work.tasks import signatures
+from modalmotion_service.work.tasks.files import Fitted
 from modalmotion_service.work.upload import Upload
-from modalmotion_service.workspace.owner_work import OwnerWork
-from modalmotion_service.workspace.shared_work import unheard
+from modalmotion_service.workspace.owner_work import OwnerWork, unheard
 from modalmotion_service.workspace.spool import remove_with_beside
 
 USUAL: Final = SignatureParameters()

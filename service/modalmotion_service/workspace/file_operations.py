@@ -1,9 +1,20 @@
-"""Operations on files that are sent, of which nothing is stored."""
+"""Operations on files that are sent, of which nothing is stored, one or many in a request."""
 
 from __future__ import annotations
 
 import asyncio
+import json
+import logging
+import zipfile
+from collections import deque
+from collections.abc import AsyncIterator, Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
 
+from modalmotion.errors import ModalMotionError, StoreError
+from modalmotion.store.disk.atomic import cannot_write
+from modalmotion_service.errors import ClusterError
 from modalmotion_service.http.negotiation import (
     CSV,
     HDF5,
@@ -15,21 +26,203 @@ from modalmotion_service.http.negotiation import (
     VTKHDF,
     ZIP,
 )
-from modalmotion_service.http.timing import add_milliseconds, stage
-from modalmotion_service.schemas.requests import (
-    CLASS_OF_FILE,
-    ENCODING_OF_FILE,
-    SIGNATURE_OF_FILE,
-    DecodingRequest,
-)
+from modalmotion_service.http.observation import add_milliseconds, stage
+from modalmotion_service.http.problems import internal_problem, problem_body
+from modalmotion_service.schemas.queries import DecodingRequest
+from modalmotion_service.schemas.requests import CLASS_OF_FILE, ENCODING_OF_FILE, SIGNATURE_OF_FILE
 from modalmotion_service.schemas.results import ClassificationAnswer, UploadClassificationAnswer
-from modalmotion_service.work.tasks import codec
-from modalmotion_service.workspace.batches import Batches
+from modalmotion_service.work.tasks import sequences, signatures
+from modalmotion_service.work.tasks.signatures import RESULTS
+from modalmotion_service.work.upload import Part, Upload
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Outcome, Request, operation
 from modalmotion_service.workspace.sequence_operations import encoded, sent
 from modalmotion_service.workspace.signature_operations import SIGNATURE_TYPES
+from modalmotion_service.workspace.spool import SpoolFile, remove_with_beside
 from modalmotion_service.workspace.state import State
+
+logger = logging.getLogger(__name__)
+
+FAILED: Final = "Batch-Failed"
+"""Header with the number of files that have a problem in the place of a result."""
+
+_SUFFIX: Final = ".h5"
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    part: Part
+    body: bytes | None
+    problem: dict[str, object] | None
+
+
+class Batches:
+    """Makes the answers for many files.
+
+    Parameters
+    ----------
+    state : State
+    """
+
+    def __init__(self, state: State) -> None:
+        self._state = state
+        self._analysis = state.analysis
+        self._spool = state.spool
+
+    async def signatures(self, request: Request, report: Report) -> Outcome:
+        """Fit a signature to each of many files.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no template of that id.
+        """
+        parameters, media_type = request.query.parameters(), request.media_type
+        self._analysis.template_path(parameters)
+        one_type = JSON if media_type in (JSON, NDJSON) else HDF5
+
+        async def fit(part: Part) -> bytes:
+            body, _ = await self._analysis.fit_upload(
+                self._upload(request, part), parameters, one_type
+            )
+            return body
+
+        outcomes = self._each(request.parts, fit, report)
+        if media_type in (JSON, NDJSON):
+            return await self._listed(outcomes, "signature", media_type)
+        archive, n_failed = await self._archived(outcomes)
+        headers = {FAILED: str(n_failed)}
+        if media_type == ZIP:
+            return Outcome(archive, ZIP, headers=headers)
+        task = signatures.pack_archive if media_type == HDF5 else signatures.tabulate_archive
+        output = self._spool.new_path()
+        try:
+            await self._analysis.work(task, archive, request.parts, output)
+        except BaseException:
+            remove_with_beside(output)
+            raise
+        finally:
+            SpoolFile(archive).remove()
+        return Outcome(output, media_type, headers=headers)
+
+    async def classifications(self, request: Request, report: Report) -> Outcome:
+        """Classify the motion in each of many files with a model."""
+        query, models = request.query, self._state.models
+        model = await asyncio.to_thread(models.choose, query.model)
+
+        async def name(part: Part) -> bytes:
+            upload = self._upload(request, part)
+            result, reading = await models.classify(upload, model, query.coverage)
+            named = ClassificationAnswer.of(result, model.version, None).model_dump()
+            return UploadClassificationAnswer(**named, reading=reading).model_dump_json().encode()
+
+        outcomes = self._each(request.parts, name, report)
+        return await self._listed(outcomes, "classification", request.media_type)
+
+    def _upload(self, request: Request, part: Part) -> Upload:
+        options = request.query.options(self._state.settings.read_limits, part.facts)
+        return Upload(self._spool.at(request.file or ""), options, part)
+
+    async def _each(
+        self, parts: tuple[Part, ...], work: Callable[[Part], Awaitable[bytes]], report: Report
+    ) -> AsyncIterator[_Outcome]:
+        """Do all in order, a few at a time: what is done ahead of its turn is held in memory.
+
+        Raises
+        ------
+        StoreError, ClusterError
+            If it is no fault of a file: all is to be done again.
+        """
+        ahead = 2 * self._analysis.engine.n_workers + 2
+        under_way: deque[tuple[Part, asyncio.Task[bytes]]] = deque()
+        rest = iter(parts)
+        try:
+            for done in range(len(parts)):
+                while len(under_way) < ahead and (part := next(rest, None)) is not None:
+                    under_way.append((part, asyncio.ensure_future(work(part))))
+                first, task = under_way.popleft()
+                try:
+                    outcome = _Outcome(first, await _until_done(task), None)
+                except (StoreError, ClusterError):
+                    raise
+                except ModalMotionError as error:
+                    outcome = _Outcome(first, None, problem_body(error))
+                except Exception:
+                    logger.exception("a file of many failed")
+                    outcome = _Outcome(first, None, internal_problem())
+                report((done + 1) / len(parts), f"file {done + 1} of {len(parts)}")
+                yield outcome
+        finally:
+            for _, task in under_way:
+                task.cancel()
+            await asyncio.gather(*(task for _, task in under_way), return_exceptions=True)
+
+    async def _listed(
+        self, outcomes: AsyncIterator[_Outcome], member: str, media_type: str
+    ) -> Outcome:
+        """Write results as the members of a list, or a line each."""
+        output, n_failed = self._spool.new_path(), 0
+        is_list = media_type == JSON
+        try:
+            with stage("worker"), output.open("xb") as file:
+                file.write(b'{"results":[' if is_list else b"")
+                between = b""
+                async for one in outcomes:
+                    n_failed += one.problem is not None
+                    file.write(between + _line(one, member))
+                    between = b",\n" if is_list else b"\n"
+                file.write(b'],"n_failed":%d}' % n_failed if is_list else b"\n")
+        except BaseException as error:
+            SpoolFile(output).remove()
+            if isinstance(error, OSError):
+                raise cannot_write(output, error) from error
+            raise
+        return Outcome(output, media_type, headers={FAILED: str(n_failed)})
+
+    async def _archived(self, outcomes: AsyncIterator[_Outcome]) -> tuple[Path, int]:
+        """Write signatures as files of an archive; gives the number of problems besides."""
+        output, listed = self._spool.new_path(), list[dict[str, Any]]()
+        try:
+            with stage("worker"), zipfile.ZipFile(output, "x") as archive:
+                async for one in outcomes:
+                    name = f"{len(listed):06d}{_SUFFIX}"
+                    if one.body is not None:
+                        archive.writestr(name, one.body)
+                    listed.append(
+                        {
+                            **_named(one.part),
+                            "file": None if one.body is None else name,
+                            "error": one.problem,
+                        }
+                    )
+                n_failed = sum(one["error"] is not None for one in listed)
+                archive.writestr(RESULTS, json.dumps({"results": listed, "n_failed": n_failed}))
+        except BaseException as error:
+            SpoolFile(output).remove()
+            if isinstance(error, OSError):
+                raise cannot_write(output, error) from error
+            raise
+        return output, n_failed
+
+
+async def _until_done(task: asyncio.Task[bytes]) -> bytes:
+    try:
+        return await task
+    except asyncio.CancelledError:
+        task.cancel()
+        raise
+
+
+def _named(part: Part) -> dict[str, Any]:
+    return {"name": part.name, "subject": part.subject, "label": part.label}
+
+
+def _line(one: _Outcome, member: str) -> bytes:
+    """Write a result with the answer of a worker as it is."""
+    head = json.dumps(_named(one.part))[:-1].encode()
+    body = b"null" if one.body is None else one.body
+    problem = json.dumps(one.problem).encode()
+    return b'%s, "%s": %s, "error": %s}' % (head, member.encode(), body, problem)
 
 
 @operation(*SIGNATURE_TYPES, query=SIGNATURE_OF_FILE)
@@ -70,7 +263,7 @@ async def sent_classifications(state: State, request: Request, report: Report) -
 async def sent_encoding(state: State, request: Request, report: Report) -> Outcome:
     """Encode an upload."""
     return await encoded(
-        state, codec.encode_upload, sent(state, request), request.query.target, report
+        state, sequences.encode_upload, sent(state, request), request.query.target, report
     )
 
 
@@ -81,6 +274,6 @@ async def decoding(state: State, request: Request, _: Report) -> Outcome:
     stream, limits = state.spool.at(request.file or ""), state.settings.read_limits
     with state.analysis.output() as output, stage("decode"):
         await state.analysis.work(
-            codec.decode_upload, stream, limits, frames, vertices, request.media_type, output
+            sequences.decode_upload, stream, limits, frames, vertices, request.media_type, output
         )
     return Outcome(output, request.media_type)

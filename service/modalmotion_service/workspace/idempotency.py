@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import hmac
 import json
 import secrets
@@ -9,8 +10,10 @@ import threading
 from dataclasses import dataclass
 from typing import Any, Final
 
+from modalmotion.errors import NotFoundError
 from modalmotion.store.index.cursor import now
 from modalmotion.store.index.database import Database
+from modalmotion_service.http.problems import problem_body
 
 _TABLES: Final = (
     "CREATE TABLE IF NOT EXISTS idempotency_secret (secret BLOB NOT NULL)",
@@ -176,12 +179,6 @@ class IdempotencyKeys:
         secret = secrets.token_bytes(32)
         with self._database.write(erases=True) as connection:
             connection.execute("INSERT INTO idempotency_secret VALUES (?)", (secret,))
-            # As clients chose them: without a secret nothing has been digested.
-            keys = connection.execute("SELECT key FROM idempotency").fetchall()
-            connection.executemany(
-                "UPDATE idempotency SET key = ? WHERE key = ?",
-                [(_keyed(secret, key), key) for (key,) in keys],
-            )
         return secret
 
     def _digest(self, key: str) -> str:
@@ -196,3 +193,17 @@ def _request(row: tuple[Any, ...]) -> IdempotentRequest:
     key, fingerprint, status, response, created = row
     answer = None if response is None else json.loads(response)
     return IdempotentRequest(key, fingerprint, status, answer, created)
+
+
+def gone() -> tuple[int, dict[str, object]]:
+    """Give status and stored answer."""
+    body = problem_body(
+        NotFoundError(
+            "The result of this request has been deleted since.",
+            remedy="Send it with a new Idempotency-Key to have it again.",
+        )
+    )
+    text = base64.b64encode(json.dumps(body).encode()).decode("ascii")
+    status = body["status"]
+    assert isinstance(status, int)  # noqa: S101 (as `problem_body` makes it)
+    return status, {"body": text, "headers": {"content-type": "application/problem+json"}}

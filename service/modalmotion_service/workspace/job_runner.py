@@ -22,8 +22,8 @@ from modalmotion.store.disk.atomic import cannot_write, is_of_the_machine
 from modalmotion_service.errors import BusyError, ConflictError, WorkerDiedError
 from modalmotion_service.http.problems import internal_problem, problem_body
 from modalmotion_service.schemas.general import JobState
+from modalmotion_service.workspace.background import passes, waits
 from modalmotion_service.workspace.jobs import Job, Jobs
-from modalmotion_service.workspace.perseverance import passes, waits
 
 logger = logging.getLogger(__name__)
 

@@ -13,21 +13,6 @@ from modalmotion.store.index.cursor import from_cursor, now, require_limit, to_c
 from modalmotion.store.index.database import Database
 from modalmotion_service.schemas.general import JobState
 
-
-def _one_more(row: str) -> str:
-    return (
-        f"INSERT INTO job_counts VALUES ({row}.kind, {row}.state, 1) "  # noqa: S608 (constants)
-        "ON CONFLICT (kind, state) DO UPDATE SET number = number + 1"
-    )
-
-
-def _one_less(row: str) -> str:
-    return (
-        "UPDATE job_counts SET number = number - 1 "  # noqa: S608 (constants)
-        f"WHERE kind = {row}.kind AND state = {row}.state"
-    )
-
-
 # Neither a deletion nor the hourly look after files is to read every job of a quarter, millions
 # perhaps: hence an index for each way to look.
 _TABLES: Final = (
@@ -37,6 +22,8 @@ _TABLES: Final = (
         created TEXT NOT NULL, updated TEXT NOT NULL
     )""",
     "CREATE INDEX IF NOT EXISTS jobs_by_time ON jobs (created, id)",
+    # Counted in 0.1 s where there are a million.
+    "CREATE INDEX IF NOT EXISTS jobs_by_kind ON jobs (kind, state)",
     "CREATE INDEX IF NOT EXISTS jobs_by_state ON jobs (state, created, id)",
     "CREATE INDEX IF NOT EXISTS jobs_by_sequence ON jobs (json_extract(request, '$.sequence_id'))",
     "CREATE INDEX IF NOT EXISTS jobs_by_images ON jobs (json_extract(request, '$.query.images'))",
@@ -53,15 +40,6 @@ _TABLES: Final = (
         "CREATE INDEX IF NOT EXISTS finished_jobs ON jobs (updated) "
         "WHERE state NOT IN ('queued', 'running')"
     ),
-    """CREATE TABLE IF NOT EXISTS job_counts (
-        kind TEXT NOT NULL, state TEXT NOT NULL, number INTEGER NOT NULL, PRIMARY KEY (kind, state)
-    ) WITHOUT ROWID""",
-    f"""CREATE TRIGGER IF NOT EXISTS a_job_came AFTER INSERT ON jobs BEGIN
-        {_one_more("NEW")}; END""",
-    f"""CREATE TRIGGER IF NOT EXISTS a_job_changed AFTER UPDATE OF state ON jobs
-        WHEN NEW.state != OLD.state BEGIN {_one_less("OLD")}; {_one_more("NEW")}; END""",
-    f"""CREATE TRIGGER IF NOT EXISTS a_job_went AFTER DELETE ON jobs BEGIN
-        {_one_less("OLD")}; END""",
 )
 
 
@@ -131,13 +109,6 @@ class Jobs:
     def __init__(self, database: Database) -> None:
         self._database = database
         database.extend(_TABLES)
-        if not database.read("SELECT 1 FROM job_counts LIMIT 1"):
-            # Jobs of a version that did not keep their numbers.
-            with database.write() as connection:
-                connection.execute(
-                    "INSERT INTO job_counts SELECT kind, state, count(*) FROM jobs "
-                    "GROUP BY kind, state"
-                )
 
     def create(self, kind: str, request: Any) -> Job:
         """Note a new job, queued.
@@ -242,7 +213,7 @@ class Jobs:
 
     def count(self) -> dict[tuple[str, JobState], int]:
         """Count jobs by kind and state."""
-        rows = self._database.read("SELECT kind, state, number FROM job_counts WHERE number > 0")
+        rows = self._database.read("SELECT kind, state, count(*) FROM jobs GROUP BY kind, state")
         return {(kind, JobState(state)): number for kind, state, number in rows}
 
     def forget_before(self, updated: str) -> int:

@@ -16,10 +16,10 @@ from typing import Any
 from pydantic import BaseModel
 
 from modalmotion.errors import LostFileError
-from modalmotion.mesh import NO_FACTS, Facts, facts_as_json, facts_from_json
-from modalmotion_service.http.negotiation import JSON
-from modalmotion_service.http.preferences import Preference
-from modalmotion_service.schemas.fields import JsonBody
+from modalmotion.mesh.fact_forms import facts_as_json, facts_from_json
+from modalmotion.mesh.facts import NO_FACTS, Facts
+from modalmotion_service.http.negotiation import JSON, Preference
+from modalmotion_service.schemas.from_core import JsonBody
 from modalmotion_service.work.upload import Part, parts_as_json, parts_from_json
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.jobs import Job

@@ -14,30 +14,75 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from modalmotion.errors import ModalMotionError
+from modalmotion.errors import ModalMotionError, StoreError
 from modalmotion.store import ResultStore, backup_time
-from modalmotion_service.access.principal import LOCAL, require_owner
+from modalmotion_service.access.scopes import LOCAL, require_owner
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.engine import Engine
 from modalmotion_service.work.tariff import Tariff
+from modalmotion_service.workspace import (
+    file_operations,
+    model_operations,
+    sequence_operations,
+    signature_operations,
+)
 from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.disk import require_room
+from modalmotion_service.workspace.background import Retention, for_ever
+from modalmotion_service.workspace.disk import Quota, require_room
 from modalmotion_service.workspace.idempotency import IdempotencyKeys
-from modalmotion_service.workspace.images import Images
 from modalmotion_service.workspace.job_runner import Handler, JobRunner, Settle
 from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.norms import Norms
 from modalmotion_service.workspace.operation import Operation, Performance, Request, settled
-from modalmotion_service.workspace.perseverance import for_ever
-from modalmotion_service.workspace.quota import Quota
-from modalmotion_service.workspace.read_only import lay_out
-from modalmotion_service.workspace.registry import OPERATIONS
-from modalmotion_service.workspace.retention import Retention
 from modalmotion_service.workspace.spool import Spool
 from modalmotion_service.workspace.state import State
-from modalmotion_service.workspace.tracks import Tracks
+from modalmotion_service.workspace.tracks import Images, Tracks
 from modalmotion_service.workspace.training import Trainer
+
+_SERVED: Final = ("models", "templates")
+
+
+def lay_out(source: Path, root: Path) -> None:
+    """Have the models and templates of a store in another one, which is new, by links to files.
+
+    Parameters
+    ----------
+    source : Path
+        Folder of an owner's store, or of its backup; may be missing.
+    root : Path
+
+    Raises
+    ------
+    StoreError
+        If the folder cannot be read.
+    """
+    try:
+        for name in _SERVED:
+            for file in (source / name).rglob("*") if (source / name).is_dir() else ():
+                if not file.is_file():
+                    continue
+                link = root / file.relative_to(source)
+                link.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+                if not link.is_symlink():
+                    link.symlink_to(file.absolute())
+    except OSError as error:
+        raise StoreError(
+            f"Models and templates of '{source.name}' cannot be read: {error.strerror}.",
+            remedy="Check the folder that is named as --read-only-dir.",
+        ) from error
+
+
+_MODULES: Final = (sequence_operations, signature_operations, file_operations, model_operations)
+
+OPERATIONS: Final[dict[str, Operation]] = {
+    one.name: one
+    for module in _MODULES
+    for one in vars(module).values()
+    if isinstance(one, Operation)
+}
+"""All operations, by name."""
+
 
 logger = logging.getLogger(__name__)
 

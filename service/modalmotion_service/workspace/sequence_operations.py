@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.formats import ReadOptions
-from modalmotion_service.http.conditional import tag_of
 from modalmotion_service.http.negotiation import (
     CSV,
     FHIR,
@@ -20,8 +19,10 @@ from modalmotion_service.http.negotiation import (
     STREAM,
     VIEW,
     ZIP,
+    tag_of,
 )
-from modalmotion_service.http.timing import add_milliseconds, stage
+from modalmotion_service.http.observation import add_milliseconds, stage
+from modalmotion_service.schemas.queries import ImagesView, ModesRequest, TrackView
 from modalmotion_service.schemas.requests import (
     SEQUENCE,
     SIGNATURE_OF_FILE,
@@ -29,19 +30,15 @@ from modalmotion_service.schemas.requests import (
     TRADE,
     ClassificationRequest,
     EncodingTarget,
-    ImagesView,
-    ModesRequest,
-    TrackView,
 )
-from modalmotion_service.schemas.sequences import ImagesSummary, SequenceSummary
-from modalmotion_service.schemas.tracks import TrackAnswer
-from modalmotion_service.work.tasks import codec, derived, reports, sequences, templates, views
+from modalmotion_service.schemas.sequences import ImagesSummary, SequenceSummary, TrackAnswer
+from modalmotion_service.work.tasks import derived, sequences
 from modalmotion_service.work.upload import Upload
-from modalmotion_service.workspace.images import link_of
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Outcome, Request, operation
 from modalmotion_service.workspace.spool import remove_with_beside
 from modalmotion_service.workspace.state import State
+from modalmotion_service.workspace.tracks import link_of
 
 # Part of a tracked report that the track is counted as.
 _TRACKING: Final = 0.8
@@ -109,7 +106,7 @@ async def sample(state: State) -> SequenceSummary:
 async def encoding(state: State, request: Request, report: Report) -> Outcome:
     """Encode a stored sequence."""
     path = await asyncio.to_thread(state.store.sequence_path, request.sequence_id or "")
-    return await encoded(state, codec.encode_kept, path, request.query, report)
+    return await encoded(state, sequences.encode_kept, path, request.query, report)
 
 
 async def encoded(
@@ -143,7 +140,7 @@ async def template(state: State, request: Request, report: Report) -> Outcome:
     analysis, parameters = state.analysis, request.query.parameters()
     with analysis.image() as image, stage("worker"):
         answer, milliseconds = await analysis.followed(
-            report, templates.make_template, sent(state, request), parameters, image
+            report, sequences.make_template, sent(state, request), parameters, image
         )
         add_milliseconds(milliseconds)
         with stage("store"):
@@ -158,8 +155,8 @@ async def template_view(state: State, request: Request, _: Report) -> Outcome:
     """Describe or draw a stored template."""
     path = await asyncio.to_thread(state.store.template_path, request.reference)
     if request.media_type == PNG:
-        return Outcome(await state.analysis.work(templates.draw_template, path), PNG)
-    answer = await state.analysis.work(templates.describe_template, path)
+        return Outcome(await state.analysis.work(sequences.draw_template, path), PNG)
+    answer = await state.analysis.work(sequences.describe_template, path)
     return Outcome(answer.model_dump_json().encode())
 
 
@@ -169,7 +166,7 @@ async def template_modes(state: State, request: Request, _: Report) -> Outcome:
     path = await asyncio.to_thread(state.store.template_path, request.reference)
     with stage("modes"):
         body = await state.analysis.work(
-            templates.modes_of_template, path, request.query, request.media_type
+            sequences.modes_of_template, path, request.query, request.media_type
         )
     return Outcome(body, request.media_type)
 
@@ -258,10 +255,10 @@ async def _whole_report(state: State, sequence_id: str, model: str | None) -> Pa
     try:
         async with analysis.fitted(sequence_id, None) as one:
             forms = {
-                name: await analysis.work(reports.make_report, one, media_type, kept)
+                name: await analysis.work(derived.make_report, one, media_type, kept)
                 for name, media_type in _FORMS.items()
             }
-            await analysis.work(views.make_view, one, True, page)
+            await analysis.work(derived.make_view, one, True, page)
         await asyncio.to_thread(_zip, output, forms, page)
     except BaseException:
         remove_with_beside(output)

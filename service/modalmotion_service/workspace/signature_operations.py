@@ -24,25 +24,23 @@ from modalmotion_service.http.negotiation import (
     VTKHDF,
     ZIP,
 )
-from modalmotion_service.http.timing import stage
-from modalmotion_service.schemas.requests import (
-    MANY_SIGNATURES,
-    SIGNATURE,
-    ClassificationRequest,
+from modalmotion_service.http.observation import stage
+from modalmotion_service.schemas.cases import FeatureOptions
+from modalmotion_service.schemas.queries import (
     DistanceRequest,
-    FeatureOptions,
     Reconstruction,
     ReportRequest,
     ViewRequest,
 )
+from modalmotion_service.schemas.requests import MANY_SIGNATURES, SIGNATURE, ClassificationRequest
 from modalmotion_service.schemas.results import ClassificationAnswer
 from modalmotion_service.schemas.signatures import DistanceAnswer
-from modalmotion_service.work.tasks import derived, reports, signatures, views
+from modalmotion_service.work.tasks import derived, signatures
 from modalmotion_service.workspace.analysis import USUAL, with_facts
-from modalmotion_service.workspace.feature_tables import FeatureTables
 from modalmotion_service.workspace.job_runner import Report
+from modalmotion_service.workspace.norms import FeatureTables
 from modalmotion_service.workspace.operation import Outcome, Request, operation
-from modalmotion_service.workspace.shared_work import unheard
+from modalmotion_service.workspace.owner_work import unheard
 from modalmotion_service.workspace.state import State
 
 SIGNATURE_TYPES: Final = (JSON, HDF5, NPZ, RAW, PNG, CSV)
@@ -151,7 +149,7 @@ async def report(state: State, request: Request, tell: Report) -> Outcome:
     async with state.analysis.fitted(request.sequence_id or "", request.key, tell) as one:
         with stage("report"):
             body = await state.analysis.work(
-                reports.make_report,
+                derived.make_report,
                 one,
                 request.media_type,
                 None if known is None else known.path,
@@ -167,10 +165,10 @@ async def view(state: State, request: Request, report: Report) -> Outcome:
     async with state.analysis.fitted(request.sequence_id or "", request.key, report) as one:
         with state.analysis.output() as output, stage("view"):
             if query.first is None and query.stop is None:
-                await state.analysis.work(views.make_view, one, as_page, output)
+                await state.analysis.work(derived.make_view, one, as_page, output)
             else:
                 await state.analysis.work(
-                    views.make_frames, one, query.first or 0, query.stop, output
+                    derived.make_frames, one, query.first or 0, query.stop, output
                 )
     headers = {"Content-Disposition": f'attachment; filename="{one.record.id[:12]}.html"'}
     return Outcome(output, request.media_type, headers=headers if as_page else {})
@@ -219,15 +217,12 @@ async def classification(state: State, request: Request, report: Report) -> Outc
 async def signatures_query(state: State, request: Request, report: Report) -> Outcome:
     """Pack the signatures of many sequences into one file, or a table."""
     analysis, ids = state.analysis, list(request.ids)
-    parameters, whole = request.query.parameters(), len(request.ids) + 1
-    paths = []
-    for done, sequence_id in enumerate(ids):
+    parameters = request.query.parameters()
 
-        def tell(share: float, text: str = "", done: int = done) -> None:
-            report((done + share) / whole, f"signature {done + 1} of {whole - 1}: {text}")
+    def tell(done: int, total: int) -> None:
+        report(done / (total + 1), f"signature {done} of {total}")
 
-        paths.append(await analysis.signature(sequence_id, parameters, tell))
-        report((done + 1) / whole, f"signature {done + 1} of {whole - 1}")
+    paths = await analysis.each(ids, lambda one: analysis.signature(one, parameters), tell)
     records = [state.store.sequence_record(sequence_id) for sequence_id in ids]
     paths = await analysis.of_one_kind(ids, parameters, paths)
     with analysis.output() as output:

@@ -38,7 +38,7 @@ class SpoolFile:
     is_left : bool
         Whether a job has it now, and removes it.
     parts : tuple of Part
-        Files that lie in it one after the other, where many were sent.
+        Files that are in it one after the other, where many were sent.
     """
 
     path: Path

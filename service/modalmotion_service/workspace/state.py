@@ -8,14 +8,13 @@ from modalmotion.store import ResultStore
 from modalmotion_service.settings import Settings
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.idempotency import IdempotencyKeys
-from modalmotion_service.workspace.images import Images
 from modalmotion_service.workspace.job_runner import JobRunner
 from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.norms import Norms
 from modalmotion_service.workspace.operation import Performance
 from modalmotion_service.workspace.spool import Spool
-from modalmotion_service.workspace.tracks import Tracks
+from modalmotion_service.workspace.tracks import Images, Tracks
 from modalmotion_service.workspace.training import Trainer
 
 

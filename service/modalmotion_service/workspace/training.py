@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import copy
 import json
-from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
@@ -20,8 +19,6 @@ from modalmotion.errors import (
     NotFoundError,
     ParameterError,
     StoreError,
-    TopologyError,
-    UnlikeCasesError,
 )
 from modalmotion.signature.making import SignatureKind, SignatureParameters
 from modalmotion.store import ModelRecord, ResultStore, model_from_hdf5
@@ -32,6 +29,7 @@ from modalmotion_service.work.task_progress import followed
 from modalmotion_service.work.tasks import training as training_task
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.job_runner import Report
+from modalmotion_service.workspace.owner_work import in_one_basis
 from modalmotion_service.workspace.spool import Spool, remove_with_beside
 from modalmotion_service.workspace.training_set import Case
 
@@ -119,7 +117,7 @@ class Trainer:
                         offsets = await self._fit(cases, other, report, leaves_out=leaves_out)
                 await asyncio.to_thread(_write_plan, plan, cases, paths, offsets)
                 with work_of(str(self._store.root)):
-                    future = self._engine.submit_for(
+                    future = self._engine.run(
                         Terms(self._owner),
                         training_task.train_model,
                         plan,
@@ -141,35 +139,31 @@ class Trainer:
                 except ModalMotionError as error:
                     raise self._about(error, error.details.get("sequence_id")) from error
 
-            async def train_with_most(asked: SignatureParameters, image: Path) -> None:
+            async def train_with_most(asked: SignatureParameters) -> SignatureParameters:
                 # As many modes as every recording can tell apart.
-                fewer = FEWER_MODES if options.modes is None else ()
-                for modes in fewer:
+                for modes in FEWER_MODES if options.modes is None else ():
                     try:
-                        return await train_with(asked, image)
+                        await train_with(asked, image)
                     except ModeCountError:
                         asked = replace(asked, modes=modes)
-                return await train_with(asked, image)
+                    else:
+                        return asked
+                await train_with(asked, image)
+                return asked
 
-            try:
-                await train_with_most(parameters, image)
-            except UnlikeCasesError as unlike:
-                # As `collect_in_one_basis` does it where the sequences are at hand.
-                if options.topology is not None:
-                    raise
-                try:
-                    await train_with_most(springs, image)
-                except (UnlikeCasesError, TopologyError, ModeCountError):
-                    raise unlike from None
-            else:
-                if leaves_out and options.topology is None:
-                    n_kept = await asyncio.to_thread(_n_cases, image)
-                    if n_kept < len(cases):
-                        # Spring modes are taken where they leave fewer out.
-                        with contextlib.suppress(ParameterError):
-                            await train_with(springs, other)
-                            if await asyncio.to_thread(_n_cases, other) > n_kept:
-                                image, other = other, image
+            made = await in_one_basis(train_with_most, parameters)
+            if (
+                leaves_out
+                and options.topology is None
+                and made.closed_form == parameters.closed_form
+            ):
+                n_kept = await asyncio.to_thread(_n_cases, image)
+                if n_kept < len(cases):
+                    # Spring modes are taken where they leave fewer out.
+                    with contextlib.suppress(ParameterError):
+                        await train_with(springs, other)
+                        if await asyncio.to_thread(_n_cases, other) > n_kept:
+                            image, other = other, image
             return await asyncio.to_thread(self._store.put_model_image, image)
         finally:
             for path in (plan, image, other, progress):
@@ -189,40 +183,20 @@ class Trainer:
         leaves_out: bool,
     ) -> list[Path | LeftOut]:
         """Signatures of all cases: stored ones, and the rest made by workers."""
-        paths: list[Path | LeftOut] = [Path()] * len(cases)
-        failures: list[ModalMotionError] = []
-        done = 0
 
-        async def take(numbers: Iterator[int]) -> None:
-            nonlocal done
-            for number in numbers:
-                sequence_id = cases[number].id
-                try:
-                    paths[number] = await self._analysis.signature(sequence_id, parameters)
-                except ModalMotionError as error:
-                    about = self._about(error, sequence_id)
-                    if leaves_out and isinstance(about, (*UNUSABLE, CostError)):
-                        paths[number] = LeftOut.of(about, case_name(sequence_id))
-                    else:
-                        failures.append(about)
-                # Signatures that are under way are finished, and stored for the next attempt.
-                if failures:
-                    return
-                done += 1
-                report(_FITTING * done / len(cases), f"signature {done} of {len(cases)}")
+        async def fitted(case: Case) -> Path | LeftOut:
+            try:
+                return await self._analysis.signature(case.id, parameters)
+            except ModalMotionError as error:
+                about = self._about(error, case.id)
+                if leaves_out and isinstance(about, (*UNUSABLE, CostError)):
+                    return LeftOut.of(about, case_name(case.id))
+                raise about from error
 
-        numbers = iter(range(len(cases)))
-        n_at_once = self._analysis.engine.n_workers
-        takers = [asyncio.ensure_future(take(numbers)) for _ in range(n_at_once)]
-        try:
-            await asyncio.gather(*takers)
-        finally:
-            for taker in takers:
-                taker.cancel()
-            await asyncio.wait(takers)
-        if failures:
-            raise failures[0]
-        return paths
+        def tell(done: int, total: int) -> None:
+            report(_FITTING * done / total, f"signature {done} of {total}")
+
+        return await self._analysis.each(cases, fitted, tell)
 
     def _about(self, error: ModalMotionError, sequence_id: object) -> ModalMotionError:
         """Say which sequence an error is about, where it is about one."""

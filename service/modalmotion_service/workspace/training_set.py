@@ -7,14 +7,14 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from modalmotion.errors import LimitError, NotFoundError, ParameterError
 from modalmotion.mesh import Facts
 from modalmotion.store import ResultStore
 from modalmotion.store.disk.atomic import cannot_write
 from modalmotion.store.record import require_name
-from modalmotion_service.schemas.requests import LabelledSequence
+from modalmotion_service.schemas.cases import LabelledSequence
 from modalmotion_service.workspace.spool import SpoolFile
 
 # Of each class: one to learn from and one to test on.
@@ -138,16 +138,6 @@ def find_cases(
     return cases
 
 
-def cases_as_json(cases: Sequence[Case]) -> list[dict[str, Any]]:
-    """Write cases as JSON-able values, which `cases_from_json` reads."""
-    return [asdict(case) for case in cases]
-
-
-def cases_from_json(values: Sequence[dict[str, Any]]) -> list[Case]:
-    """Read the output of `cases_as_json`."""
-    return [Case(**value) for value in values]
-
-
 def _require_classes(cases: list[Case]) -> None:
     per_class = Counter(case.label for case in cases)
     if len(per_class) < 2:
@@ -178,7 +168,7 @@ def write_cases(file: SpoolFile, cases: list[Case]) -> None:
         If they cannot be written.
     """
     try:
-        file.path.write_text(json.dumps(cases_as_json(cases)))
+        file.path.write_text(json.dumps([asdict(case) for case in cases]))
     except OSError as error:
         raise cannot_write(file.path, error) from error
     file.make_durable()
@@ -186,7 +176,7 @@ def write_cases(file: SpoolFile, cases: list[Case]) -> None:
 
 def read_cases(file: Path) -> list[Case]:
     """Read what `write_cases` wrote."""
-    return cases_from_json(json.loads(file.read_text()))
+    return [Case(**value) for value in json.loads(file.read_text())]
 
 
 def _count(ids: list[str], noun: str) -> str:

@@ -71,7 +71,7 @@ def test_the_command_on_the_page_names_a_file_that_is_one(card: ModelCard) -> No
     for odd in ("a\n```\nb.h5", "a`b.h5"):
         assert shown("mine", file=odd) == f"{asked} mine.h5"
     page = card_markdown("mine", "0" * 64, card)
-    assert "only models that come with the package have names" in page
+    assert "only models included in the package have names" in page
 
 
 def test_texts_of_others_stay_texts(card: ModelCard) -> None:
@@ -105,7 +105,7 @@ def test_a_card_without_figures_says_so(card: ModelCard) -> None:
     )
     page = card_markdown("mine", "0" * 64, bare)
     assert "model-index" not in head_of(page)
-    assert "nothing is known" in page
+    assert "its accuracy is unknown" in page
 
 
 def test_the_command_gives_it_in_three_forms(tmp_path: Path) -> None:

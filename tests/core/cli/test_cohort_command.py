@@ -63,7 +63,7 @@ def test_each_is_signed_once_and_failures_are_told(
         words[-2:] = ["--scheduler", request.getfixturevalue("dask_cluster").address]
     said = run(*words, code=1)
     assert "5 signatures made, 0 known before, 2 files failed" in said
-    assert "bad.npz: These 3 bytes are of no format" in said
+    assert "bad.npz: Unrecognised file format (3 bytes)" in said
     check_all(paths, out, modes=6)
     with (out / "cohort.csv").open() as file:
         rows = list(csv.DictReader(file))

@@ -109,7 +109,7 @@ def test_landmarks_come_from_a_file_too(tmp_path: Path) -> None:
     file.write_text('{"coordinates": "RAS", "landmarks": {"apex": [900, 0, 0]}}')
     result = CliRunner().invoke(main, ["track", *words, "--landmarks", str(file)])
     # Read and turned: the points are some 40 mm wide.
-    assert "'apex' in frame 0 lies 8" in result.output
+    assert "'apex' in frame 0 is 8" in result.output
 
 
 def test_images_are_tracked_and_drawn_over(tmp_path: Path) -> None:

@@ -125,7 +125,7 @@ def test_raw_numbers_take_their_shape_from_what_is_stated() -> None:
             LimitError,
             "vertices",
         ),
-        (ReadOptions(), MalformedFileError, "no format that is read"),
+        (ReadOptions(), MalformedFileError, "Unrecognised file format"),
     ],
 )
 def test_raw_numbers_that_do_not_fit_say_why(
@@ -195,9 +195,9 @@ def test_what_does_not_fit_the_file_is_refused(options: ReadOptions) -> None:
     ("data", "words"),
     [
         (b"", "empty"),
-        (b"   \n", "no format"),
-        (b"hello, world", "no format"),
-        (b"<html><body>Not found</body></html>", "no format"),
+        (b"   \n", "Unrecognised file format"),
+        (b"hello, world", "Unrecognised file format"),
+        (b"<html><body>Not found</body></html>", "Unrecognised file format"),
         (b"MATLAB 5.0 MAT-file, made by a test", "MATLAB"),
         (b'{"asset": {"version": "2.0"}}', ".glb"),
         (b"\x1f\x8b\x08" + bytes(40), "compressed"),

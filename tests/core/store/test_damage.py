@@ -97,13 +97,13 @@ def test_hdf5_of_another_program_is_refused(tmp_path: Path) -> None:
         file["amplitudes"] = np.zeros((2, 2, 3))
     with pytest.raises(CorruptFileError, match="seal"):
         signature_from_hdf5(path)
-    with pytest.raises(CorruptFileError, match="does not hold a signature"):
+    with pytest.raises(CorruptFileError, match="does not contain a signature"):
         signature_from_hdf5(seal([path.read_bytes()]))
 
 
 def test_another_kind_of_file_is_named() -> None:
     image = sequence_to_hdf5(sample_sequence(1))
-    with pytest.raises(CorruptFileError, match=r"holds 'sequence', not a signature"):
+    with pytest.raises(CorruptFileError, match=r"contains 'sequence', not a signature"):
         signature_from_hdf5(image)
 
 

@@ -156,7 +156,7 @@ def test_verify_counts_what_it_read(root: Path) -> None:
 def test_a_folder_without_a_store_is_not_made_into_one(
     look: Callable[[Path], object], tmp_path: Path
 ) -> None:
-    with pytest.raises(NotFoundError, match="holds no store"):
+    with pytest.raises(NotFoundError, match="contains no store"):
         look(tmp_path)
     assert not list(tmp_path.iterdir())
 

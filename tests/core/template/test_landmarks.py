@@ -171,7 +171,7 @@ def test_places_that_are_none(given: dict[str, object], message: str) -> None:
 
 def test_the_zero_of_theta_off_the_axis() -> None:
     found = landmarks_of("cup")
-    with pytest.raises(ParameterError, match="lies on the axis"):
+    with pytest.raises(ParameterError, match="is on the axis"):
         landmarks_of("cup", theta_zero=tuple((found.origin + 7 * found.axis).tolist()))
 
 

@@ -84,7 +84,7 @@ def test_openings_all_around_are_no_cup() -> None:
         moving = with_hole(moving, int(np.argmax(places @ direction)))
     template = make_template(mesh_sequence(*moving))
     assert template.surface is None
-    assert "openings do not lie at one end" in template.reason
+    assert "openings are not at one end" in template.reason
 
 
 def test_stated_against_the_connectivity() -> None:

@@ -109,7 +109,7 @@ def test_a_base_that_is_stated_once_descends_with_its_contours() -> None:
     rim = result.template.coordinates[:, 0] >= result.template.coordinates[:, 0].max() - 1e-9
     found = result.sequence.vertices[:, rim, 2].mean(axis=1)
     assert found == pytest.approx(np.array(levels), abs=2.5)
-    assert any("taken to be where the data end" in note for note in result.notes)
+    assert any("assumed where the data end" in note for note in result.notes)
 
 
 def test_planes_are_looked_for_in_many_points_without_much_memory() -> None:

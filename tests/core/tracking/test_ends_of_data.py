@@ -258,5 +258,5 @@ def test_the_same_data_give_the_same_bits() -> None:
 
 
 def test_that_the_base_is_the_end_of_the_data_is_said() -> None:
-    assert any("taken to be where the data end" in note for note in follow(clouds()).notes)
+    assert any("assumed where the data end" in note for note in follow(clouds()).notes)
     assert not any("where the data end" in note for note in follow(marked(clouds())).notes)

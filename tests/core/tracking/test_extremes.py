@@ -44,9 +44,9 @@ ENDS = {"apex": [-1.0, -2.0, -3.0], "base": [1.0, 2.0, 3.0]}
 @pytest.mark.parametrize(
     ("observed", "more", "match", "remedy"),
     [
-        (on_a_line, {}, "frame 0.* lie on a line", "open curve"),
-        (on_a_line, {"topology": "cup", "landmarks": ENDS}, "lie on a line", "surface as start"),
-        (in_a_plane, {}, "frame 0.* lie in a plane", "topology plane"),
+        (on_a_line, {}, "frame 0.* are on a line", "open curve"),
+        (on_a_line, {"topology": "cup", "landmarks": ENDS}, "are on a line", "surface as start"),
+        (in_a_plane, {}, "frame 0.* are in a plane", "topology plane"),
         (lambda: [np.eye(3)[:2]] * 3, {}, "has 2 points", "surface as start"),
         (lambda: [None] * 3, {}, "Nothing was observed in any frame", "at least one frame"),
         (list, {}, "Nothing was observed in any frame", "at least one frame"),
@@ -220,7 +220,7 @@ def test_a_base_that_is_never_seen_makes_the_fraction_unsure() -> None:
     assert part.ejection_fraction_bound is not None
     assert part.ejection_fraction_bound > 1.5 * whole.ejection_fraction_bound
     assert part.coverage[1:].max() < 0.8
-    assert any("points lie at less than 80%" in note for note in part.notes)
+    assert any("points are at less than 80%" in note for note in part.notes)
 
 
 def test_the_winding_of_triangles_does_not_matter() -> None:

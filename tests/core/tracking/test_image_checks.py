@@ -44,7 +44,7 @@ def off(result: Track) -> float:
 
 def doubts(result: Track) -> str:
     """What is noted besides what all tracks say."""
-    usual = ("undetermined", "along the surface it is the prior's", "so round about the axis")
+    usual = ("undetermined", "along the surface it comes from the prior", "so round about the axis")
     return " ".join(n for n in result.notes if not any(part in n for part in usual))
 
 
@@ -104,7 +104,7 @@ def test_an_object_that_is_cut_off_says_so_and_how_unsure_its_fraction_is() -> N
     cut = ImageSequence(tuple(Volume(f.values[:15], f.affine) for f in full.frames if f))  # type: ignore[union-attr]
     whole, part = tracked(full), tracked(cut)
     assert part.coverage.max() < 0.8
-    assert "points lie at less than 80% of the surface" in doubts(part)
+    assert "points are at less than 80% of the surface" in doubts(part)
     assert whole.ejection_fraction_bound is not None
     assert part.ejection_fraction_bound is not None
     true = 100.0 * (1.0 - enclosed(18.0) / enclosed())
@@ -117,7 +117,7 @@ def test_an_object_that_is_cut_off_says_so_and_how_unsure_its_fraction_is() -> N
     ("landmarks", "told"),
     [
         ({name: place + 20.0 * AXES[:, 0] for name, place in LANDMARKS.items()}, "check both"),
-        ({"apex": LANDMARKS["base"], "base": LANDMARKS["apex"]}, "taken for one another"),
+        ({"apex": LANDMARKS["base"], "base": LANDMARKS["apex"]}, "are the two swapped"),
     ],
     ids=["aside", "swapped"],
 )
@@ -132,9 +132,9 @@ def scaled(size: float) -> tuple[Volume, dict[str, Floats]]:
 @pytest.mark.parametrize(
     ("image", "landmarks", "told"),
     [
-        (*scaled(0.1), "lie 6.8 mm apart"),
+        (*scaled(0.1), "are 6.8 mm apart"),
         (*scaled(5.0), "No object is seen"),
-        (USUAL, {"apex": BASE, "base": BASE}, "lie 0 mm apart"),
+        (USUAL, {"apex": BASE, "base": BASE}, "are 0 mm apart"),
         (Volume(VALUES[:13], AFFINE), LANDMARKS, "No object is seen"),
         (Volume(VALUES[:, :, 17:18], AFFINE), LANDMARKS, "outside the images"),
     ],

@@ -87,5 +87,5 @@ def test_a_label_map_with_voxels_that_are_no_numbers_is_refused_as_such() -> Non
     values[2:6, 2:6, 2:6] = 1.0
     values[0, 0, 0] = np.nan
     images = ImageSequence((Volume(values, np.eye(4)),))
-    with pytest.raises(ParameterError, match="1 voxels of the label map are no numbers"):
+    with pytest.raises(ParameterError, match="1 voxels of the label map are not numbers"):
         is_label_map(images)

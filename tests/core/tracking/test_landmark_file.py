@@ -72,8 +72,8 @@ def test_ours_has_a_place_or_one_for_each_frame_and_no_system_turns_nothing() ->
 @pytest.mark.parametrize(
     ("data", "match"),
     [
-        (b"", "no file of landmarks"),
-        (b"\xff\xfe", "no file of landmarks"),
+        (b"", "not a file of landmarks"),
+        (b"\xff\xfe", "not a file of landmarks"),
         (b"[1]", "it is a list"),
         (b"{}", "neither 'landmarks' nor 'markups'"),
         (b'{"landmarks": {"apex": "1,2,3"}}', "three finite numbers"),
@@ -117,16 +117,14 @@ def test_files_among_frames_belong_to_all_or_to_the_frame_of_their_name(tmp_path
     turned = read_observed(tmp_path, coordinates="RAS")
     assert turned.landmarks["apex"][1:].tolist() == [[-1, -2, 3], [1, 2, 3]]
     (tmp_path / "scan_2.mrk.json").write_bytes(b"{}")
-    with pytest.raises(MalformedFileError, match=r"'scan_2.mrk.json': It is no file"):
+    with pytest.raises(MalformedFileError, match=r"'scan_2.mrk.json': It is not a file"):
         read_observed(tmp_path)
 
 
 def test_a_landmark_far_from_all_points_is_refused(tmp_path: Path) -> None:
     recorded = read_observed(frames_in(tmp_path))
     far = TrackParameters(modes=4, landmarks={"apex": [0, 0, -9], "base": [500.0, 0, 9]})
-    with pytest.raises(
-        ParameterError, match=r"'base' in frame 0 lies .* from the points"
-    ) as caught:
+    with pytest.raises(ParameterError, match=r"'base' in frame 0 is .* from the points") as caught:
         far.follow(recorded)
     assert caught.value.frame == 0
     assert "LPS and RAS" in caught.value.remedy

@@ -48,5 +48,5 @@ def test_the_frame_of_a_wrong_place_is_named() -> None:
 def test_facts_state_points_and_no_vertices() -> None:
     found = landmarks_of(Facts(landmarks={"apex": (0.0, 1.0, 2.0)}))
     assert found["apex"].tolist() == [0, 1, 2]
-    with pytest.raises(ParameterError, match="no vertices yet"):
+    with pytest.raises(ParameterError, match="has no vertices"):
         landmarks_of(Facts(landmarks={"apex": 7}))

@@ -215,7 +215,7 @@ def test_unequal_and_repeated_frames() -> None:
     times = np.array([0.0, 0.05, 0.4, 0.5, 0.55, 0.9])
     found = track(clouds, times=times, period=1.0, modes=7)
     assert found.sequence.times == pytest.approx(times)
-    with pytest.raises(InputError, match="last frame is the first again"):
+    with pytest.raises(InputError, match="last frame repeats the first"):
         track(clouds, times=times, period=0.9, modes=7)
     twice = track([clouds[0], *clouds], modes=7)
     assert twice.n_frames == 7
@@ -306,7 +306,7 @@ def test_what_cannot_be_asked_is_refused_with_a_remedy(
 
 def test_points_without_extent_and_beyond_all_numbers_are_refused() -> None:
     for frames in ([np.zeros((50, 3))] * 2, [x * 1e-200 for x in clouds_of(BALL)]):
-        with pytest.raises(ShapeError, match="lie in one place") as caught:
+        with pytest.raises(ShapeError, match="are in one place") as caught:
             track(frames)
         assert caught.value.frame == 0
     with pytest.raises(ParameterError, match=r"Frame 0: A coordinate is .* larger unit"):

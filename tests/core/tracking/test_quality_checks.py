@@ -50,10 +50,10 @@ def thin() -> list[Floats]:
     ("observed", "more", "said"),
     [
         (filled, {}, "fill a volume"),
-        (flat, {}, "lie in a plane or on a line"),
-        (thin, {"start": THIN}, "lie in a plane or on a line"),
-        (lambda: with_frame(CLOUDS[2] / 10), {}, "In frame 2 the points spread over 2.*unit"),
-        (lambda: with_frame(CLOUDS[2] + [200.0, 0, 0]), {}, "In frame 2 the surface lies 200"),
+        (flat, {}, "are in a plane or on a line"),
+        (thin, {"start": THIN}, "are in a plane or on a line"),
+        (lambda: with_frame(CLOUDS[2] / 10), {}, "In frame 2 the points extend over 2.*unit"),
+        (lambda: with_frame(CLOUDS[2] + [200.0, 0, 0]), {}, "In frame 2 the surface is 200"),
         (lambda: [x[:4] for x in CLOUDS], {"start": BALL}, "percentage points only"),
         (lambda: [np.zeros((1, 3))] * 4, {"start": BALL}, "percentage points only"),
     ],
@@ -79,7 +79,7 @@ BASE = [tuple(x[RIM].mean(axis=0)) for x in CUP_FRAMES]
 @pytest.mark.parametrize(
     ("landmarks", "unit", "said"),
     [
-        ({}, None, "Nobody stated where the surface ends"),
+        ({}, None, "The ends of the surface were not given"),
         ({"apex": APEX[0], "base": BASE[0]}, None, "base is not stated in 3 frames, frame 1"),
         ({"apex": BASE, "base": APEX}, None, "swapped"),
         ({"apex": APEX, "base": BASE}, "um", "mm in the stated unit um"),

@@ -16,8 +16,7 @@ from modalmotion.errors import StoreError
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import SCOPE_OF, Scope
 from modalmotion_service.audit.entry import BEGUN, Event
-from modalmotion_service.audit.key_events import make_key
-from modalmotion_service.audit.log import AuditLog, audit_path, entries_of, faults_of
+from modalmotion_service.audit.log import AuditLog, audit_path, entries_of, faults_of, make_key
 from modalmotion_service.commands.server import offer_first_key
 from modalmotion_service.settings import Settings
 

@@ -12,9 +12,8 @@ from pathlib import Path
 import pytest
 
 from modalmotion.errors import StoreError
-from modalmotion_service.audit.entry import GENESIS, Event, chained
+from modalmotion_service.audit.entry import GENESIS, Event, Lines, chained
 from modalmotion_service.audit.log import AuditLog, AuditStream
-from modalmotion_service.audit.stream import Lines
 
 
 def event(number: int) -> Event:

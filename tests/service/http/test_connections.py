@@ -26,9 +26,9 @@ from modalmotion_service.app import create_app
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.http.admission import UPLOADS
 from modalmotion_service.http.connections import room_for_connections
-from modalmotion_service.http.request_head import UNKNOWN_CLIENT, plain_address
-from modalmotion_service.monitoring.metrics import MeteredExecutor
+from modalmotion_service.http.heads import UNKNOWN_CLIENT, plain_address
 from modalmotion_service.settings import Settings
+from modalmotion_service.work.pool import WorkerPool
 
 JSON = {"Content-Type": "application/json"}
 MOST = 4
@@ -331,7 +331,7 @@ def test_health_names_no_machine_inside(
     def lost(self: object) -> None:
         raise ClusterError("The scheduler at 'tcp://10.0.0.7:8786' has no workers.")
 
-    monkeypatch.setattr(MeteredExecutor, "require_ready", lost)
+    monkeypatch.setattr(WorkerPool, "require_ready", lost)
     for path in ("/health/ready",):
         answer = client.get(path)
         assert (answer.status_code, answer.json()["code"]) == (503, "cluster_unavailable")

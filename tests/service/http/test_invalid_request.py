@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-from modalmotion_service.http.invalid_request import remedy_of
+from modalmotion_service.http.problems import remedy_of
 
 
 @pytest.fixture(scope="module")

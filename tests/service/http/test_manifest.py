@@ -6,7 +6,7 @@ import pytest
 
 from modalmotion import Facts
 from modalmotion.errors import MalformedFileError
-from modalmotion_service.http.manifest import Entry, entries_by_name
+from modalmotion_service.http.forms import Entry, entries_by_name
 
 HEADING, ROWS = ("Path", "Subject", "Label"), (("a b.npz", "Müller, E.", "rest"), ("c.npz", "", ""))
 

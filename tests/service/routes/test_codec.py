@@ -101,7 +101,6 @@ def test_a_kept_sequence_is_encoded_now_or_by_a_job(client: TestClient, mesh: by
 @pytest.mark.parametrize(
     ("path", "change", "status"),
     [
-        ("/v1/encode", lambda data: data, 422),
         ("/v1/encode?rms=1&bytes=3", lambda data: data, 422),
         ("/v1/encode?rms=-1", lambda data: data, 422),
         ("/v1/encode?rms=1", lambda data: data[:99], 400),

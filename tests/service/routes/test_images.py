@@ -302,7 +302,7 @@ def test_a_missing_package_is_named_with_the_way_to_install_it(
 class HereEngine:
     """Does work in this process."""
 
-    def submit_for(self, _terms: object, task: object, *args: object) -> object:
+    def run(self, _terms: object, task: object, *args: object) -> object:
         from concurrent.futures import Future
 
         future: Future[object] = Future()

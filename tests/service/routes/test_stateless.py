@@ -17,9 +17,8 @@ from modalmotion.errors import ParameterError
 from modalmotion.store import ResultStore, signature_from_hdf5
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import SCOPE_OF, Scope
-from modalmotion_service.app import create_app
+from modalmotion_service.app import SERVED, create_app
 from modalmotion_service.commands.server import require_keys_to_serve, without_store
-from modalmotion_service.routes.stateless import SERVED
 from modalmotion_service.settings import Settings
 
 HERS = "owners/alice"

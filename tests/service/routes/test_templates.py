@@ -19,7 +19,7 @@ from modalmotion.signature.reconstruction import reconstruct, resample
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template import make_template
 from modalmotion.template.vibration_modes import surface_modes
-from modalmotion_service.work.tasks import templates
+from modalmotion_service.work.tasks import sequences
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def test_modes_that_a_template_does_not_have_are_refused(client: TestClient, mes
     assert (too_many.status_code, too_many.json()["code"]) == (422, "bad_mode_count")
     assert client.get(f"/v1/templates/{'0' * 64}/modes").status_code == 404
     with pytest.raises(LimitError):
-        templates._require_room(2, 1)
+        sequences._require_room(2, 1)
 
 
 def test_a_cohort_names_one_template(client: TestClient, mesh: bytes) -> None:

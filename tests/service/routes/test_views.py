@@ -15,8 +15,8 @@ from signing import signed
 from modalmotion.viewer.bundle_files import script, style
 from modalmotion.viewer.container import read_container
 from modalmotion_service.http.negotiation import VIEW
-from modalmotion_service.work.fitted import Fitted
-from modalmotion_service.work.tasks import views
+from modalmotion_service.work.tasks import derived
+from modalmotion_service.work.tasks.files import Fitted
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def test_a_page_of_one_file_is_an_attachment(client: TestClient, here: str) -> N
 def test_more_frames_than_an_answer_holds_are_refused(
     client: TestClient, here: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Any
 ) -> None:
-    monkeypatch.setattr(views, "MOST_FRAME_BYTES", 1_000)
+    monkeypatch.setattr(derived, "MOST_FRAME_BYTES", 1_000)
     from modalmotion.errors import LimitError
 
     store = client.app.state.owners.local.store  # type: ignore[attr-defined]
@@ -104,7 +104,7 @@ def test_more_frames_than_an_answer_holds_are_refused(
     record = store.sequence_record(sequence_id)
     one = Fitted(signature, store.sequence_path(sequence_id), None, None, record)
     with pytest.raises(LimitError, match="first and stop") as caught:
-        views.make_frames(one, 0, None, tmp_path / "frames")
+        derived.make_frames(one, 0, None, tmp_path / "frames")
     assert caught.value.limit == "view_frame_bytes"
 
 

@@ -175,7 +175,7 @@ class Leaver:
 @contextmanager
 def stopped_workers(app: Any) -> Iterator[Callable[[], list[bool]]]:
     """Have all work take for ever: nothing that is sent to a worker begins."""
-    lanes = app.state.owners.local.analysis.engine.engine._lanes
+    lanes = app.state.owners.local.analysis.engine._lanes
     submitted: list[Any] = []
 
     def put(task: Any) -> bool:
@@ -267,7 +267,7 @@ def test_requests_without_a_worker_end_with_a_job_or_by_name(tmp_path: Path, bea
     settings = Settings(data_dir=tmp_path / "results", workers=1, wait_seconds=0.3)
     with TestClient(create_app(settings), raise_server_exceptions=False) as client:
         app: Any = client.app
-        engine = app.state.owners.local.analysis.engine.engine
+        engine = app.state.owners.local.analysis.engine
         with stopped_workers(app):
             start = time.monotonic()
             for path in (

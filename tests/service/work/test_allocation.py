@@ -71,7 +71,7 @@ def test_a_worker_does_not_walk_what_it_began_with(pool: WorkerPool) -> None:
 
 _OF_A_SERVER = """
 import resource, threading
-from modalmotion_service.work.allocation import keep_freed_memory
+from modalmotion_service.work.worker import keep_freed_memory
 
 def receive(n_times):
     for _ in range(n_times):

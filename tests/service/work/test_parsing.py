@@ -15,11 +15,11 @@ from format_samples import VERTICES, vtp_text
 from worker_tasks import is_running, parse_and_tell
 
 from modalmotion_service.errors import CostError
-from modalmotion_service.work import parsing
+from modalmotion_service.work import upload
 from modalmotion_service.work.engine import Terms
 from modalmotion_service.work.owner import work_of
-from modalmotion_service.work.parsing import are_confined
 from modalmotion_service.work.pool import WorkerPool
+from modalmotion_service.work.upload import are_confined
 
 pytest.importorskip("vtkmodules")
 
@@ -86,7 +86,7 @@ def test_the_service_says_whether_parsers_are_confined(
     with guarded(tmp_path / "one") as service:
         answer = service.client.get("/health/ready")
         assert answer.json()["parsers_confined"] is are_confined()
-    monkeypatch.setattr(parsing, "landlock_version", lambda: 0)
+    monkeypatch.setattr(upload, "landlock_version", lambda: 0)
     caplog.clear()
     with guarded(tmp_path / "two") as service:
         assert "not confined" in caplog.text

@@ -20,12 +20,13 @@ from modalmotion.signature.predicted_time import reading_seconds, signature_seco
 from modalmotion.simulate import simulate_ventricle
 from modalmotion.store import SequenceRecord
 from modalmotion_service.http.negotiation import JSON, NPZ, PNG
-from modalmotion_service.schemas.requests import EncodingTarget, ModesRequest
+from modalmotion_service.schemas.queries import ModesRequest
+from modalmotion_service.schemas.requests import EncodingTarget
 from modalmotion_service.work import tasks
-from modalmotion_service.work.fitted import Fitted
 from modalmotion_service.work.lanes import SHORT_SECONDS
 from modalmotion_service.work.tariff import _RULES, Tariff
-from modalmotion_service.work.tasks import codec, derived, sequences, signatures, templates
+from modalmotion_service.work.tasks import derived, sequences, signatures
+from modalmotion_service.work.tasks.files import Fitted
 from modalmotion_service.work.upload import Upload
 
 TARIFF = Tariff("a", 20.0, 2.0)
@@ -48,9 +49,7 @@ def upload(folder: Path, n_bytes: int, kind: Format | None = Format.RAW) -> Uplo
 
 
 def test_every_task_of_requests_has_a_price() -> None:
-    modules = [sequences, signatures, templates, derived, codec]
-    modules += [tasks.classification, tasks.evaluation, tasks.features, tasks.tracks, tasks.views]
-    modules += [tasks.reports, tasks.norms, tasks.images, tasks.batches]
+    modules = [sequences, signatures, derived, tasks.classification, tasks.tracks]
     public = {
         function
         for module in modules
@@ -86,8 +85,10 @@ def test_prices_rise_with_the_size_of_the_file(tmp_path: Path) -> None:
         lambda n: price(sequences.ingest, upload(tmp_path, n), out),
         lambda n: price(signatures.sign_upload, upload(tmp_path, n), USUAL, None, JSON),
         lambda n: price(signatures.sign, file_of(tmp_path, n), USUAL, None, None, out),
-        lambda n: price(codec.encode_upload, upload(tmp_path, n), EncodingTarget(rms=1), out, out),
-        lambda n: price(codec.decode_upload, file_of(tmp_path, n), None, None, None, NPZ, out),
+        lambda n: price(
+            sequences.encode_upload, upload(tmp_path, n), EncodingTarget(rms=1), out, out
+        ),
+        lambda n: price(sequences.decode_upload, file_of(tmp_path, n), None, None, None, NPZ, out),
         lambda n: price(derived.read_out, file_of(tmp_path, n), NOWHERE, None, JSON),
     ]
     for make in makers:
@@ -124,7 +125,7 @@ def test_text_is_dearer_than_arrays(tmp_path: Path) -> None:
 def test_modes_surfaces_and_pictures_cost_what_they_take(tmp_path: Path) -> None:
     file = file_of(tmp_path, 1_000_000)
     few, many = (
-        price(templates.modes_of_template, file, ModesRequest(modes=n), NPZ) for n in (7, 700)
+        price(sequences.modes_of_template, file, ModesRequest(modes=n), NPZ) for n in (7, 700)
     )
     assert many > 10 * few
     kept = Fitted(file, file, None, None, cast("SequenceRecord", None))

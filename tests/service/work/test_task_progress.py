@@ -13,7 +13,7 @@ from modalmotion.simulate import simulate_ventricle
 from modalmotion_service.schemas.requests import EncodingTarget
 from modalmotion_service.work import task_progress
 from modalmotion_service.work.task_progress import ProgressFile, followed
-from modalmotion_service.work.tasks import codec
+from modalmotion_service.work.tasks import sequences
 
 
 @pytest.fixture(autouse=True)
@@ -126,8 +126,8 @@ def test_encoding_tells_how_far_it_is(tmp_path: Path) -> None:
             super().write(share, text)
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(codec, "ProgressFile", Noted)
-        codec.encode_kept(kept, EncodingTarget(rms=0.5), output, progress)
+        patched.setattr(sequences, "ProgressFile", Noted)
+        sequences.encode_kept(kept, EncodingTarget(rms=0.5), output, progress)
     assert shares == sorted(shares)
     assert any(0.0 < share < 1.0 for share in shares)
     assert ProgressFile(progress).news()[-1] == (1.0, "")

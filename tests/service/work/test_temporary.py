@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from modalmotion_service.work.temporary import temporary_folder
+from modalmotion_service.commands.server import temporary_folder
 
 PROGRAM = """
 import os
-from modalmotion_service.work.temporary import temporary_folder
+from modalmotion_service.commands.server import temporary_folder
 print(temporary_folder(), flush=True)
 os.kill(os.getpid(), 9)
 """

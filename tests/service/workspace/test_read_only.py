@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from modalmotion.errors import StoreError
-from modalmotion_service.workspace.read_only import lay_out
+from modalmotion_service.workspace.owners import lay_out
 
 
 def test_models_and_templates_are_linked_and_nothing_else(tmp_path: Path) -> None:

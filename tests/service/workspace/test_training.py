@@ -23,8 +23,8 @@ from modalmotion.signature.making import modal_signature
 from modalmotion.store import ResultStore, model_from_hdf5, signature_to_hdf5
 from modalmotion.store.index.database import Database
 from modalmotion_service.app import create_app
+from modalmotion_service.schemas.cases import LabelledSequence
 from modalmotion_service.schemas.general import JobState
-from modalmotion_service.schemas.requests import LabelledSequence
 from modalmotion_service.settings import Settings
 from modalmotion_service.workspace.job_runner import JobRunner, Report
 from modalmotion_service.workspace.jobs import Jobs

@@ -23,7 +23,7 @@ from modalmotion.limits import TEXT_UNFOLDING, ReadLimits
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress
 
-# Besides frames an archive may hold textures, notes and the like.
+# Besides frames an archive may contain textures, notes and the like.
 _MEMBERS_PER_FRAME: Final = 4
 # Text that any archive may hold, however small: a second's reading.
 _SMALLEST_TEXT: Final = 8_000_000
@@ -43,13 +43,13 @@ def read_zip(data: bytes, parser: Parser, progress: Progress | None = None) -> R
     ----------
     data : bytes
     parser : Parser
-        Its limits hold; `decompressed_bytes` for all members together.
+        Its limits apply; `decompressed_bytes` for all members together.
     progress : callable, optional
 
     Raises
     ------
     MalformedFileError
-        If it is not a readable archive, or holds links or names that lead out of it.
+        If it is not a readable archive, or contains links or names that lead out of it.
     LimitError
         If its members declare more than the limits accept.
     InputError
@@ -152,13 +152,13 @@ def _plain_members(archive: zipfile.ZipFile, limits: ReadLimits) -> dict[str, zi
     most = _MEMBERS_PER_FRAME * limits.frames
     if len(infos) > most:
         raise LimitError(
-            f"The archive holds {len(infos)} members; at most {most} are accepted.",
+            f"The archive contains {len(infos)} members; at most {most} are accepted.",
             remedy="Send fewer frames.",
             limit="frames",
             details={"value": len(infos), "most": most},
         )
     for info in infos:
-        # The name as it stands in the archive, before Python turns separators around.
+        # The name as it is in the archive, before Python turns separators around.
         require_safe_name(info.orig_filename)
         if not info.filename:
             raise _refused(info, "without a name")

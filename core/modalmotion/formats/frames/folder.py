@@ -14,7 +14,7 @@ _WILD = frozenset("*?[")
 
 
 def is_pattern(path: Path) -> bool:
-    """Tell whether a path is a pattern of names such as scan_*.ply."""
+    """Return whether a path is a pattern of names such as scan_*.ply."""
     return bool(_WILD & set(path.name))
 
 
@@ -29,7 +29,7 @@ def read_folder(path: Path, parser: Parser, progress: Progress | None = None) ->
     path : Path
         A folder, a folder and a pattern of names (*, ?, [...]), or a list in its folder.
     parser : Parser
-        Its limits hold.
+        Its limits apply.
     progress : callable, optional
 
     Raises

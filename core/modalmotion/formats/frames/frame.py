@@ -41,7 +41,7 @@ class Frame:
     ----------
     positions : (vertices, 3) float32 or float64
     faces : (faces, 3) int64
-        Not checked yet: indices may lie out of range.
+        Not checked yet: indices may be out of range.
     is_soup : bool
         Whether each face has three vertices of its own, as in STL.
     notes : tuple of str

@@ -106,7 +106,7 @@ class FrameStack:
         )
         if self._merge is not None:
             notes.append(
-                f"STL holds no vertices: {len(self._merge.vertex_of)} corners that coincide in "
+                f"STL contains no vertices: {len(self._merge.vertex_of)} corners that coincide in "
                 f"frame 0 became {len(self._merge.first)} vertices in all frames."
             )
         return Reading(

@@ -42,7 +42,7 @@ def read_frames(
     files : list of FrameFile
         In the order of time.
     parser : Parser
-        Its limits hold.
+        Its limits apply.
     times : tuple of float, s, optional
     progress : callable, optional
 

@@ -47,7 +47,7 @@ def read_files(
     read : callable
         Returns the bytes of one of them.
     parser : Parser
-        Its limits hold.
+        Its limits apply.
     progress : callable, optional
     sizes : mapping of str to int, optional
         Bytes of each, where reading unpacks them: those that are read are compared with the limits.

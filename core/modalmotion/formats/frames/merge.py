@@ -66,9 +66,9 @@ class MergeMap:
             corner = int(apart[0])
             vertex = int(self.vertex_of[corner])
             raise ConnectivityError(
-                f"Frame {frame}: the corners that are vertex {vertex} in frame 0 lie apart "
+                f"Frame {frame}: the corners that are vertex {vertex} in frame 0 are apart "
                 f"(corner {corner % 3} of triangle {corner // 3}; {apart.size} such corners).",
-                remedy="STL holds no vertices, so those of frame 0 count for all frames. Send a "
+                remedy="STL contains no vertices, so those of frame 0 count for all frames. Send a "
                 "format that has them (PLY, OBJ, VTK), or triangles in the same order; or track "
                 f"the frames as they are: {TRACK}.",
                 frame=frame,

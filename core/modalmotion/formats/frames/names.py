@@ -9,7 +9,7 @@ from typing import Final
 from modalmotion.errors import MalformedFileError
 
 FRAME_SUFFIXES: Final = (".stl", ".ply", ".obj", ".off", ".vtk", ".vtp", ".vtu")
-"""Ends of the names of files that hold one frame each."""
+"""Ends of the names of files that contain one frame each."""
 
 SERIES_SUFFIXES: Final = (".pvd", ".series")
 """Ends of the names of files that list frames and their times."""
@@ -26,12 +26,12 @@ def natural_key(name: str) -> tuple[tuple[str, int, str], ...]:
 
 
 def require_safe_name(name: str) -> None:
-    """Refuse a name that leads out of the archive it stands in.
+    """Refuse a name that leads out of the archive it is in.
 
     Raises
     ------
     MalformedFileError
-        If it is absolute, goes up, names a drive, or holds control characters.
+        If it is absolute, goes up, names a drive, or contains control characters.
     """
     if name.startswith("/") or ".." in name.split("/") or _UNSAFE.search(name):
         raise MalformedFileError(
@@ -42,7 +42,7 @@ def require_safe_name(name: str) -> None:
 
 
 def is_hidden(name: str) -> bool:
-    """Tell whether a name is one that systems leave behind, such as .DS_Store."""
+    """Return whether a name is one that systems leave behind, such as .DS_Store."""
     return any(part.startswith((".", "__MACOSX")) for part in name.split("/"))
 
 

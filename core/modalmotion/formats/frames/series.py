@@ -46,7 +46,7 @@ def read_series(data: bytes, limits: ReadLimits = NO_LIMITS) -> Series:
     Raises
     ------
     MalformedFileError
-        If it is neither, or holds a document type, entities, several parts for one time, or
+        If it is neither, or contains a document type, entities, several parts for one time, or
         no frames.
     LimitError
         If it lists more frames than `limits` accept.
@@ -71,7 +71,9 @@ def _read_pvd(data: bytes, limits: ReadLimits) -> list[tuple[float, str]]:
     entries: list[tuple[float, str]] = []
 
     def refuse(*_: object) -> None:
-        raise _malformed("The .pvd file holds a document type or entities, which are never read.")
+        raise _malformed(
+            "The .pvd file contains a document type or entities, which are never read."
+        )
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         if tag == "VTKFile" and attributes.get("type") != "Collection":

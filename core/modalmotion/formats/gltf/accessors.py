@@ -41,7 +41,7 @@ def read_accessor(
     n_components : int
         Required numbers of each item.
     limits : ReadLimits
-        `decompressed_bytes` holds for it, as numbers of 8 bytes.
+        `decompressed_bytes` applies to it, as numbers of 8 bytes.
     limit : {"frames", "vertices", "faces"}, optional
         Further limit, on the number of its items divided by `items_each`.
     items_each : int
@@ -67,7 +67,7 @@ def read_accessor(
     code = _TYPES.get(accessor.get("componentType"))
     if code is None or _SIZES.get(accessor.get("type")) != n_components:
         raise malformed(
-            f"accessors[{index}] of the GLB file holds {str(accessor.get('type'))[:20]} of "
+            f"accessors[{index}] of the GLB file contains {str(accessor.get('type'))[:20]} of "
             f"{str(accessor.get('componentType'))[:20]}, not {n_components} numbers each."
         )
     dtype = np.dtype(code)
@@ -102,7 +102,7 @@ def _view(container: Container, index: object) -> _View:
         raise MalformedFileError(
             f"The GLB file names data elsewhere ({str(buffer.get('uri'))[:60]!r}), which is never "
             "opened.",
-            remedy="Export one .glb file that holds its own data.",
+            remedy="Export one .glb file that contains its own data.",
         )
     start = _count(view, "byteOffset", 0)
     end = start + _count(view, "byteLength")

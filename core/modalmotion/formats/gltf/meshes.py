@@ -138,5 +138,5 @@ def _require_plain(primitive: dict[str, Any]) -> None:
         )
     if primitive.get("mode", _TRIANGLES) in _STRIPS_AND_FANS:
         raise MalformedFileError(
-            "The GLB file holds triangle strips or fans.", remedy="Export again as triangles."
+            "The GLB file contains triangle strips or fans.", remedy="Export again as triangles."
         )

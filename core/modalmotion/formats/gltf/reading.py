@@ -66,7 +66,7 @@ def read_glb(
     container = read_container(data)
     limits = limits.of_file(len(data), _UNFOLDING)
     try:
-        # Numbers of any size may stand in a file; the validator finds overflows.
+        # Numbers of any size may be in a file; the validator finds overflows.
         with np.errstate(all="ignore"):
             return _read(container, animation, limits)
     except InputError:
@@ -184,7 +184,7 @@ def _require_known_extensions(required: list[Any]) -> None:
 def _notes(positions: NDArray[Any], n_targets: int, channels: dict[Key, Channel]) -> list[str]:
     notes = []
     if not channels:
-        notes.append("The file holds no animation: there is one frame.")
+        notes.append("The file contains no animation: there is one frame.")
     elif n_targets == 0:
         notes.append("The mesh has no morph targets: it moves as a rigid body.")
     n_twice = len(positions) - len(np.unique(positions, axis=0))

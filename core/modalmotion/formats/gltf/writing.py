@@ -28,7 +28,7 @@ def write_glb(animation: MorphAnimation) -> bytes:
     Positions are written as float32, without scaling to metres or turning of axes.
     Weights are written from 0 to 1, for Blender holds them there: a target is then the way
     from its least weight to its greatest, and the base has all of them at their least. Both
-    ends stand in the extras of the asset, with unit, first time and omissions.
+    ends are in the extras of the asset, with unit, first time and omissions.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ def _answer(
     info: dict[str, Any],
     arrays: dict[str, NDArray[Any]],
 ) -> None:
-    # Axes in the order in which they lie in memory: a copy of the samples would double it.
+    # Axes in the order in which they are in memory: a copy of the samples would double it.
     axes = {name: np.argsort(array.strides)[::-1].tolist() for name, array in arrays.items()}
     plain = {
         name: np.ascontiguousarray(array.transpose(axes[name])) for name, array in arrays.items()
@@ -103,7 +103,7 @@ def _limit_this_process(limits: ReadLimits, n_bytes: int, seconds: float | None)
     except ImportError:
         # Not on every system; the caller's clock still ends this process.
         return
-    # No core dump: it would hold the content of the file.
+    # No core dump: it would contain the content of the file.
     _lower(resource.RLIMIT_CORE, 0)
     if seconds is not None:
         used = resource.getrusage(resource.RUSAGE_SELF)

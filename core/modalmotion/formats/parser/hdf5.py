@@ -53,7 +53,7 @@ def parse_clouds(data: bytes, limits: ReadLimits) -> Parsed:
         if "VTKHDF" in file:
             return parse_vtkhdf_clouds(file, limits)
     raise MalformedFileError(
-        "The HDF5 file holds no group 'VTKHDF'.",
+        "The HDF5 file contains no group 'VTKHDF'.",
         remedy=f"Send VTKHDF PolyData, or npz. {NOTHING_TO_TRACK}",
     )
 

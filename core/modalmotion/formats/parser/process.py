@@ -157,7 +157,7 @@ def receive(stream: IO[bytes], limits: ReadLimits) -> Answer | InputError:
 
 
 def _start() -> subprocess.Popen[bytes]:
-    # -P: the working folder holds no modules of ours. No input is part of the command.
+    # -P: the working folder contains no modules of ours. No input is part of the command.
     return subprocess.Popen(
         [sys.executable, "-P", "-m", "modalmotion.formats.parser.child"],
         stdin=subprocess.PIPE,

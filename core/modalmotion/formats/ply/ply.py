@@ -62,7 +62,7 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     Returns
     -------
     Frame
-        float32 where the file holds "float" in binary, else float64.
+        float32 where the file contains "float" in binary, else float64.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     if sum(element.count for element in header.elements) > 2 * len(data):
         raise _malformed(
             f"The PLY file declares {[(e.name, e.count) for e in header.elements][:8]}, more "
-            f"than its {len(data)} bytes can hold."
+            f"than its {len(data)} bytes can contain."
         )
     columns, lists = read_elements(data, header.body, header.elements, header.order)
     if not all(("vertex", axis) in columns for axis in "xyz"):

@@ -110,7 +110,7 @@ def read_elements(
         rest = data[start : start + 1000].strip()
     if rest:
         raise _malformed(
-            "The PLY file holds more than its header declares "
+            "The PLY file contains more than its header declares "
             f"({[(e.name, e.count) for e in elements][:8]})."
         )
     return columns, lists

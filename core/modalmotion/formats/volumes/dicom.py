@@ -161,7 +161,7 @@ def _of(dataset: Any, limits: ReadLimits) -> Parsed:
     frames = dataset.get("PerFrameFunctionalGroupsSequence") or [{}]
     if n > 1 and len(frames) != n:
         raise MalformedFileError(
-            f"The DICOM file holds {n} frames, and does not say where each one lies.",
+            f"The DICOM file contains {n} frames, and does not say where each one is.",
             remedy="Export it as one file for each slice and phase, or as NIfTI.",
         )
     shared = (dataset.get("SharedFunctionalGroupsSequence") or [{}])[0]
@@ -274,7 +274,7 @@ class _Groups:
 def _vector(values: Any, n: int) -> NDArray[np.float64]:
     found = np.array([float(v) for v in values], dtype=np.float64)
     if len(found) != n or not np.isfinite(found).all():
-        raise MalformedFileError("The DICOM file does not say where it lies.", remedy=_REMEDY)
+        raise MalformedFileError("The DICOM file does not say where it is.", remedy=_REMEDY)
     return found
 
 

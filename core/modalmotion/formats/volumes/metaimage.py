@@ -57,7 +57,7 @@ def parse_metaimage(data: bytes, limits: ReadLimits) -> Parsed:
 def _parse(data: bytes, limits: ReadLimits) -> Parsed:
     keys, start = _header(data)
     if keys.get("ElementDataFile") != "LOCAL":
-        raise MalformedFileError("The samples lie in another file.", remedy=_REMEDY)
+        raise MalformedFileError("The samples are in another file.", remedy=_REMEDY)
     if keys.get("BinaryData", "True").lower() not in ("true", "1"):
         raise MalformedFileError(
             "The samples of the MetaImage file are words.",

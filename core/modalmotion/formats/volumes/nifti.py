@@ -86,7 +86,7 @@ def _of(header: Any, data: bytes, limits: ReadLimits, is_packed: bool) -> Parsed
     )
     notes: list[str] = []
     if not int(header["sform_code"]) and not int(header["qform_code"]):
-        notes.append("The NIfTI file does not say where it lies in space; its axes count as RAS.")
+        notes.append("The NIfTI file does not say where it is in space; its axes count as RAS.")
     zooms = header.get_zooms()
     interval = float(zooms[3]) if len(zooms) > 3 else 0.0
     times = timed(regular(interval, n_frames), duration, "NIfTI", notes)

@@ -49,7 +49,7 @@ _MM: Final = {
     "nm": 1e-6,
 }
 
-# Names of the field of samples that lie elsewhere.
+# Names of the field of samples that are elsewhere.
 _DETACHED: Final = ("data file", "datafile")
 
 _GZIP: Final = ("gzip", "gz")
@@ -114,7 +114,7 @@ def _header(data: bytes) -> tuple[Any, int]:
 
 def _samples(header: Any, data: bytes, start: int, limits: ReadLimits) -> NDArray[Any]:
     if any(name in header for name in _DETACHED):
-        raise MalformedFileError("The samples lie in another file.", remedy=_REMEDY)
+        raise MalformedFileError("The samples are in another file.", remedy=_REMEDY)
     encoding, name = (str(header[key]).lower() for key in ("encoding", "type"))
     if encoding not in ("raw", *_GZIP) or any(int(header.get(skip, 0)) for skip in _SKIPS):
         raise MalformedFileError(
@@ -170,7 +170,7 @@ def _of(header: Any, values: NDArray[Any], limits: ReadLimits) -> Parsed:
     for k in other:
         if kinds[k] not in (*_TIMES, *_PLAIN) and values.shape[k] > 1:
             raise MalformedFileError(
-                f"Axis {k} of the NRRD file holds the parts of colours or vectors, not time.",
+                f"Axis {k} of the NRRD file contains the parts of colours or vectors, not time.",
                 remedy="Write one number for each voxel, and time as an axis of the kind list.",
             )
     space = space.removesuffix("-time")

@@ -55,7 +55,7 @@ def kind_of_image(data: bytes) -> str | None:
 
 
 def holds_images(source: bytes | Path) -> bool:
-    """Tell whether a file, or the first of a zip's or folder's that is no text, holds images."""
+    """Return whether a file, or the first of a zip or folder that is no text, contains images."""
     if isinstance(source, Path):
         if source.is_dir():
             inside = sorted(path for path in source.rglob("*") if path.is_file())
@@ -112,7 +112,7 @@ def read_images(
         planes of the same frames where each has as many.
     limits : ReadLimits, optional
     parser : Parser, optional
-        Parser to reuse for many files; its own limits then hold.
+        Parser to reuse for many files; its own limits then apply.
     progress : callable, optional
         Called with the files read and all of them.
 
@@ -146,7 +146,7 @@ def _read(source: bytes | Path, parser: Parser, progress: Progress | None) -> Im
             members = {name: member.read for name, member in archive.members.items()}
             return _of_files(members, archive.parser, progress)
     if kind is None:
-        raise MalformedFileError("The file holds no images that are known.", remedy=_REMEDY)
+        raise MalformedFileError("The file contains no images that are known.", remedy=_REMEDY)
     answer = _parsed(kind, data, parser)
     return grouped(_slices(answer)) if kind == "dicom" else _sequence(answer)
 

@@ -1,4 +1,4 @@
-"""What a file of images is read to: samples over time, and where they lie."""
+"""What a file of images is read to: samples over time, and where they are."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def scaled(values: NDArray[Any], slope: float, intercept: float) -> NDArray[Any]
 
 
 def regular(interval: float, n: int) -> list[float] | None:
-    """List times of so many frames, s; None where the interval says nothing."""
+    """List times of so many frames, s; None if the interval says nothing."""
     if n < 2 or not (np.isfinite(interval) and interval > 0):
         return None
     return [k * interval for k in range(n)]

@@ -33,7 +33,7 @@ class ArrayHeads:
     ----------
     data : bytes
     limits : ReadLimits
-        On a file of that size: `decompressed_bytes` holds for all arrays together.
+        On a file of that size: `decompressed_bytes` applies to all arrays together.
     word_bytes : int
         Of a number in a head.
     order : {"<", ">"}
@@ -49,7 +49,7 @@ class ArrayHeads:
     n_bytes: int = 0
 
     def require(self, name: str, kind: str, n_values: int, at: int, *, is_raw: bool) -> None:
-        """Refuse an array whose head declares more than its file or its element can hold.
+        """Refuse an array whose head declares more than its file or its element can contain.
 
         Parameters
         ----------
@@ -83,7 +83,7 @@ class ArrayHeads:
         if n_bytes > room or n_heads > len(self.data):
             raise _malformed(
                 f"The array {name[:40]!r} of the .vtp file begins with {words}: {n_bytes} bytes, "
-                f"more than its element or its file of {len(self.data)} bytes can hold."
+                f"more than its element or its file of {len(self.data)} bytes can contain."
             )
         self.n_bytes += n_bytes
         self.limits.require("decompressed_bytes", self.n_bytes)

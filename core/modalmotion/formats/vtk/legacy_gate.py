@@ -60,7 +60,8 @@ def require_plain_legacy(data: bytes, limits: ReadLimits) -> None:
     Raises
     ------
     MalformedFileError
-        If its sizes are not numbers, are more than its bytes can hold, or contradict its polygons.
+        If its sizes are not numbers, are more than its bytes can contain, or contradict its
+        polygons.
     LimitError
         If it declares more than `limits` accept, or more arrays than a surface has.
     """
@@ -92,7 +93,7 @@ def require_plain_legacy(data: bytes, limits: ReadLimits) -> None:
         for end in _ends(text, word):
             if declared.size(text, end, n_between, default=1) > _MOST_COLUMNS:
                 raise _malformed(
-                    f"The .vtk file has data of more than {_MOST_COLUMNS} numbers a vertex."
+                    f"The .vtk file has data of more than {_MOST_COLUMNS} numbers per vertex."
                 )
     for word in _TYPES:
         for end in _ends(text, word):
@@ -112,11 +113,11 @@ class _Declared:
         if self.n_values > self.n_bytes:
             raise _malformed(
                 f"The .vtk file declares {self.n_values} numbers, more than its {self.n_bytes} "
-                "bytes can hold."
+                "bytes can contain."
             )
         if self.n_arrays > _MOST_ARRAYS:
             raise LimitError(
-                f"The .vtk file holds more than {_MOST_ARRAYS} arrays.",
+                f"The .vtk file contains more than {_MOST_ARRAYS} arrays.",
                 remedy="Save the surface alone, without its arrays of data.",
                 limit="vtk_arrays",
                 details={"most": _MOST_ARRAYS},
@@ -221,4 +222,4 @@ def _require_cells(
 
 
 def _long_word() -> MalformedFileError:
-    return _malformed(f"The .vtk file holds a word of more than {_LONGEST_WORD} letters.")
+    return _malformed(f"The .vtk file contains a word of more than {_LONGEST_WORD} letters.")

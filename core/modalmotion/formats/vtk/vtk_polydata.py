@@ -69,14 +69,14 @@ def _parse(reader: Any, limits: ReadLimits) -> Parsed:
     surface = reader.GetOutput()
     n_points = surface.GetNumberOfPoints()
     if n_points == 0:
-        raise _malformed("The VTK file holds no points.")
+        raise _malformed("The VTK file contains no points.")
     limits.require("vertices", n_points)
     is_grid = surface.IsA("vtkUnstructuredGrid")
     polygons = surface.GetCells() if is_grid else surface.GetPolys()
     limits.require("faces", polygons.GetNumberOfCells())
     if not is_grid and surface.GetNumberOfStrips():
         raise MalformedFileError(
-            "The VTK file holds triangle strips.",
+            "The VTK file contains triangle strips.",
             remedy="Apply the filter 'Triangulate' and save again.",
         )
     points = vtk_to_numpy(surface.GetPoints().GetData())

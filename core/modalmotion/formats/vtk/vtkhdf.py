@@ -75,7 +75,7 @@ def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
     vertices = _positions(points_of(root), n_points[steps.parts], steps.points, limits)
     if "Strips" in root and integers_of(root["Strips"], "NumberOfCells").any():
         raise MalformedFileError(
-            "The VTKHDF file holds triangle strips.",
+            "The VTKHDF file contains triangle strips.",
             remedy="Apply the filter 'Triangulate' and save again.",
         )
     arrays: dict[str, NDArray[Any]] = {"vertices": vertices, "faces": faces.faces}
@@ -199,7 +199,7 @@ def _same_faces(cells: _Cells, steps: Steps, limits: ReadLimits) -> Triangles:
                 frame=frame,
             )
     if first is None:
-        raise malformed("The VTKHDF file holds no step.")
+        raise malformed("The VTKHDF file contains no step.")
     return triangulate(*first)
 
 
@@ -216,11 +216,13 @@ def _positions(
         )
     n = int(n_points[0])
     if n < 0 or starts.min() < 0 or int(starts.max()) + n > len(points):
-        raise malformed(f"The VTKHDF file holds {len(points)} points, fewer than its steps name.")
+        raise malformed(
+            f"The VTKHDF file contains {len(points)} points, fewer than its steps name."
+        )
     dtype = np.dtype(np.float32 if points.dtype.itemsize == 4 else np.float64)
     # Steps may all name the same points, so this can be far more than the file declares.
     limits.require("decompressed_bytes", len(starts) * n * 3 * dtype.itemsize)
-    # All at once: a chunk that holds many frames would be unpacked again for each of them.
+    # All at once: a chunk that contains many frames would be unpacked again for each of them.
     values = given_up(np.asarray(points[()], dtype=dtype))
     if np.array_equal(starts, n * np.arange(len(starts))):
         return values[: n * len(starts)].reshape(len(starts), n, 3)
@@ -258,7 +260,7 @@ def _ignored(root: Any) -> list[str]:
 
 def _several_parts(n_parts: int) -> MalformedFileError:
     return MalformedFileError(
-        f"The VTKHDF file holds {n_parts} parts for one time.",
+        f"The VTKHDF file contains {n_parts} parts for one time.",
         remedy="Merge them ('Merge Blocks' or 'Append Geometry' in ParaView) and save again.",
     )
 

@@ -50,7 +50,9 @@ def parse_vtkhdf_clouds(file: Any, limits: ReadLimits) -> Parsed:
     limits.require("vertices", int(sizes.max(initial=0)))
     points, starts = points_of(root), steps.points
     if sizes.min() < 0 or starts.min() < 0 or int((starts + sizes).max()) > len(points):
-        raise malformed(f"The VTKHDF file holds {len(points)} points, fewer than its steps name.")
+        raise malformed(
+            f"The VTKHDF file contains {len(points)} points, fewer than its steps name."
+        )
     # Steps may all name the same points.
     limits.require("decompressed_bytes", 24 * int(sizes.sum()))
     values = np.asarray(points[()], dtype=np.float64)

@@ -46,7 +46,7 @@ def write_vtkhdf(
     ShapeError
         If a field does not have one value for each vertex of each frame.
     ParameterError
-        If a field's name is empty or holds a slash.
+        If a field's name is empty or contains a slash.
     """
     import h5py
 

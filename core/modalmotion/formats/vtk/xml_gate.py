@@ -50,7 +50,8 @@ def require_plain_xml(data: bytes, limits: ReadLimits) -> None:
     Raises
     ------
     MalformedFileError
-        If it holds a document type, or its sizes are not numbers or more than its bytes can hold.
+        If it holds a document type, or its sizes are not numbers or more than its bytes can
+        contain.
     LimitError
         If it declares more than `limits` accept, or has more elements or attributes than a surface.
     """
@@ -180,7 +181,7 @@ class _Walk:
         if self.n_values > self.most_values:
             raise _malformed(
                 f"The .vtp file declares {self.n_values} numbers up to {what}, more than its "
-                f"{self.n_bytes} bytes can hold."
+                f"{self.n_bytes} bytes can contain."
             )
 
 
@@ -193,7 +194,7 @@ def _whole(attributes: dict[str, str], name: str, default: int = 0) -> int:
 
 def _refuse(*_: object) -> None:
     raise MalformedFileError(
-        f"The .vtp file holds {_REFUSED}, which are never read.",
+        f"The .vtp file contains {_REFUSED}, which are never read.",
         remedy="Save the frame again without them.",
     )
 
@@ -216,7 +217,7 @@ def _require_short(text: str) -> None:
 
 def _too_much(limit: str, what: str) -> LimitError:
     return LimitError(
-        f"The VTK file holds {what}.",
+        f"The VTK file contains {what}.",
         remedy="Save the surface alone, without its arrays of data.",
         limit=limit,
     )

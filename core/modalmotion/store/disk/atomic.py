@@ -83,7 +83,7 @@ def put_back(path: Path, content: bytes | None) -> None:
 
 
 def content_of(path: Path) -> bytes | None:
-    """All of a file, None where it cannot be read.
+    """All of a file, None if it cannot be read.
 
     Only records are ever replaced, which are small: results are immutable.
     """
@@ -148,7 +148,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def is_temporary(name: str) -> bool:
-    """Tell whether a file of that name is one that `write_atomic` did not finish."""
+    """Return whether a file of that name is one that `write_atomic` did not finish."""
     return _TEMPORARY.fullmatch(name) is not None
 
 
@@ -214,5 +214,5 @@ _OF_THE_MACHINE: Final = frozenset(
 
 
 def is_of_the_machine(error: BaseException) -> bool:
-    """Tell whether the same could succeed at another time, with nothing else changed."""
+    """Return whether the same could succeed at another time, with nothing else changed."""
     return isinstance(error, OSError) and error.errno in _OF_THE_MACHINE

@@ -1,4 +1,4 @@
-"""Small files of JSON that end with the sha256 of what stands before."""
+"""Small files of JSON that end with the sha256 of the text before it."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class JsonForm:
         return record
 
     def damaged(self, path: Path, reason: str) -> CorruptFileError:
-        """Error for a file that does not hold what it should."""
+        """Error for a file that does not contain what it should."""
         return CorruptFileError(
             f"The {self.kind.replace('-', ' ')} '{path.parent.name}/{path.name}' is damaged "
             f"({reason[:100]}).",

@@ -1,7 +1,7 @@
 """The SQLite file of a store: its tables, those of its guests, and who may use it when.
 
 What is listed or counted is found through an index of its own, in as many steps among a million
-rows as among a few. Rows of `sequences` lie in the order in which they came, so that those of a
+rows as among a few. Rows of `sequences` are in the order in which they came, so that those of a
 page are neighbours; triggers keep the numbers in `counts`, and say which sequences were tracked.
 """
 

@@ -53,7 +53,7 @@ class Index:
         self._facts = lru_cache(maxsize=64)(lambda text: facts_from_json(json.loads(text)))
 
     def find(self, sequence_id: str, *, tracked: bool = False) -> SequenceRecord | None:
-        """Record of a sequence, only if it was tracked if so; None where there is none."""
+        """Record of a sequence, only if it was tracked if so; None if there is none."""
         condition = " AND is_tracked = 1" if tracked else ""
         rows = self.database.read(f"{_RECORDS} WHERE id = ?{condition}", (sequence_id,))
         return self._record(rows[0]) if rows else None
@@ -100,7 +100,7 @@ class Index:
         ParameterError
             If the limit is out of range or the cursor is not one of a list.
         """
-        # By value and not by count: what is put meanwhile is newer, lies before the cursor,
+        # By value and not by count: what is put meanwhile is newer, is before the cursor,
         # and moves nothing behind it.
         conditions, values = ["(created, id) < (?, ?)"], [*from_cursor(cursor)]
         for column, wanted in (("subject", subject), ("label", label)):
@@ -146,7 +146,7 @@ class Index:
             connection.execute("DELETE FROM sequences WHERE id = ?", (sequence_id,))
 
     def digest(self, name: ResultName) -> str | None:
-        """sha256 of a result's file, None where there is no such result."""
+        """sha256 of a result's file, None if there is no such result."""
         rows = self.database.read(
             "SELECT sha256 FROM results "
             "WHERE sequence_id = ? AND kind = ? AND model_id = ? AND key = ?",

@@ -1,25 +1,53 @@
-"""Classes named by models, and models described."""
+"""Classes named by models, models measured, norms made and asked, features tabulated."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from modalmotion.classification import (
+    CaseFile,
     Classification,
     Model,
     ModelCard,
     classify,
+    feature_table,
     load_model,
     shipped_for,
 )
-from modalmotion.mesh import Facts
-from modalmotion.signature.making import SignatureParameters
-from modalmotion.store import model_from_hdf5, signature_from_hdf5
-from modalmotion_service.schemas.sequences import ReadingAnswer
-from modalmotion_service.work.tasks.files import png_of
+from modalmotion.classification.cases import LeftOut, case_name
+from modalmotion.classification.comparison import comparison_of
+from modalmotion.classification.evaluation import (
+    CaseAnswer,
+    Evaluation,
+    evaluation_of,
+)
+from modalmotion.mesh.facts import Facts
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.norm import (
+    Norm,
+    cohort_deviation,
+    norm_from_hdf5,
+    norm_to_hdf5,
+    train_norm,
+)
+from modalmotion.norm.norm import Control, Reading
+from modalmotion.signature.making import ModalSignature, SignatureParameters
+from modalmotion.store import model_from_hdf5, sequence_from_hdf5, signature_from_hdf5
+from modalmotion_service.http.negotiation import CSV, PNG
+from modalmotion_service.schemas.general import ReadingAnswer
+from modalmotion_service.schemas.models import (
+    CohortDeviationAnswer,
+    ComparisonAnswer,
+    DeviationAnswer,
+    EvaluationAnswer,
+    FeaturesAnswer,
+)
+from modalmotion_service.work.task_progress import ProgressFile
+from modalmotion_service.work.tasks.files import png_of, write_whole
 from modalmotion_service.work.upload import Upload
 
 
@@ -61,11 +89,6 @@ def name_class(
     )
 
 
-def require_loads(model: Path | str) -> None:
-    """Load a model, which checks its file."""
-    loaded(model)
-
-
 def classify_upload(
     upload: Upload,
     parameters: SignatureParameters,  # noqa: ARG001 (they are the model's; its price is read here)
@@ -91,3 +114,225 @@ def draw_card(card: dict[str, Any], title: str) -> bytes:
 def loaded(model: Path | str) -> Model:
     """Load a model, or give the one that was loaded before."""
     return model_from_hdf5(model) if isinstance(model, Path) else load_model(model)
+
+
+Source = Path | str
+
+
+def measure(
+    model: Source, version: int, answers: Sequence[CaseAnswer], coverage: float, media_type: str
+) -> bytes:
+    """Measure a model's answers, as JSON, as a table of the cases, or as a picture."""
+    result = _evaluation(model, answers, coverage)
+    if media_type == CSV:
+        return result.as_csv().encode()
+    if media_type == PNG:
+        from modalmotion.pictures.classification import evaluation_figure
+
+        return png_of(evaluation_figure(result))
+    return EvaluationAnswer.of(result, version).model_dump_json().encode()
+
+
+def compare(
+    models: tuple[Source, Source],
+    versions: tuple[int, int],
+    answers: tuple[Sequence[CaseAnswer], Sequence[CaseAnswer]],
+    coverage: float,
+) -> bytes:
+    """Compare the answers of two models, as JSON."""
+    first, second = (
+        _evaluation(model, its, coverage) for model, its in zip(models, answers, strict=True)
+    )
+    return ComparisonAnswer.of(comparison_of(first, second), versions).model_dump_json().encode()
+
+
+def held_out_table(model: Source, subjects: dict[str, str]) -> bytes:
+    """Give the held-out answers of a model's cross-validation as a table; empty without one.
+
+    Parameters
+    ----------
+    model : Path or str
+    subjects : dict of str to str
+        Of recordings, by id, as they are known now.
+    """
+    validation = loaded(model).cross_validation
+    if validation is None:
+        return b""
+    return validation.as_csv({id_: ("", subject) for id_, subject in subjects.items()}).encode()
+
+
+def held_out_ids(model: Source) -> list[str]:
+    """Ids of the recordings that a model was trained on; none where its file does not say."""
+    validation = loaded(model).cross_validation
+    return [] if validation is None else list(validation.sequence_ids)
+
+
+def _evaluation(model: Source, answers: Sequence[CaseAnswer], coverage: float) -> Evaluation:
+    return evaluation_of(loaded(model), answers, coverage)
+
+
+def tabulate_features(
+    cases: Sequence[CaseFile],
+    options: dict[str, Any],
+    on_error: str,
+    left_out: Sequence[LeftOut],
+    media_type: str,
+    output: Path,
+) -> int:
+    """Write the features of kept signatures as CSV or JSON; gives the number of cases left out.
+
+    Parameters
+    ----------
+    cases : sequence of CaseFile
+    options : dict
+        Of `SignatureFeatures`.
+    on_error : str
+    left_out : sequence of LeftOut
+        Cases whose signatures could not be made.
+    media_type : str
+    output : Path
+
+    Raises
+    ------
+    ModalMotionError
+        If they do not compare, or have not the features that the options name.
+    """
+    # Here, for the server, which only hands this on, needs no scikit-learn.
+    from modalmotion.classification import SignatureFeatures
+
+    table = feature_table(cases, SignatureFeatures(**options), on_error=on_error)
+    table = table.beside(left_out)
+    text = table.as_csv() if media_type == CSV else FeaturesAnswer.of(table).model_dump_json()
+    write_whole(output, text.encode())
+    return len(table.left_out)
+
+
+LEAST_TOGETHER: Final = 5
+"""Recordings that are compared as a cohort."""
+
+
+@dataclass(frozen=True)
+class KeptRecording:
+    """A kept sequence with its signature.
+
+    Parameters
+    ----------
+    sequence_id : str
+    signature : Path
+    vertices : Path or None
+        None where they are not kept: then no volume is read.
+    facts : Facts
+        Of the sequence; kept files have none.
+    subject : str or None
+    """
+
+    sequence_id: str
+    signature: Path
+    vertices: Path | None
+    facts: Facts
+    subject: str | None
+
+    def read_signature(self) -> ModalSignature:
+        """Read the signature, with the facts."""
+        return replace(signature_from_hdf5(self.signature), facts=self.facts)
+
+    def read_sequence(self) -> MeshSequence | None:
+        """Read the vertices, with the facts."""
+        if self.vertices is None:
+            return None
+        return sequence_from_hdf5(self.vertices).with_facts(self.facts)
+
+
+def make_norm(
+    recordings: Sequence[KeptRecording],
+    name: str,
+    modes: int,
+    topology: str | None,
+    image: Path,
+    progress: Path,
+) -> None:
+    """Make a norm of kept controls and write its HDF5 image; see `train_norm`."""
+    report = ProgressFile(progress).write
+
+    def tell(done: int, total: int) -> None:
+        report(done / total, f"control {done} of {total}")
+
+    controls = [
+        Control(
+            one.read_signature(),
+            one.subject,
+            case_name(one.sequence_id),
+            # Read one after another, when its turn comes.
+            sequence=one.read_sequence,
+        )
+        for one in recordings
+    ]
+    norm = train_norm(controls, name, modes=modes, topology=topology, progress=tell)
+    write_whole(image, norm_to_hdf5(norm))
+
+
+def ask_norm(
+    recordings: Sequence[KeptRecording], norm: Path, level: float, stated: Sequence[str | None]
+) -> tuple[bytes, dict[int, str]]:
+    """Compare kept sequences with a norm, each, and many together; gives the answer as JSON.
+
+    Parameters
+    ----------
+    recordings : sequence of KeptRecording
+    norm : Path
+    level : float
+    stated : sequence of (str or None)
+        Topology that each sequence states.
+
+    Returns
+    -------
+    bytes, dict of int to str
+        Without an answer the topologies in which the norm would rather have some, by number.
+    """
+    controls = norm_from_hdf5(norm)
+    readings, imposed = [], {}
+    for number, (one, topology) in enumerate(zip(recordings, stated, strict=True)):
+        own, wanted = _read(one, controls, topology)
+        if own is not None:
+            readings.append(own)
+        elif wanted is not None:
+            imposed[number] = wanted
+    if imposed:
+        return b"", imposed
+    if len(readings) >= LEAST_TOGETHER:
+        answer = CohortDeviationAnswer(
+            **cohort_deviation(controls, readings, level=level).as_json()
+        )
+    else:
+        answer = CohortDeviationAnswer(
+            norm=controls.name,
+            norm_id=controls.id,
+            n_controls=controls.as_json()["n_controls"],
+            n_recordings=len(readings),
+            level=level,
+            p=None,
+            is_another=None,
+            warning=None,
+            deviations=[
+                DeviationAnswer(**controls.deviation(own, level=level).as_json())
+                for own in readings
+            ],
+        )
+    return answer.model_dump_json().encode(), {}
+
+
+def _read(
+    recording: KeptRecording, controls: Norm, stated: str | None
+) -> tuple[Reading | None, str | None]:
+    """Read a recording as the controls are; or give the topology in which they rather have it."""
+    signature = recording.read_signature()
+    imposed = controls.readable.imposed_on(signature.surface, stated)
+    if imposed is not None and imposed.topology is not None:
+        return None, str(imposed.topology)
+    own = controls.read(
+        signature,
+        subject=recording.subject,
+        name=case_name(recording.sequence_id),
+        sequence=recording.read_sequence(),
+    )
+    return own, None

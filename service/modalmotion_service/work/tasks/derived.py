@@ -1,31 +1,43 @@
-"""What follows from a signature, or from many: volumes, surfaces, the trade."""
+"""What follows from a signature: volumes, surfaces, the trade, reports, pages."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from modalmotion.classification.answer_hdf5 import classification_from_hdf5
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.ventricle import ventricle_readouts
-from modalmotion.errors import ParameterError
+from modalmotion.errors import LimitError, ParameterError
 from modalmotion.exports.signature_pack import SurfaceFormat, write_superposed
 from modalmotion.exports.tables import frame_table
-from modalmotion.mesh import Facts
+from modalmotion.formats import ReadLimits
+from modalmotion.mesh.facts import Facts
 from modalmotion.pictures.readouts import volume_figure
 from modalmotion.progress import Stopwatch
-from modalmotion.signature import measure_tradeoff
+from modalmotion.reports import Report, fhir_json, report_of, report_pdf
+from modalmotion.reports.dicom import dicom_zip, read_study
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.signature.tradeoff import as_plain
-from modalmotion.store import sequence_from_hdf5, signature_from_hdf5, template_from_hdf5
+from modalmotion.signature.tradeoff import as_plain, measure_tradeoff
+from modalmotion.store import (
+    sequence_from_hdf5,
+    signature_from_hdf5,
+    template_from_hdf5,
+    track_from_hdf5,
+)
 from modalmotion.template.body_frame import Components
-from modalmotion_service.http.negotiation import CSV, PNG
+from modalmotion.viewer.page import View, view_page
+from modalmotion.viewer.payload import frames_payload
+from modalmotion_service.http.negotiation import CSV, PDF, PNG
 from modalmotion_service.schemas.readouts import ReadoutsAnswer
 from modalmotion_service.schemas.signatures import TradeoffAnswer
-from modalmotion_service.work.fitted import Fitted
 from modalmotion_service.work.task_progress import ProgressFile
-from modalmotion_service.work.tasks.files import png_of, whole_file, write_whole
+from modalmotion_service.work.tasks.files import Fitted, png_of, whole_file, write_whole
+from modalmotion_service.work.upload import parser_for
 
 STRAIN: Final = "strain"
 """In place of a media type: the strain alone, as JSON."""
@@ -115,3 +127,77 @@ def superpose(
             max_targets=max_targets,
         ),
     )
+
+
+def make_report(one: Fitted, media_type: str, classification: Path | None) -> bytes:
+    """Report on a signature, as FHIR, PDF or a table; the same bytes every time."""
+    report = _report(one, classification)
+    if media_type == PDF:
+        return report_pdf(replace(report, name=one.title))
+    if media_type == CSV:
+        table = frame_table(report.signature, report.readouts, report.ventricle)
+        return table.to_csv().encode()
+    return fhir_json(report)
+
+
+def make_dicom(
+    one: Fitted, instance: Path, limits: ReadLimits, classification: Path | None, output: Path
+) -> None:
+    """Write a report on a signature as a zip of objects of an instance's study."""
+    study = read_study(instance, parser=parser_for(limits))
+    write_whole(output, dicom_zip(_report(one, classification), study))
+
+
+def _report(one: Fitted, classification: Path | None) -> Report:
+    return report_of(
+        signature_from_hdf5(one.signature),
+        one.read_sequence(),
+        issued=datetime.fromisoformat(one.record.created),
+        template=one.read_template(),
+        classification=None if classification is None else classification_from_hdf5(classification),
+    )
+
+
+# Of one answer: a page asks for the frames of a large surface a piece at a time.
+MOST_FRAME_BYTES: Final = 64_000_000
+
+
+def make_view(one: Fitted, as_page: bool, output: Path) -> None:
+    """Write what a page needs first of a kept signature; or the whole page, as one file.
+
+    A page of one file is shown without a service: it holds the data of a track itself.
+    """
+    view = View(
+        signature_from_hdf5(one.signature),
+        one.read_sequence(),
+        template=one.read_template(),
+        title=one.title,
+    )
+    track = one.track
+    if not as_page:
+        write_whole(output, replace(view, is_tracked=track is not None).payload())
+        return
+    data = None if track is None else track_from_hdf5(track).data
+    write_whole(output, view_page([replace(view, data=data)]).encode())
+
+
+def make_frames(one: Fitted, first: int, stop: int | None, output: Path) -> None:
+    """Write frames as they were sent.
+
+    Raises
+    ------
+    LimitError
+        If they are more than one answer holds.
+    """
+    loaded, fitted = sequence_from_hdf5(one.sequence), signature_from_hdf5(one.signature)
+    frames = range(loaded.n_frames)[first:stop]
+    size = 6 * loaded.n_vertices * len(frames)
+    if size > MOST_FRAME_BYTES and len(frames) > 1:
+        raise LimitError(
+            f"{len(frames)} frames take {size} bytes; an answer holds at most {MOST_FRAME_BYTES}.",
+            remedy="Ask for fewer frames at a time: first and stop name them.",
+            limit="view_frame_bytes",
+            details={"value": size, "most": MOST_FRAME_BYTES},
+        )
+    named = one.read_template()
+    write_whole(output, frames_payload(loaded, fitted, first, stop, template=named))

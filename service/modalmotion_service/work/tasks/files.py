@@ -1,4 +1,4 @@
-"""What all tasks do with files: load a template, draw a figure, write a whole file."""
+"""What all tasks do with files: load what a signature was made of, draw, write a whole file."""
 
 from __future__ import annotations
 
@@ -6,14 +6,22 @@ import io
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from modalmotion.mesh.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.basis import TemplateCache
-from modalmotion.store import sequence_from_hdf5, template_from_hdf5, track_from_hdf5
+from modalmotion.signature.making import ModalSignature
+from modalmotion.store import (
+    SequenceRecord,
+    sequence_from_hdf5,
+    signature_from_hdf5,
+    template_from_hdf5,
+    track_from_hdf5,
+)
 from modalmotion.template import Template
 
 if TYPE_CHECKING:
@@ -83,3 +91,52 @@ def _kept_of(template: Path) -> TemplateCache:
 def _kept() -> TemplateCache:
     """Give what this process has made ready for cohorts that name a template."""
     return TemplateCache(most_bytes=_KEPT_BYTES)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A signature in a file; a worker reads it and what it was made of.
+
+    Parameters
+    ----------
+    signature, sequence : Path
+    template : Path or None
+        That its parameters name.
+    track : Path or None
+        That made the sequence.
+    record : SequenceRecord
+    """
+
+    signature: Path
+    sequence: Path
+    template: Path | None
+    track: Path | None
+    record: SequenceRecord
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files of it."""
+        files = (self.sequence, self.signature, self.template, self.track)
+        return tuple(file for file in files if file is not None)
+
+    @property
+    def facts(self) -> Facts:
+        """Facts of the sequence, which kept files lack."""
+        return self.record.facts
+
+    @property
+    def title(self) -> str:
+        """What a person calls the sequence; empty where nobody said."""
+        return self.record.name or self.record.subject or ""
+
+    def read_signature(self) -> ModalSignature:
+        """Read the signature, with the facts."""
+        return replace(signature_from_hdf5(self.signature), facts=self.facts)
+
+    def read_sequence(self) -> MeshSequence:
+        """Read the sequence, with the facts and what its track says of its positions."""
+        return loaded_sequence(self.sequence, self.track).with_facts(self.facts)
+
+    def read_template(self) -> Template | None:
+        """Read the template that is named; None for one of the sequence's own."""
+        return None if self.template is None else template_from_hdf5(self.template)

@@ -1,4 +1,4 @@
-"""Uploads read and written as sequences."""
+"""Sequences read, encoded and decoded, and their templates."""
 
 from __future__ import annotations
 
@@ -9,20 +9,38 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion.mesh import Facts
+from modalmotion.codec import decode, encode
+from modalmotion.errors import LimitError
+from modalmotion.exports.animation import modes_to_hdf5, modes_to_npz
+from modalmotion.formats import ReadLimits, write_npz, write_raw, write_vtkhdf
+from modalmotion.mesh.facts import Facts
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Stopwatch
+from modalmotion.signature.making import (
+    SignatureParameters,
+    resolve_parameters,
+    resolve_template,
+)
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.store import (
     SequenceRecord,
     record_of,
     sequence_from_hdf5,
+    template_from_hdf5,
+    template_to_hdf5,
     track_from_hdf5,
     track_image,
     upload_image,
 )
-from modalmotion_service.schemas.sequences import ReadingAnswer
+from modalmotion.template.vibration_modes import surface_modes
+from modalmotion_service.http.negotiation import HDF5, NPZ, PNG, RAW, VTKHDF
+from modalmotion_service.schemas.general import ReadingAnswer
+from modalmotion_service.schemas.queries import ModesRequest
+from modalmotion_service.schemas.requests import EncodingTarget
+from modalmotion_service.schemas.results import EncodedAnswer
+from modalmotion_service.schemas.signatures import ModesAnswer, TemplateAnswer
 from modalmotion_service.work.task_progress import ProgressFile
-from modalmotion_service.work.tasks.files import write_whole
+from modalmotion_service.work.tasks.files import png_of, write_whole
 from modalmotion_service.work.upload import Upload
 
 # Parts of the whole; the rest is for the server.
@@ -97,3 +115,110 @@ def restated(
         write_whole(track_file, track_image(replace(made, sequence=sequence)))
     write_whole(sequence_image, upload_image(sequence))
     return record_of(sequence, created="", has_upload=True)
+
+
+def encode_upload(
+    upload: Upload, target: EncodingTarget, output: Path, progress: Path
+) -> EncodedAnswer:
+    """Read an upload and write it as a compressed stream; `progress` is a `ProgressFile`."""
+    return _encoded(upload.read().sequence, target, output, progress)
+
+
+def encode_kept(
+    sequence: Path, target: EncodingTarget, output: Path, progress: Path
+) -> EncodedAnswer:
+    """Write a kept sequence as a compressed stream; `progress` is a `ProgressFile`."""
+    return _encoded(sequence_from_hdf5(sequence), target, output, progress)
+
+
+def decode_upload(
+    upload: Path,
+    limits: ReadLimits,
+    frames: range | None,
+    vertices: range | None,
+    media_type: str,
+    output: Path,
+) -> None:
+    """Decode a compressed stream and write its sequence: npz, VTKHDF or raw float32."""
+    sequence = decode(upload.read_bytes(), frames=frames, vertices=vertices, limits=limits)
+    write = {NPZ: write_npz, VTKHDF: write_vtkhdf, RAW: write_raw}[media_type]
+    write_whole(output, write(sequence))
+
+
+def _encoded(
+    sequence: MeshSequence, target: EncodingTarget, output: Path, progress: Path
+) -> EncodedAnswer:
+    found = encode(
+        sequence,
+        rms=target.rms,
+        max_error=target.max_error,
+        n_bytes=target.bytes,
+        effort=target.effort,
+        progress=ProgressFile(progress).write,
+    )
+    write_whole(output, found.data)
+    return EncodedAnswer.of(found)
+
+
+# Parts of the whole, of a large mesh; the rest is for the server.
+_TEMPLATE_SHARES: Final = {"read": 0.2, "template": 0.65, "image": 0.1}
+
+# Numbers of the shapes in one answer: 256 MB, and as text much more.
+_MOST_NUMBERS: Final = 32_000_000
+_MOST_NUMBERS_AS_JSON: Final = 2_000_000
+
+
+def make_template(
+    upload: Upload, parameters: SignatureParameters, image: Path, progress: Path
+) -> tuple[TemplateAnswer, dict[str, float]]:
+    """Make the template of an upload and write its HDF5 image; gives milliseconds by stage too.
+
+    `progress` is a `ProgressFile`.
+    """
+    watch = Stopwatch(_TEMPLATE_SHARES, ProgressFile(progress).write)
+    with watch.stage("read"):
+        sequence = upload.read().sequence
+    with watch.stage("template") as report:
+        resolved = resolve_parameters(sequence, parameters)
+        template = resolve_template(sequence, resolved, report=report)
+    with watch.stage("image"):
+        write_whole(image, template_to_hdf5(template))
+    return TemplateAnswer.of(template), watch.milliseconds
+
+
+def describe_template(path: Path) -> TemplateAnswer:
+    """Say what a kept template holds."""
+    return TemplateAnswer.of(template_from_hdf5(path))
+
+
+def draw_template(path: Path) -> bytes:
+    """Draw s and theta on a kept template's surface, as PNG."""
+    from modalmotion.pictures.modes import template_figure
+
+    return png_of(template_figure(template_from_hdf5(path)))
+
+
+def modes_of_template(path: Path, query: ModesRequest, media_type: str) -> bytes:
+    """Give a kept template's vibration modes as JSON, npz, HDF5 or PNG."""
+    template = template_from_hdf5(path)
+    _require_room(template.n_vertices * query.modes, _MOST_NUMBERS)
+    modes = surface_modes(template, query.modes, query.wave_speed)
+    if media_type == PNG:
+        from modalmotion.pictures.modes import modes_figure
+
+        return png_of(modes_figure(template, modes))
+    if media_type in (NPZ, HDF5):
+        return (modes_to_npz if media_type == NPZ else modes_to_hdf5)(modes)
+    if query.shapes:
+        _require_room(modes.shapes.size, _MOST_NUMBERS_AS_JSON)
+    return ModesAnswer.of(template, modes, query.shapes).model_dump_json().encode()
+
+
+def _require_room(n_numbers: int, most: int) -> None:
+    if n_numbers > most:
+        raise LimitError(
+            f"The shapes of these modes are {n_numbers} numbers; one answer holds {most}.",
+            remedy="Ask for fewer modes, or for npz or HDF5 in place of JSON.",
+            limit="shapes",
+            details={"value": n_numbers, "most": most},
+        )

@@ -1,9 +1,12 @@
-"""Signatures made, written out, compared and packed."""
+"""Signatures made, written out, compared and packed, of one file or many."""
 
 from __future__ import annotations
 
 import contextlib
 import io
+import json
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -13,7 +16,7 @@ import numpy as np
 from modalmotion.clinical import clinical_readouts
 from modalmotion.errors import InputError
 from modalmotion.exports.signature_pack import write_pack
-from modalmotion.exports.tables import Recording, amplitude_table, cohort_table
+from modalmotion.exports.tables import Recording, Table, amplitude_table, cohort_table
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Stopwatch
@@ -28,9 +31,9 @@ from modalmotion.store import (
 )
 from modalmotion_service.http.negotiation import CSV, HDF5, JSON, NPZ, PNG, RAW
 from modalmotion_service.schemas.signatures import SignatureAnswer
-from modalmotion_service.work.fitted import Fitted
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import (
+    Fitted,
     cache_for,
     loaded_sequence,
     named_template,
@@ -38,7 +41,7 @@ from modalmotion_service.work.tasks.files import (
     whole_file,
     write_whole,
 )
-from modalmotion_service.work.upload import Upload
+from modalmotion_service.work.upload import Part, Upload
 
 # Parts of the whole, of a large mesh; the rest is for the server.
 _SHARES: Final = {"load": 0.05, "template": 0.5, "fit": 0.3, "notes": 0.05, "image": 0.05}
@@ -210,3 +213,102 @@ def _trajectory(signature: ModalSignature) -> dict[str, Any]:
     if signature.times is not None:
         arrays["times"] = signature.times
     return arrays
+
+
+RESULTS: Final = "results.json"
+"""Member of an archive that says which file, or which problem, each result is."""
+
+
+def pack_archive(archive: Path, parts: Sequence[Part], output: Path) -> None:
+    """Pack the signatures of an archive into one HDF5 file, laid out as an export.
+
+    Its group `files` tells of each file that was sent, in order, its `name`, the `sequence_id` by
+    which its rows are found, and the `problem` as JSON where there is no signature.
+    """
+    import h5py
+
+    results, ids = _results(archive), {}
+
+    def read() -> Iterator[tuple[ModalSignature, SequenceRecord]]:
+        for number, signature in _signatures(archive, results):
+            part = parts[number]
+            ids[number] = signature.sequence_id
+            yield signature, _record(signature, part)
+
+    with whole_file(output) as temporary:
+        write_pack(temporary, read())
+        with h5py.File(temporary, "a") as file:
+            group = file.create_group("files")
+            columns = {
+                "name": [result["name"] for result in results],
+                "sequence_id": [ids.get(number, "") for number in range(len(results))],
+                "problem": [
+                    "" if result["error"] is None else json.dumps(result["error"])
+                    for result in results
+                ],
+            }
+            for name, texts in columns.items():
+                data = np.array(texts, dtype=object)
+                group.create_dataset(name, data=data, dtype=h5py.string_dtype())
+
+
+def tabulate_archive(archive: Path, parts: Sequence[Part], output: Path) -> None:
+    """Write a table of the signatures of an archive: a row a file, those that failed at the end."""
+    results = _results(archive)
+    table = cohort_table(
+        Recording(
+            parts[number].name,
+            signature,
+            subject=parts[number].subject,
+            label=parts[number].label,
+        )
+        for number, signature in _signatures(archive, results)
+    )
+    failed = [(one["name"], one["error"]) for one in results if one["error"] is not None]
+    with whole_file(output) as temporary:
+        temporary.write_bytes(_with_failures(table, failed).to_csv().encode())
+
+
+def _results(archive: Path) -> list[Mapping[str, Any]]:
+    with zipfile.ZipFile(archive) as file:
+        results: list[Mapping[str, Any]] = json.loads(file.read(RESULTS))["results"]
+        return results
+
+
+def _signatures(
+    archive: Path, results: Sequence[Mapping[str, Any]]
+) -> Iterator[tuple[int, ModalSignature]]:
+    with zipfile.ZipFile(archive) as file:
+        for number, result in enumerate(results):
+            if result["file"] is not None:
+                yield number, signature_from_hdf5(file.read(result["file"]))
+
+
+def _record(signature: ModalSignature, part: Part) -> SequenceRecord:
+    return SequenceRecord(
+        id=signature.sequence_id,
+        n_frames=signature.n_frames,
+        n_vertices=signature.n_vertices,
+        n_faces=0,
+        topology=None,
+        grid=None,
+        unit=signature.unit,
+        has_times=signature.times is not None,
+        subject=part.subject,
+        label=part.label,
+        created="",
+        has_upload=False,
+    )
+
+
+def _with_failures(table: Table, failed: Sequence[tuple[str, Mapping[str, Any]]]) -> Table:
+    columns = {"recording": np.array([], dtype=object), **table.columns}
+    n = len(columns["recording"])
+    whole: dict[str, np.ndarray[Any, Any]] = {}
+    for name, column in columns.items():
+        blank = "" if column.dtype.kind == "U" else np.nan
+        rest = [one for one, _ in failed] if name == "recording" else [blank] * len(failed)
+        whole[name] = np.array([*column.tolist(), *rest], dtype=object)
+    errors = [*[""] * n, *(str(error["detail"]) for _, error in failed)]
+    whole["error"] = np.array(errors, dtype=object)
+    return Table(whole)

@@ -174,9 +174,9 @@ TURNED = FACES[:, [1, 2, 0]]
         (changed(off, "off", 2, off(VERTICES[2], TURNED)), ConnectivityError, 2, None, "Face 0"),
         (changed(obj, "obj", 1, ply_binary(VERTICES[1])), ShapeError, 1, None, "PLY"),
         (changed(obj, "obj", 1, b""), MalformedFileError, 1, None, "empty"),
-        (changed(obj, "obj", 1, b"\x00\x01"), MalformedFileError, 1, None, "no format"),
+        (changed(obj, "obj", 1, b"\x00\x01"), MalformedFileError, 1, None, "Unrecognised"),
         (changed(obj, "obj", 1, zipped({})), MalformedFileError, 1, None, "ZIP"),
-        (changed(obj, "obj", 1, obj(VERTICES[1])[:9]), MalformedFileError, 1, None, "no"),
+        (changed(obj, "obj", 1, obj(VERTICES[1])[:9]), MalformedFileError, 1, None, "recognised"),
         (
             changed(
                 obj, "obj", 2, obj(np.where(VERTICES[2] == VERTICES[2][4], np.nan, VERTICES[2]))
@@ -198,7 +198,7 @@ TURNED = FACES[:, [1, 2, 0]]
             ConnectivityError,
             2,
             1,
-            "lie apart",
+            "are apart",
         ),
         (
             changed(obj, "obj", 1, obj(VERTICES[1]).replace(b"# a comment", b"# SPACE=RAS")),

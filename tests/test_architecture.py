@@ -1,4 +1,4 @@
-"""The house: rooms, floors and arrows are counted from the sources, and every module is tested."""
+"""Architecture: packages and imports are counted from the sources, and every module is tested."""
 
 from __future__ import annotations
 
@@ -8,30 +8,30 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
-from rooms import ROOTS, House, arrows_up, survey
+from packages import ROOTS, Survey, survey, upward_imports
 from tested_modules import TESTS, mirror_of, named_by, needing_tests, sources, steps_from
 
-# About how many packages (docs/decisions/0018-packages.md), and the most loose modules at the root.
-HOUSES = {"modalmotion": (range(18, 31), 7), "modalmotion_service": (range(10, 20), 8)}
+# How many packages (docs/decisions/0018-packages.md), and the most single modules at the root.
+PACKAGES = {"modalmotion": (range(18, 31), 7), "modalmotion_service": (range(8, 20), 8)}
 
 
-@pytest.fixture(scope="module", params=sorted(HOUSES))
-def house(request: pytest.FixtureRequest) -> tuple[str, House]:
+@pytest.fixture(scope="module", params=sorted(PACKAGES))
+def counted_root(request: pytest.FixtureRequest) -> tuple[str, Survey]:
     return request.param, survey(request.param, ROOTS[request.param])
 
 
-def test_there_are_no_circles_and_no_arrows_up(house: tuple[str, House]) -> None:
-    _, counted = house
-    assert counted.room_circles == []
-    assert counted.module_circles == []
-    assert counted.arrows_up == []
+def test_there_are_no_cycles_and_no_upward_imports(counted_root: tuple[str, Survey]) -> None:
+    _, counted = counted_root
+    assert counted.package_cycles == []
+    assert counted.module_cycles == []
+    assert counted.upward_imports == []
 
 
-def test_nothing_lies_loose(house: tuple[str, House]) -> None:
-    name, counted = house
-    rooms, most_loose = HOUSES[name]
-    assert len(counted.packages) in rooms
-    assert len(counted.loose) <= most_loose, counted.loose
+def test_few_modules_are_outside_packages(counted_root: tuple[str, Survey]) -> None:
+    name, counted = counted_root
+    expected, most_single = PACKAGES[name]
+    assert len(counted.packages) in expected
+    assert len(counted.single) <= most_single, counted.single
 
 
 TREE = {
@@ -49,7 +49,7 @@ TREE = {
 }
 
 
-def made_up(folder: Path, **changes: str) -> House:
+def made_up(folder: Path, **changes: str) -> Survey:
     for name, text in (
         TREE | {k.replace("__", "/") + ".py": v for k, v in changes.items()}
     ).items():
@@ -66,23 +66,26 @@ def test_every_kind_of_import_counts(tmp_path: Path) -> None:
     assert counted.modules[f"{name}cellar.typed"] == {f"{name}roof.a"}
     assert counted.modules[f"{name}roof.named"] == {f"{name}cellar.a"}
     assert counted.packages == ["cellar", "roof"]
-    assert counted.loose == ["loose"]
+    assert counted.single == ["loose"]
 
 
-def test_circles_are_seen(tmp_path: Path) -> None:
+def test_cycles_are_found(tmp_path: Path) -> None:
     counted = made_up(tmp_path)
-    assert counted.room_circles == [["cellar", "roof"]]
-    assert counted.module_circles == []
+    assert counted.package_cycles == [["cellar", "roof"]]
+    assert counted.module_cycles == []
     counted = made_up(tmp_path, cellar__b="def later():\n    import pkg.cellar.a")
-    assert counted.module_circles == [["modalmotion_pkg.cellar.a", "modalmotion_pkg.cellar.b"]]
+    assert counted.module_cycles == [["modalmotion_pkg.cellar.a", "modalmotion_pkg.cellar.b"]]
 
 
-def test_arrows_that_point_up_or_aside_are_seen(tmp_path: Path) -> None:
-    rooms = made_up(tmp_path).rooms
-    assert arrows_up(rooms, [["roof"], ["cellar"], ["loose"]]) == ["cellar -> roof"]
-    assert arrows_up(rooms, [["roof", "cellar"], ["loose"]]) == ["cellar -> roof", "roof -> cellar"]
-    # A room that no layer names counts too.
-    assert arrows_up(rooms, [["roof"]]) == ["cellar -> roof", "roof -> cellar"]
+def test_imports_of_higher_or_equal_layers_are_found(tmp_path: Path) -> None:
+    nodes = made_up(tmp_path).nodes
+    assert upward_imports(nodes, [["roof"], ["cellar"], ["loose"]]) == ["cellar -> roof"]
+    assert upward_imports(nodes, [["roof", "cellar"], ["loose"]]) == [
+        "cellar -> roof",
+        "roof -> cellar",
+    ]
+    # A package that no layer names counts too.
+    assert upward_imports(nodes, [["roof"]]) == ["cellar -> roof", "roof -> cellar"]
 
 
 def where() -> dict[str, str]:

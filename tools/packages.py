@@ -1,11 +1,11 @@
-"""Counts rooms, floors, circles and arrows that point up, from the sources alone.
+"""Counts packages, layers, cycles and imports of higher layers, from the sources alone.
 
-A room is a package directly under a root, with everything inside it; a module that lies loose at
-the root is a node of its own. Every import counts, inside functions and for types too, and every
-module of the root that a string names. The root's own `__init__`, which lists the public names,
-is the one exception: it stands above everything::
+A package is one directly under a root, with everything inside it; a single module at the root is a
+node of its own. Every import counts, inside functions and for types too, and every module of the
+root that a string names. The root's own `__init__`, which lists the public names, is the one
+exception: it is above everything::
 
-    python tools/rooms.py
+    python tools/packages.py
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Graph = dict[str, set[str]]
 
 
 def modules_of(root: str, folder: Path) -> dict[str, Path]:
-    """Give the modules below a folder by their dotted names."""
+    """Return the modules below a folder by their dotted names."""
     found = {}
     for path in sorted(folder.rglob("*.py")):
         parts = path.relative_to(folder).with_suffix("").parts
@@ -48,31 +48,31 @@ def named_in(text: str, modules: Mapping[str, Path]) -> Iterator[str]:
             yield name
 
 
-_TELLING: Final = (ast.Import, ast.ImportFrom, ast.Constant, ast.Attribute, ast.arg)
+_NAMING: Final = (ast.Import, ast.ImportFrom, ast.Constant, ast.Attribute, ast.arg)
 
 
 @cache
-def telling_nodes(text: str) -> tuple[ast.AST, ...]:
-    """Give the nodes of a source that may name a module; each source is walked once."""
+def naming_nodes(text: str) -> tuple[ast.AST, ...]:
+    """Return the nodes of a source that may name a module; each source is parsed once."""
     found: list[ast.AST] = []
     nodes: list[ast.AST] = [ast.parse(text)]
     for node in nodes:
-        if isinstance(node, _TELLING):
+        if isinstance(node, _NAMING):
             found.append(node)
         for name in node._fields:
             inner = getattr(node, name)
             if isinstance(inner, list):
                 nodes += [one for one in inner if isinstance(one, ast.AST)]
-            # What has no fields, such as an operator, names nothing.
+            # Nodes without fields, such as operators, name nothing.
             elif isinstance(inner, ast.AST) and inner._fields:
                 nodes.append(inner)
     return tuple(found)
 
 
 def imports_of(path: Path, modules: Mapping[str, Path]) -> set[str]:
-    """Give the modules of the same root that a file imports or names."""
+    """Return the modules of the same root that a file imports or names."""
     found: set[str] = set()
-    for node in telling_nodes(path.read_text()):
+    for node in naming_nodes(path.read_text()):
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -85,27 +85,27 @@ def imports_of(path: Path, modules: Mapping[str, Path]) -> set[str]:
 
 
 def module_graph(root: str, folder: Path) -> Graph:
-    """Give what each module imports; the root's own `__init__` is left out."""
+    """Return what each module imports; the root's own `__init__` is left out."""
     modules = modules_of(root, folder)
     del modules[root]
     return {name: imports_of(path, modules) - {name} for name, path in modules.items()}
 
 
-def room_of(module: str) -> str:
-    """Give the room of a module: the first name below its root."""
+def package_of(module: str) -> str:
+    """Return the package of a module: the first name below its root."""
     return module.split(".")[1]
 
 
-def room_graph(graph: Graph) -> Graph:
-    """Give what each room imports of other rooms."""
-    rooms: Graph = {room_of(name): set() for name in graph}
+def package_graph(graph: Graph) -> Graph:
+    """Return the other packages that each package imports."""
+    nodes: Graph = {package_of(name): set() for name in graph}
     for name, imported in graph.items():
-        rooms[room_of(name)] |= {room_of(other) for other in imported} - {room_of(name)}
-    return rooms
+        nodes[package_of(name)] |= {package_of(other) for other in imported} - {package_of(name)}
+    return nodes
 
 
-def circles(graph: Graph) -> list[list[str]]:
-    """Give the groups of nodes that reach one another (Tarjan's strong components)."""
+def cycles(graph: Graph) -> list[list[str]]:
+    """Return the groups of nodes that reach one another (Tarjan's strong components)."""
     order: dict[str, int] = {}
     low: dict[str, int] = {}
     stack: list[str] = []
@@ -132,22 +132,22 @@ def circles(graph: Graph) -> list[list[str]]:
     return found
 
 
-def floors(graph: Graph) -> dict[str, int]:
-    """Give each room's floor: one above the highest of what it imports. Circles must be none."""
+def levels(graph: Graph) -> dict[str, int]:
+    """Return the level of each package: one above the highest that it imports. No cycles."""
     known: dict[str, int] = {}
 
-    def floor(node: str) -> int:
+    def level(node: str) -> int:
         if node not in known:
-            known[node] = 1 + max((floor(other) for other in graph[node]), default=-1)
+            known[node] = 1 + max((level(other) for other in graph[node]), default=-1)
         return known[node]
 
     for node in graph:
-        floor(node)
+        level(node)
     return known
 
 
 def layers(root: str) -> list[list[str]]:
-    """Give the layers that import-linter holds, the highest first."""
+    """Return the layers of import-linter, the highest first."""
     settings = tomllib.loads((PROJECT / "pyproject.toml").read_text())
     for contract in settings["tool"]["importlinter"]["contracts"]:
         if contract["type"] == "layers" and contract["containers"] == [root]:
@@ -155,67 +155,67 @@ def layers(root: str) -> list[list[str]]:
     return []
 
 
-def arrows_up(graph: Graph, of_layers: list[list[str]]) -> list[str]:
-    """Give the imports that point up, or aside, in the layers; a room of no layer counts too."""
-    height = {room: -place for place, rooms in enumerate(of_layers) for room in rooms}
+def upward_imports(graph: Graph, of_layers: list[list[str]]) -> list[str]:
+    """Return imports of higher or equal layers; a package of no layer counts too."""
+    height = {node: -place for place, layer in enumerate(of_layers) for node in layer}
     return [
-        f"{room} -> {other}"
-        for room, imported in sorted(graph.items())
+        f"{node} -> {other}"
+        for node, imported in sorted(graph.items())
         for other in sorted(imported)
-        if room != "__main__"
-        and not height.get(room, -sys.maxsize) > height.get(other, sys.maxsize)
+        if node != "__main__"
+        and not height.get(node, -sys.maxsize) > height.get(other, sys.maxsize)
     ]
 
 
 @dataclass(frozen=True)
-class House:
-    """What is counted of one root."""
+class Survey:
+    """Counts of one root."""
 
     modules: Graph
-    rooms: Graph
+    nodes: Graph
     packages: list[str]
-    loose: list[str]
-    module_circles: list[list[str]]
-    room_circles: list[list[str]]
-    arrows_up: list[str]
+    single: list[str]
+    module_cycles: list[list[str]]
+    package_cycles: list[list[str]]
+    upward_imports: list[str]
 
 
-def survey(root: str, folder: Path) -> House:
-    """Count the rooms below one root."""
+def survey(root: str, folder: Path) -> Survey:
+    """Count the packages below one root."""
     modules = module_graph(root, folder)
-    rooms = room_graph(modules)
-    packages = [room for room in sorted(rooms) if (folder / room).is_dir()]
-    return House(
+    nodes = package_graph(modules)
+    packages = [node for node in sorted(nodes) if (folder / node).is_dir()]
+    return Survey(
         modules=modules,
-        rooms=rooms,
+        nodes=nodes,
         packages=packages,
-        loose=[room for room in sorted(rooms) if room not in packages and room != "__main__"],
-        module_circles=circles(modules),
-        room_circles=circles(rooms),
-        arrows_up=arrows_up(rooms, layers(root)),
+        single=[node for node in sorted(nodes) if node not in packages and node != "__main__"],
+        module_cycles=cycles(modules),
+        package_cycles=cycles(nodes),
+        upward_imports=upward_imports(nodes, layers(root)),
     )
 
 
 def main() -> None:
-    """Print what is counted of each root."""
+    """Print the counts of each root."""
     for root, folder in ROOTS.items():
-        house = survey(root, folder)
+        counted = survey(root, folder)
         print(
-            f"{root}: {len(house.modules)} modules in {len(house.packages)} rooms, "
-            f"{len(house.loose)} loose ({', '.join(house.loose)}); circles: "
-            f"{len(house.room_circles)} of rooms, {len(house.module_circles)} of modules; "
-            f"arrows up: {len(house.arrows_up)}"
+            f"{root}: {len(counted.modules)} modules in {len(counted.packages)} packages, "
+            f"{len(counted.single)} single ({', '.join(counted.single)}); cycles: "
+            f"{len(counted.package_cycles)} of packages, {len(counted.module_cycles)} of modules; "
+            f"upward imports: {len(counted.upward_imports)}"
         )
-        for circle in [*house.room_circles, *house.module_circles]:
-            print("  circle:", " ".join(circle))
-        for arrow in house.arrows_up:
-            print("  up:", arrow)
-        if not house.room_circles:
-            of_floor: dict[int, list[str]] = {}
-            for room, floor in floors(house.rooms).items():
-                of_floor.setdefault(floor, []).append(room)
-            for floor in sorted(of_floor, reverse=True):
-                print(f"  {floor:2}  {' '.join(sorted(of_floor[floor]))}")
+        for cycle in [*counted.package_cycles, *counted.module_cycles]:
+            print("  cycle:", " ".join(cycle))
+        for one in counted.upward_imports:
+            print("  up:", one)
+        if not counted.package_cycles:
+            of_level: dict[int, list[str]] = {}
+            for node, level in levels(counted.nodes).items():
+                of_level.setdefault(level, []).append(node)
+            for level in sorted(of_level, reverse=True):
+                print(f"  {level:2}  {' '.join(sorted(of_level[level]))}")
 
 
 if __name__ == "__main__":

@@ -5,14 +5,22 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
 from modalmotion_service.access.scopes import SCOPE_OF, Scope
-from modalmotion_service.contract.files import OCTETS, is_file
+
+OCTETS: Final = "application/octet-stream"
+"""Media type that any file may be taken as."""
+
+
+def is_file(media_type: str) -> bool:
+    """Tell whether a media type is neither text nor JSON."""
+    return not (media_type.startswith("text/") or media_type.endswith("json"))
+
 
 _SCHEMES: Final = {
     "bearer": {
@@ -30,7 +38,7 @@ _PROBLEM: Final = {"application/problem+json": {"schema": {"$ref": "#/components
 
 def completed(
     document: dict[str, Any],
-    bodies: tuple[type[BaseModel], ...],
+    bodies: Sequence[type[BaseModel]],
     problem: type[BaseModel],
     examples: Mapping[str, Any],
 ) -> dict[str, Any]:
@@ -43,13 +51,14 @@ def completed(
     Parameters
     ----------
     document : dict
-    bodies : tuple of type of BaseModel
+    bodies : sequence of type of BaseModel
     problem : type of BaseModel
     examples : mapping
         Of bodies, by the name of their model, and of parameters of paths.
     """
     _, made = models_json_schema(
-        [(one, "validation") for one in bodies], ref_template="#/components/schemas/{model}"
+        [(one, "validation") for one in dict.fromkeys(bodies)],
+        ref_template="#/components/schemas/{model}",
     )
     schemas = document["components"]["schemas"]
     schemas |= made["$defs"] | {"Problem": problem.model_json_schema(mode="serialization")}

@@ -1,0 +1,75 @@
+"""A moving surface read from a file of any kind; light, as every command reads one."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+from modalmotion.codec.container import MAGIC
+from modalmotion.formats import ReadOptions, read_sequence
+from modalmotion.formats.result import Reading
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.progress import Progress
+
+
+def read(path: str | Path, options: ReadOptions | None = None) -> MeshSequence:
+    """Read a moving surface: a file, a folder of frames, or a pattern such as "scan_*.ply".
+
+    Parameters
+    ----------
+    path : str or Path
+    options : ReadOptions, optional
+        What the file does not state: `read(path, unit="mm")`.
+
+    Returns
+    -------
+    MeshSequence
+        For a track its sequence, with the track's errors.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read; the remedy is how to convert or track it.
+
+    Warns
+    -----
+    UserWarning
+        About what the reader changed or assumed; `read_sequence` returns it as notes.
+    """
+    reading = read_recording(Path(path), options)
+    for note in reading.notes:
+        # Of the caller, through the check of its arguments.
+        warnings.warn(note, stacklevel=3)
+    return reading.sequence
+
+
+def read_recording(
+    path: Path, options: ReadOptions | None = None, *, progress: Progress | None = None
+) -> Reading:
+    """Read a moving surface with its notes; for a track its sequence and errors.
+
+    A compressed stream is decoded.
+    """
+    options = ReadOptions() if options is None else options
+    stream = stream_at(path)
+    if stream is not None:
+        from modalmotion.codec import decode
+
+        return options.apply(Reading(decode(stream, limits=options.limits), format="stream"))
+    if path.suffix.lower() in (".h5", ".hdf5"):
+        # Tracking is imported for these only.
+        from modalmotion.tracking.hdf5 import kept_track
+
+        track = kept_track(path)
+        if track is not None:
+            return options.apply(Reading(track.sequence, format="hdf5"))
+    return read_sequence(path, options, progress=progress)
+
+
+def stream_at(path: Path) -> bytes | None:
+    """Return the bytes of a compressed stream, or None if the file is something else."""
+    if not path.is_file():
+        return None
+    with path.open("rb") as file:
+        start = file.read(len(MAGIC))
+        return start + file.read() if start == MAGIC else None

@@ -1,1 +1,0 @@
-"""The contract: the OpenAPI file and the pages made from it."""

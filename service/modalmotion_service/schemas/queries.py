@@ -1,0 +1,172 @@
+"""What is asked of something that is stored: which part of it, and how it is shown."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, StringConstraints
+
+from modalmotion.errors import ParameterError
+from modalmotion.signature.parameters import MOST_MODES
+from modalmotion_service.schemas.from_core import (
+    JsonBody,
+    Paging,
+    SequenceId,
+)
+from modalmotion_service.schemas.requests import Name
+
+
+class DecodingRequest(JsonBody):
+    """Which frames and vertices of a stream to decode."""
+
+    first: int | None = Field(None, ge=0, description="First frame; the stream's own by default.")
+    stop: int | None = Field(None, ge=1, description="Frame after the last.")
+    first_vertex: int | None = Field(
+        None, ge=0, description="First vertex; of some vertices come the triangles between them."
+    )
+    stop_vertex: int | None = Field(None, ge=1, description="Vertex after the last.")
+
+    def ranges(self) -> tuple[range | None, range | None]:
+        """Give the frames and the vertices; None for all.
+
+        Raises
+        ------
+        ParameterError
+            If a range has only one end.
+        """
+        return (
+            _range(self.first, self.stop, "frames", "first and stop"),
+            _range(self.first_vertex, self.stop_vertex, "vertices", "first_vertex and stop_vertex"),
+        )
+
+
+def _range(first: int | None, stop: int | None, what: str, names: str) -> range | None:
+    if (first is None) != (stop is None):
+        raise ParameterError(f"The range of {what} has only one end.", remedy=f"Give {names}.")
+    return None if first is None or stop is None else range(first, stop)
+
+
+class SequenceList(Paging):
+    """Which sequences to list."""
+
+    subject: Name | None = None
+    label: Name | None = None
+    tracked: bool = Field(False, description="Only those that were tracked.")
+
+
+class Reconstruction(JsonBody):
+    """At which times the surfaces are wanted: those of the frames by default."""
+
+    times: str | None = Field(
+        None,
+        max_length=20_000,
+        description="In s (frame numbers where there are none), such as 0,0.1,0.25.",
+    )
+    phases: str | None = Field(
+        None,
+        max_length=20_000,
+        description="In place of times: rising shares of the cycle, such as 0,0.37. A VTKHDF has "
+        "the standard deviation of each vertex's coordinates between frames.",
+    )
+    frames: int | None = Field(
+        None, ge=2, le=1000, description="In place of phases: so many in even steps."
+    )
+    max_targets: int | None = Field(
+        None, ge=0, le=10_000, description="Of a GLB: most morph targets, by energy."
+    )
+
+    def instants(self) -> tuple[list[float] | None, list[float] | int | None]:
+        """Give times and phases.
+
+        Raises
+        ------
+        ParameterError
+            If several are stated, or one is no number.
+        """
+        stated = [one for one in (self.times, self.phases, self.frames) if one is not None]
+        if len(stated) > 1:
+            raise ParameterError(
+                "Several of times, phases and frames came.", remedy="Give one of them."
+            )
+        times = None if self.times is None else parse_numbers(self.times)
+        return times, self.frames if self.phases is None else parse_numbers(self.phases)
+
+
+class ViewRequest(JsonBody):
+    """Frames as they were sent, in place of what the page shows first."""
+
+    first: int | None = Field(None, ge=0, description="First frame.")
+    stop: int | None = Field(None, ge=1, description="Frame after the last; all by default.")
+
+
+class DistanceRequest(JsonBody):
+    """What is compared, and how."""
+
+    to: Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}(-[0-9a-f]{16})?$")] = Field(
+        description="The signature to compare with, by its key or its sequence."
+    )
+    closed: bool = Field(
+        True, description="Both are one turn of a cycle; false for a beginning and an end."
+    )
+
+
+class ReportRequest(JsonBody):
+    """What a report says beside the signature."""
+
+    model: str | None = Field(
+        None,
+        max_length=80,
+        description="Model whose kept classification is reported: a name, or name@version. None "
+        "by default.",
+    )
+
+
+class TrackView(JsonBody):
+    """What a picture of a track shows."""
+
+    picture: Literal["deviations", "data", "determined", "overlay"] = Field(
+        "deviations",
+        description="Stated error on the surface, data over the surface by frame, the share of "
+        "each mode that the data have set, or contours over the images, where these were kept.",
+    )
+    frame: int | None = Field(
+        None, ge=0, description="Of the stated error; that of the smallest volume by default."
+    )
+
+
+class ImagesView(JsonBody):
+    """A frame of images, in place of their description."""
+
+    frame: int | None = Field(None, ge=0, description="From 0: its slices in 256 shades.")
+    track: SequenceId | None = Field(
+        None, description="Made of these images: its surface is sent too, and each slice's shift."
+    )
+
+
+class ModesRequest(JsonBody):
+    """Which vibration modes are requested."""
+
+    modes: int = Field(
+        7,
+        ge=1,
+        le=MOST_MODES,
+        description="How many; rounded up where a cosine-sine pair would be split.",
+    )
+    wave_speed: float = Field(1.0, gt=0, description="c of w = c k, length unit per s.")
+    shapes: bool = Field(False, description="Of JSON: give the shapes too.")
+
+
+def parse_numbers(text: str) -> list[float]:
+    """Read numbers such as "0,0.1,0.25".
+
+    Raises
+    ------
+    ParameterError
+        If one of them is not a number.
+    """
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise ParameterError(
+            f"{text[:60]!r} are not all numbers.", remedy="Write them as 0,0.1,0.25."
+        ) from None
