@@ -178,6 +178,11 @@ def with_interval(value: float, low: float, high: float) -> tuple[str, str]:
     return f"{value:.2f}", "± less than 0.01"
 
 
+def probability(value: float) -> str:
+    """Write the probability of an answer, never as certain: "0.87", "> 0.99"."""
+    return "> 0.99" if value > 0.99 else f"{value:.2f}"
+
+
 def with_article(noun: str) -> str:
     """Write a noun with its article: a cup, an open curve."""
     return f"{'an' if noun[:1] in 'aeiou' else 'a'} {noun}"

@@ -16,7 +16,7 @@ from modalmotion.cli.commands import main
 from modalmotion.formats import read_sequence
 from modalmotion.mesh.sequence import in_time_order
 from modalmotion.pictures.signature import signature_figure
-from modalmotion.representation import counted, numeral, with_interval
+from modalmotion.representation import counted, numeral, probability, with_interval
 
 
 @given(st.floats(1e-300, 1e300), st.integers(1, 3), st.sampled_from([1, -1]))
@@ -96,3 +96,8 @@ def test_an_interval_never_has_two_ends_alike(
     value: float, low: float, high: float, said: tuple[str, str]
 ) -> None:
     assert with_interval(value, low, high) == said
+
+
+def test_a_probability_is_never_shown_as_certain() -> None:
+    texts = [probability(p) for p in (0.5, 0.99, 0.9901, 1.0)]
+    assert texts == ["0.50", "0.99", "> 0.99", "> 0.99"]

@@ -8,7 +8,7 @@ import modalmotion as mm
 from modalmotion.classification.extractor import Extractor
 from modalmotion.classification.model import Readable
 from modalmotion.norm import Norm
-from modalmotion.norm.norm import Reading
+from modalmotion.norm.reading import Reading
 from modalmotion.simulate import MotionClass, draw_parameters
 
 WORDS = ("radial", "turning", "axial", "oval", "tilt")

@@ -206,8 +206,10 @@ def fitted_in(readable: Readable, sequence: MeshSequence) -> ModalSignature:
     try:
         try:
             signature = modal_signature(sequence, readable.parameters)
+            imposed = readable.imposed_on(signature.surface, sequence.topology)
         except TopologyError:
             signature = modal_signature(sequence, replace(readable.parameters, topology=None))
+            imposed = readable.imposed_on(signature.surface, sequence.topology)
     except ModeCountError as error:
         raise ModeCountError(
             f"The model reads {readable.n_modes} modes, and this recording's vertices do not tell "
@@ -216,7 +218,6 @@ def fitted_in(readable: Readable, sequence: MeshSequence) -> ModalSignature:
             "many modes as they have.",
             details=error.details,
         ) from error
-    imposed = readable.imposed_on(signature.surface, sequence.topology)
     if imposed is None:
         return signature
     try:

@@ -38,21 +38,18 @@ from modalmotion.signature.value import whole_count
 # A cycle whose next frame would be the first closes within this many usual steps.
 _CLOSED: Final = 2.5
 
-# Factor of the prior for each step that makes a table less simple. Where there is an axis, few
-# cases are told apart by the parts about it; nothing else is worth as much before it is tried.
-_PRIOR: Final = 0.7
-_STEPS: Final = {AXIS: 0.0, SUMMARY: 5.0, WAVES: 6.0, TERMS: 7.0, "": 5.0}
+# Logs of the prior where a cavity is read: few hearts are told apart by the parts about the axis
+# first, then by the volume. Of other surfaces all tables are as likely.
+_PRIOR: Final = {AXIS: 0.0, "": -0.7, SUMMARY: -2.0, WAVES: -2.0, TERMS: -2.0}
 
 # Tables of a model, and the least weight of one.
 _MOST_TABLES: Final = 5
 _LEAST_WEIGHT: Final = 0.02
 
-# Draws of the Bayesian bootstrap; power of the likelihood, for losses of cases left out from one
-# another's fits are not independent, and the groups below which it falls with the root of their
-# number: of many tables one or another predicts a few cases well by luck.
+# Draws of the Bayesian bootstrap, and power of the likelihood: losses of cases left out from one
+# another's fits are not independent, and of many tables one predicts a few cases well by luck.
 _N_DRAWS: Final = 300
-_POWER: Final = 0.5
-_GROUPS_OF_FULL_POWER: Final = 64
+_POWER: Final = 0.25
 
 # Cases of a class above which tables are compared on some of them: more cost time and say little.
 _MOST_COMPARED: Final = 200
@@ -248,8 +245,8 @@ def _weights(tried: Sequence[_Tried], groups: Rows) -> Array:
         np.add.at(losses[k], place, np.minimum(one.losses, 30.0))
     rng = np.random.default_rng(0)
     draws = rng.dirichlet(np.ones(len(counts)), _N_DRAWS) * len(counts)
-    power = _POWER * min(1.0, (len(counts) / _GROUPS_OF_FULL_POWER) ** 0.5)
-    steps = np.array([_STEPS[one.extractor.what] + len(one.extractor.beside) for one in tried])
-    logs = steps * np.log(_PRIOR) - power * draws @ losses.T
+    reads_cavity = any(VOLUME in one.extractor.beside for one in tried)
+    prior = np.array([_PRIOR[one.extractor.what] * reads_cavity for one in tried])
+    logs = prior - _POWER * draws @ losses.T
     shares = np.exp(logs - logs.max(axis=1, keepdims=True))
     return np.asarray((shares / shares.sum(axis=1, keepdims=True)).mean(axis=0))

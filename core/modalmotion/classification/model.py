@@ -19,7 +19,8 @@ from modalmotion.classification.linear import Linear, softmax
 from modalmotion.classification.motion import Column, Motion
 from modalmotion.classification.outliers import OutlierDetector
 from modalmotion.classification.performance import CrossValidation
-from modalmotion.modes.topology import CUP, CYLINDER, Topology
+from modalmotion.errors import TopologyError
+from modalmotion.modes.topology import CUP, CYLINDER, MESH, Topology
 from modalmotion.representation import FrozenArrays, shown
 from modalmotion.signature.making import SignatureKind, SignatureParameters
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
@@ -32,8 +33,8 @@ _NOISE_OF_SHARES: Final = 0.01
 _FEWEST_OF_RANGE: Final = 20
 
 _OF_DETECTOR: Final = (
-    *("means", "whitening", "points", "scales", "directions", "centres", "signs", "course"),
-    *("limits", "least"),
+    *("means", "whitening", "points", "scales", "directions", "centres", "signs"),
+    *("limits", "bounds"),
 )
 
 Array = NDArray[np.float64]
@@ -71,10 +72,22 @@ class Readable:
         stated : Topology, str or None
             As the sequence states it. That is set aside for an apex that was cut off alone: see
             `closes_apices`.
+
+        Raises
+        ------
+        TopologyError
+            If the model's topology was imposed on a sequence that states another.
         """
+        name = None if stated is None else Topology.parse(str(stated)).name
+        is_free = name is None or (self.closes_apices and name == CYLINDER.name)
         if surface == self.topology:
-            return None
-        if stated is not None and not (self.closes_apices and surface == CYLINDER.name):
+            if is_free or name == surface or surface == MESH:
+                return None
+            raise TopologyError(
+                f"The sequence states the topology {name}, and the model reads a {surface}.",
+                remedy="State the topology if it is wrong, or train a model of this one.",
+            )
+        if not is_free:
             return None
         return replace(self.parameters, topology=self.topology)
 

@@ -26,7 +26,7 @@ from modalmotion.mesh import Facts
 from modalmotion.representation import shown
 from modalmotion.signature.parameters import parameters_from_json
 
-FORM: Final = Form("model", 7)
+FORM: Final = Form("model", 8)
 
 _LARGEST: Final = 512 * 2**20
 
@@ -58,9 +58,8 @@ _AXES: Final = {
     "directions": "symmetry, kind",
     "centres": "class, symmetry",
     "signs": "symmetry, kind",
-    "course": "mean or deviation",
     "limits": "check",
-    "least": "limit",
+    "bounds": "bound",
     "held_out_ids": "case, byte",
     "held_out_subjects": "case",
     "held_out_classes": "case",
@@ -256,9 +255,8 @@ def _detector(values: Mapping[str, Any], contents: Contents, n: int) -> OutlierD
         "directions": (2, d),
         "centres": (n, 2),
         "signs": (2, d),
-        "course": (2,),
         "limits": (len(CHECKS),),
-        "least": (2,),
+        "bounds": (3,),
     }
     return OutlierDetector(
         reader=Extractor.from_json(values["reader"], np.zeros(0)),

@@ -29,8 +29,6 @@ _MOST_OF_PERIOD: Final = 0.75
 # Singular values of a design, and directions of a shape, below these shares are undetermined.
 _RANK: Final = 1e-8
 _FLAT: Final = 1e-6
-# A step below this share of the usual one is rest.
-_REST: Final = 0.1
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -102,7 +100,7 @@ class Motion:
     @cached_property
     def harmonics(self) -> Complex:
         """First harmonics c_h of sum Re(c_h exp(-i h phase)), (N_HARMONICS, modes, n)."""
-        x, share = self.turn
+        x, share = self.cycle
         n = min(N_HARMONICS, max(1, (len(x) - 1) // 2))
         found = _design(share.tobytes(), n, True).solve[1:] @ x.reshape(len(x), -1)
         terms = np.zeros((N_HARMONICS, *x.shape[1:]), dtype=np.complex128)
@@ -135,22 +133,21 @@ class Motion:
         free = n - 1 - 2 * _N_SMOOTH
         if free < 2 or total == 0.0:
             return 1.0
-        time = self.turn[1] if is_cycle and len(self.turn[1]) == n else self._elapsed
-        is_turn = time is not self._elapsed
-        explained = _design(time.tobytes(), _N_SMOOTH * (1 if is_turn else 2), is_turn).span @ x
+        time = self.cycle[1] if is_cycle and len(self.cycle[1]) == n else self._elapsed
+        is_cycle_time = time is not self._elapsed
+        explained = (
+            _design(time.tobytes(), _N_SMOOTH * (1 if is_cycle_time else 2), is_cycle_time).span @ x
+        )
         rest = max(0.0, total - float(np.vdot(explained, explained)))
         return max(0.0, 1.0 - rest / free * (n - 1) / total)
 
     @cached_property
-    def log_gap(self) -> float:
-        """Log of the step from the last frame to the first over the steps beside it."""
-        x = self.turn[0].reshape(len(self.turn[0]), -1)
-        if len(x) < 4:
-            return 0.0
+    def largest_step(self) -> float:
+        """Largest step between frames of the cycle, the last and the first too, over its extent."""
+        x = self.cycle[0].reshape(len(self.cycle[0]), -1)
+        extent = float(np.linalg.norm(np.ptp(x, axis=0)))
         steps = np.linalg.norm(x - np.roll(x, 1, axis=0), axis=1)
-        rest = _REST * float(np.sqrt((steps[1:] ** 2).mean()))
-        beside = 0.5 * (steps[1] + steps[-1]) + rest
-        return math.log((steps[0] + rest) / beside) if beside > 0.0 else 0.0
+        return float(steps.max()) / extent if extent > 0.0 else 0.0
 
     @cached_property
     def volumes(self) -> Array | None:
@@ -171,10 +168,10 @@ class Motion:
         return math.log(extents[0] / extents[1])
 
     @cached_property
-    def turn(self) -> tuple[Array, Array]:
-        """One turn of a cycle, (frames, modes, n), and the phase of each frame, rad.
+    def cycle(self) -> tuple[Array, Array]:
+        """One cycle, (frames, modes, n), and the phase of each frame, rad.
 
-        A last frame that repeats the first belongs to the next turn. Phases follow from the
+        A last frame that repeats the first belongs to the next cycle. Phases follow from the
         period where it is stated and most of it was recorded.
         """
         x, share = self.amplitudes, self._elapsed

@@ -16,10 +16,10 @@ from modalmotion.classification.motion import Motion
 from modalmotion.classification.waves import wave_columns, wave_features, waves_of
 from modalmotion.representation import shown
 
-CHECKS: Final = ("kind", "place", "gap", "mirrored", "reversed")
-"""What is measured of a recording: how far its kind of motion is from every class; how far its
-amount of motion, size and elongation are from those of training cases; how far apart its ends are;
-how much it looks like its mirror image, and like itself backwards."""
+CHECKS: Final = ("kind", "place", "mirrored", "reversed")
+"""Scores of a recording: the distance of its kind of motion from every class; that of its amount of
+motion, size and elongation from those of training cases; how much it looks like its mirror image,
+and like itself backwards."""
 
 PLACE: Final = ("motion", "size", "elongation")
 """Coordinates of a place, all logarithms."""
@@ -33,6 +33,11 @@ _LEAST_SHRINKAGE: Final = 1e-2
 _SHARE_OF_LEAST: Final = 0.5
 _LEAST_MOTION: Final = 0.003
 _LEAST_SMOOTH: Final = 0.5
+# A step over so much of the extent of a cycle skips frames, unless one in training is as large.
+_LARGEST_STEP: Final = 0.6
+# Where the image of a class is nearer to another than this share of its distance from the class
+# itself, the one is the image of the other, and an image is no fault.
+_IMAGE: Final = 1.0 / 3.0
 # A motion so small has no kind; its logarithm is still a number.
 _NO_MOTION: Final = 1e-12
 # Pairs of a case and a training case that are compared at once.
@@ -81,17 +86,14 @@ class Inputs(NamedTuple):
         What each motion is like, however large it is.
     places : (cases, 3) float64
         See `PLACE`.
-    gaps : (cases,) float64
-        See `Motion.log_gap`.
     """
 
     kinds: Array
     places: Array
-    gaps: Array
 
     def of(self, rows: Labels) -> Inputs:
         """Those of some cases."""
-        return Inputs(self.kinds[rows], self.places[rows], self.gaps[rows])
+        return Inputs(self.kinds[rows], self.places[rows])
 
 
 def inputs_of(motion: Motion, reader: Extractor, *, knows_size: bool) -> Inputs:
@@ -104,7 +106,7 @@ def inputs_of(motion: Motion, reader: Extractor, *, knows_size: bool) -> Inputs:
         kinds = wave_features(terms / (100.0 * amount), waves_of(modes, walls=reader.walls))
     size = motion.log_size if knows_size else 0.0
     place = [math.log(amount), size, motion.log_elongation]
-    return Inputs(kinds[None], np.array([place]), np.array([motion.log_gap]))
+    return Inputs(kinds[None], np.array([place]))
 
 
 def inputs_of_all(motions: tuple[Motion, ...], reader: Extractor, *, knows_size: bool) -> Inputs:
@@ -171,13 +173,12 @@ class OutlierDetector:
         Mean of each class along these.
     signs : (2, columns) float64
         See `symmetry_signs`.
-    course : (2,) float64
-        Mean and standard deviation of the gaps.
     limits : (checks,) float64
         Of the scores; infinite for what is not checked.
-    least : (2,) float64
+    bounds : (3,) float64
         Deformation, as a share of the size, below which nothing moves; smooth share below which a
-        motion is noise.
+        motion is noise; largest step, as a share of the extent of a cycle, above which frames are
+        missing.
     """
 
     reader: Extractor
@@ -190,9 +191,8 @@ class OutlierDetector:
     directions: Array
     centres: Array
     signs: Array
-    course: Array
     limits: Array
-    least: Array
+    bounds: Array
 
     def read(self, motion: Motion) -> Inputs:
         """Read one recording."""
@@ -218,12 +218,11 @@ class OutlierDetector:
         for k, signs in enumerate(self.signs):
             is_upright = self.distances(inputs.kinds * signs).min(axis=1) >= nearest
             beside[is_upright, k] = np.maximum(beside[is_upright, k], 0.0)
-        gaps = (inputs.gaps - self.course[0]) / self.course[1]
-        return np.stack([nearest, self._from_places(inputs.places), gaps, *-beside.T], axis=1)
+        return np.stack([nearest, self._from_places(inputs.places), *-beside.T], axis=1)
 
     def flags(self, motion: Motion) -> tuple[Flag, ...]:
         """Say what speaks against an answer for a recording."""
-        least_motion, least_smooth = self.least.tolist()
+        least_motion, least_smooth, largest_step = self.bounds.tolist()
         smooth = motion.smooth_share(self.reader.is_cycle)
         if motion.amount < least_motion or motion.amount == 0.0:
             text = f"no motion: it deforms by {motion.amount:.2%} of its size, less than"
@@ -238,6 +237,13 @@ class OutlierDetector:
                 "times as large as they are. Record more points, or points of more of the surface"
             )
             return (Flag(UNDETERMINED, words),)
+        if self.reader.is_cycle and motion.largest_step > largest_step:
+            words = (
+                "frames of the cycle are missing, or too few: between two frames it moves over "
+                f"{motion.largest_step:.0%} of the extent of its motion. Send one whole cycle, in "
+                "as many frames as there are"
+            )
+            return (Flag(INCOMPLETE, words),)
         inputs = self.read(motion)
         scores = self.scores(inputs)[0]
         beyond = dict(zip(CHECKS, (scores > self.limits).tolist(), strict=True))
@@ -292,11 +298,6 @@ class OutlierDetector:
 
 
 _OF_CHECKS: Final = {
-    "gap": Flag(
-        INCOMPLETE,
-        "frames of the cycle are missing, or too few: from the last to the first it moves farther "
-        "than any training case does. Send one whole cycle, in as many frames as there are",
-    ),
     "mirrored": Flag(
         MIRRORED,
         "its mirror image fits the training cases and the motion itself does not, as where one "
@@ -335,7 +336,6 @@ def fit_outliers(
     directions = np.stack([_direction(kinds, means, y, signs < 0) for signs in like.signs])
     of_classes = class_means(places, y, n_classes)
     scales = np.sqrt(((places - of_classes[y]) ** 2).mean(axis=0))
-    course = np.array([inputs.gaps.mean(), inputs.gaps.std()])
     return replace(
         like,
         means=means,
@@ -344,7 +344,6 @@ def fit_outliers(
         scales=np.where(scales > 1e-9 * np.abs(places).max(axis=0), scales, np.inf),
         directions=directions,
         centres=means @ directions.T,
-        course=np.where([True, course[1] > 1e-9], course, np.inf),
         limits=np.full(len(CHECKS), np.inf),
     )
 
@@ -366,12 +365,12 @@ def empty_detector(motions: tuple[Motion, ...], reader: Extractor) -> OutlierDet
         directions=nothing,
         centres=nothing,
         signs=symmetry_signs(motions[0], reader),
-        course=nothing,
         limits=nothing,
-        least=np.array(
+        bounds=np.array(
             [
                 min(_LEAST_MOTION, _SHARE_OF_LEAST * amount),
                 min(_LEAST_SMOOTH, _SHARE_OF_LEAST * smooth),
+                max(_LARGEST_STEP, *(motion.largest_step for motion in motions)),
             ]
         ),
     )
@@ -400,10 +399,10 @@ def with_limits(detector: OutlierDetector, scores: Array, groups: Labels) -> Out
     if varies.any():
         beyond = ((own - limits)[:, varies] / widths[varies]).max(axis=1)
         limits[varies] += max(0.0, _limit(beyond)) * widths[varies]
-    if not detector.reader.is_cycle:
-        limits[CHECKS.index("gap")] = np.inf
     turned = slice(CHECKS.index("mirrored"), None)
-    limits[turned] = np.maximum(limits[turned], 0.0)
+    images = [detector.distances(detector.means * signs) for signs in detector.signs]
+    is_told = [not (apart < _IMAGE * apart.diagonal()[:, None]).any() for apart in images]
+    limits[turned] = np.where(is_told, np.maximum(limits[turned], 0.0), np.inf)
     return replace(detector, limits=limits)
 
 

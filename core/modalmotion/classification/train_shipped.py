@@ -116,7 +116,7 @@ RECIPES: Final = {
         Recipe(
             OFFSET_MODEL,
             replace(_OPTIONS, kind=SignatureKind.OFFSET),
-            90,
+            180,
             tuple(one for one in MotionClass if one != MotionClass.REDUCED_TORSION),
             {"": (_NO_PATIENT, _SURFACE_ALONE), MotionClass.NORMAL: (_NO_TWIST,)},
         ),

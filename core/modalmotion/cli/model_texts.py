@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Final
 
-from modalmotion.representation import numeral
+from modalmotion.representation import numeral, probability
 
 if TYPE_CHECKING:
     from modalmotion.classification import Classification, Comparison, Evaluation, Model, ModelCard
@@ -171,14 +171,14 @@ def answer_lines(result: Classification) -> str:
     if result.label is None:
         lines = [f"{result.model}: no class"]
     else:
-        lines = [f"{result.model}: {result.label}, probability {result.probability:.3f}"]
+        lines = [f"{result.model}: {result.label}, probability {probability(result.probability)}"]
     lines += [f"flag: {flag}" for flag in result.flags]
     # Equal probabilities are not a measurement.
     if result.label is not None:
         shares = dict(zip(result.classes, result.probabilities.tolist(), strict=True))
         for name, share in sorted(shares.items(), key=lambda item: -item[1]):
             mark = "*" if name in result.class_set else " "
-            lines.append(f"  {share:6.3f} {mark} {name}")
+            lines.append(f"  {probability(share):>6} {mark} {name}")
         if result.class_set:
             lines.append(f"* cannot be excluded at {100 * result.coverage:g} %")
     for part in result.explanation[:5]:

@@ -435,25 +435,17 @@ class Client(Caller):
 
     # Classes and models.
 
-    def classify(
-        self,
-        sequence_id: str,
-        *,
-        covariates: Mapping[str, float | str] | None = None,
-        **options: Option,
-    ) -> Info:
+    def classify(self, sequence_id: str, **options: Option) -> Info:
         """Ask a model for the class of a stored sequence's motion.
 
         Parameters
         ----------
         sequence_id : str
-        covariates : mapping of str to (float or str), optional
-            Such as an age: over those stored with the sequence.
         **options
             model, the shipped one by default; coverage.
         """
         path = f"/v1/signatures/{segment(sequence_id)}/classifications"
-        asked = posted(path, {**options, "covariates": covariates or None})
+        asked = posted(path, options)
         # A job's result is the list of all models' answers: of what is kept this one's is asked.
         while (answer := self._connection.send(asked)).status == 202:
             awaited(self._connection, answer, _content, asked.accept)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -16,24 +16,22 @@ from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Saved, real
 from modalmotion.classification.answer import fitted_in, unlike
-from modalmotion.classification.cases import TrainingCase, with_covariates
-from modalmotion.classification.cohort import conditions_of
 from modalmotion.classification.extractor import Extractor
 from modalmotion.classification.model import Readable
-from modalmotion.classification.motion import Motion
 from modalmotion.classification.record import require_model_name
-from modalmotion.clinical import Fraction, clinical_readouts
-from modalmotion.errors import ParameterError, TopologyError, UnlikeCasesError
+from modalmotion.clinical import Fraction
+from modalmotion.errors import ParameterError, UnlikeCasesError
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
-from modalmotion.mesh import UNKNOWN, Facts, Named
+from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm.deviation import (
     CohortDeviation,
     Deviation,
     GroupDeviation,
     QuantityDeviation,
+    groups_of,
 )
 from modalmotion.norm.ranks import (
     attainable,
@@ -46,22 +44,23 @@ from modalmotion.norm.ranks import (
     whole,
     without_covariates,
 )
-from modalmotion.progress import Progress
+from modalmotion.norm.reading import (
+    QUANTITIES,
+    Reading,
+    covariate_table,
+    reading_of,
+    warnings_of,
+)
 from modalmotion.representation import counted, numeral, shown
-from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
-from modalmotion.signature.value import first_modes
+from modalmotion.signature.making import ModalSignature
 
 FORM: Final = Form("norm", 2)
 
 LEVEL: Final = 0.05
 """Level at which something is called a deviation, unless one is stated."""
 
-QUANTITIES: Final = ("share", "end_diastolic_volume", "end_systolic_volume")
-"""Share of the volume that is lost, percent; volumes, ml, NaN where the unit is unknown."""
-
-FEWEST_CONTROLS: Final = 9
 FEWEST_RECORDINGS: Final = 5
-"""Fewer controls tell nothing that is rarer than one in ten, and fewer recordings no cohort."""
+"""Fewer are no cohort."""
 
 # Controls for each column of covariates and for the mean: fewer tell little of what depends.
 _PER_COLUMN: Final = 10
@@ -72,93 +71,7 @@ _CONDITIONS: Final = ("frames", "frame rate", "vertices")
 # Of each control, in JSON.
 _TEXTS: Final = ("conditions", "covariates", "tracking", "sequence_id", "subject")
 
-# First words of the columns about an axis.
-_ABOUT_AXIS: Final = {
-    "radial": "contraction",
-    "turning": "twist",
-    "axial": "shortening",
-    "across": "bending",
-    "tilt": "bending",
-    "oval": "oval shape",
-    "side": "one side against the other",
-    "lobe": "lobes",
-}
-_TOGETHER: Final = "how the waves go together"
-
-
 Array = NDArray[np.float64]
-
-
-@shown("sequence_id", "subject")
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """What is read of one recording.
-
-    Parameters
-    ----------
-    values : (features,) float64
-        Features of the motion.
-    quantities : (3,) float64
-        See `QUANTITIES`; NaN where there is none.
-    fraction : Fraction or None
-        What the share is called.
-    conditions : mapping of str to (float or str)
-        How it was recorded: frames, vertices, frame rate, modality.
-    covariates : mapping of str to (float or str)
-    tracking : str
-        What the points follow.
-    sequence_id : str
-    subject : str or None
-    name : str
-        What errors call it.
-    """
-
-    values: NDArray[np.float64]
-    quantities: NDArray[np.float64]
-    fraction: Fraction | None
-    conditions: Mapping[str, float | str]
-    covariates: Mapping[str, float | str]
-    tracking: str
-    sequence_id: str
-    subject: str | None = None
-    name: str = ""
-
-
-@shown("name", "subject")
-@dataclass(frozen=True, eq=False)
-class Control:
-    """A recording of somebody who is taken as usual.
-
-    Parameters
-    ----------
-    motion : MeshSequence or ModalSignature
-        From a signature alone no volume can be read.
-    subject : str or None
-        Who was recorded: a norm takes one recording of each.
-    name : str
-        What errors call it, such as the path of its file.
-    covariates : mapping of str to (float or str)
-        Over those of the recording's facts.
-    sequence : function, optional
-        Reads the recording that a signature was made from, for its volumes; None where its
-        vertices are not kept.
-    """
-
-    motion: MeshSequence | ModalSignature
-    subject: str | None = None
-    name: str = ""
-    covariates: Mapping[str, float | str] = field(default_factory=Named)
-    sequence: Callable[[], MeshSequence | None] | None = None
-
-    def __post_init__(self) -> None:
-        if self.covariates:
-            object.__setattr__(self, "motion", with_covariates(self.motion, self.covariates))
-
-    def read_sequence(self) -> MeshSequence | None:
-        """Give the recording itself, where it is known."""
-        if isinstance(self.motion, MeshSequence):
-            return self.motion
-        return None if self.sequence is None else self.sequence()
 
 
 @shown("name", "n_controls", "readable.topology", "readable.n_modes", "id")
@@ -308,7 +221,7 @@ class Norm(Saved):
             groups=_groups(groups, scores, features, level),
             quantities=_quantities(bag, table),
             covariates=tuple(covariates),
-            warnings=_warnings_of(controls, own),
+            warnings=warnings_of(controls, own),
             notes=(*notes, *remarks),
         )
 
@@ -441,130 +354,6 @@ def _quantities(bag: Sequence[Reading], covariates: Array) -> tuple[QuantityDevi
     return tuple(found)
 
 
-def train_norm(
-    controls: Iterable[Any],
-    name: str,
-    *,
-    modes: int = 7,
-    topology: str | None = None,
-    progress: Progress | None = None,
-) -> Norm:
-    """Make a norm of recordings of people who are taken as usual.
-
-    The modes in which they compare, and whether they are cycles, are decided from all of them
-    together. Nothing else is fitted: what is usual is decided anew for each recording that is
-    compared, from the controls and that recording.
-
-    Parameters
-    ----------
-    controls : iterable of Control, TrainingCase, MeshSequence or ModalSignature
-        One recording of each person, or a source that reads one; labels are not read. From
-        signatures no volumes are read. Those with points that slide (`tracking="offset"`) are
-        read by their offsets.
-    name : str
-        As models are named.
-    modes : int
-        Of the signatures of sequences.
-    topology : str, optional
-        Of these signatures; "mesh" for spring modes.
-    progress : function, optional
-        Called with the number of controls read and of all.
-
-    Raises
-    ------
-    ParameterError
-        If there are too few controls, two of one person, or the name cannot be kept.
-    UnlikeCasesError
-        If their modes do not compare.
-    ModalMotionError
-        If one cannot be fitted; it is named.
-    """
-    # Here, for scikit-learn takes a second, and whoever reads a norm needs none of it.
-    from modalmotion.classification.scikit_learn import SignatureFeatures, in_one_basis
-
-    require_model_name(name)
-    cases = [_control(number, one) for number, one in enumerate(controls)]
-    _require_people(cases)
-    transformer = SignatureFeatures(modes=modes, topology=topology)
-    parameters = parameters_of_controls(
-        transformer.signature_parameters, (case.motion.facts for case in cases)
-    )
-    signatures = in_one_basis([case.motion for case in cases], parameters)
-    transformer.fit(signatures)
-    readings = []
-    for number, (case, signature) in enumerate(zip(cases, signatures, strict=True)):
-        sequence, extractor = case.read_sequence(), transformer.extractor_
-        readings.append(
-            reading_of(signature, sequence, extractor, subject=case.subject, name=case.name)
-        )
-        if progress is not None:
-            progress(number + 1, len(cases))
-    notes = []
-    if len(cases) < fewest_controls(LEVEL):
-        notes.append(
-            f"{counted(len(cases), 'control')} tell nothing that is rarer than one in "
-            f"{len(cases) + 1}; a level of {LEVEL} needs {fewest_controls(LEVEL)}."
-        )
-    return Norm(
-        name=name,
-        readable=transformer.readable_,
-        extractor=transformer.extractor_,
-        columns=tuple(map(str, transformer.get_feature_names_out())),
-        controls=tuple(readings),
-        notes=tuple(notes),
-    )
-
-
-def parameters_of_controls(
-    parameters: SignatureParameters, facts: Iterable[Facts]
-) -> SignatureParameters:
-    """Give the parameters that controls are read with: by offsets where points of one slide."""
-    if any(one.tracking == SignatureKind.OFFSET.value for one in facts):
-        return replace(parameters, kind=SignatureKind.OFFSET)
-    return parameters
-
-
-def _control(number: int, item: Any) -> Control:
-    one = item
-    if not isinstance(one, Control | TrainingCase | MeshSequence | ModalSignature) and hasattr(
-        one, "read"
-    ):
-        one = one.read()
-    if isinstance(one, TrainingCase):
-        return Control(one.motion, one.subject, one.name or f"control {number}")
-    if isinstance(one, MeshSequence | ModalSignature):
-        return Control(one, name=f"control {number}")
-    if not isinstance(one, Control):
-        raise ParameterError(
-            f"Item {number} is a {type(one).__name__}, which is no recording.",
-            remedy="Give Controls, MeshSequences, ModalSignatures or TrainingCases.",
-            details={"case": number},
-        )
-    return one if one.name else replace(one, name=f"control {number}")
-
-
-def _require_people(cases: list[Control]) -> None:
-    if len(cases) < FEWEST_CONTROLS:
-        raise ParameterError(
-            f"A norm of {counted(len(cases), 'control')} tells nothing.",
-            remedy=f"Give at least {FEWEST_CONTROLS}, and {fewest_controls(LEVEL)} for the usual "
-            f"level of {LEVEL}.",
-            details={"n_controls": len(cases), "needed": FEWEST_CONTROLS},
-        )
-    seen: dict[str, str] = {}
-    for case in cases:
-        motion = case.motion
-        own = motion.id if isinstance(motion, MeshSequence) else motion.sequence_id
-        for key in filter(None, (own, case.subject and f"subject {case.subject}")):
-            if key in seen:
-                raise ParameterError(
-                    f"{case.name} and {seen[key]} are recordings of one person.",
-                    remedy="Give one recording of each control: two of one are too much alike.",
-                    details={"case": case.name},
-                )
-            seen[key] = case.name
-
-
 def cohort_deviation(
     norm: Norm,
     recordings: Iterable[MeshSequence | ModalSignature | Reading],
@@ -638,149 +427,6 @@ def _numbers(one: Reading) -> list[float]:
     conditions = [one.conditions.get(name, np.nan) for name in _CONDITIONS]
     numbers = [c if isinstance(c, int | float) else np.nan for c in conditions]
     return [*map(float, numbers), *one.quantities.tolist()]
-
-
-def reading_of(
-    signature: ModalSignature,
-    sequence: MeshSequence | None,
-    extractor: Extractor,
-    *,
-    subject: str | None = None,
-    name: str = "",
-) -> Reading:
-    """Read a recording.
-
-    Parameters
-    ----------
-    signature : ModalSignature
-    sequence : MeshSequence or None
-        The one it was made from, for its volumes.
-    extractor : Extractor
-    """
-    facts = signature.facts
-    quantities, fraction = _volumes(signature, sequence)
-    conditions = {
-        name: value
-        for name, value in conditions_of(signature).items()
-        if name not in facts.covariates
-    }
-    return Reading(
-        values=extractor.values(Motion(first_modes(signature, extractor.n_modes))),
-        quantities=quantities,
-        fraction=fraction,
-        conditions=conditions,
-        covariates=dict(facts.covariates),
-        tracking=str(facts.tracking),
-        sequence_id=signature.sequence_id,
-        subject=subject,
-        name=name,
-    )
-
-
-def covariate_table(
-    covariates: Sequence[Mapping[str, float | str]], names: Sequence[str]
-) -> NDArray[np.float64]:
-    """Covariates as numbers, a word as columns of its own, (members, columns) float64."""
-    columns = []
-    for name in names:
-        values = [one[name] for one in covariates]
-        words = sorted({str(value) for value in values})
-        if any(isinstance(value, str) for value in values):
-            # The last word is what the others are not.
-            columns += [[float(str(value) == word) for value in values] for word in words[:-1]]
-        else:
-            columns.append([float(value) for value in values])
-    return np.array(columns, dtype=np.float64).reshape(-1, len(covariates)).T
-
-
-def _volumes(
-    signature: ModalSignature, sequence: MeshSequence | None
-) -> tuple[NDArray[np.float64], Fraction | None]:
-    nothing = np.full(len(QUANTITIES), math.nan)
-    if sequence is None:
-        return nothing, None
-    try:
-        readouts = clinical_readouts(signature, sequence)
-    except (TopologyError, ParameterError):
-        return nothing, None
-    curve = readouts.stated
-    if curve.share is None:
-        return nothing, None
-    in_ml = math.nan if readouts.unit is None else readouts.millilitres
-    volumes = [in_ml * curve.end_diastolic_volume, in_ml * curve.end_systolic_volume]
-    return np.array([curve.share, *volumes]), curve.fraction
-
-
-def _warnings_of(controls: Sequence[Reading], own: Reading) -> tuple[str, ...]:
-    """Compare the conditions and covariates of a recording with those of controls.
-
-    A number is unlike theirs where it lies farther beyond them than they lie apart, so that a
-    recording like them is hardly ever warned of.
-    """
-    warnings = []
-    for what in ("conditions", "covariates"):
-        mine, theirs = getattr(own, what), [getattr(one, what) for one in controls]
-        for name, value in mine.items():
-            known = [one[name] for one in theirs if name in one]
-            said = _unlike(name, value, known, is_condition=what == "conditions")
-            if said:
-                warnings.append(said)
-    trackings = {one.tracking for one in controls}
-    if own.tracking not in trackings:
-        warnings.append(
-            f"tracking: {own.tracking}; of the controls {', '.join(sorted(trackings))}."
-        )
-    return tuple(warnings)
-
-
-def _unlike(
-    name: str, value: float | str, known: Sequence[float | str], *, is_condition: bool
-) -> str | None:
-    if not known:
-        return None
-    if isinstance(value, str):
-        words = sorted({str(one) for one in known})
-        if value in words:
-            return None
-        return f"{_called(name)}: {value}; of the controls {', '.join(words[:5])}."
-    numbers = [float(one) for one in known if not isinstance(one, str)]
-    if not numbers:
-        return None
-    low, high = min(numbers), max(numbers)
-    # Who is older than all controls is beyond what they can tell.
-    margin = (high - low) if is_condition else 0.0
-    if low - margin <= value <= high + margin:
-        return None
-    theirs = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-    return f"{_called(name)}: {float(value):g}; of the controls {theirs}."
-
-
-def _called(name: str) -> str:
-    return f"number of {name}" if name in ("frames", "vertices") else name
-
-
-def group_of(column: str) -> str:
-    """Give the group of a column, by its name.
-
-    Modes as they are have a group for each wave over the surface; what relates several is one
-    of its own.
-    """
-    first = column.split(" ", 1)[0]
-    if first in _ABOUT_AXIS:
-        return _ABOUT_AXIS[first]
-    if column.startswith("size (") and column.count("(") == 1:
-        return f"wave {column[column.index('(') : column.index(')') + 1]}"
-    if column == "log motion":
-        return "amount of motion"
-    return _TOGETHER
-
-
-def groups_of(columns: Sequence[str]) -> dict[str, list[int]]:
-    """Give the indices of the columns of each group, in their order."""
-    groups: dict[str, list[int]] = {}
-    for k, column in enumerate(columns):
-        groups.setdefault(group_of(column), []).append(k)
-    return groups
 
 
 def norm_to_hdf5(norm: Norm) -> bytes:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from modalmotion.classification.answer import Classification
 from modalmotion.classification.card import ModelCard
 from modalmotion.errors import needs_extra
-from modalmotion.representation import numeral
+from modalmotion.representation import numeral, probability
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -69,7 +69,7 @@ def answer_figure(result: Classification) -> Figure:
         _draw_classes(panels[0], result)
         if n_modes:
             _draw_modes(panels[1], result)
-    said = f"{result.label}, {result.probability:.3f}" if has_label else "no class"
+    said = f"{result.label}, {probability(result.probability)}" if has_label else "no class"
     flags = f" ({', '.join(result.flags)})" if result.flags else ""
     title = f"{result.model}: {said}{flags}"
     figure.text(0.5, 1 - 0.1 / height, title, fontsize=12, color=_INK, ha="center", va="top")
@@ -87,7 +87,7 @@ def _draw_classes(axes: Any, result: Classification) -> None:
     values = [shares[name] for name in ranked]
     axes.barh(range(len(ranked)), values, color=colours, height=0.7)
     for row, value in enumerate(values):
-        axes.text(value + 0.015, row, f"{value:.3f}", va="center", fontsize=8, color=_INK)
+        axes.text(value + 0.015, row, probability(value), va="center", fontsize=8, color=_INK)
     axes.set_yticks(range(len(ranked)), ranked, fontsize=9)
     axes.set_xlim(0.0, 1.12)
     axes.set_xlabel("probability", color=_INK)

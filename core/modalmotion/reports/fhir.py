@@ -27,6 +27,7 @@ from modalmotion.reports.content import (
     errors_of,
     quantities_of,
 )
+from modalmotion.representation import probability
 
 _DECIMALS: Final = 17
 
@@ -320,7 +321,7 @@ def _class(report: Report) -> Found:
             [f"No class of motion: {why}."],
             {**absent("unknown", why), "method": _model(answer.model, answer.model_id)},
         )
-    line = f"Class of motion: {answer.label} (probability {answer.probability:.3f})."
+    line = f"Class of motion: {answer.label} (probability {probability(answer.probability)})."
     value = {"coding": [_own_class(answer.label)], "text": answer.label}
     method = _model(answer.model, answer.model_id)
     return Found(

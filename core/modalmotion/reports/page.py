@@ -17,7 +17,7 @@ from modalmotion.mesh import face_normals, oriented_faces
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.pictures.readouts import draw_strain, mark_moments
 from modalmotion.reports.content import OWN, Report, moments_of, quantities_of
-from modalmotion.representation import counted, with_interval
+from modalmotion.representation import counted, probability, with_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -279,8 +279,9 @@ def _sections(report: Report) -> list[tuple[str, list[str], str]]:
         said = [f"No class: {'; '.join(answer.flags) or 'inconclusive'}."]
     elif answer is not None:
         others = [name for name in answer.class_set if name != answer.label]
+        sure = probability(answer.probability)
         said = [
-            f"{answer.label}, probability {answer.probability:.3f} (model {answer.model}).",
+            f"{answer.label}, probability {sure} (model {answer.model}).",
             f"Not excluded at {100 * answer.coverage:.0f} %: {', '.join(others)}."
             if others
             else f"No other class remains at {100 * answer.coverage:.0f} %.",

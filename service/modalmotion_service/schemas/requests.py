@@ -248,7 +248,7 @@ class EncodingOfFile(Reading, EncodingTarget):
 ENCODING_OF_FILE: Final = model_of(EncodingOfFile, ReadOptions, **_READING)
 
 
-class ModelRequest(JsonBody):
+class ClassificationRequest(JsonBody):
     """The model, and how sure its class set must be."""
 
     model: str = Field(
@@ -264,16 +264,7 @@ class ModelRequest(JsonBody):
     )
 
 
-class ClassificationRequest(ModelRequest):
-    """The model, how sure its class set must be, and what the recording does not carry."""
-
-    # Their values are checked by the library, which stops at the first fault.
-    covariates: dict[str, Any] | None = Field(
-        None, description=f"Over those stored with the sequence. {COVARIATES}"
-    )
-
-
-class ClassOfFile(Reading, ModelRequest):
+class ClassOfFile(Reading, ClassificationRequest):
     """How to read a file, the model, and how sure its class set must be."""
 
 

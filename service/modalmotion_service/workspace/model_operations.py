@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 from modalmotion.classification.evaluation import CaseAnswer
 from modalmotion.errors import NotFoundError, ParameterError
-from modalmotion.mesh.facts import Facts
 from modalmotion.store import ResultStore
 from modalmotion_service.http.negotiation import CSV, JSON, PNG
 from modalmotion_service.schemas.cases import (
@@ -114,9 +113,9 @@ class Evaluations:
         """Answers of each model to each case."""
 
         async def answered(case: Case) -> list[CaseAnswer]:
-            stated, answers = Facts(covariates=case.covariates), []
+            answers = []
             for model in models:
-                kept, _ = await self._models.classification(case.id, model, coverage, stated)
+                kept, _ = await self._models.classification(case.id, model, coverage)
                 result = kept.result
                 answers.append(
                     CaseAnswer(

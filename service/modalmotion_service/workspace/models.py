@@ -17,7 +17,7 @@ from modalmotion.classification import (
 )
 from modalmotion.errors import NotFoundError, TopologyError
 from modalmotion.hdf5.sealed import is_sound
-from modalmotion.mesh.facts import NO_FACTS, UNKNOWN, Facts
+from modalmotion.mesh.facts import UNKNOWN
 from modalmotion.progress import StageReport
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import (
@@ -239,7 +239,6 @@ class Models(ModelVersions):
         sequence_id: str,
         model: ChosenModel,
         coverage: float,
-        stated: Facts = NO_FACTS,
         report: StageReport = unheard,
     ) -> tuple[KeptClassification, bool]:
         """Classify a stored sequence, and tell whether the result is new.
@@ -249,17 +248,9 @@ class Models(ModelVersions):
         sequence_id : str
         model : ChosenModel
         coverage : float
-        stated : Facts
-            Whose covariates are over those stored with the sequence.
         report : StageReport
-
-        Raises
-        ------
-        ParameterError
-            If a covariate is stated twice, maybe in capitals once.
         """
-        parameters, known = self._analysis.resolved(sequence_id, model.parameters)
-        facts = stated.over(known)
+        parameters, facts = self._analysis.resolved(sequence_id, model.parameters)
         tracking = facts.tracking if model.name == OFFSET_MODEL else UNKNOWN
         key = classification_key(parameters, coverage, tracking, facts.handedness, facts.cavity)
 

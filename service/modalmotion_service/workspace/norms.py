@@ -20,7 +20,7 @@ from modalmotion.errors import (
 )
 from modalmotion.mesh.facts import Facts, Named
 from modalmotion.norm import Norm
-from modalmotion.norm.norm import parameters_of_controls
+from modalmotion.norm.training import parameters_of_controls
 from modalmotion.progress import StageReport
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ResultStore

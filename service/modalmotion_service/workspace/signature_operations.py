@@ -7,7 +7,6 @@ from dataclasses import asdict, replace
 from typing import Final
 
 from modalmotion.exports.signature_pack import SurfaceFormat
-from modalmotion.mesh import Facts
 from modalmotion.progress import StageReport
 from modalmotion_service.http.negotiation import (
     CSV,
@@ -201,10 +200,7 @@ async def classification(state: State, request: Request, report: Report) -> Outc
     """Ask a model for the class of a stored sequence's motion, and store the answer."""
     query, sequence_id = request.query, request.sequence_id or ""
     model = await asyncio.to_thread(state.models.choose, request.reference)
-    stated = Facts(covariates=query.covariates or {})
-    kept, is_new = await state.models.classification(
-        sequence_id, model, query.coverage, stated, report
-    )
+    kept, is_new = await state.models.classification(sequence_id, model, query.coverage, report)
     answer = ClassificationAnswer.of(
         kept.result, kept.version, kept.path.relative_to(state.store.root).as_posix()
     )

@@ -55,16 +55,16 @@ def test_left_handed_coordinates_are_read_as_their_mirror_image() -> None:
 
 def test_a_last_frame_that_repeats_the_first_is_of_the_next_turn() -> None:
     open_, closed = motion_of(beat()), motion_of(beat(is_closed=True))
-    assert len(open_.turn[0]) == 20
-    assert len(closed.turn[0]) == 19
+    assert len(open_.cycle[0]) == 20
+    assert len(closed.cycle[0]) == 19
 
 
 def test_phases_follow_from_the_period_where_most_of_it_was_recorded() -> None:
     one = beat()
     most = replace(one, vertices=one.vertices[:16], times=np.asarray(one.times)[:16])
     half = replace(one, vertices=one.vertices[:10], times=np.asarray(one.times)[:10])
-    assert motion_of(most).turn[1][-1] == pytest.approx(2 * np.pi * 15 / 20)
-    assert motion_of(half).turn[1][-1] == pytest.approx(2 * np.pi * 9 / 10)
+    assert motion_of(most).cycle[1][-1] == pytest.approx(2 * np.pi * 15 / 20)
+    assert motion_of(half).cycle[1][-1] == pytest.approx(2 * np.pi * 9 / 10)
 
 
 def test_noise_is_not_smooth_and_a_beat_is() -> None:

@@ -7,10 +7,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+from altered_beats import without_systole
 
 import modalmotion as mm
 from modalmotion.classification import Model, TrainingCase, TrainingOptions, classify, train
-from modalmotion.classification.outliers import KNOWN_SHARE, with_limits
+from modalmotion.classification.outliers import CHECKS, KNOWN_SHARE, with_limits
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.simulate import MotionClass, simulate_cohort
 
@@ -88,13 +89,31 @@ def test_limits_hold_the_stated_share_of_new_cases() -> None:
     rng, beyond = np.random.default_rng(7), []
     detector = model().outliers
     for _ in range(40):
-        own = with_limits(detector, rng.normal(size=(200, 5)), np.arange(200))
-        beyond.append((rng.normal(size=(2000, 5)) > own.limits).any(axis=1).mean())
+        own = with_limits(detector, rng.normal(size=(200, len(CHECKS))), np.arange(200))
+        beyond.append((rng.normal(size=(2000, len(CHECKS))) > own.limits).any(axis=1).mean())
     assert float(np.mean(beyond)) == pytest.approx(1.0 - KNOWN_SHARE, abs=0.008)
 
 
+def test_frames_missing_within_a_cycle_are_noticed() -> None:
+    rng = np.random.default_rng(4)
+    assert share_flagged(lambda b: without_systole(b, rng), "incomplete cycle") >= 0.9
+    every_second = share_flagged(lambda b: replace(b, vertices=b.vertices[::2], times=None))
+    assert every_second <= 0.125
+
+
+def test_classes_that_are_images_of_one_another_are_no_sign_of_an_image() -> None:
+    scores = np.random.default_rng(8).normal(size=(400, len(CHECKS)))
+    detector = model().outliers
+    backwards = np.stack([detector.means[0], detector.means[0] * detector.signs[1]])
+    for means, is_told in ((detector.means, True), (backwards, False)):
+        own = replace(detector, means=means)
+        limits = with_limits(own, scores, np.arange(400)).limits
+        assert np.isfinite(limits[:-1]).all()
+        assert np.isfinite(limits[-1]) == is_told
+
+
 def test_of_cases_of_one_subject_only_the_strangest_counts() -> None:
-    scores = np.random.default_rng(8).normal(size=(400, 5))
+    scores = np.random.default_rng(8).normal(size=(400, len(CHECKS)))
     alone = with_limits(model().outliers, scores, np.arange(400))
     together = with_limits(model().outliers, scores, np.arange(400) // 8)
     assert together.limits.mean() > alone.limits.mean()

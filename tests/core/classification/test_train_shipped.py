@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import modalmotion as mm
-from modalmotion.classification import classify, load_model
+from modalmotion.classification import DEFAULT_MODEL, OFFSET_MODEL, classify, load_model
 from modalmotion.classification.train_shipped import RECIPES, as_tracked, hearts, without_apex
 from modalmotion.mesh import Cavity
 from modalmotion.simulate import MotionClass
@@ -51,6 +51,15 @@ def test_no_heart_of_a_preserved_ejection_fraction_is_called_globally_hypokineti
         volumes = np.asarray(case.signature.volumes)
         if 1.0 - volumes.min() / volumes.max() > 0.55:
             assert found.label != MotionClass.HYPOKINESIA
+
+
+def test_what_is_stated_as_a_cylinder_is_closed_to_a_cup_for_normal_displacements_alone() -> None:
+    cut = without_apex(mm.simulate_ventricle(grid=(12, 24)), np.random.default_rng(3))
+    found = classify(cut, load_model())
+    assert found.flags == ("out of domain",)
+    assert "State the topology if it is wrong" in found.notes[0]
+    for other, name in ((replace(cut, topology=None), DEFAULT_MODEL), (cut, OFFSET_MODEL)):
+        assert classify(other, load_model(name)).label == "normal"
 
 
 def test_a_healthy_heart_is_normal_whatever_its_pose() -> None:

@@ -9,7 +9,7 @@ from norm_controls import beat
 
 from modalmotion.errors import ModalMotionError, ParameterError
 from modalmotion.norm import Norm, train_norm
-from modalmotion.norm.norm import Control
+from modalmotion.norm.training import Control
 from modalmotion.simulate import MotionClass
 
 BEATS = [beat(seed) for seed in range(9)]

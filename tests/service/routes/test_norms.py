@@ -18,7 +18,7 @@ from modalmotion.client import Client, RemoteError
 from modalmotion.formats import write_npz
 from modalmotion.mesh import Facts
 from modalmotion.norm import cohort_deviation, norm_from_hdf5, train_norm
-from modalmotion.norm.norm import Control
+from modalmotion.norm.training import Control
 from modalmotion.simulate import MotionClass
 
 N_CONTROLS = 10

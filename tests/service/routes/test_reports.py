@@ -30,6 +30,7 @@ from modalmotion.formats.parser.registry import ParserHere
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.reports import fhir_json, report_figure, report_of
 from modalmotion.reports.dicom import dicom_instances, read_study
+from modalmotion.representation import probability
 from modalmotion.simulate import MotionClass
 from modalmotion_service.schemas.readouts import ReadoutsAnswer
 
@@ -216,7 +217,7 @@ def test_all_forms_say_the_same_to_the_last_printed_digit() -> None:
         ]
         assert classes == [answer.label]
         if answer.label is not None:
-            assert f"{answer.label}, probability {answer.probability:.3f}" in page
+            assert f"{answer.label}, probability {probability(answer.probability)}" in page
             assert answer.label in str(pydicom.dcmread(io.BytesIO(file)))
             assert answer.probability in sr.values()
     assert n_classes

@@ -34,7 +34,8 @@ from modalmotion.norm import (
     norm_to_hdf5,
     train_norm,
 )
-from modalmotion.norm.norm import Control, Reading
+from modalmotion.norm.reading import Reading
+from modalmotion.norm.training import Control
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.store import model_from_hdf5, sequence_from_hdf5, signature_from_hdf5
 from modalmotion_service.http.negotiation import CSV, PNG

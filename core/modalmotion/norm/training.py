@@ -1,0 +1,185 @@
+"""Controls of one's own, and the norm that is made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+from modalmotion.classification.cases import TrainingCase, with_covariates
+from modalmotion.classification.record import require_model_name
+from modalmotion.errors import ParameterError
+from modalmotion.mesh import Facts, Named
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.norm.norm import LEVEL, Norm
+from modalmotion.norm.ranks import (
+    fewest_controls,
+)
+from modalmotion.norm.reading import reading_of
+from modalmotion.progress import Progress
+from modalmotion.representation import counted, shown
+from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
+
+FEWEST_CONTROLS: Final = 9
+"""Fewer show nothing that is rarer than one in ten."""
+
+
+@shown("name", "subject")
+@dataclass(frozen=True, eq=False)
+class Control:
+    """A recording of somebody who is taken as usual.
+
+    Parameters
+    ----------
+    motion : MeshSequence or ModalSignature
+        From a signature alone no volume can be read.
+    subject : str or None
+        Who was recorded: a norm takes one recording of each.
+    name : str
+        What errors call it, such as the path of its file.
+    covariates : mapping of str to (float or str)
+        Over those of the recording's facts.
+    sequence : function, optional
+        Reads the recording that a signature was made from, for its volumes; None where its
+        vertices are not kept.
+    """
+
+    motion: MeshSequence | ModalSignature
+    subject: str | None = None
+    name: str = ""
+    covariates: Mapping[str, float | str] = field(default_factory=Named)
+    sequence: Callable[[], MeshSequence | None] | None = None
+
+    def __post_init__(self) -> None:
+        if self.covariates:
+            object.__setattr__(self, "motion", with_covariates(self.motion, self.covariates))
+
+    def read_sequence(self) -> MeshSequence | None:
+        """Give the recording itself, where it is known."""
+        if isinstance(self.motion, MeshSequence):
+            return self.motion
+        return None if self.sequence is None else self.sequence()
+
+
+def train_norm(
+    controls: Iterable[Any],
+    name: str,
+    *,
+    modes: int = 7,
+    topology: str | None = None,
+    progress: Progress | None = None,
+) -> Norm:
+    """Make a norm of recordings of people who are taken as usual.
+
+    The modes in which they compare, and whether they are cycles, are decided from all of them
+    together. Nothing else is fitted: what is usual is decided anew for each recording that is
+    compared, from the controls and that recording.
+
+    Parameters
+    ----------
+    controls : iterable of Control, TrainingCase, MeshSequence or ModalSignature
+        One recording of each person, or a source that reads one; labels are not read. From
+        signatures no volumes are read. Those with points that slide (`tracking="offset"`) are
+        read by their offsets.
+    name : str
+        As models are named.
+    modes : int
+        Of the signatures of sequences.
+    topology : str, optional
+        Of these signatures; "mesh" for spring modes.
+    progress : function, optional
+        Called with the number of controls read and of all.
+
+    Raises
+    ------
+    ParameterError
+        If there are too few controls, two of one person, or the name cannot be kept.
+    UnlikeCasesError
+        If their modes do not compare.
+    ModalMotionError
+        If one cannot be fitted; it is named.
+    """
+    # Here, for scikit-learn takes a second, and whoever reads a norm needs none of it.
+    from modalmotion.classification.scikit_learn import SignatureFeatures, in_one_basis
+
+    require_model_name(name)
+    cases = [_control(number, one) for number, one in enumerate(controls)]
+    _require_people(cases)
+    transformer = SignatureFeatures(modes=modes, topology=topology)
+    parameters = parameters_of_controls(
+        transformer.signature_parameters, (case.motion.facts for case in cases)
+    )
+    signatures = in_one_basis([case.motion for case in cases], parameters)
+    transformer.fit(signatures)
+    readings = []
+    for number, (case, signature) in enumerate(zip(cases, signatures, strict=True)):
+        sequence, extractor = case.read_sequence(), transformer.extractor_
+        readings.append(
+            reading_of(signature, sequence, extractor, subject=case.subject, name=case.name)
+        )
+        if progress is not None:
+            progress(number + 1, len(cases))
+    notes = []
+    if len(cases) < fewest_controls(LEVEL):
+        notes.append(
+            f"{counted(len(cases), 'control')} tell nothing that is rarer than one in "
+            f"{len(cases) + 1}; a level of {LEVEL} needs {fewest_controls(LEVEL)}."
+        )
+    return Norm(
+        name=name,
+        readable=transformer.readable_,
+        extractor=transformer.extractor_,
+        columns=tuple(map(str, transformer.get_feature_names_out())),
+        controls=tuple(readings),
+        notes=tuple(notes),
+    )
+
+
+def parameters_of_controls(
+    parameters: SignatureParameters, facts: Iterable[Facts]
+) -> SignatureParameters:
+    """Give the parameters that controls are read with: by offsets where points of one slide."""
+    if any(one.tracking == SignatureKind.OFFSET.value for one in facts):
+        return replace(parameters, kind=SignatureKind.OFFSET)
+    return parameters
+
+
+def _control(number: int, item: Any) -> Control:
+    one = item
+    if not isinstance(one, Control | TrainingCase | MeshSequence | ModalSignature) and hasattr(
+        one, "read"
+    ):
+        one = one.read()
+    if isinstance(one, TrainingCase):
+        return Control(one.motion, one.subject, one.name or f"control {number}")
+    if isinstance(one, MeshSequence | ModalSignature):
+        return Control(one, name=f"control {number}")
+    if not isinstance(one, Control):
+        raise ParameterError(
+            f"Item {number} is a {type(one).__name__}, which is no recording.",
+            remedy="Give Controls, MeshSequences, ModalSignatures or TrainingCases.",
+            details={"case": number},
+        )
+    return one if one.name else replace(one, name=f"control {number}")
+
+
+def _require_people(cases: list[Control]) -> None:
+    if len(cases) < FEWEST_CONTROLS:
+        raise ParameterError(
+            f"A norm of {counted(len(cases), 'control')} tells nothing.",
+            remedy=f"Give at least {FEWEST_CONTROLS}, and {fewest_controls(LEVEL)} for the usual "
+            f"level of {LEVEL}.",
+            details={"n_controls": len(cases), "needed": FEWEST_CONTROLS},
+        )
+    seen: dict[str, str] = {}
+    for case in cases:
+        motion = case.motion
+        own = motion.id if isinstance(motion, MeshSequence) else motion.sequence_id
+        for key in filter(None, (own, case.subject and f"subject {case.subject}")):
+            if key in seen:
+                raise ParameterError(
+                    f"{case.name} and {seen[key]} are recordings of one person.",
+                    remedy="Give one recording of each control: two of one are too much alike.",
+                    details={"case": case.name},
+                )
+            seen[key] = case.name
