@@ -18,7 +18,7 @@ OCTETS: Final = "application/octet-stream"
 
 
 def is_file(media_type: str) -> bool:
-    """Tell whether a media type is neither text nor JSON."""
+    """Return whether a media type is neither text nor JSON."""
     return not (media_type.startswith("text/") or media_type.endswith("json"))
 
 

@@ -22,7 +22,7 @@ class Settings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix="MODALMOTION_", frozen=True)
 
-    data_dir: Path = Field(Path("modalmotion-data"), description="Folder that results lie in.")
+    data_dir: Path = Field(Path("modalmotion-data"), description="Folder that results are in.")
     keep_uploads: bool = Field(True, description="Whether uploaded vertices are stored.")
     log_level: Literal["debug", "info", "warning", "error"] = Field(
         "info", description="Least level that is logged; requests are logged as info."

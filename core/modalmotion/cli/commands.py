@@ -98,7 +98,8 @@ class _Commands(click.Group):
             own = next(one for one in functions if one.name == name.replace("-", "_"))
             return (ast.get_docstring(own) or "").partition("\n")[0]
         for entry in entry_points(group="modalmotion.commands", name=name):
-            # A distribution may hold its lines beside its commands, so that no command is imported.
+            # A distribution may contain its lines beside its commands, so that no command is
+            # imported.
             lines = getattr(import_module(entry.module.rpartition(".")[0]), "LINES", {})
             if name in lines:
                 return str(lines[name])

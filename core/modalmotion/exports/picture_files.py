@@ -29,7 +29,7 @@ def write_picture(figure: Figure, path: Path) -> None:
     Raises
     ------
     ParameterError
-        If it names another.
+        If the suffix is another.
     StoreError
         If it cannot be written.
     """

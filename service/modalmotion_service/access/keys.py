@@ -156,7 +156,7 @@ class Key:
 
     @property
     def principal(self) -> Principal:
-        """Owner and scopes that it stands for."""
+        """Owner and scopes that it represents."""
         return Principal(self.owner, self.id, self.scopes)
 
 
@@ -328,7 +328,7 @@ def _key(row: tuple[Any, ...]) -> Key:
 
 
 class KeySnapshot(Authenticator):
-    """Keys as they stand in a file, which is read anew when another one takes its place.
+    """Keys as they are in a file, which is read anew when another one takes its place.
 
     Nothing is written, not even beside it: the folder may be one that nobody can write to. While
     the file is away or damaged every key is refused with an error of the store.
@@ -373,7 +373,7 @@ class KeySnapshot(Authenticator):
 
 
 def _rows_of(path: Path, *, is_live: bool) -> dict[str, tuple[Any, ...]]:
-    # Immutable, unless a service has it open whose newest rows lie beside it: else SQLite would
+    # Immutable, unless a service has it open whose newest rows are beside it: else SQLite would
     # make files there, to share it with writers.
     address = f"file:{quote(str(path.absolute()))}?mode=ro{'' if is_live else '&immutable=1'}"
     connection = sqlite3.connect(address, uri=True)

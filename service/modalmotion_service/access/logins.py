@@ -325,7 +325,7 @@ class Logins:
 
 
 def logins_of(issuer: str | None, audience: str | None, **options: Any) -> Logins | None:
-    """Make the logins that settings name, with options of `Logins`; None where they name no issuer.
+    """Make the logins that settings name, with options of `Logins`; None if they name no issuer.
 
     Raises
     ------
@@ -347,7 +347,7 @@ def logins_of(issuer: str | None, audience: str | None, **options: Any) -> Login
 
 
 def is_login(token: str) -> bool:
-    """Tell whether this looks like a token, and not like a key."""
+    """Return whether this looks like a token, and not like a key."""
     return _TOKEN.fullmatch(token) is not None
 
 

@@ -114,7 +114,7 @@ class Target:
     scope : Scope or None
         That it needs; None if it is open to everybody.
     path_parameters : dict
-        As they stand in the path, unchecked.
+        As they are in the path, unchecked.
     """
 
     template: str
@@ -146,7 +146,7 @@ def target_of(method: str, path: str) -> Target | None:
 def methods_of(path: str) -> list[str]:
     """List the methods that a path knows, sorted.
 
-    A path that stands in the interface's document as it is has the methods of that entry alone.
+    A path that is in the interface's document as it is has the methods of that entry alone.
     """
     if literal := {method for method, template in SCOPE_OF if template == path}:
         found = literal
@@ -156,7 +156,7 @@ def methods_of(path: str) -> list[str]:
 
 
 LOCAL: Final = "local"
-"""Owner of the store that lies in the data folder itself."""
+"""Owner of the store that is in the data folder itself."""
 
 _OWNER: Final = re.compile(r"[a-z0-9][a-z0-9_-]{0,62}")
 _SENDER: Final = "modalmotion.principal"

@@ -29,7 +29,7 @@ class Event:
     ----------
     request_id : str
     owner, key_id : str or None
-        None where nobody was recognised; the key is None for this machine without keys.
+        None if nobody was recognised; the key is None for this machine without keys.
     client : str
         Address.
     method, route : str
@@ -52,7 +52,7 @@ class Event:
 
 @dataclass(frozen=True)
 class AuditEntry:
-    """An event as it stands in the log.
+    """An event as it is in the log.
 
     Parameters
     ----------

@@ -230,7 +230,7 @@ class AuditStream(Notes):
 
 
 def audit_path(data_dir: Path) -> Path:
-    """Where the audit log of a data folder lies."""
+    """Where the audit log of a data folder is."""
     return data_dir / "access" / "audit.sqlite"
 
 

@@ -20,7 +20,7 @@ def document() -> str:
 @click.argument("path", type=click.Path(path_type=Path))
 @click.option("--check", is_flag=True, help="Compare, write nothing.")
 def main(path: Path, check: bool) -> None:
-    """Write the OpenAPI document to PATH, or compare it with what lies there."""
+    """Write the OpenAPI document to PATH, or compare it with what is there."""
     text = document()
     if check:
         if not path.is_file() or path.read_text() != text:

@@ -12,7 +12,7 @@ import click
 DATA_DIR = click.option(
     "--data-dir",
     type=click.Path(file_okay=False, path_type=Path),
-    help="Folder that results lie in  [default: MODALMOTION_DATA_DIR or modalmotion-data].",
+    help="Folder that results are in  [default: MODALMOTION_DATA_DIR or modalmotion-data].",
 )
 
 

@@ -156,7 +156,7 @@ def entries_by_name(text: str) -> dict[str, Entry]:
         if not name or "\0" in name:
             raise _wrong(line, "there is no path")
         if name in lines:
-            raise _wrong(line, f"'{name}' stands in line {lines[name]} already")
+            raise _wrong(line, f"'{name}' is in line {lines[name]} already")
         lines[name] = line
         subject, label = (row.get(key, "").strip() or None for key in _COLUMNS[1:])
         try:
@@ -195,7 +195,7 @@ def _rows(text: str) -> Iterator[tuple[int, dict[str, str]]]:
 
 
 def _separator(text: str) -> str:
-    """Find the separator of the heading; a column's name may hold one of the others."""
+    """Find the separator of the heading; a column's name may contain one of the others."""
     stated = _STATED_SEPARATOR.match(text)
     if stated:
         return stated[1]
@@ -271,7 +271,7 @@ async def received_form(
     ----------
     request : Request
     folder : Path
-        Where the file lies meanwhile.
+        Where the file is meanwhile.
     many : ManyFiles, optional
         Where files go that are named as many are; they are parts of the form too.
 

@@ -75,7 +75,7 @@ def note_facts(connection: HTTPConnection, names: Sequence[str]) -> None:
 
 
 def route_of(connection: Connection) -> str | None:
-    """Template of the route that a request was judged by; None where there is none."""
+    """Template of the route that a request was judged by; None if there is none."""
     template: str | None = connection.get(_ROUTE)
     return template
 
@@ -96,7 +96,7 @@ async def require_judged(connection: HTTPConnection) -> None:
 
 
 class Gate:
-    """ASGI middleware; the app's state holds an `Access` once its lifespan has begun.
+    """ASGI middleware; the app's state contains an `Access` once its lifespan has begun.
 
     Parameters
     ----------

@@ -67,13 +67,13 @@ class RequestHeadCheck:
 def plain_address(text: str) -> str:
     """Write an address as it is counted and recorded.
 
-    X-Forwarded-For holds what its sender likes, where a proxy passes it on unread.
+    X-Forwarded-For contains what its sender likes, where a proxy passes it on unread.
     """
     try:
         address = ipaddress.ip_address(text)
     except ValueError:
         return UNKNOWN_CLIENT
-    # Made anew of its number: behind a % an IPv6 address may hold any text.
+    # Made anew of its number: behind a % an IPv6 address may contain any text.
     return str(type(address)(int(address)))
 
 
@@ -81,7 +81,7 @@ def _fault(scope: Scope) -> InputError | None:
     if len(scope["method"]) > _LONGEST_METHOD:
         return _malformed(f"No method has more than {_LONGEST_METHOD} letters.")
     if _CONTROL.search(scope["path"]):
-        return _malformed("The path holds a control character.")
+        return _malformed("The path contains a control character.")
     if (n_fields := scope["query_string"].count(b"&") + 1) > _MOST_FIELDS:
         # Each unknown one is an error of its own: nine thousand stopped everybody for 0.3 s.
         return LimitError(

@@ -88,7 +88,7 @@ class Preference:
     is_async : bool
         It wants a job at once.
     wait_seconds : float or None
-        It wants an answer or a job after so long; None where it does not say.
+        It wants an answer or a job after so long; None if it does not say.
     """
 
     is_async: bool
@@ -120,7 +120,7 @@ def tag_of(*parts: str | bytes) -> str:
 
 
 def is_known(request: Request, tag: str) -> bool:
-    """Tell whether the client says it has what the tag stands for."""
+    """Return whether the client says it has what the tag represents."""
     condition = request.headers.get("if-none-match")
     return condition is not None and (condition.strip() == "*" or tag in _TAG.findall(condition))
 

@@ -141,7 +141,7 @@ def _short(value: object) -> object:
 def _answer(body: dict[str, object], headers: Mapping[str, str] | None = None) -> Response:
     status = cast("int", body["status"])
     return Response(
-        # Text that a client sent may hold lone surrogates: escaped, they are plain ASCII.
+        # Text that a client sent may contain lone surrogates: escaped, they are plain ASCII.
         json.dumps(body, ensure_ascii=True),
         status_code=status,
         media_type="application/problem+json",
@@ -167,7 +167,7 @@ async def _on_own_error(request: Request, error: Exception) -> Response:
                 "request_id": request.scope.get("modalmotion.request_id"),
                 "method": request.method,
                 "code": error.code,
-                # Such as ENOSPC; never the text, which may hold what a client sent.
+                # Such as ENOSPC; never the text, which may contain what a client sent.
                 "errno": error.details.get("errno"),
             },
         )

@@ -65,7 +65,7 @@ class Telemetry:
     @contextmanager
     def request(self, scope: Scope) -> Iterator[Any]:
         """Trace a request, as a part of the trace that its `traceparent` names."""
-        # traceparent alone: other headers of the kind may hold anything.
+        # traceparent alone: other headers of the kind may contain anything.
         stated = Headers(scope=scope).get("traceparent")
         context = self._propagator.extract({} if stated is None else {"traceparent": stated})
         method = scope["method"] if scope["method"] in _METHODS else "_OTHER"

@@ -77,7 +77,7 @@ class Asked:
         return tag_of(self.http.scope["route"].path, *parts)
 
     def knows(self, tag: str) -> Response | None:
-        """Give the answer 304 where the client has what the tag stands for."""
+        """Give the answer 304 where the client has what the tag represents."""
         return not_modified(tag) if is_known(self.http, tag) else None
 
     def json(

@@ -51,7 +51,7 @@ EXAMPLES: Final[dict[str, Any]] = {
     "name": "wall-motion",
 }
 
-"""Of each body, by the name of its model; and of what stands in a path."""
+"""Of each body, by the name of its model; and of what is in a path."""
 
 _BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 _TEXT: Final = {"schema": {"type": "string"}}
@@ -126,7 +126,7 @@ def upload(
     many : bool
         Whether it may be many files.
     is_optional : bool
-        Whether something else may stand in place of a file.
+        Whether something else may be in place of a file.
     """
     BODIES.append(model)
     statements = {"$ref": f"#/components/schemas/{model.__name__}"}

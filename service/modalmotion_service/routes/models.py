@@ -191,7 +191,7 @@ async def make_norm(
     """Make a norm of stored recordings of people who are taken as usual, one of each.
 
     Always a job, whose result links to the norm. Missing signatures are fitted on the way.
-    Subjects and covariates are those at the time of the request. The norm holds features of the
+    Subjects and covariates are those at the time of the request. The norm contains features of the
     controls, and stays when they are deleted.
     """
     state = asked.state

@@ -91,13 +91,13 @@ _TEXT: Final = "text/plain; version=0.0.4; charset=utf-8"
 
 @router.get("/health/live", response_model=Health)
 def is_live() -> Health:
-    """Tell whether the process runs."""
+    """Return whether the process runs."""
     return Health(version=version("modalmotion"))
 
 
 @router.get("/health/ready", response_model=Readiness)
 def is_ready(request: Request) -> Readiness:
-    """Tell whether results can be made and stored: the store answers, and there are workers."""
+    """Return whether results can be made and stored: the store answers, and there are workers."""
     local = request.app.state.owners.local
     require_ready(local)
     return Readiness(

@@ -258,7 +258,7 @@ async def _file_of_many(
 ) -> SpoolFile:
     """Give many files of a form as one of the spool, each with what is stated of it.
 
-    Facts that stand in the form are those of all; a manifest's go over them.
+    Facts that are in the form are those of all; a manifest's go over them.
 
     Raises
     ------

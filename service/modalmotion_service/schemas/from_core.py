@@ -174,7 +174,7 @@ def read_from(model: type[Answer], source: object, **more: Any) -> Answer:
 
 
 def is_listed(hint: Any) -> bool:
-    """Tell whether values of a type are lists."""
+    """Return whether values of a type are lists."""
     if get_origin(hint) in (Union, UnionType):
         return any(map(is_listed, get_args(hint)))
     return get_origin(hint) in (tuple, list)

@@ -92,7 +92,7 @@ class AuditEntryAnswer(BaseModel):
         description="Address that the request came from, or the command line's user."
     )
     method: str = Field(description="COMMAND for one of the command line.")
-    route: str = Field(description="By its template, or the command; empty where there is none.")
+    route: str = Field(description="By its template, or the command; empty if there is none.")
     ids: list[str] = Field(description="Ids that it concerned.")
     status: int = Field(
         description="Of the answer; 102 for the entry that is written before a change."

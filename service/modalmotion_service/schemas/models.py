@@ -75,7 +75,7 @@ class RepetitionAnswer(BaseModel):
 
 
 class ConfoundAnswer(BaseModel):
-    """How well a condition of the recordings alone tells the classes apart."""
+    """How well a condition of the recordings alone separates the classes."""
 
     name: str
     auc: float = Field(description="Macro.")

@@ -12,7 +12,7 @@ from modalmotion_service.schemas.from_core import read_from
 
 
 class FigureAnswer(BaseModel):
-    """One number, and the interval in which the surface's own lies."""
+    """One number, and the interval in which the surface's own is."""
 
     value: float
     low: float
@@ -89,7 +89,7 @@ class SegmentsAnswer(BaseModel):
     names: list[str] = Field(description="The 17 segments, or the four rings.")
     percent: list[list[float | None]] = Field(description="By frame, then by segment.")
     end_diastole: int
-    reason: str = Field(description="Why there are rings only; empty where there are segments.")
+    reason: str = Field(description="Why there are rings only; empty if there are segments.")
 
 
 class StrainFigureAnswer(BaseModel):
@@ -112,7 +112,7 @@ class SegmentStrainAnswer(BaseModel):
     end_systolic_deviations: list[list[float | None]] = Field(
         description="Standard deviation at end systole by segment and direction, points."
     )
-    reason: str = Field(description="Why there are rings only; empty where there are segments.")
+    reason: str = Field(description="Why there are rings only; empty if there are segments.")
 
 
 class StrainAnswer(BaseModel):

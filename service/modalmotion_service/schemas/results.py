@@ -58,8 +58,8 @@ class ClassificationAnswer(BaseModel):
     label: str | None = Field(description="Most probable class; null where the model abstains.")
     probability: float = Field(description="Of the most probable class.")
     probabilities: dict[str, float]
-    class_set: list[str] = Field(description="Classes that cannot be ruled out at `coverage`.")
-    coverage: float = Field(description="Probability that the set holds the true class.")
+    class_set: list[str] = Field(description="Classes that cannot be excluded at `coverage`.")
+    coverage: float = Field(description="Probability that the set contains the true class.")
     flags: list[str] = Field(description=f"{', '.join(FLAGS)}; with any of them there is no label.")
     explanation: list[ContributionAnswer] = Field(
         description="Modes that moved the prediction, the strongest first."

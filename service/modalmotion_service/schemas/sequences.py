@@ -84,7 +84,7 @@ class ImagesSummary(BaseModel):
     tracks: list[str] = Field(description="Ids of the tracks that they are kept for.")
     is_label_map: bool = Field(description="Whether they are a segmentation.")
     apex: list[list[float] | None] = Field(
-        description="Of a segmentation: proposed in each frame, LPS mm; empty where it is not."
+        description="Of a segmentation: proposed in each frame, LPS mm; empty if it is not."
     )
     base: list[list[float] | None]
     links: dict[str, str]
@@ -143,7 +143,7 @@ class TrackEstimate(BaseModel):
     )
     residual_p95: list[float | None]
     inliers: list[float] = Field(description="Share of the points of each frame that counted.")
-    coverage: list[float] = Field(description="Share of the surface that points lie at.")
+    coverage: list[float] = Field(description="Share of the surface that points are at.")
     unseen: list[int] = Field(description="Frames without points, which are interpolated.")
     deviation_across: list[float] = Field(
         description="Of each frame: standard deviation of a vertex across the surface, RMS."

@@ -70,7 +70,7 @@ class Engine(Executor):
     @property
     @abstractmethod
     def are_parsers_confined(self) -> bool | None:
-        """Whether its workers confine what parses HDF5 and VTK; None where only they know."""
+        """Whether its workers confine what parses HDF5 and VTK; None if only they know."""
 
     @abstractmethod
     def require_ready(self) -> None:

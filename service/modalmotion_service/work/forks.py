@@ -96,7 +96,7 @@ class Forks:
         return pid
 
     def exit_code(self, pid: int) -> int | None:
-        """Code that a worker ended with, negative for a signal; None where nobody knows."""
+        """Code that a worker ended with, negative for a signal; None if nobody knows."""
         with self._lock, contextlib.suppress(OSError, ValueError):
             code: int | None = json.loads(self._asked(_WORD_SECONDS, str(pid), []))
             return code
@@ -156,7 +156,7 @@ def take_one_thread() -> None:
 
 
 def is_stopped(pid: int) -> bool:
-    """Tell whether a signal has stopped a process, as proc(5) shows it."""
+    """Return whether a signal has stopped a process, as proc(5) shows it."""
     return told(pid, "stat").rpartition(b")")[2].split()[:1] == [b"T"]
 
 

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from modalmotion_service.work.answers import to_bytes
 
-# Of the program itself, or by paths, which lie in one owner's folder.
+# Of the program itself, or by paths, which are in one owner's folder.
 _OF_NOBODY: Final = frozenset({"_load_shipped", "_loaded", "_hints", "result_type"})
 
 _owner: ContextVar[str | None] = ContextVar("owner", default=None)

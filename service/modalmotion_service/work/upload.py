@@ -69,7 +69,7 @@ def end_parser() -> None:
 
 
 def are_confined() -> bool:
-    """Tell whether this system can confine parsers."""
+    """Return whether this system can confine parsers."""
     return landlock_version() > 0
 
 
@@ -97,7 +97,7 @@ class Upload:
     path : Path
     options : ReadOptions
     part : Part, optional
-        The part of the file that it is, where many lie in one.
+        The part of the file that it is, where many are in one.
     """
 
     path: Path
@@ -212,7 +212,7 @@ def _name_doors(error: InputError) -> None:
 
 @dataclass(frozen=True)
 class Part:
-    """One file of many that lie in one, one after the other.
+    """One file of many that are in one, one after the other.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ _AGAIN_SECONDS: Final = 60.0
 
 
 def passes(error: BaseException) -> bool:
-    """Tell whether a fault may be gone by itself: of the disk, of the index, of a cluster.
+    """Return whether a fault may be gone by itself: of the disk, of the index, of a cluster.
 
     Files that are missing, damaged or not understood stay so, and so do wrong parameters: these
     are errors below StoreError, or others.
@@ -69,7 +69,7 @@ async def for_ever(name: str, work: Callable[[], Awaitable[object]], seconds: fl
         try:
             await work()
         except Exception as error:  # noqa: BLE001 (whatever it is, the next time comes)
-            logger.error(  # noqa: TRY400 (its name says enough, and it may hold a path)
+            logger.error(  # noqa: TRY400 (its name says enough, and it may contain a path)
                 "work in the background failed",
                 extra={"work": name, "error": type(error).__name__},
             )

@@ -72,7 +72,7 @@ def _cannot_write(folder: Path, number: int) -> StoreError:
     return cannot_write(folder, OSError(number, os.strerror(number)))
 
 
-# Of the files that the store of `local` lies beside.
+# Of the files that the store of `local` is beside.
 NOT_OF_LOCAL: Final = ("access", "owners", "cluster")
 _SECONDS: Final = 10.0
 # A measurement takes at most one part in so many of the time.

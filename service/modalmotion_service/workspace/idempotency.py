@@ -78,7 +78,7 @@ class IdempotencyKeys:
         Returns
         -------
         IdempotentRequest or None
-            None where the key was free and is taken now; else the request that took it.
+            None if the key was free and is taken now; else the request that took it.
         """
         name = self._digest(key)
         self.settle()
@@ -93,7 +93,7 @@ class IdempotencyKeys:
         return _request(row)
 
     def get(self, key: str) -> IdempotentRequest | None:
-        """Request that a key was taken with, None where it is free."""
+        """Request that a key was taken with, None if it is free."""
         name = self._digest(key)
         rows = self._database.read("SELECT * FROM idempotency WHERE key = ?", (name,))
         return _request(rows[0]) if rows else None
@@ -145,7 +145,7 @@ class IdempotencyKeys:
             ).rowcount
 
     def replace_answers(self, place: str, status: int, response: Any) -> int:
-        """Replace the answers of requests whose result lies at or below a place.
+        """Replace the answers of requests whose result is at or below a place.
 
         Parameters
         ----------
@@ -162,7 +162,7 @@ class IdempotencyKeys:
         """
         location = "json_extract(response, '$.headers.location')"
         self.settle()
-        # Below a place lies what comes between "-" or "/" and the character after them.
+        # Below a place is what comes between "-" or "/" and the character after them.
         below = (f"{place}-", f"{place}0")
         with self._database.write(erases=True) as connection:
             return connection.execute(

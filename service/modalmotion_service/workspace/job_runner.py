@@ -1,6 +1,6 @@
 """Long work that goes on without its request, and after a restart.
 
-The jobs' table is the record: a job stands there before it is acknowledged, and unfinished
+The jobs' table is the record: a job is there before it is acknowledged, and unfinished
 jobs are taken up again when the service starts. A fault that may pass (a full disk, an index that
 cannot be written, a store or a cluster that is away) leads to another try; any other one fails the
 job by name. Its files are kept until one or the other.
@@ -61,7 +61,7 @@ class JobRunner:
         For kinds that begin with something which goes in the end: an async function of request and
         result. The result is noted before, and a job that is taken up again goes on from it.
     require_store : callable
-        Raises StoreError while nothing can be written where the jobs' files lie.
+        Raises StoreError while nothing can be written where the jobs' files are.
     retry_seconds : float
         How long a job is tried again and again after faults that may pass.
     """
@@ -105,7 +105,7 @@ class JobRunner:
         kind : str
         request : JSON value
         instead_of : asyncio.Task, optional
-            A waiter for the same work that gives way to the job; holds the work until the job
+            A waiter for the same work that gives way to the job; keeps the work until the job
             does.
 
         Raises
@@ -137,7 +137,7 @@ class JobRunner:
         return job
 
     def text(self, job: Job) -> str | None:
-        """Say what a job is doing now; None where it is not running or does not report."""
+        """Say what a job is doing now; None if it is not running or does not report."""
         # Kept here and not in the store: it means nothing once the work has stopped, which the
         # store knows a moment before this does.
         return None if job.is_finished else self._texts.get(job.id)

@@ -164,7 +164,7 @@ class Jobs:
                 # Of another try, too, it never falls.
                 "progress = max(progress, coalesce(?, progress)), "
                 "result = coalesce(?, result), error = coalesce(?, error), updated = ?, "
-                # Whose it is and what it shows is of no more use: it stands in the record.
+                # Whose it is and what it shows is of no more use: it is in the record.
                 "request = CASE WHEN ? THEN json_remove(request, '$.query.subject', "
                 "'$.query.label', '$.query.images') ELSE request END "
                 "WHERE id = ? AND state IN ('queued', 'running')",

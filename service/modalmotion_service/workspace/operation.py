@@ -100,7 +100,7 @@ class Outcome:
     Parameters
     ----------
     content : bytes or Path
-        A file lies in the spool, and whoever has the outcome removes it.
+        A file is in the spool, and whoever has the outcome removes it.
     media_type : str
     status : int
     headers : dict
@@ -119,7 +119,7 @@ class Outcome:
 
 
 State = Any
-"""An owner's state, which holds a `Performance` itself."""
+"""An owner's state, which contains a `Performance` itself."""
 
 Work = Callable[[State, Request, Report], Awaitable[Outcome]]
 Settle = Callable[[State, Request, str], Awaitable[None]]

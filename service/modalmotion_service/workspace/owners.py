@@ -93,7 +93,7 @@ _LOOK_SECONDS: Final = 30.0
 
 
 def folder_of(data_dir: Path, owner: str) -> Path:
-    """Folder that an owner's store lies in.
+    """Folder that an owner's store is in.
 
     Raises
     ------
@@ -154,7 +154,7 @@ class Owners:
         return self._states[LOCAL]
 
     def free_bytes(self) -> int:
-        """Free space on the disk that the stores lie on."""
+        """Free space on the disk that the stores are on."""
         return shutil.disk_usage(self._settings.data_dir).free
 
     async def open(self) -> None:

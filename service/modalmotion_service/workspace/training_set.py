@@ -85,7 +85,7 @@ def labelled_cases(
 def find_cases(
     store: ResultStore, sequences: Sequence[LabelledSequence], most: int, limit: str
 ) -> list[Case]:
-    """Find what is known of each sequence; the label is empty where there is none.
+    """Find what is known of each sequence; the label is empty if there is none.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def find_cases(
     if repeated:
         raise ParameterError(
             f"{_count(repeated, 'sequence')} named more than once: {_short(repeated)}.",
-            remedy="Name each sequence once: repeated, it would stand on both sides of a split.",
+            remedy="Name each sequence once: repeated, it would be on both sides of a split.",
             details=_ids(repeated),
         )
     cases, records = [], store.sequence_records(case.id for case in sequences)

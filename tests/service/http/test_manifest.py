@@ -43,7 +43,7 @@ def test_what_a_spreadsheet_saves_is_read(text: str) -> None:
     ("text", "line", "said"),
     [
         ("path;subject\na.npz;P;x\n", 2, "more columns than headings"),
-        ("sep=;\npath;subject\na.npz;P\na.npz;P\n", 4, "stands in line 3 already"),
+        ("sep=;\npath;subject\na.npz;P\na.npz;P\n", 4, "is in line 3 already"),
         ("sep=;\nfile;subject\na.npz;P\n", 2, "has no column 'path'"),
         ("path,Path\na.npz,b.npz\n", 1, "two columns 'path'"),
         ("path,subject\n,P 1\n", 2, "there is no path"),

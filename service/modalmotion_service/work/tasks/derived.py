@@ -114,7 +114,7 @@ def superpose(
     max_targets: int | None,
     output: Path,
 ) -> None:
-    """Write the surfaces that a signature stands for."""
+    """Write the surfaces that a signature represents."""
     write_whole(
         output,
         write_superposed(
@@ -187,14 +187,14 @@ def make_frames(one: Fitted, first: int, stop: int | None, output: Path) -> None
     Raises
     ------
     LimitError
-        If they are more than one answer holds.
+        If they are more than one answer has.
     """
     loaded, fitted = sequence_from_hdf5(one.sequence), signature_from_hdf5(one.signature)
     frames = range(loaded.n_frames)[first:stop]
     size = 6 * loaded.n_vertices * len(frames)
     if size > MOST_FRAME_BYTES and len(frames) > 1:
         raise LimitError(
-            f"{len(frames)} frames take {size} bytes; an answer holds at most {MOST_FRAME_BYTES}.",
+            f"{len(frames)} frames take {size} bytes; an answer has at most {MOST_FRAME_BYTES}.",
             remedy="Ask for fewer frames at a time: first and stop name them.",
             limit="view_frame_bytes",
             details={"value": size, "most": MOST_FRAME_BYTES},

@@ -72,7 +72,7 @@ def named_template(template: Path | None) -> Template | None:
     """Load the template that parameters name, once for all tasks of this process."""
     if template is None:
         return None
-    # The path ends with the template's id, which stands for its content.
+    # The path ends with the template's id, which represents its content.
     return _kept_of(template).named(template.name, lambda: template_from_hdf5(template))
 
 
@@ -126,7 +126,7 @@ class Fitted:
 
     @property
     def title(self) -> str:
-        """What a person calls the sequence; empty where nobody said."""
+        """What a person calls the sequence; empty if nobody said."""
         return self.record.name or self.record.subject or ""
 
     def read_signature(self) -> ModalSignature:

@@ -217,7 +217,7 @@ def modes_of_template(path: Path, query: ModesRequest, media_type: str) -> bytes
 def _require_room(n_numbers: int, most: int) -> None:
     if n_numbers > most:
         raise LimitError(
-            f"The shapes of these modes are {n_numbers} numbers; one answer holds {most}.",
+            f"The shapes of these modes are {n_numbers} numbers; one answer contains {most}.",
             remedy="Ask for fewer modes, or for npz or HDF5 in place of JSON.",
             limit="shapes",
             details={"value": n_numbers, "most": most},
