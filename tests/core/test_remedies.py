@@ -315,7 +315,7 @@ TRIED = (
         (lambda _: compare(fitted(), fitted()),),
     ),
     Try(
-        "Ask for one of rms, max_error and bytes (in Python n_bytes).",
+        "Set one of rms, max_error and bytes (in Python n_bytes).",
         lambda: encode(surface(n=40), rms=1.0, max_error=1.0),
         (
             lambda _: encode(surface(n=40), rms=1.0, effort="fast"),
