@@ -76,7 +76,7 @@ def main() -> int:
     chosen = [each for each in mutants if each.path.name.startswith(only)]
     # One for each core: each runs processes of its own, of one thread.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return int(any(pool.map(_lives_unasked, chosen)))
+        return int(any(list(pool.map(_lives_unasked, chosen))))  # all: any alone stops at one
 
 
 def _lives_unasked(mutant: Mutant) -> bool:
