@@ -1,7 +1,7 @@
 """Apex and base of a cavity that slices show: the levels of its ends, by all frames together.
 
 The base lies above the highest slice that a reader drew, by less than one slice, unless one was
-left out. What moves it from frame to frame is known roughly from how much the sections shrink. So
+left out. What moves it from frame to frame is known roughly from the volume that is ejected. So
 frames vote: a frame that lacks a slice, or has one too many, is outvoted, and the deviation of the
 level is that of all paths that go with the slices.
 """
@@ -22,14 +22,14 @@ Floats = NDArray[np.float64]
 # Fewer slices have no axis and no taper.
 _FEWEST: Final = 3
 
-# Share of a cavity's height, about the middle, at which sections of frames are compared.
-_MIDDLE: Final = (0.35, 0.65)
-
-# Longitudinal over circumferential shortening of the inner surface (0.44 and 0.46 in hearts of two
-# generators, widened for those of people), and its deviation; mm by which a frame's base leaves the
-# path of all.
-_SHORTENING: Final = (0.5, 0.2)
+# Descent of the base in mm per percentage point of the volume ejected, and its standard deviation,
+# as published for patients (docs/decisions/0035-motion-from-images.md); mm by which the base of a
+# frame deviates from the path of all.
+_DESCENT: Final = (0.185, 0.04)
 _OFF_PATH: Final = 1.5
+
+# Iterations: levels and volumes follow from each other.
+_TURNS: Final = 3
 
 # Likelihood that the base is 0 to 1 slices above the highest one drawn, 1 to 2, 2 to 3, and that
 # it is up to half of one below.
@@ -122,10 +122,11 @@ def ends_in_slices(
     volumes = np.array([s.areas.sum() for s in own])
     full = int(volumes.argmax())
     tips, of_tips = _tips(own, step)
-    radii = np.array([_middle_radius(s) for s in own])
     tops = np.array([s.heights[-1] for s in own])
-    length = float(tops[full] + step / 2.0 - tips[full])
-    levels, of_levels = _levels(tops, step, length * (1.0 - radii / radii[full]))
+    levels, of_levels = tops + step / 2.0, np.zeros((0, 0))
+    for _ in range(_TURNS):
+        volumes = np.array([_volume(*each) for each in zip(own, tips, levels, strict=True)])
+        levels, of_levels = _levels(tops, step, 100.0 * (1.0 - volumes / volumes.max()))
     n = len(frames)
     apices, bases, axes = (np.full((n, 3), np.nan) for _ in range(3))
     at = np.ix_(list(there), list(there))
@@ -179,10 +180,10 @@ def _middle(section: NDArray[np.bool_]) -> Floats:
     return middle
 
 
-def _middle_radius(s: _Stack) -> float:
-    share = (s.heights - s.heights[0]) / (s.heights[-1] - s.heights[0])
-    at = np.linspace(*_MIDDLE, 7)
-    return float(np.interp(at, share, np.sqrt(s.areas)).mean())
+def _volume(s: _Stack, tip: float, level: float) -> float:
+    """Volume between two levels, mm^3: near its tip a cavity is a paraboloid."""
+    ends = s.areas[0] * (s.heights[0] - tip) / 2.0 + s.areas[-1] * (level - s.heights[-1])
+    return float(np.trapezoid(s.areas, s.heights) + ends)
 
 
 def _way_to_tip(s: _Stack, step: float) -> float:
@@ -214,7 +215,7 @@ def _tips(stacks: Sequence[_Stack], step: float) -> tuple[Floats, Floats]:
     return tips + (1.0 - share) * (common - tips), np.diag(share * variances)
 
 
-def _levels(tops: Floats, step: float, shrunk: Floats) -> tuple[Floats, Floats]:
+def _levels(tops: Floats, step: float, ejected: Floats) -> tuple[Floats, Floats]:
     """Height of the base in each frame, mm, and the covariance, mm^2.
 
     Parameters
@@ -223,24 +224,24 @@ def _levels(tops: Floats, step: float, shrunk: Floats) -> tuple[Floats, Floats]:
         Heights of the highest slices.
     step : float, mm
         From slice to slice.
-    shrunk : (frames,) float64, mm
-        Length of the cavity times the share that sections lack of their radius.
+    ejected : (frames,) float64, percent
+        Of the largest volume, what each frame lacks.
 
     Notes
     -----
-    The path is H - c shrunk, H anywhere and c about 0.55; a frame's base is off it by e, normal.
+    The path is H - c ejected, H anywhere and c about 0.185; a frame's base is off it by e, normal.
     All on a grid: the weight of (H, c) is the product over frames of the sum over e of how likely
     the frame's highest slice is below such a base.
     """
-    mean, sd = _SHORTENING
+    mean, sd = _DESCENT
     c = mean + sd * np.linspace(-2.5, 2.5, 21)
-    H = np.arange(tops.min() - step, tops.max() + mean * shrunk.max() + 4.0 * step, _GRID)
+    H = np.arange(tops.min() - step, tops.max() + mean * ejected.max() + 4.0 * step, _GRID)
     h = np.arange(-0.5, 3.0, _GRID / step) * step
     edges, weights = np.array(_ABOVE).T
     of_slice = weights[np.searchsorted(edges, h / step + 1e-9, side="right") - 1]
     log_weight = np.broadcast_to(-((c - mean) ** 2) / (2.0 * sd**2), (len(H), len(c))).copy()
     first, second = [], []
-    for top, own in zip(tops, shrunk, strict=True):
+    for top, own in zip(tops, ejected, strict=True):
         path = H[:, None] - c * own
         likely = of_slice * np.exp(-(((top + h) - path[..., None]) ** 2) / (2.0 * _OFF_PATH**2))
         total = np.maximum(likely.sum(axis=2), 1e-300)
