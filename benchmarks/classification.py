@@ -75,7 +75,7 @@ def _trajectories(cases: list[TrainingCase]) -> NDArray[np.float64]:
     """Amplitudes of seven modes in the body frame at 32 phases, in percent of the size."""
     signatures = [case.fitted(SignatureParameters()).signature for case in cases]
     if len({signature.surface for signature in signatures}) > 1:
-        springs = SignatureParameters(closed_form=False)
+        springs = SignatureParameters(topology="mesh")
         signatures = [case.fitted(springs).signature for case in cases]
     closed = float(np.median([signature.closure_gap for signature in signatures])) < _CLOSED
     found = []

@@ -37,8 +37,7 @@ MOST_NUMBERS = 600_000
 SIGNATURES: dict[str, dict[str, Any]] = {
     "default": {},
     "amplitudes=54": {"amplitudes": 54},
-    "tolerance_share=0.3": {"tolerance_share": 0.3},
-    "auto": {"auto": True, "most_modes": 60},
+    "auto": {"auto": True},
     "cylindrical": {"components": "cylindrical"},
     "mean": {"reference": "mean"},
 }

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from remedy_sentences import named_in, remedies, sentences
-from template_surfaces import MAKERS, Moving, cut_in_two
+from template_surfaces import MAKERS, Moving
 
-from modalmotion.classification import SignatureFeatures, TrainingCase, TrainingOptions, train
+from modalmotion.classification import TrainingCase, TrainingOptions, train
 from modalmotion.cli import main
 from modalmotion.clinical import clinical_readouts
 from modalmotion.codec import decode, encode
@@ -34,7 +34,6 @@ from modalmotion.signature.making import (
     SignatureParameters,
     modal_signature,
 )
-from modalmotion.signature.parameters import ModeOrder
 from modalmotion.template import GivenLandmarks, make_template
 from modalmotion.template.body_frame import Components
 from modalmotion.template.vibration_modes import surface_modes
@@ -93,7 +92,15 @@ FINS = mesh_sequence(
 )
 LATTICE = surface().vertices[:, :60]
 LINE = np.cumsum(np.random.default_rng(2).random((4, 9, 3)), axis=1)
-PIECES = cut_in_two(moving())
+
+
+def two_pieces() -> Moving:
+    vertices, faces = moving()
+    both = np.concatenate([vertices, vertices + 100.0], axis=1)
+    return both, np.concatenate([faces, faces + vertices.shape[1]])
+
+
+PIECES = two_pieces()
 
 
 def without_unit(**parameters: Any) -> ModalSignature:
@@ -115,8 +122,8 @@ def sized(scale: float) -> object:
     return clinical_readouts(modal_signature(sequence), sequence)
 
 
-def springs(closed_form: bool = False, **parameters: Any) -> ModalSignature:
-    return fitted(surface(), closed_form=closed_form, **parameters)
+def springs(**parameters: Any) -> ModalSignature:
+    return fitted(surface(), **{"topology": "mesh", **parameters})
 
 
 @cache
@@ -139,11 +146,6 @@ BEATS = [
 ]
 
 
-def refitted() -> ModalSignature:
-    parameters = SignatureFeatures().fit(BEATS).readable_.parameters
-    return modal_signature(BEATS[0], parameters)
-
-
 def with_one(text: str, place: int) -> object:
     """The template of a cup with one of the landmarks that a remedy names."""
     names = re.findall(r"[a-z_]+", text.removeprefix("Give "))
@@ -164,56 +166,33 @@ TRIED = (
         (lambda _: TrainingCase(surface(), "0").fitted(SignatureParameters()).signature,),
     ),
     Try(
-        "State the unit (m, cm, mm, um or nm), or ask by tolerance_share",
+        "Set the unit: m, cm, mm, um or nm.",
         lambda: without_unit(tolerance=1.0),
-        (lambda _: fitted(tolerance=3.0), lambda _: without_unit(tolerance_share=0.5)),
+        (lambda _: fitted(tolerance=3.0),),
     ),
     Try(
-        "Ask by one of modes, amplitudes, tolerance, tolerance_share and auto.",
-        lambda: fitted(modes=4, tolerance_share=0.5),
+        "Set one of modes, amplitudes, tolerance and auto.",
+        lambda: fitted(modes=4, tolerance=3.0),
         (
             lambda _: fitted(modes=4),
             lambda _: fitted(amplitudes=12),
-            lambda _: fitted(tolerance_share=0.5),
+            lambda _: fitted(tolerance=3.0),
             lambda _: fitted(auto=True),
         ),
     ),
     Try(
-        "Leave out split_pairs, or ask by modes or amplitudes and leave the order fixed.",
-        lambda: fitted(tolerance_share=0.5, split_pairs=True),
+        "Omit split_pairs, or set modes or amplitudes.",
+        lambda: fitted(tolerance=3.0, split_pairs=True),
         (
-            lambda _: fitted(tolerance_share=0.5),
+            lambda _: fitted(tolerance=3.0),
             lambda _: fitted(modes=4, split_pairs=True),
             lambda _: fitted(amplitudes=12, split_pairs=True),
         ),
     ),
     Try(
-        "or a larger most_modes.",
-        lambda: fitted(tolerance=0.8, most_modes=4),
-        (
-            lambda text: fitted(most_modes=4, tolerance=number_in(text, "a tolerance of")),
-            lambda _: fitted(tolerance=0.8, most_modes=60),
-        ),
-    ),
-    Try(
-        "Allow a tolerance_share of",
-        lambda: fitted(tolerance_share=0.01, most_modes=4),
-        (lambda text: fitted(most_modes=4, tolerance_share=number_in(text, "tolerance_share of")),),
-    ),
-    Try(
         "Allow a tolerance of",
         lambda: fitted(surface(n=30), tolerance=1e-5),
         (lambda text: fitted(surface(n=30), tolerance=number_in(text, "a tolerance of")),),
-    ),
-    Try(
-        "or for a larger most_modes.",
-        lambda: fitted(modes=30, order=ModeOrder.ENERGY, most_modes=12),
-        (
-            lambda text: fitted(
-                order=ModeOrder.ENERGY, most_modes=12, modes=int(number_in(text, "at most"))
-            ),
-            lambda _: fitted(modes=30, order=ModeOrder.ENERGY, most_modes=40),
-        ),
     ),
     Try(
         "Ask for at most … modes, or send a finer mesh.",
@@ -237,14 +216,6 @@ TRIED = (
         "Ask for at most …, or leave the path over time as it is.",
         lambda: fitted(harmonics=40),
         (lambda text: fitted(harmonics=int(number_in(text, "at most"))), lambda _: fitted()),
-    ),
-    Try(
-        "Leave the order fixed, or state a topology that fits the surface.",
-        lambda: springs(order=ModeOrder.ENERGY),
-        (
-            lambda _: springs(),
-            lambda _: fitted(topology="cup", order=ModeOrder.ENERGY),
-        ),
     ),
     Try(
         "Say which ends are joined: topology = cup, cylinder",
@@ -271,18 +242,8 @@ TRIED = (
     ),
     Try(
         "Leave the topology out: the mesh then gets the spring modes of its own connectivity.",
-        lambda: fitted(mesh_sequence(*PIECES), topology="cup", merge_vertices=False),
-        (lambda _: fitted(mesh_sequence(*PIECES), merge_vertices=False),),
-    ),
-    Try(
-        "set merge_vertices to false (--no-merge-vertices)",
-        lambda: fitted(mesh_sequence(np.ones_like(moving()[0]), moving()[1])),
-        (
-            lambda _: fitted(
-                mesh_sequence(np.ones_like(moving()[0]), moving()[1]), merge_vertices=False
-            ),
-            lambda _: fitted(),
-        ),
+        lambda: fitted(mesh_sequence(*PIECES), topology="cup"),
+        (lambda _: fitted(mesh_sequence(*PIECES)),),
     ),
     Try(
         "Give two places at opposite ends of the surface.",
@@ -354,7 +315,7 @@ TRIED = (
         (lambda _: compare(fitted(), fitted()),),
     ),
     Try(
-        "Ask for one of rms, max_error and bytes (in Python n_bytes).",
+        "Set one of rms, max_error and bytes (in Python n_bytes).",
         lambda: encode(surface(n=40), rms=1.0, max_error=1.0),
         (
             lambda _: encode(surface(n=40), rms=1.0, effort="fast"),
@@ -439,12 +400,11 @@ TRIED = (
         ),
     ),
     Try(
-        "Ask by modes, tolerance or tolerance_share, or for the kind material",
+        "Ask by modes or tolerance, or for the kind material",
         lambda: fitted(kind=SignatureKind.OFFSET, auto=True),
         (
             lambda _: fitted(kind=SignatureKind.OFFSET, modes=7),
             lambda _: fitted(kind=SignatureKind.OFFSET, tolerance=5.0),
-            lambda _: fitted(kind=SignatureKind.OFFSET, tolerance_share=0.1),
             lambda _: fitted(kind=SignatureKind.MATERIAL, auto=True),
         ),
     ),
@@ -454,14 +414,6 @@ TRIED = (
         (
             lambda _: fitted(kind=SignatureKind.OFFSET),
             lambda _: fitted(kind=SignatureKind.MATERIAL, components=Components.CYLINDRICAL),
-        ),
-    ),
-    Try(
-        "Fit it with the parameters in `readable_.parameters`, or give the sequence itself",
-        lambda: SignatureFeatures().fit(BEATS).transform([fitted(BEATS[0], modes=7)]),
-        (
-            lambda _: SignatureFeatures().fit(BEATS).transform([refitted()]),
-            lambda _: SignatureFeatures().fit(BEATS).transform(BEATS[:1]),
         ),
     ),
     Try(
@@ -545,8 +497,7 @@ def test_advice_reads_the_same_on_the_command_line(tmp_path: Path) -> None:
 
     assert "--landmark apex=PLACE" in run("signature", str(path), "--landmark", f"apex={high}")
     assert "fold" not in run("signature", str(path), "--landmark", f"apex={low}")
-    assert "--no-merge-vertices" in run("signature", str(collapsed))
-    assert "Error" not in run("signature", str(collapsed), "--no-merge-vertices")
+    assert "spread out" in run("signature", str(collapsed))
 
 
 def test_every_option_command_and_setting_that_is_named_exists() -> None:

@@ -51,7 +51,7 @@ def values_of_a_beat(beat: bytes, signature: mm.ModalSignature) -> Iterator[Any]
     sequence = result.sequence
     template = mm.make_template(sequence)
     yield from (result, sequence, template, signature)
-    yield mm.modal_signature(sequence, mm.SignatureParameters(closed_form=False, modes=7))
+    yield mm.modal_signature(sequence, mm.SignatureParameters(topology="mesh", modes=7))
     yield mm.clinical_readouts(signature, sequence)
     yield compare(signature, signature)
     yield measure_tradeoff(sequence)

@@ -87,15 +87,11 @@ def test_springs_of_a_mesh_without_coordinates_are_those_of_the_usual_unit(scale
     vertices = np.concatenate([beat.vertices, beat.vertices + 100.0], axis=1)
     one = lattice_faces(CYLINDER, GRID)
     faces = np.concatenate([one, one + beat.n_vertices])
-    speed = min(scale, 1e100)
     found, usual = (
-        mm.modal_signature(
-            mm.mesh_sequence(vertices * s, faces=faces), mm.SignatureParameters(wave_speed=c)
-        )
-        for s, c in ((scale, speed), (1.0, 1.0))
+        mm.modal_signature(mm.mesh_sequence(vertices * s, faces=faces)) for s in (scale, 1.0)
     )
     assert found.surface == "mesh"
-    frequencies = found.angular_frequencies * (scale / speed)
+    frequencies = found.angular_frequencies * scale
     np.testing.assert_allclose(frequencies, usual.angular_frequencies, rtol=1e-9)
     np.testing.assert_allclose(found.rms_errors / scale, usual.rms_errors, rtol=1e-9)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from modalmotion.signature.making import (
     resolve_sequence,
     resolve_template,
 )
-from modalmotion.signature.parameters import ErrorKind, ModeOrder
+from modalmotion.signature.parameters import ErrorKind
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 
@@ -88,17 +89,13 @@ def random_sequence(rng: np.random.Generator) -> MeshSequence:
 def random_request(rng: np.random.Generator, sequence: MeshSequence) -> SignatureParameters:
     """Draw a request of any kind that the sequence might be asked."""
     said: dict[str, Any] = {"tolerance_of": ErrorKind(rng.choice(["rms", "weighted_rms", "max"]))}
-    way = rng.integers(5)
+    way = rng.integers(4)
     if way == 0:
         said["modes"] = int(rng.integers(1, 10))
     elif way == 1:
         said["auto"] = True
-    elif way == 2:
-        said["tolerance_share"] = float(rng.uniform(0.02, 1.0))
     else:
         said["tolerance"] = float(10.0 ** rng.uniform(-1.0, 1.2))
-    if rng.integers(4) == 0:
-        said["order"] = ModeOrder.ENERGY
     if rng.integers(4) == 0 and sequence.n_frames > 4:
         said["harmonics"] = int(rng.integers(0, (sequence.n_frames - 2) // 2 + 1))
     said["reference"] = int(rng.integers(sequence.n_frames))
@@ -129,9 +126,6 @@ def violations_of(sequence: MeshSequence, asked: SignatureParameters) -> list[st
     limit = None
     if asked.tolerance is not None:
         limit = asked.tolerance / MM_PER_UNIT[sequence.unit or "mm"]
-    elif asked.tolerance_share is not None:
-        assert signature.choice is not None
-        limit = signature.choice.limit
     own = stated_error(signature, asked.tolerance_of)
     if limit is not None and own > limit:
         found.append(f"{own} exceeds {limit}: {asked}")
@@ -148,12 +142,8 @@ def refusal_violations(
     assert isinstance(count, int)
     assert isinstance(limit, float)
     found = [] if best > limit else [f"{best} would have held {limit}: {asked}"]
-    if asked.order == ModeOrder.FIXED:
-        from dataclasses import replace
-
-        same = replace(asked, modes=count, tolerance=None, tolerance_share=None)
-        signature = modal_signature(sequence, same)
-        stated = stated_error(signature, asked.tolerance_of)
-        if abs(stated - best) > 1e-9 * best + 1e-12 * float(np.abs(sequence.vertices).max()):
-            found.append(f"{count} modes leave {stated}, not {best}: {asked}")
+    signature = modal_signature(sequence, replace(asked, modes=count, tolerance=None))
+    stated = stated_error(signature, asked.tolerance_of)
+    if abs(stated - best) > 1e-9 * best + 1e-12 * float(np.abs(sequence.vertices).max()):
+        found.append(f"{count} modes leave {stated}, not {best}: {asked}")
     return found

@@ -28,7 +28,6 @@ from modalmotion.modes.order import common_count
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature, modal_signature, provenance
-from modalmotion.signature.parameters import ModeOrder
 from modalmotion.signature.value import first_modes
 
 # Level at which a case that is in no set is like no class.
@@ -254,12 +253,11 @@ def unlike(signature: ModalSignature, readable: Readable) -> Flag | None:
             "modes do not compare between meshes. Send it on that mesh, or train a model with a "
             "topology that all surfaces have (topology)",
         )
-    fixed = parameters.order == ModeOrder.FIXED
-    if len(modes) < n or not fixed or common_count(modes) < n:
+    if len(modes) < n or common_count(modes) < n:
         return Flag(
             UNREADABLE,
             f"the model reads the first {n} modes of a {signature.surface}, and this signature "
-            f"has {common_count(modes) if fixed else 'those with most energy'}. Fit it with {n} "
+            f"has {common_count(modes)}. Fit it with {n} "
             "modes, and send a finer mesh if it is too coarse",
         )
     if (parameters.weights, parameters.remove_rotation, parameters.components) != (

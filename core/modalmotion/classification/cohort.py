@@ -28,7 +28,6 @@ from modalmotion.mesh.sequence import MEAN
 from modalmotion.modes.order import common_count
 from modalmotion.modes.topology import MESH
 from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
-from modalmotion.signature.parameters import ModeOrder
 from modalmotion.signature.value import first_modes
 from modalmotion.template import GivenLandmarks
 from modalmotion.template.body_frame import Components
@@ -177,11 +176,9 @@ def conditions_of(signature: ModalSignature) -> Conditions:
 def basis_of(signature: ModalSignature) -> tuple[Any, ...]:
     """Give what signatures must share so that their modes compare."""
     p, modes = signature.parameters, signature.modes
-    # Modes by energy are others in each recording.
-    own = modes.labels if p.order == ModeOrder.ENERGY else ()
     return (
         *(signature.surface, modes.connectivity_id, p.kind, p.weights, p.remove_rotation),
-        *(p.components, p.reference == MEAN, own),
+        *(p.components, p.reference == MEAN),
     )
 
 
@@ -255,7 +252,7 @@ def _alike(
     if parameters.topology is None and len(surfaces) > 1:
         for basis in [
             *(replace(parameters, topology=name) for name in surfaces if name != MESH),
-            replace(parameters, closed_form=False),
+            replace(parameters, topology=MESH),
         ]:
             try:
                 other = _read(cases, options, basis, progress)
@@ -342,9 +339,7 @@ def _require_usable(case: TrainingCase, number: int) -> None:
             "Fit it with components = cartesian.",
         ),
         (
-            not signature.modes.length_of(
-                signature.lengths, signature.angular_frequencies, signature.parameters.wave_speed
-            )
+            not signature.modes.length_of(signature.lengths, signature.angular_frequencies, 1.0)
             > 0.0,
             "has no extent in its reference frame",
             "Choose another reference.",

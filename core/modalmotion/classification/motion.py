@@ -84,7 +84,7 @@ class Motion:
     def size(self) -> float:
         """Length that amplitudes are compared with, in the unit of the signature."""
         s = self.signature
-        return s.modes.length_of(s.lengths, s.angular_frequencies, s.parameters.wave_speed)
+        return s.modes.length_of(s.lengths, s.angular_frequencies, 1.0)
 
     @cached_property
     def log_size(self) -> float:

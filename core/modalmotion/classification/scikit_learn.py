@@ -38,6 +38,7 @@ from modalmotion.errors import (
     UnlikeCasesError,
 )
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.modes.topology import MESH
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.signature.value import first_modes
 
@@ -318,7 +319,7 @@ def in_one_basis(
     if len({basis_of(one) for one in signatures}) == 1:
         return signatures
     if parameters.topology is None:
-        springs = replace(parameters, closed_form=False)
+        springs = replace(parameters, topology=MESH)
         try:
             again = [_fitted(k, one, springs) for k, one in enumerate(recordings)]
         except (TopologyError, ModeCountError):

@@ -107,7 +107,7 @@ def cohort(
                 for number, (file, row) in enumerate(zip(files, rows, strict=True))
                 if row["kind"] in {f"{SPHERE.name} {mesh}" for mesh in meshes}
             ]
-            springs = replace(parameters, closed_form=False)
+            springs = replace(parameters, topology=MESH)
             again = work.rows([file for _, file in spheres], springs)
             for (number, _), row in zip(spheres, again, strict=True):
                 rows[number] = row

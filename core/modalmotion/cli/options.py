@@ -191,19 +191,17 @@ def output_option(text: str, *suffixes: str, **settings: Any) -> Decorator:
 
 mode_options = options_of(
     SignatureParameters,
-    *("modes", "amplitudes", "split_pairs", "tolerance", "tolerance_of", "tolerance_share", "auto"),
-    *("order", "most_modes", "harmonics"),
+    *("modes", "amplitudes", "split_pairs", "tolerance", "tolerance_of", "auto"),
+    "harmonics",
     group=FIT,
     modes={"show_default": str(USUAL_MODES)},
 )
 """How many modes, in one of several ways."""
 
 surface_options = options_of(SignatureParameters, "topology", "grid", group=FIT)
-merge_option = options_of(SignatureParameters, "merge_vertices", group=FIT)
 fit_options = several(
     mode_options,
     surface_options,
-    merge_option,
     options_of(
         SignatureParameters,
         *("reference", "weights", "components", "kind", "remove_rotation", "volumes", "deviations"),

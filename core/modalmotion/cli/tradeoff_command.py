@@ -13,7 +13,6 @@ from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
     command,
     json_option,
-    merge_option,
     mode_options,
     options_of,
     picture_option,
@@ -50,7 +49,6 @@ from modalmotion.template.body_frame import Components
 @verbose_option
 @mode_options
 @surface_options
-@merge_option
 def tradeoff(
     source: Path,
     components: Components | None,
@@ -62,7 +60,7 @@ def tradeoff(
 ) -> None:
     """Measure error, size and time of each number of modes for the sequence in FILE.
 
-    Choose a point of the front by --modes, --tolerance, --tolerance-share or --auto.
+    Choose a point of the front by --modes, --tolerance or --auto.
     """
     parameters = signature_parameters(options)
     with Waiting(source) as waiting:

@@ -1,4 +1,4 @@
-"""Calls: an endpoint, and a method whose signature says what goes in and what comes back."""
+"""Calls: an endpoint, and a method whose signature defines its input and its result."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 Share = Callable[[float], None]
 
-# Options that say which signature is meant; all others belong to what is made of it.
+# Options that select the signature; all others belong to what is computed from it.
 _OF_SIGNATURE: Final = frozenset(("amplitudes", *(one.name for one in fields(SignatureParameters))))
 # Parameters that are lists of stored sequences: ids, or mappings with id, label and more.
 _CASES: Final = ("cases", "controls", "sequences")
@@ -39,8 +39,8 @@ def call(
 
     Parameters named in the path go there, `{signature}` standing for the key of the signature that
     the sequence and the options name. `source` is the body, `progress` is called, and all others
-    are options: members of a POST's JSON body, and else the query. The annotation of what comes
-    back says how it is read: a value, an `Iterator` over the pages of a list, or a `Job`.
+    are options: members of a POST's JSON body, and else the query. The return annotation
+    defines how the answer is read: a value, an `Iterator` over the pages of a list, or a `Job`.
 
     Parameters
     ----------

@@ -77,7 +77,7 @@ class Client(Caller):
     """A service: use it in a `with` block, or close it.
 
     Threads may share one. Options of a call are those of the service, by its names; a call
-    waits for its result, whether the service gives it at once or leaves it to a job. `progress` is
+    waits for its result, whether the service computes it at once or in a job. `progress` is
     called with the bytes of an upload sent so far and those to send in all, or with the share of a
     job that is done.
 
@@ -136,7 +136,7 @@ class Client(Caller):
     # The service itself.
 
     def is_ready(self) -> bool:
-        """Tell whether the service answers and can keep results."""
+        """Whether the service answers and can store results."""
         try:
             self._get("/health/ready")
         except (RemoteError, UnreachableError):
@@ -593,7 +593,7 @@ class Client(Caller):
 
     @call("POST /v1/norms/{norm}/deviations")
     def deviations(self, sequences: Iterable[Case], norm: str, *, level: float = 0.05) -> Info:
-        """Tell how far stored sequences lie from the controls of a norm, from five on together too.
+        """Compare stored sequences with the controls of a norm; five or more also as a group.
 
         Parameters
         ----------
@@ -671,7 +671,7 @@ class Client(Caller):
         source : path, bytes or MeshSequence
         progress : callable, optional
         **options
-            How to read the file; topology, reference, weights, landmarks, merge_vertices, ...
+            How to read the file; topology, reference, weights, landmarks, ...
         """
 
     def templates(self, *, page: int = 100) -> list[str]:
@@ -781,7 +781,7 @@ class Client(Caller):
     # Files.
 
     def save(self, what: str, path: str | Path, name: Any = None, **options: Option) -> None:
-        """Write an answer to a file, whose suffix says in which form.
+        """Write an answer to a file, in the format of its suffix.
 
         Parameters
         ----------

@@ -49,7 +49,7 @@ class RemoteError(ModalMotionError):
     status : int
         Of the answer.
     request_id : str
-        Name it in a report; the service's log holds it.
+        Quote it in a report; the service's log contains it.
     frame, vertex : int or None
     limit : str or None
     remedy : str

@@ -14,8 +14,8 @@ from modalmotion.errors import ParameterError
 from modalmotion.mesh import Facts, facts_as_json
 
 Option = Any
-"""Value of an option, as JSON, NumPy or an enumeration has it; None leaves it to the service. Facts
-are several options at once."""
+"""Value of an option, as JSON, NumPy or an enumeration has it; None is the default of the
+service. Facts are several options at once."""
 
 # Neither a separator, nor the end of a path, nor a name such as "..".
 _SEGMENT: Final = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._@-]{0,199}")

@@ -1,4 +1,4 @@
-"""The form of a file: what every HDF5 file of ours says of itself, written and read here."""
+"""The form of a file: the header that all our HDF5 files have, written and read here."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Form:
     version: int
 
     def header(self, **more: Attribute | None) -> dict[str, Attribute]:
-        """Attributes of the root that say what a file is, and those of `more` that are not None."""
+        """Attributes of the root: kind and version, and those of `more` that are not None."""
         return {
             "schema": f"modalmotion.{self.kind}",
             "schema_version": self.version,
@@ -61,7 +61,7 @@ class Form:
         return sealed_image(self.header(**more), ids, datasets)
 
     def digest(self, path: Path) -> str:
-        """sha256 that a file of this form states of itself, its seal and header checked.
+        """sha256 in the seal of a file of this form; seal and header are checked.
 
         Raises
         ------

@@ -3,7 +3,7 @@
 The HDF5 library takes 2 ms for the forty objects and attributes of a signature, five times as
 long as writing them durably. So it lays out each kind of image once (names, types, shapes,
 attributes), and values are put where it left room for them. The result is byte for byte what
-the library itself would have written, which the tests hold.
+the library itself would have written, which the tests check.
 """
 
 from __future__ import annotations
@@ -210,7 +210,7 @@ def _skeleton(layout: Layout) -> tuple[bytes | int, ...]:
 
 
 def _marks(layout: Layout) -> list[str]:
-    # Text that stands nowhere else in the image, for control characters are in no attribute.
+    # Text that occurs nowhere else in the image, for control characters are in no attribute.
     return [
         f"\x01{number:02x}".ljust(length, "\x02")[:length]
         for number, (_, length) in enumerate(layout.ids)

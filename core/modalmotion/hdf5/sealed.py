@@ -73,7 +73,7 @@ def require_sealed(path: Path) -> None:
 
 
 def digest_of(data: bytes) -> str:
-    """sha256 in hex that a sealed file states of itself."""
+    """sha256 in the seal of a file, in hex."""
     return data[-65:-1].decode()
 
 

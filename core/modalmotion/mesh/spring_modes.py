@@ -100,7 +100,7 @@ class SpringModes(FrozenArrays):
         if not np.array_equal(indices, np.arange(len(indices))):
             raise ParameterError(
                 "Spring modes of one mesh are named by their rank and come in its order only.",
-                remedy="Leave the order fixed, or state a topology that fits the surface.",
+                remedy="Take the first of them, or set a topology that fits the surface.",
             )
         return SpringModes(self.eigenvalues[: len(indices)], self.connectivity_id)
 

@@ -17,7 +17,7 @@ from modalmotion.representation import shown
 from modalmotion.signature.fitter import Fitter, SceneError
 from modalmotion.signature.making import resolve_parameters, resolve_sequence, resolve_template
 from modalmotion.signature.model import harmonics_of, n_functions
-from modalmotion.signature.nested_modes import energies_of, in_order, ladder_of, plain_energies_of
+from modalmotion.signature.nested_modes import energies_of, ladder_of, plain_energies_of
 from modalmotion.signature.parameters import SignatureKind, SignatureParameters
 from modalmotion.signature.value import ModalSignature
 from modalmotion.template import Template
@@ -182,18 +182,18 @@ def _branches(
         if one != Components.CARTESIAN and template.landmarks is None and components is None:
             continue
         turned = fitter.asking(components=one)
-        ordered, fit = in_order(turned, ladder)
-        plain = plain_energies_of(turned, ordered.basis, fit)
-        weighted = energies_of(ordered.basis, fit)
+        fit = turned.fit(ladder.basis)
+        plain = plain_energies_of(turned, ladder.basis, fit)
+        weighted = energies_of(ladder.basis, fit)
         branches.append(
             Branch(
                 topology=MESH if template.surface is None else template.surface.name,
                 components=one,
-                counts=ordered.counts,
-                rms=plain.rms(ordered.counts),
-                joint_rms=plain.joint_rms(ordered.counts, functions),
-                weighted_rms=weighted.rms(ordered.counts),
-                weighted_joint_rms=weighted.joint_rms(ordered.counts, functions),
+                counts=ladder.counts,
+                rms=plain.rms(ladder.counts),
+                joint_rms=plain.joint_rms(ladder.counts, functions),
+                weighted_rms=weighted.rms(ladder.counts),
+                weighted_joint_rms=weighted.joint_rms(ladder.counts, functions),
                 condition=ladder.basis.condition,
                 ends_because=ladder.ends_because,
             )

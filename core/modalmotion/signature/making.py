@@ -136,7 +136,7 @@ def modal_signature(
         # They were taken out before the fit.
         rotations, translations = fitter.offsets.rotations, fitter.offsets.translations
         fit = replace(fit, rotations=rotations, translations=translations)
-    frequencies = frequencies_of(modes, own_template, parameters.wave_speed)
+    frequencies = frequencies_of(modes, own_template)
     notes = [*_notes_on_sequence(sequence, parameters.reference), *own_template.notes, *model.notes]
     undetermined = np.flatnonzero(~fit.rotations.is_determined)
     if undetermined.size:
@@ -193,7 +193,8 @@ def resolve_parameters(
 
 def resolve_sequence(sequence: MeshSequence, parameters: SignatureParameters) -> MeshSequence:
     """Return the sequence with the topology and grid that the parameters state over its own."""
-    topology = None if parameters.topology is None else Topology.parse(parameters.topology)
+    stated = parameters.topology
+    topology = None if stated is None or not parameters.closed_form else Topology.parse(stated)
     return sequence.with_topology(topology, parameters.grid)
 
 
@@ -230,7 +231,6 @@ def resolve_template(
         weights=parameters.weights,
         landmarks=parameters.landmarks,
         closed_form=parameters.closed_form,
-        merge_vertices=parameters.merge_vertices,
         by_rows=parameters.kind != SignatureKind.OFFSET,
         report=report,
     )

@@ -213,7 +213,7 @@ class ModelChoice:
     Parameters
     ----------
     asked : str
-        "tolerance", "tolerance_share" or "auto".
+        "tolerance" or "auto".
     limit : float, length unit
         The error limit; for "auto" the weighted RMS error that noise alone would leave.
     limit_of : ErrorKind
@@ -363,15 +363,13 @@ _DEVIATIONS = 3.0
 _ESTIMATE = 0.03
 
 
-def limit_of(parameters: SignatureParameters, sequence: MeshSequence, fit: Fit) -> float:
+def limit_of(parameters: SignatureParameters, sequence: MeshSequence) -> float:
     """Error that parameters with a tolerance allow.
 
     Parameters
     ----------
     parameters : SignatureParameters
     sequence : MeshSequence
-    fit : Fit
-        Of any modes: its motion is read.
 
     Returns
     -------
@@ -382,10 +380,6 @@ def limit_of(parameters: SignatureParameters, sequence: MeshSequence, fit: Fit) 
     ParameterError
         If the tolerance is in mm and the unit of the sequence is unknown.
     """
-    if parameters.tolerance_share is not None:
-        is_weighted = parameters.tolerance_of == ErrorKind.WEIGHTED_RMS
-        motion = fit.weighted_motion_rms if is_weighted else fit.motion_rms
-        return parameters.tolerance_share * root_mean_square(motion)
     require_unit(parameters, sequence)
     return (parameters.tolerance or 0.0) / MM_PER_UNIT[sequence.unit or "mm"]
 
@@ -401,8 +395,7 @@ def require_unit(parameters: SignatureParameters, sequence: MeshSequence) -> Non
         raise ParameterError(
             f"A tolerance of {parameters.tolerance:g} mm was requested, but the length unit of the "
             "sequence is unknown.",
-            remedy="State the unit (m, cm, mm, um or nm), or ask by tolerance_share, a share of "
-            "the motion.",
+            remedy="Set the unit: m, cm, mm, um or nm.",
         )
 
 

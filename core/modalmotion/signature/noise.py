@@ -22,8 +22,8 @@ from modalmotion.modes.topology import CLOSED
 from modalmotion.numeric.products import LARGEST_SINGLE_THREADED, power_of_two, product
 from modalmotion.signature.fitter import Fitter
 from modalmotion.signature.model import Noise, over_time
-from modalmotion.signature.nested_modes import ENERGY_POOL, Ladder, ladder_of, sorted_ladder
-from modalmotion.signature.parameters import MOST_MODES, ModeOrder
+from modalmotion.signature.nested_modes import Ladder, ladder_of
+from modalmotion.signature.parameters import MOST_MODES
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components
 
@@ -395,7 +395,7 @@ def measure_noise(fitter: Fitter) -> Noise:
 
 def with_ladder(fitter: Fitter) -> tuple[Noise, Found]:
     """Estimate the noise, and give what it was estimated by."""
-    plain = fitter.asking(components=Components.CARTESIAN, order=ModeOrder.FIXED)
+    plain = fitter.asking(components=Components.CARTESIAN)
     ladder = ladder_of(plain.template, _FIRST, plain.sequence.grid)
     smooth = SmoothNoise.on(plain.template)
     found = Found(ladder, plain.coefficients(ladder.basis), smooth)
@@ -498,27 +498,20 @@ def modes_until_noise(fitter: Fitter, noise: Noise, by: Found) -> tuple[Ladder, 
         What that was estimated by.
     """
     parameters, ladder, coefficients = fitter.parameters, by.ladder, by.coefficients
-    most, n = parameters.most_modes or MOST_MODES, _FIRST
-    if parameters.order == ModeOrder.ENERGY:
-        most = n = parameters.most_modes or ENERGY_POOL
-    is_fixed = parameters.order == ModeOrder.FIXED
-    if not is_fixed or most < n or parameters.components != Components.CARTESIAN:
-        n = min(n, most)
+    n = _FIRST
+    if parameters.components != Components.CARTESIAN:
         ladder, coefficients = _ladder(fitter, n)
     while True:
         shares = shares_of(ladder, by.smooth, noise.mixed)
         count = least_risk(ladder, coefficients, noise, shares, parameters.reference)
-        if ladder.ends_because or n >= most or 4 * count <= 3 * ladder.counts[-1]:
+        if ladder.ends_because or n >= MOST_MODES or 4 * count <= 3 * ladder.counts[-1]:
             return ladder, count
-        n = min(2 * n, most)
+        n = min(2 * n, MOST_MODES)
         ladder, coefficients = _ladder(fitter, n)
 
 
 def _ladder(fitter: Fitter, n: int) -> tuple[Ladder, NDArray[np.float64]]:
-    if fitter.parameters.order == ModeOrder.ENERGY:
-        ladder, _ = sorted_ladder(fitter, n)
-    else:
-        ladder = ladder_of(fitter.template, n, fitter.sequence.grid)
+    ladder = ladder_of(fitter.template, n, fitter.sequence.grid)
     return ladder, fitter.coefficients(ladder.basis)
 
 

@@ -21,7 +21,6 @@ from modalmotion.representation import shown
 from modalmotion.template import GivenLandmarks, Weights
 from modalmotion.template.body_frame import Components
 from modalmotion.template.landmarks import landmarks_in
-from modalmotion.template.vibration_modes import require_wave_speed
 
 # Above this a signature is no longer compact, and a typing error is more likely.
 MOST_MODES: Final = 2000
@@ -48,13 +47,6 @@ class SignatureKind(StrEnum):
     OFFSET = "offset"
 
 
-class ModeOrder(StrEnum):
-    """Which modes come first: the fixed order of the topology, or those with most energy."""
-
-    FIXED = "fixed"
-    ENERGY = "energy"
-
-
 @shown(
     *("modes", "tolerance", "tolerance_of", "auto", "topology", "reference", "components", "kind"),
     "key",
@@ -63,8 +55,8 @@ class ModeOrder(StrEnum):
 class SignatureParameters:
     """Request for a signature.
 
-    The number of modes is set in one of four ways: `modes` (or `amplitudes`),
-    `tolerance`, `tolerance_share` or `auto`; 7 modes if in none.
+    The number of modes is set by one of `modes` (or `amplitudes`), `tolerance` and `auto`; it is
+    7 if none is given.
 
     Parameters
     ----------
@@ -73,8 +65,8 @@ class SignatureParameters:
         asked for; rounded up where a cosine-sine pair would be split, unless `split_pairs`. None
         where it follows from the data.
     topology : str or None
-        Topology: cup, cylinder, ..., or mesh for the spring modes of the mesh itself. It goes over
-        what the sequence states; mesh is `closed_form=False`.
+        Topology: cup, cylinder, ..., or mesh for the spring modes of the mesh itself. It takes
+        precedence over that of the sequence.
     grid : tuple of int or None
         Lattice shape such as 32,64, over what the sequence states.
     reference : int or "mean"
@@ -85,16 +77,10 @@ class SignatureParameters:
         How much each vertex counts.
     remove_rotation : bool
         Whether each frame's rotation is taken out before the fit.
-    wave_speed : float, length unit per s
-        c of w = c k, which frequencies and strain energy are stated with.
     components : Components
         Directions of the three amplitudes of a mode: x, y, z or radial, tangential, axial.
     landmarks : GivenLandmarks
         Places stated by the user, over those of the shape.
-    closed_form : bool
-        False selects the spring modes of the mesh itself, even on a known topology.
-    merge_vertices : bool
-        Whether vertices that coincide in every frame are one vertex of the template.
     template : str or None
         Id of a template to use in place of one made from the sequence's own reference.
     tolerance : float or None, mm
@@ -102,15 +88,8 @@ class SignatureParameters:
     tolerance_of : ErrorKind
         Error that a tolerance limits: the RMS over all frames and vertices, the one by the
         vertices' shares of the surface, or the largest of any vertex.
-    tolerance_share : float or None
-        A tolerance as a share of the motion: of the RMS displacement over all frames, by weight
-        where the tolerance is.
     auto : bool
         Stop where the residual looks like the noise of the measurement.
-    order : ModeOrder
-        Which modes come first: in the fixed order, or by energy among the first `most_modes`.
-    most_modes : int or None
-        Largest number of modes for a tolerance, `auto` or the order of energy.
     harmonics : int or None
         Harmonics that each amplitude's path over time is limited to. None leaves it as it is.
     split_pairs : bool
@@ -136,18 +115,12 @@ class SignatureParameters:
     reference: Reference = 0
     weights: Weights = Weights.AREA
     remove_rotation: bool = True
-    wave_speed: float = 1.0
     components: Components = Components.CARTESIAN
     landmarks: GivenLandmarks = field(default_factory=GivenLandmarks)
-    closed_form: bool = True
-    merge_vertices: bool = True
     template: str | None = None
     tolerance: float | None = None
     tolerance_of: ErrorKind = ErrorKind.RMS
-    tolerance_share: float | None = None
     auto: bool = False
-    order: ModeOrder = ModeOrder.FIXED
-    most_modes: int | None = None
     harmonics: int | None = None
     split_pairs: bool = False
     kind: SignatureKind = SignatureKind.MATERIAL
@@ -156,9 +129,6 @@ class SignatureParameters:
     amplitudes: InitVar[int | None] = None
 
     def __post_init__(self, amplitudes: int | None) -> None:
-        if self.topology == MESH:
-            object.__setattr__(self, "topology", None)
-            object.__setattr__(self, "closed_form", False)
         if amplitudes is not None:
             if self.modes is not None:
                 raise _several_requests(["modes", "amplitudes"])
@@ -172,29 +142,23 @@ class SignatureParameters:
             raise _several_requests(requests)
         if not requests:
             object.__setattr__(self, "modes", USUAL_MODES)
-        for name, count in (("modes", self.modes), ("most_modes", self.most_modes)):
-            if count is not None and not 1 <= count <= MOST_MODES:
-                raise ModeCountError(
-                    f"{count} modes were requested; a signature has 1 to {MOST_MODES}.",
-                    remedy=f"Ask for 1 to {MOST_MODES} modes; 7 is the usual number.",
-                    details={name: count, "most": MOST_MODES},
-                )
-        if self.split_pairs and (self.modes is None or self.order != ModeOrder.FIXED):
+        if self.modes is not None and not 1 <= self.modes <= MOST_MODES:
+            raise ModeCountError(
+                f"{self.modes} modes were requested; a signature has 1 to {MOST_MODES}.",
+                remedy=f"Ask for 1 to {MOST_MODES} modes; 7 is the usual number.",
+                details={"modes": self.modes, "most": MOST_MODES},
+            )
+        if self.split_pairs and self.modes is None:
             raise ParameterError(
-                "Pairs are split only for a stated number of modes in the fixed order: a number "
-                "that follows from the data takes whole pairs.",
-                remedy="Leave out split_pairs, or ask by modes or amplitudes and leave the order "
-                "fixed.",
+                "Pairs are split only if the number of modes is given: a number that follows "
+                "from the data takes whole pairs.",
+                remedy="Omit split_pairs, or set modes or amplitudes.",
             )
         self._require_kind()
-        require_wave_speed(self.wave_speed)
-        for name in ("tolerance", "tolerance_share"):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value >= 0):
-                raise ParameterError(
-                    f"The {name.replace('_', ' ')} is {value}.",
-                    remedy="Use a finite number, 0 or more.",
-                )
+        if self.tolerance is not None and not (np.isfinite(self.tolerance) and self.tolerance >= 0):
+            raise ParameterError(
+                f"The tolerance is {self.tolerance}.", remedy="Use a finite number, 0 or more."
+            )
         if self.harmonics is not None and self.harmonics < 0:
             raise ParameterError(
                 f"{self.harmonics} harmonics were requested.", remedy="Use 0 or more."
@@ -213,25 +177,16 @@ class SignatureParameters:
         if self.auto:
             raise ParameterError(
                 "The noise of vertices, where auto stops, is not known of offsets.",
-                remedy="Ask by modes, tolerance or tolerance_share, or for the kind material.",
+                remedy="Ask by modes or tolerance, or for the kind material.",
             )
 
     def _take_kinds(self) -> None:
         """Take each value as what it should be, or refuse it by name."""
         takes: dict[str, Callable[[str, Any], object]] = {
-            **dict.fromkeys(("modes", "most_modes", "harmonics"), whole),
-            **dict.fromkeys(("wave_speed", "tolerance", "tolerance_share"), real),
+            **dict.fromkeys(("modes", "harmonics"), whole),
+            "tolerance": real,
             **dict.fromkeys(
-                (
-                    "remove_rotation",
-                    "closed_form",
-                    "merge_vertices",
-                    "auto",
-                    "split_pairs",
-                    "volumes",
-                    "deviations",
-                ),
-                truth,
+                ("remove_rotation", "auto", "split_pairs", "volumes", "deviations"), truth
             ),
             **{
                 name: partial(one_of, words=words)
@@ -239,7 +194,6 @@ class SignatureParameters:
                     ("weights", Weights),
                     ("components", Components),
                     ("tolerance_of", ErrorKind),
-                    ("order", ModeOrder),
                     ("kind", SignatureKind),
                 )
             },
@@ -265,6 +219,11 @@ class SignatureParameters:
         return 1 if self.kind == SignatureKind.OFFSET else 3
 
     @property
+    def closed_form(self) -> bool:
+        """Whether the modes may be those of a topology, and not the springs' of the mesh."""
+        return self.topology != MESH
+
+    @property
     def is_adaptive(self) -> bool:
         """Whether the number of modes follows from the data."""
         return self.modes is None
@@ -272,7 +231,7 @@ class SignatureParameters:
     @property
     def fixes_kind(self) -> bool:
         """Whether the kind of modes is stated, and not left to the shape of each recording."""
-        return self.topology is not None or self.template is not None or not self.closed_form
+        return self.topology is not None or self.template is not None
 
     def with_facts(
         self, facts: Facts, topology: Topology | str | None, grid: tuple[int, ...] | None
@@ -327,18 +286,14 @@ def _name(name: str, value: Any) -> str:
     return str(value)
 
 
-_WAYS: Final = ("modes", "tolerance", "tolerance_share", "auto")
+_WAYS: Final = ("modes", "tolerance", "auto")
 
 _LEFT_OUT: Final = (
     "tolerance",
     "tolerance_of",
-    "tolerance_share",
     "auto",
-    "order",
-    "most_modes",
     "harmonics",
     "split_pairs",
-    "merge_vertices",
     "kind",
     "volumes",
     "deviations",
@@ -348,7 +303,7 @@ _LEFT_OUT: Final = (
 def _several_requests(names: list[str]) -> ParameterError:
     return ParameterError(
         f"The number of modes was requested in several ways: {', '.join(names)}.",
-        remedy="Ask by one of modes, amplitudes, tolerance, tolerance_share and auto.",
+        remedy="Set one of modes, amplitudes, tolerance and auto.",
         details={"asked": names},
     )
 
@@ -375,6 +330,5 @@ def parameters_from_json(values: dict[str, Any]) -> SignatureParameters:
             "components": Components(values["components"]),
             "landmarks": GivenLandmarks.from_json(values["landmarks"]),
             "tolerance_of": ErrorKind(values["tolerance_of"]),
-            "order": ModeOrder(values["order"]),
         }
     )

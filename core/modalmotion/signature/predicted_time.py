@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 from modalmotion.formats.detect import Format
-from modalmotion.signature.parameters import ErrorKind, ModeOrder, SignatureParameters
+from modalmotion.signature.parameters import ErrorKind, SignatureParameters
 
 # s for any task, and s for a byte of input: an array is read and laid out, a text is parsed too.
 _START: Final = 0.02
@@ -90,10 +90,7 @@ def spring_seconds(n_bytes: int, modes: int) -> float:
 
 def most_modes(parameters: SignatureParameters) -> int:
     """Give the largest number of modes that a request makes necessary to look at."""
-    modes = parameters.modes
-    if modes is not None and parameters.order == ModeOrder.FIXED:
-        return modes
-    return max(modes or 0, parameters.most_modes or _LOOKED_AT)
+    return _LOOKED_AT if parameters.modes is None else parameters.modes
 
 
 def _products(n_bytes: int, modes: int) -> int:

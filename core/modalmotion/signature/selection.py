@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import ModeCountError, ToleranceError
+from modalmotion.errors import ToleranceError
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
-from modalmotion.numeric.products import lengths, product, root_mean_square
+from modalmotion.numeric.products import lengths, product
 from modalmotion.representation import counted
 from modalmotion.signature.basis import Basis, TemplateCache, make_basis
 from modalmotion.signature.fit import Fit
@@ -33,19 +33,16 @@ from modalmotion.signature.model import (
     static_model,
 )
 from modalmotion.signature.nested_modes import (
-    ENERGY_POOL,
     Energies,
     Ladder,
     energies_of,
-    notes_on,
+    ladder_of,
     plain_energies_of,
-    sorted_ladder,
 )
 from modalmotion.signature.noise import modes_until_noise, with_ladder
 from modalmotion.signature.parameters import (
     MOST_MODES,
     ErrorKind,
-    ModeOrder,
     SignatureKind,
     SignatureParameters,
 )
@@ -194,13 +191,11 @@ def smallest_within(fitter: Fitter, limit: float) -> Model:
         If none does; its details name the best error possible.
     """
     parameters = fitter.parameters
-    most = parameters.most_modes or MOST_MODES
-    n = min(_FIRST, most)
-    if parameters.order == ModeOrder.ENERGY:
-        n = most = parameters.most_modes or ENERGY_POOL
+    n = _FIRST
     known: dict[int, float] = {}
     while True:
-        ladder, fit = sorted_ladder(fitter, n)
+        ladder = ladder_of(fitter.template, n, fitter.sequence.grid)
+        fit = fitter.fit(ladder.basis)
         errors = SetErrors.on(fitter, ladder, fit)
         counts = ladder.counts[ladder.counts > max(known, default=0)]
         # No maximum is below the RMS of its frame.
@@ -212,15 +207,13 @@ def smallest_within(fitter: Fitter, limit: float) -> Model:
                 if known[count] <= limit + errors.slack(limit):
                     model = fit_model(fitter, make_basis(fitter.template, ladder.modes(count)))
                     if model.error(parameters.tolerance_of) <= limit:
-                        notes = (*notes_on(ladder, parameters), *_on_set(errors, count))
+                        notes = (*ladder.notes, *_on_set(errors, count))
                         return replace(model, notes=notes)
-        if ladder.ends_because or n >= most:
+        if ladder.ends_because or n >= MOST_MODES:
             best = errors.best(known)
-            is_weighted = parameters.tolerance_of == ErrorKind.WEIGHTED_RMS
-            motion = fit.weighted_motion_rms if is_weighted else fit.motion_rms
-            raise _unreachable(fitter, limit, best, ladder, root_mean_square(motion))
+            raise _unreachable(fitter, limit, best, ladder)
         known.setdefault(int(ladder.counts[-1]), np.inf)
-        n = min(2 * n, most)
+        n = min(2 * n, MOST_MODES)
 
 
 def _on_set(errors: SetErrors, count: int) -> tuple[str, ...]:
@@ -240,13 +233,9 @@ def _on_set(errors: SetErrors, count: int) -> tuple[str, ...]:
 
 
 def _unreachable(
-    fitter: Fitter,
-    limit: float,
-    best: tuple[float, int],
-    ladder: Ladder,
-    motion: float,
+    fitter: Fitter, limit: float, best: tuple[float, int], ladder: Ladder
 ) -> ToleranceError:
-    """Error that names what to allow, as the request puts it: in mm, or as a share of the motion.
+    """Error that names the tolerance to allow, in mm.
 
     Parameters
     ----------
@@ -256,26 +245,15 @@ def _unreachable(
         Smallest error, length unit, and its number of modes.
     ladder : Ladder
         All that were tried.
-    motion : float, length unit
-        RMS motion.
     """
     parameters, unit = fitter.parameters, fitter.sequence.unit or "length units"
     error, count = best
     in_mm = MM_PER_UNIT.get(unit)
-    if parameters.tolerance is None:
-        allowed = f"a tolerance_share of {error / (motion or 1.0) * (1 + 1e-6):.7g}"
-    else:
-        allowed = f"a tolerance of {error * (in_mm or 1.0) * (1 + 1e-6):.7g} mm"
-    reason, other = ladder.ends_because, ""
-    if not reason:
-        reason = f"no more than {ladder.counts[-1]} were allowed"
-        is_stated = parameters.most_modes is not None or parameters.order == ModeOrder.ENERGY
-        if is_stated and count < MOST_MODES:
-            other = ", or a larger most_modes"
+    reason = ladder.ends_because or f"a signature has at most {MOST_MODES}"
     return ToleranceError(
         f"No set of modes holds {limit:.6g} {unit} ({parameters.tolerance_of}): the best, of "
         f"{count} modes, leaves {error:.6g} {unit}; {reason}.",
-        remedy=f"Allow {allowed} or more{other}.",
+        remedy=f"Allow a tolerance of {error * (in_mm or 1.0) * (1 + 1e-6):.7g} mm or more.",
         details={
             "limit_asked": limit,
             "best_error": error,
@@ -314,13 +292,12 @@ def select_model(fitter: Fitter, cache: TemplateCache) -> Model:
     scene = scene_of(fitter, first.fit.rotations)
     if parameters.auto:
         return _until_noise(fitter, smallest, scene)
-    limit = limit_of(parameters, sequence, first.fit)
+    limit = limit_of(parameters, sequence)
     kind, errors = simplest(scene, limit, parameters.tolerance_of), scene.errors
     if parameters.kind == SignatureKind.OFFSET and kind != SceneKind.STATIC:
         # The other kinds are of displacements.
         kind, errors = SceneKind.DEFORMABLE, {SceneKind.STATIC: scene.static.error}
-    way = "tolerance" if parameters.tolerance is not None else "tolerance_share"
-    choice = ModelChoice(way, limit, parameters.tolerance_of, None, kind, errors, None)
+    choice = ModelChoice("tolerance", limit, parameters.tolerance_of, None, kind, errors, None)
     if kind == SceneKind.STATIC:
         model = static_model(fitter, smallest, scene.static)
         return _noted(model, choice, sequence)
@@ -337,25 +314,14 @@ def select_model(fitter: Fitter, cache: TemplateCache) -> Model:
 
 def _with_count(fitter: Fitter, cache: TemplateCache) -> Model:
     parameters = fitter.parameters
-    n = parameters.modes or 1
-    if parameters.order == ModeOrder.FIXED:
-        choice, basis = cache.basis(
-            fitter.template, n, fitter.sequence.grid, split_pairs=parameters.split_pairs
-        )
-        model = fit_model(fitter, basis)
-        return replace(model, notes=(*choice.notes, *_on_size(model, fitter.sequence)))
-    ladder, _ = sorted_ladder(fitter, parameters.most_modes or max(ENERGY_POOL, n))
-    if n > ladder.counts[-1]:
-        raise ModeCountError(
-            f"{n} modes were requested among the {ladder.counts[-1]} whose energy is compared.",
-            remedy=f"Ask for at most {ladder.counts[-1]} modes, or "
-            f"{'send a finer mesh' if ladder.ends_because else 'for a larger most_modes'}.",
-            details={"modes": n, "most": int(ladder.counts[-1])},
-        )
-    count = int(ladder.counts[np.searchsorted(ladder.counts, n)])
-    model = fit_model(fitter, make_basis(fitter.template, ladder.modes(count)))
-    notes = (*notes_on(ladder, parameters), *_on_size(model, fitter.sequence))
-    return replace(model, notes=notes)
+    choice, basis = cache.basis(
+        fitter.template,
+        parameters.modes or 1,
+        fitter.sequence.grid,
+        split_pairs=parameters.split_pairs,
+    )
+    model = fit_model(fitter, basis)
+    return replace(model, notes=(*choice.notes, *_on_size(model, fitter.sequence)))
 
 
 def _until_noise(fitter: Fitter, smallest: Basis, scene: Scene) -> Model:
@@ -375,9 +341,9 @@ def _until_noise(fitter: Fitter, smallest: Basis, scene: Scene) -> Model:
     if _may_flatten(parameters) and holds_noise(scene.planar.error.weighted_rms, noise, fitter, 1):
         normal = scene.planar.normal
     model = fit_model(fitter, ladder.basis_of(count), normal=normal)
-    notes = [*notes_on(ladder, parameters), *_on_size(model, sequence)]
+    notes = [*ladder.notes, *_on_size(model, sequence)]
     if count == ladder.counts[-1]:
-        reason = ladder.ends_because or "no more were allowed"
+        reason = ladder.ends_because or f"a signature has at most {MOST_MODES} modes"
         notes.append(
             f"The residual of {count} modes still shows motion above the noise, but {reason}."
         )

@@ -38,7 +38,7 @@ from modalmotion.signature.model import (
     require_unit,
     simplest,
 )
-from modalmotion.signature.parameters import ErrorKind, ModeOrder, SignatureParameters
+from modalmotion.signature.parameters import ErrorKind, SignatureParameters
 from modalmotion.signature.value import ModalSignature
 from modalmotion.template import Template, choose_modes
 from modalmotion.template.body_frame import Components
@@ -278,16 +278,13 @@ def _at(
     harmonics: int | None,
 ) -> SignatureParameters:
     """Parameters of one point of a front."""
-    pool = int(branch.counts[-1]) if parameters.order == ModeOrder.ENERGY else None
     return replace(
         parameters,
         tolerance=None,
-        tolerance_share=None,
         modes=modes,
         harmonics=harmonics,
         components=branch.components,
         topology=_topology(parameters, front, branch),
-        most_modes=pool,
     )
 
 
@@ -402,7 +399,7 @@ def measure_tradeoff(
     limit = None
     with watch.stage("choice"):
         if parameters.is_adaptive and not parameters.auto:
-            limit = limit_of(parameters, own, first)
+            limit = limit_of(parameters, own)
             chosen = fewest_numbers(sequence, parameters, front, scene, limit, template)
         else:
             chosen = of_signature(modal_signature(sequence, parameters, template=template))

@@ -34,7 +34,7 @@ class ModalSignature(Saved, Plotted):
         Along the three directions that `parameters.components` names; of offsets (n = 1) along
         the reference's outward normals.
     angular_frequencies : (modes,) float64, rad per s
-        Continuum limit w = c k on `lengths`, with c = `wave_speed`.
+        Continuum limit w = c k on `lengths`, with c = 1 length unit per s.
     rotations : Rotations
         The rotation trajectory, removed before the fit.
     reference_amplitudes : (modes, 3) float64, `unit`

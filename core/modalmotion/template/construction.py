@@ -132,7 +132,6 @@ def make_template(
     weights: Weights = Weights.AREA,
     landmarks: GivenLandmarks | None = None,
     closed_form: bool = True,
-    merge_vertices: bool = True,
     by_rows: bool = True,
     report: ShareReport = silent,
 ) -> Template:
@@ -150,9 +149,6 @@ def make_template(
         Places stated by the user, over those of the shape and of the sequence's facts.
     closed_form : bool
         False selects the spring modes of the mesh, even on a known topology.
-    merge_vertices : bool
-        Whether vertices of triangles that coincide in every frame are one vertex of the surface;
-        False leaves each by itself.
     by_rows : bool
         Whether the rows and columns of a lattice are its coordinates; False takes those of the
         surface between its nodes, where it has an axis.
@@ -171,12 +167,12 @@ def make_template(
     weights = one_of("weights", weights, Weights)
     is_stated = sequence.topology is not None or sequence.grid is not None
     if reference == MEAN and not is_stated and closed_form:
-        return _recognised_in_frame_0(sequence, weights, landmarks, merge_vertices, report)
+        return _recognised_in_frame_0(sequence, weights, landmarks, report)
     own_landmarks = landmarks_read(sequence, landmarks, closed_form=closed_form)
     start = reference_positions(sequence, reference)
     middle = middle_positions(sequence, reference)
     faces = _faces_of(sequence)
-    first = sequence.representatives if merge_vertices else np.arange(len(start))
+    first = sequence.representatives
     notes = notes_on_merging(first)
     if notes:
         faces = first[faces]
@@ -252,7 +248,6 @@ def make_template(
         weights=weights,
         landmarks=own_landmarks,
         closed_form=closed_form,
-        merge_vertices=merge_vertices,
         by_rows=by_rows,
     )
     values = np.zeros((len(start), 0))
@@ -286,18 +281,13 @@ def _recognised_in_frame_0(
     sequence: MeshSequence,
     weights: Weights,
     landmarks: GivenLandmarks | None,
-    merge_vertices: bool,
     report: ShareReport,
 ) -> Template:
     """Make the template of the mean shape, with the topology of frame 0.
 
     Limbs that swing leave a mean without them, which may be a sphere although no frame is one.
     """
-    made: dict[str, Any] = {
-        "weights": weights,
-        "landmarks": landmarks,
-        "merge_vertices": merge_vertices,
-    }
+    made: dict[str, Any] = {"weights": weights, "landmarks": landmarks}
     first = make_template(sequence, report=part_of(report, 0.0, 0.5), **made)
     is_known = first.surface is not None
     of_mean = make_template(
@@ -383,8 +373,8 @@ def _require_left(faces: NDArray[np.int64]) -> None:
         raise TopologyError(
             f"Each of the {len(faces)} triangles has two corners at the same place in every frame, "
             "so there is no surface.",
-            remedy="Send a surface that is spread out, or set merge_vertices to false "
-            "(--no-merge-vertices): each vertex then counts by itself.",
+            remedy="Send a surface that is spread out: vertices that coincide in every frame are "
+            "merged.",
         )
 
 

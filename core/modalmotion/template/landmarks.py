@@ -337,8 +337,7 @@ def notes_on_merging(representatives: NDArray[np.int64]) -> list[str]:
     text = (
         f"{n} of {len(representatives)} coincide with an earlier one in every frame (first: vertex "
         f"{others[0]} with {representatives[others[0]]}) and were merged with it; amplitudes and "
-        "errors speak of all that were sent. merge_vertices = false (--no-merge-vertices) leaves "
-        "them apart."
+        "errors count all that were sent."
     )
     return [text]
 

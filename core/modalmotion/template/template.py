@@ -250,7 +250,6 @@ def template_id(
     weights: Weights = Weights.AREA,
     landmarks: GivenLandmarks | None = None,
     closed_form: bool = True,
-    merge_vertices: bool = True,
     by_rows: bool = True,
 ) -> str:
     """Identity of the template that `make_template` would make of the same arguments.
@@ -279,7 +278,7 @@ def template_id(
     for positions in shapes:
         digest.update(np.ascontiguousarray(positions.astype("<f8")).data)
     first = sequence.representatives
-    if merge_vertices and is_merged(first):
+    if is_merged(first):
         digest.update(first.astype("<i8").data)
     return digest.hexdigest()
 

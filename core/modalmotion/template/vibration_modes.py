@@ -39,7 +39,9 @@ def require_wave_speed(wave_speed: float) -> None:
         )
 
 
-def frequencies_of(modes: Modes, template: Template, wave_speed: float) -> NDArray[np.float64]:
+def frequencies_of(
+    modes: Modes, template: Template, wave_speed: float = 1.0
+) -> NDArray[np.float64]:
     """Angular frequencies w = c k of modes on a template's surface.
 
     Parameters

@@ -32,7 +32,7 @@ def style() -> str:
 
 @cache
 def licences() -> str:
-    """Give the licences of what the script holds."""
+    """Licences of the libraries in the script."""
     return (_FOLDER / "LICENSES.txt").read_text(encoding="utf-8")
 
 

@@ -35,7 +35,7 @@ _PIECE: Final = 4_000_000
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A signature, what it was made from, and what is said of it.
+    """A signature, its sequence, and results about it.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class View:
     data : SampledData or None
         Points that it was tracked through, for a page of one file.
     stream : bytes or None
-        The compressed stream that the sequence was decoded from: a page of one file holds it and
+        The compressed stream that the sequence was decoded from: a single-file page contains it and
         its decoder instead of the frames.
     """
 

@@ -259,7 +259,7 @@ def _cycle(signature: ModalSignature, period: float | None) -> str:
     if n < 3 or gap > _CLOSES:
         return "open"
     if period is not None and signature.times is not None:
-        # A wall at rest says nothing of whether the last frame is the first again.
+        # A wall at rest does not show whether the last frame repeats the first.
         span = float(signature.times[-1] - signature.times[0])
         return "closes" if period > span + 0.5 * span / (n - 1) else "repeats"
     return "repeats" if gap < _REPEATS else "closes"

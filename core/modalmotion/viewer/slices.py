@@ -17,7 +17,7 @@ from modalmotion.viewer.container import write_container
 _MOST_SIDE: Final = 384
 _MOST_VOXELS: Final = 2_000_000
 
-# Shares of the samples below black and above white, and how many samples tell.
+# Shares of the samples below black and above white, and how many samples are used.
 _WINDOW: Final = (1.0, 99.5)
 _ENOUGH_SAMPLES: Final = 200_000
 

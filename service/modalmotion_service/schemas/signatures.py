@@ -245,7 +245,6 @@ class SignatureAnswer(BaseModel):
     )
     translations: list[list[float]] = Field(description="Path of the centroid.")
     angular_frequencies: list[float] = Field(description="rad per s, at the stated wave speed.")
-    wave_speed: float
     lengths: list[float] = Field(description="Of the surface along each natural coordinate.")
     rotations: list[list[list[float]]] = Field(description="3 x 3 matrix of each frame.")
     rotation_determined: list[bool]
@@ -302,7 +301,6 @@ class SignatureAnswer(BaseModel):
             shape=signature.amplitudes.shape,
             components=parameters.components,
             landmarks=_landmarks(signature.landmarks),
-            wave_speed=parameters.wave_speed,
             rotations=signature.rotations.matrices.tolist(),
             rotation_determined=signature.rotations.is_determined.tolist(),
             errors=FrameErrors(

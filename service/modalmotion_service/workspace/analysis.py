@@ -14,7 +14,7 @@ from pydantic_core import from_json
 
 from modalmotion.errors import LostFileError, NotFoundError, ParameterError
 from modalmotion.mesh import Facts, facts_as_json
-from modalmotion.modes.topology import SPHERE
+from modalmotion.modes.topology import MESH, SPHERE
 from modalmotion.progress import StageReport
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.signature.parameters import parameters_from_json
@@ -144,7 +144,7 @@ class Analysis(OwnerWork):
             return paths
         kinds = await self.work(signatures.kinds_of, paths)
         meshes = {mesh for _, mesh in kinds if mesh}
-        springs, chosen = replace(parameters, closed_form=False), []
+        springs, chosen = replace(parameters, topology=MESH), []
         for sequence_id, path, (surface, _) in zip(sequence_ids, paths, kinds, strict=True):
             chosen.append(path)
             is_stated = self._store.sequence_record(sequence_id).topology is not None

@@ -19,6 +19,7 @@ from modalmotion.errors import (
     UnlikeCasesError,
 )
 from modalmotion.mesh.facts import Facts, Named
+from modalmotion.modes.topology import MESH
 from modalmotion.norm import Norm
 from modalmotion.norm.training import parameters_of_controls
 from modalmotion.progress import StageReport
@@ -225,7 +226,7 @@ class FeatureTables:
         # As `feature_table` does it where the sequences are at hand.
         attempts = [(own, False)]
         if own.topology is None:
-            attempts.append((replace(own, closed_form=False), False))
+            attempts.append((replace(own, topology=MESH), False))
         if leaves_out:
             attempts.append((own, True))
         unlike: UnlikeCasesError | None = None

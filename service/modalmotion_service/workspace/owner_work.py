@@ -15,6 +15,7 @@ from modalmotion.errors import (
     TopologyError,
     UnlikeCasesError,
 )
+from modalmotion.modes.topology import MESH
 from modalmotion.progress import StageReport
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ResultStore
@@ -226,6 +227,6 @@ async def in_one_basis(
         if parameters.topology is not None:
             raise
         try:
-            return await make(replace(parameters, closed_form=False))
+            return await make(replace(parameters, topology=MESH))
         except (UnlikeCasesError, TopologyError, ModeCountError):
             raise unlike from None

@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 from typing import Final
 
 from modalmotion.exports.signature_pack import SurfaceFormat
+from modalmotion.modes.topology import MESH
 from modalmotion.progress import StageReport
 from modalmotion_service.http.negotiation import (
     CSV,
@@ -178,7 +179,7 @@ async def distance(state: State, request: Request, report: Report) -> Outcome:
     """Compare two signatures."""
     other_id, _, other_key = request.query.to.partition("-")
     analysis, is_usual = state.analysis, request.key is None and not other_key
-    for usual in (USUAL, replace(USUAL, closed_form=False)):
+    for usual in (USUAL, replace(USUAL, topology=MESH)):
         async with (
             analysis.fitted(request.sequence_id or "", request.key, report, usual) as own,
             analysis.fitted(other_id, other_key or None, report, usual) as other,

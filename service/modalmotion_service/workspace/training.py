@@ -20,6 +20,7 @@ from modalmotion.errors import (
     ParameterError,
     StoreError,
 )
+from modalmotion.modes.topology import MESH
 from modalmotion.signature.making import SignatureKind, SignatureParameters
 from modalmotion.store import ModelRecord, ResultStore, model_from_hdf5
 from modalmotion_service.errors import CostError
@@ -102,7 +103,7 @@ class Trainer:
             return known
         parameters = options.signature_parameters
         plan, image, other, progress = (self._spool.new_path() for _ in range(4))
-        springs = replace(parameters, closed_form=False)
+        springs = replace(parameters, topology=MESH)
         leaves_out = options.on_error == OnError.LEAVE_OUT
         weighs_kinds = options.kind is None and await asyncio.to_thread(self._may_slide, cases)
         try:

@@ -121,7 +121,7 @@ def test_an_unknown_or_wrong_option_is_named() -> None:
 def test_spring_modes_of_one_mesh_are_read_and_another_mesh_is_refused() -> None:
     from modalmotion.simulate import simulate_ventricle
 
-    asked = SignatureParameters(modes=7, closed_form=False)
+    asked = SignatureParameters(modes=7, topology="mesh")
 
     def case(number: int, label: str, grid: tuple[int, int] = (6, 12)) -> TrainingCase:
         rng = np.random.default_rng(number)

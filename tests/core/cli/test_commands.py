@@ -32,15 +32,14 @@ def test_simulating_twice_with_one_seed_gives_the_same_file(beat: Path, tmp_path
     assert other.read_bytes() != beat.read_bytes()
 
 
-def test_doubled_rims_are_merged_unless_declined(tmp_path: Path) -> None:
+def test_doubled_rims_are_merged(tmp_path: Path) -> None:
     vertices, faces = cut_in_two(MAKERS["cup"](120, np.random.default_rng(1)))
     path = tmp_path / "cut.npz"
     np.savez(path, vertices=vertices, faces=faces, unit="mm")
-    for words, topology in (((), "cup"), (("--no-merge-vertices",), "mesh")):
-        run = CliRunner().invoke(main, ["signature", str(path), "--json", *words])
-        assert run.exit_code == 0, run.output
-        answer = json.loads(run.stdout)
-        assert (answer["topology"], answer["n_vertices"]) == (topology, vertices.shape[1])
+    run = CliRunner().invoke(main, ["signature", str(path), "--json"])
+    assert run.exit_code == 0, run.output
+    answer = json.loads(run.stdout)
+    assert (answer["topology"], answer["n_vertices"]) == ("cup", vertices.shape[1])
 
 
 def test_signature_writes_what_the_library_computes(beat: Path, tmp_path: Path) -> None:
@@ -161,7 +160,7 @@ def test_commands_of_the_service_are_found() -> None:
     ("words", "expected"),
     [
         ("modalmotion sig", "plain,signature"),
-        ("modalmotion signature --tolerance-s", "plain,--tolerance-share"),
+        ("modalmotion signature --tolerance-", "plain,--tolerance-of"),
         ("modalmotion signature beat.npz --plot be", "file,be"),
     ],
 )

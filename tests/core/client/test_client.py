@@ -302,7 +302,7 @@ def test_a_job_that_is_ended_or_not_finished_says_so(remote: Client) -> None:
     beat = mm.simulate_ventricle(
         grid=(128, 128), acquisition=mm.Acquisition(n_frames=4), rng=np.random.default_rng(1)
     )
-    job = remote.start_signature(remote.upload(beat).id, modes=60, closed_form=False)
+    job = remote.start_signature(remote.upload(beat).id, modes=60, topology="mesh")
     with pytest.raises(JobUnfinishedError):
         job.wait(timeout=0.0)
     job.cancel()

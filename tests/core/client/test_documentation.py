@@ -48,5 +48,5 @@ def test_its_code_runs_and_says_what_it_says(
             if isinstance(value, Client):
                 value.close()
         service.stop()
-    assert n_compared == 38
+    assert n_compared == 39
     assert (tmp_path / "beat.glb").is_file()

@@ -84,7 +84,7 @@ def test_an_affine_motion_is_read_exactly(beat: MeshSequence, components: Compon
 
 @pytest.mark.every(5)
 @pytest.mark.parametrize("name", ["cup", "cylinder", "sphere", "torus"])
-@pytest.mark.parametrize("parameters", [{}, {"closed_form": False}, {"modes": 1}, {"reference": 5}])
+@pytest.mark.parametrize("parameters", [{}, {"topology": "mesh"}, {"modes": 1}, {"reference": 5}])
 def test_the_bound_holds_for_every_surface(name: str, parameters: dict[str, object]) -> None:
     positions, faces = MAKERS[name](260, np.random.default_rng(1))
     sequence = mesh_sequence(positions, faces, unit="mm")
@@ -195,7 +195,7 @@ def test_surfaces_without_an_inside_are_refused() -> None:
         assert caught.value.remedy
     flat = positions * [1.0, 1.0, 0.0]
     with pytest.raises(TopologyError, match="no volume"):
-        read(mesh_sequence(flat, faces), closed_form=False)
+        read(mesh_sequence(flat, faces), topology="mesh")
 
 
 def test_a_surface_that_turns_inside_out_is_said(beat: MeshSequence) -> None:

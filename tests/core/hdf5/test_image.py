@@ -97,15 +97,12 @@ def signatures(draw: st.DrawFn) -> ModalSignature:
             reference=draw(st.integers(0, 9)),
             weights=draw(st.sampled_from(Weights)),
             remove_rotation=draw(st.booleans()),
-            wave_speed=draw(st.floats(1e-300, 1e100)),
             components=draw(st.sampled_from(Components)),
             landmarks=GivenLandmarks(
                 apex=draw(st.none() | st.integers(0, 10**9)),
                 base=draw(st.none() | st.tuples(*[st.floats(-1e9, 1e9)] * 3)),
                 corners=draw(st.none() | st.tuples(*[st.integers(0, 99)] * 4)),
             ),
-            closed_form=draw(st.booleans()),
-            merge_vertices=draw(st.booleans()),
             template=draw(st.none() | IDS),
         ),
         sequence_id=draw(IDS),
@@ -196,7 +193,7 @@ def test_a_template_comes_back_bit_for_bit(weights: Weights) -> None:
 def test_every_field_has_a_place_in_the_file() -> None:
     # A field that is added without one would come back as something else, or not at all.
     assert len(fields(ModalSignature)) == 27
-    assert len(fields(SignatureParameters)) == 23
+    assert len(fields(SignatureParameters)) == 17
     assert len(fields(Landmarks)) == 8
     assert len(fields(GivenLandmarks)) == 4
     assert len(fields(SpringModes)) == 2

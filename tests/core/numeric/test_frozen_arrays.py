@@ -31,7 +31,7 @@ def values() -> dict[str, Any]:
     ).with_facts(FACTS)
     lattice = mm.simulate_ventricle(grid=(6, 12), acquisition=acquisition)
     signature = mm.modal_signature(mesh)
-    springs = mm.SignatureParameters(closed_form=False)
+    springs = mm.SignatureParameters(topology="mesh")
     chosen = mm.SignatureParameters(modes=None, auto=True)
     return {
         "sequence": mesh,

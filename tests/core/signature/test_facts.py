@@ -84,7 +84,7 @@ def test_a_landmark_that_is_asked_for_goes_over_the_stated_one() -> None:
     [
         (LATTICE, {}),
         (MESH, {"grid": (8, 16)}),
-        (MESH, {"closed_form": False}),
+        (MESH, {"topology": "mesh"}),
         (MESH, {"template": "0" * 64}),
         (MESH, {"topology": "plane"}),
     ],

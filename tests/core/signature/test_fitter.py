@@ -44,7 +44,7 @@ def test_other_parameters_are_as_if_asked_at_first(
 
 
 @pytest.mark.parametrize(
-    "way", [{}, pytest.param({"auto": True}, marks=pytest.mark.soak), {"tolerance_share": 0.1}]
+    "way", [{}, pytest.param({"auto": True}, marks=pytest.mark.soak), {"tolerance": 3.0}]
 )
 def test_a_signature_centres_its_sequence_once(
     heart: Moving, way: dict[str, float], monkeypatch: pytest.MonkeyPatch
@@ -56,5 +56,5 @@ def test_a_signature_centres_its_sequence_once(
         return centre(*arguments, **options)
 
     monkeypatch.setattr(fitter_module, "displacements_from", counted)
-    modal_signature(mesh_sequence(*heart), SignatureParameters(**way))  # type: ignore[arg-type]
+    modal_signature(mesh_sequence(*heart, unit="mm"), SignatureParameters(**way))  # type: ignore[arg-type]
     assert len(n_centred) == 1

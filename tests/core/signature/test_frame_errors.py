@@ -89,7 +89,7 @@ def test_stated_errors_are_those_of_the_reconstructed_vertices(
 
 def test_spring_modes_and_uniform_weights_too(beat: MeshSequence) -> None:
     for asked in (
-        SignatureParameters(modes=12, closed_form=False),
+        SignatureParameters(modes=12, topology="mesh"),
         SignatureParameters(weights=Weights.UNIFORM),
         SignatureParameters(reference=3),
         SignatureParameters(remove_rotation=False),
@@ -154,7 +154,7 @@ def test_a_loose_vertex_counts_and_moves_as_its_nearest(beat: MeshSequence) -> N
     near = int(beat.faces[7, 0])
     follower = x[:, [near]] + 0.1
     both = mesh_sequence(np.concatenate([x, follower], axis=1), beat.faces, unit="mm")
-    for asked in (SignatureParameters(), SignatureParameters(closed_form=False, modes=9)):
+    for asked in (SignatureParameters(), SignatureParameters(topology="mesh", modes=9)):
         signature = modal_signature(both, asked)
         moved = reconstruct(signature, both) - both.vertices[0]
         # But for the rotation, which turns places that differ.

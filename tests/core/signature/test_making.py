@@ -196,17 +196,17 @@ def test_the_papers_compression_ratios() -> None:
 
 
 def test_energy_and_frequencies_follow_the_continuum(rng: np.random.Generator) -> None:
-    signature = modal_signature(moving_bowl(rng), SignatureParameters(wave_speed=2.0))
+    signature = modal_signature(moving_bowl(rng), SignatureParameters())
     length, circumference = signature.lengths
     by_label = dict(
         zip(map(str, signature.modes.labels), signature.angular_frequencies, strict=True)
     )
     assert by_label["(0, 0, cos)"] == 0.0
-    assert by_label["(1, 0, cos)"] == pytest.approx(2 * np.pi / length)
+    assert by_label["(1, 0, cos)"] == pytest.approx(np.pi / length)
     # p' = 1 takes the half-integer family at the pole: 1/2 and 3/2 half periods along s.
-    first = 2 * np.hypot(0.5 * np.pi / length, 2 * np.pi / circumference)
+    first = np.hypot(0.5 * np.pi / length, 2 * np.pi / circumference)
     assert by_label["(0, 1, sin)"] == pytest.approx(first)
-    odd = 2 * np.hypot(1.5 * np.pi / length, 2 * np.pi / circumference)
+    odd = np.hypot(1.5 * np.pi / length, 2 * np.pi / circumference)
     assert by_label["(1, 1, cos)"] == pytest.approx(odd)
     expected = 0.5 * signature.angular_frequencies**2 * (signature.amplitudes**2).sum(axis=2)
     assert signature.strain_energy == pytest.approx(expected)
@@ -219,9 +219,6 @@ def test_energy_and_frequencies_follow_the_continuum(rng: np.random.Generator) -
         ({"modes": 100_000}, ModeCountError, "100000"),
         ({"reference": 9}, ParameterError, "frame 9"),
         ({"reference": -1}, ParameterError, "frame -1"),
-        ({"wave_speed": 0.0}, ParameterError, "wave speed"),
-        ({"wave_speed": float("nan")}, ParameterError, "wave speed"),
-        ({"wave_speed": 1e101}, ParameterError, "wave speed"),
         ({"modes": 193}, ModeCountError, "192"),
         ({"topology": "moebius"}, TopologyError, "moebius"),
     ],

@@ -14,7 +14,7 @@ from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature.fitter import Fitter, SceneKind
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.model import WIDE, Noise, over_time
-from modalmotion.signature.nested_modes import sorted_ladder
+from modalmotion.signature.nested_modes import ladder_of
 from modalmotion.signature.noise import MIXINGS, SmoothNoise, bands_of, measure_noise
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
@@ -165,7 +165,8 @@ def kept_and_best(noisy: MeshSequence, clean: MeshSequence) -> tuple[int, int, f
     """Modes that `auto` keeps, those that are best for the displacements, and its excess error."""
     kept = len(modal_signature(noisy, SignatureParameters(auto=True)).modes)
     fitter = Fitter.of(noisy, make_template(noisy), SignatureParameters(auto=True))
-    ladder, fit = sorted_ladder(fitter, max(200, kept))
+    ladder = ladder_of(fitter.template, max(200, kept), noisy.grid)
+    fit = fitter.fit(ladder.basis)
     true = Fitter.of(clean, fitter.template).fit(ladder.basis).amplitudes
     R = ladder.basis.triangle
     brought = (np.einsum("ij,tjd->tid", R, fit.amplitudes - true) ** 2).sum(axis=(0, 2))
@@ -241,7 +242,7 @@ def test_bands_expect_what_noise_brings(rng: np.random.Generator) -> None:
         asked = SignatureParameters(remove_rotation=False)
         fitter = Fitter.of(start, make_template(start), asked)
         smooth = SmoothNoise.on(fitter.template)
-        ladder, _ = sorted_ladder(fitter, 128)
+        ladder = ladder_of(fitter.template, 128, start.grid)
         bands = bands_of(fitter, ladder, fitter.coefficients(ladder.basis), smooth)
         energies = np.trace(bands.grams.sum(axis=0), axis1=1, axis2=2) * bands.scale**2 / 300.0
         assert energies == pytest.approx(0.36 * bands.expected[part], rel=0.2)

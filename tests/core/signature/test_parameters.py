@@ -11,7 +11,6 @@ from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP, CYLINDER
 from modalmotion.signature.making import modal_signature
 from modalmotion.signature.parameters import (
-    ModeOrder,
     SignatureParameters,
     parameters_as_json,
     parameters_from_json,
@@ -96,7 +95,7 @@ def test_the_key_of_whole_pairs_is_what_it_was() -> None:
     assert parameters_from_json(parameters_as_json(SPLIT)) == SPLIT
 
 
-@pytest.mark.parametrize("way", [{"tolerance": 1.0}, {"auto": True}, {"order": ModeOrder.ENERGY}])
+@pytest.mark.parametrize("way", [{"tolerance": 1.0}, {"auto": True}])
 def test_what_follows_from_the_data_takes_whole_pairs(way: dict[str, float]) -> None:
     with pytest.raises(ParameterError, match="whole pairs"):
         SignatureParameters(split_pairs=True, **way)  # type: ignore[arg-type]

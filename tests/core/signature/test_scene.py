@@ -47,7 +47,7 @@ def test_the_kind_is_found_and_takes_its_numbers(kind: SceneKind, noise: float) 
     sequence = moving(kind, noise)
     for asked in (
         SignatureParameters(tolerance=1e-6 + 3 * noise),
-        SignatureParameters(auto=True, most_modes=60),
+        SignatureParameters(auto=True),
     ):
         signature = modal_signature(sequence, asked)
         assert signature.choice is not None

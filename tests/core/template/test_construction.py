@@ -78,7 +78,7 @@ def test_two_rims_at_the_same_places_are_one(topology: str) -> None:
     [
         {"weights": Weights.UNIFORM},
         {"components": Components.CYLINDRICAL},
-        {"closed_form": False},
+        {"topology": "mesh"},
         {"reference": "mean"},
         {"modes": 18},
         {"landmarks": GivenLandmarks(theta_zero=3)},
@@ -183,22 +183,6 @@ def test_the_rows_of_poles_and_the_seam_of_a_globe_are_merged() -> None:
     assert len(np.unique(template.representatives)) == 2 + 7 * 12
 
 
-def test_merging_can_be_declined() -> None:
-    moving = cut_in_two(surface())
-    sequence, apart = signed(moving, merge_vertices=False)
-    _, merged = signed(moving)
-    assert apart.surface == "mesh"
-    assert any("2 pieces" in note for note in apart.notes)
-    assert apart.sequence_id == merged.sequence_id
-    assert apart.template_id != merged.template_id
-    assert apart.parameters.key != merged.parameters.key
-    # A mesh without doubled vertices has one template.
-    whole = mesh_sequence(*surface())
-    assert make_template(whole).id == make_template(whole, merge_vertices=False).id
-    assert not is_merged(whole.representatives)
-    assert sequence.n_vertices == apart.n_vertices
-
-
 def test_the_template_is_stored_with_its_merged_vertices() -> None:
     template = make_template(mesh_sequence(*cut_in_two(surface())))
     kept = template_from_hdf5(template_to_hdf5(template))
@@ -228,14 +212,11 @@ def test_a_sequence_that_parts_what_its_template_merges_is_noted() -> None:
     assert not any("merges with another" in note for note in same.notes)
 
 
-def test_a_surface_in_one_place_is_refused_and_the_remedy_helps() -> None:
+def test_a_surface_in_one_place_is_refused() -> None:
     vertices, faces = surface()
     sequence = mesh_sequence(np.ones_like(vertices), faces)
-    with pytest.raises(TopologyError, match="no surface") as caught:
+    with pytest.raises(TopologyError, match="no surface"):
         modal_signature(sequence)
-    assert "merge_vertices" in caught.value.remedy
-    apart = modal_signature(sequence, SignatureParameters(merge_vertices=False))
-    assert not apart.amplitudes.any()
 
 
 @pytest.mark.parametrize("topology", ["open curve", "closed curve"])

@@ -159,7 +159,7 @@ def test_every_error_is_a_problem(
         ({"reference": "99999999999999999999999"}, 422, "bad_parameter"),
         ({"topology": "knot"}, 422, "unsupported_topology"),
         ({"topology": "cup", "grid": [3, 7]}, 422, "wrong_shape"),
-        ({"wave_speed": "nan"}, 422, "invalid_request"),
+        ({"tolerance": "nan"}, 422, "invalid_request"),
         ({"weights": "heavy"}, 422, "invalid_request"),
         ({"surprise": "1"}, 422, "invalid_request"),
     ],

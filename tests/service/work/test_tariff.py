@@ -107,7 +107,7 @@ def test_a_small_signature_is_short_work_and_a_large_one_is_not(tmp_path: Path) 
     assert signed(20_000_000, USUAL) > SHORT_SECONDS
     # Whatever asks for more than a few modes of a larger mesh, for a search, or for a picture.
     assert signed(1_000_000, SignatureParameters(modes=1000)) > SHORT_SECONDS
-    assert signed(1_000_000, SignatureParameters(tolerance_share=0.01)) > SHORT_SECONDS
+    assert signed(1_000_000, SignatureParameters(tolerance=0.01)) > SHORT_SECONDS
     assert signed(100_000, SignatureParameters(auto=True)) > SHORT_SECONDS
     assert signed(100_000, SignatureParameters(deviations=True)) > SHORT_SECONDS
     assert signed(100_000, USUAL, PNG) > SHORT_SECONDS
