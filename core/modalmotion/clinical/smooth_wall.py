@@ -106,6 +106,7 @@ class SmoothWall:
         Of the least squares.
     ends : (float, float)
         Of s, as far as there are vertices.
+    faces : (faces, 3) int64
     """
 
     surface: Topology
@@ -115,6 +116,7 @@ class SmoothWall:
     projector: NDArray[np.float64]
     condition: float
     ends: tuple[float, float]
+    faces: NDArray[np.int64]
 
     @cached_property
     def spread(self) -> NDArray[np.float64]:
@@ -173,6 +175,40 @@ class SmoothWall:
             along=rate[:, None] * self._functions(s, theta, by="s"),
             around=self._functions(s, theta, by="theta"),
         )
+
+    def at_heights(
+        self, places: Places, coefficients: NDArray[np.float64], first: int
+    ) -> NDArray[np.float64]:
+        """Move surfaces along themselves until their rows are at the heights of one frame.
+
+        Heights are shares of the way from the middle of one end to that of the other: those of the
+        tissue stay where a wall shortens evenly along its axis, whatever its width does.
+
+        Parameters
+        ----------
+        places : Places
+            Of the frame `first`.
+        coefficients : (functions, frames, 3) float64, length unit
+        first : int
+
+        Returns
+        -------
+        (functions, frames, 3) float64, length unit
+        """
+        # Over one more places than waves these have no mean.
+        s, n = np.linspace(*self.ends, _STEPS), self.n_waves + 1
+        grid = self._functions(np.repeat(s, n), np.tile(np.arange(n) / n, _STEPS))
+        middles = np.tensordot(grid.reshape(_STEPS, n, -1).mean(axis=1), coefficients, axes=1)
+        away = middles - middles[0]
+        heights = (away * away[-1]).sum(axis=2) / (away[-1] ** 2).sum(axis=1)
+        heights = np.maximum.accumulate(heights)
+        wanted = np.interp(places.s, s, heights[:, first])
+        Q, R = tall_qr(places.values)
+        inverse, moved = inverse_of_triangle(R) @ Q.T, np.empty_like(coefficients)
+        for frame, height in enumerate(heights.T):
+            values = self._functions(np.interp(wanted, height, s), places.theta)
+            moved[:, frame] = inverse @ (values @ coefficients[:, frame])
+        return moved
 
     def slopes(
         self, places: Places, coefficients: NDArray[np.float64], noise: NDArray[np.float64]
@@ -265,6 +301,7 @@ def _fitted(template: Template, n_along: int, n_waves: int, *, is_lattice: bool)
             float(s.min()) if surface == CYLINDER else 0.0,
             1.0 if surface == SPHERE else float(s.max()),
         ),
+        faces=template.faces,
     )
 
 

@@ -88,7 +88,7 @@ _GUESSED: Final = (
 )
 
 # Percentage points.
-_WIDE_BOUND: Final = 10.0
+_WIDE_BOUND: Final = 5.0
 
 # A turn of so many degrees moves the surface by less than two of its deviations.
 _UNSEEN_TURN: Final = 10.0

@@ -124,6 +124,26 @@ def test_intervals_hold_what_is_found_without_noise() -> None:
         assert 0.2 < np.sqrt(np.mean((errors / stated) ** 2)) < 1.6
 
 
+def test_rows_of_a_track_keep_their_heights_however_its_vertices_slide() -> None:
+    """The data of a track show nothing of sliding; those of a mesh follow its vertices."""
+    polar = np.repeat((np.arange(24) + 0.5) / 24 * np.pi / 2, 48)
+    around = np.tile(2 * np.pi * np.arange(48) / 48, 24)
+
+    def bowl(polar: NDArray[np.float64], *axes: float) -> NDArray[np.float64]:
+        across = np.sin(polar)
+        unit = (across * np.cos(around), across * np.sin(around), -np.cos(polar))
+        return np.asarray(np.stack(unit, axis=1) * np.array(axes))
+
+    slid = polar + 0.1 * np.sin(2.0 * polar)
+    frames = np.stack([bowl(polar, 25, 25, 80), bowl(slid, 20, 20, 70)])
+    mesh = mesh_sequence(frames, grid=(24, 48), topology=CUP)
+    known = Uncertainty.of_noise(0.1, 2, mesh.n_vertices, mesh.n_vertices)
+    track = replace(mesh, uncertainty=known)
+    for level in ("apical", "mid", "basal"):
+        assert strain_of(track).at(f"GCS {level}", 1).value == pytest.approx(-20.0, abs=0.5)
+    assert strain_of(mesh).at("GCS apical", 1).value > -10.0
+
+
 def test_noise_is_taken_off_lengths_and_areas_by_what_it_adds() -> None:
     clean = simulate_ventricle(grid=(16, 32), acquisition=Acquisition(n_frames=12))
     end = strain_of(clean, 5).curves[5, :3]
