@@ -106,16 +106,16 @@ class Wanted:
     def _sequence(self, waiting: Waiting) -> MeshSequence:
         """Read the sequence, or track one through images, points or contours."""
         from modalmotion.formats.volumes.reading import holds_images
+        from modalmotion.tracking.reading import holds_contours, read_observed
 
         with waiting.watch.stage("read"):
             named = dict(self.tracking)
             landmarks, contours = named.pop("landmarks"), named["contours"]
-            is_tracked = bool(landmarks or named["labels"]) or holds_images(self.source)
-            if not is_tracked:
+            is_stated = bool(landmarks or named["labels"])
+            if not (is_stated or holds_images(self.source) or holds_contours(self.source)):
                 return read(self.source, **self.options)
             from modalmotion.cli.track_command import stated_landmarks
             from modalmotion.tracking.parameters import TrackParameters
-            from modalmotion.tracking.reading import read_observed
 
             recorded = read_observed(self.source, contours=contours)
             unit = self.options["unit"]

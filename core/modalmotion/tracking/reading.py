@@ -138,6 +138,11 @@ def read_observed(
     return _read(source, _Statements(contours, coordinates), parser, progress)
 
 
+def holds_contours(source: Path) -> bool:
+    """Whether a path is a folder of typed contours, which are tracked and are no meshes."""
+    return source.is_dir() and any(one.name.startswith(_GUIDE_POINTS) for one in source.iterdir())
+
+
 def recorded_images(images: ImageSequence) -> Recorded:
     """Take images as what was recorded."""
     return Recorded((), {}, images.times, "mm", images.notes, "LPS", images)

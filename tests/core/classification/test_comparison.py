@@ -68,7 +68,7 @@ def test_other_cases_are_refused() -> None:
 
 def test_cases_of_the_training_are_named() -> None:
     result = evaluate(curves_model(), [*curves(2, seed=8), curves(12)[0]])
-    assert "1 of the 5 cases were trained on" in result.notes[0]
+    assert "1 of the 5 cases are in the training set" in result.notes[0]
     table = result.as_csv().splitlines()
     assert table[0].startswith("case,sequence_id,subject,class,answer,")
     assert len(table) == 6

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 from classify_samples import cohort, curves
 
 from modalmotion.classification import TrainingCase, TrainingOptions
@@ -46,7 +47,7 @@ def test_the_score_is_the_sum_of_at_most_five_tables_whose_weights_add_up() -> N
     every = np.arange(len(tables.cohort))
     fit = fit_rows(tables, every)
     assert 1 <= len(fit.tables) <= 5
-    assert sum(table.weight for table in fit.tables) == np.float64(1.0)
+    assert sum(table.weight for table in fit.tables) == pytest.approx(1.0)
     assert softmax(fit.scores(every)).shape == (12, 2)
     weights = [table.weight for table in fit.tables]
     assert weights == sorted(weights, reverse=True)

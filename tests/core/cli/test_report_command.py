@@ -129,3 +129,13 @@ def test_nothing_is_written_where_something_is_wrong(tmp_path: Path) -> None:
         result = run(path, *wrong, "-o", tmp_path / "out")
         assert result.exit_code != 0
         assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_of_contours_is_tracked_and_not_read_as_meshes(tmp_path: Path) -> None:
+    heading = "x\ty\tz\tcontour type\tsliceID\tweight\ttime frame"
+    rows = [heading, *(f"1\t{k}\t0\tSAX_LV_ENDOCARDIAL\t2\t1.0\t{k}" for k in range(2))]
+    (tmp_path / "GPFile_000.txt").write_text("\n".join(rows))
+    result = run(tmp_path, "-o", tmp_path / "out")
+    assert result.exit_code != 0
+    assert "GPFile_000.txt" in result.output
+    assert "two time frames" in result.output
