@@ -18,10 +18,15 @@ import numpy as np
 
 from modalmotion.classification.manifest import LabelledFile, labelled_files
 from modalmotion.classification.training import joblib_backend
-from modalmotion.cli.files import sequence_argument
-from modalmotion.cli.options import command, fit_options, json_option, signature_parameters, tell
-from modalmotion.cli.outputs import OutputFolder
-from modalmotion.cli.stated_facts import stated_facts
+from modalmotion.cli.files import sequence_argument, stated_facts
+from modalmotion.cli.options import (
+    OutputFolder,
+    command,
+    fit_options,
+    json_option,
+    signature_parameters,
+    tell,
+)
 from modalmotion.errors import ModalMotionError, ParameterError, needs_extra
 from modalmotion.formats import ReadOptions
 from modalmotion.mesh.sequence import MeshSequence

@@ -16,28 +16,16 @@ import click
 from modalmotion.errors import ModalMotionError
 
 _OF_MODULES: Final = {
-    "analysis_commands": "reconstruct signature",
-    "codec_commands": "decode encode",
+    "clinical_commands": "norm readouts score",
     "cohort_command": "cohort",
-    "convert_command": "convert",
-    "dicom_command": "dicom",
-    "features_command": "features",
-    "model_commands": "card classify compare-models evaluate",
+    "file_commands": "convert decode encode show table",
+    "model_commands": "card classify compare-models evaluate features train",
     "modes_commands": "animate modes",
-    "norm_commands": "norm",
-    "readouts_command": "readouts",
-    "report_command": "report",
-    "resample_command": "resample",
-    "score_command": "score",
-    "segment_command": "segment",
-    "show_command": "show",
+    "report_commands": "dicom report view",
+    "signature_commands": "reconstruct resample signature tradeoff",
     "simulate_command": "simulate simulate-cohort",
     "store_commands": "store",
-    "table_command": "table",
-    "track_command": "track",
-    "tradeoff_command": "tradeoff",
-    "train_command": "train",
-    "view_command": "view",
+    "track_commands": "segment track",
 }
 COMMANDS: Final = {name: module for module, all_ in _OF_MODULES.items() for name in all_.split()}
 """Module of each; it is imported when the command is called."""

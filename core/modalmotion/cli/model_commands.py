@@ -1,4 +1,4 @@
-"""Commands of models: evaluate, compare, classify and card."""
+"""Commands of models: train, evaluate, compare, classify, and tables of features."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import json
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from modalmotion.classification.manifest import LabelledSequence, labelled_files
-from modalmotion.cli.case_options import cases_option, labelled_sources, unit_option
+from modalmotion.classification.options import OnError, TrainingOptions
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.model_texts import (
     answer_json,
@@ -19,17 +19,23 @@ from modalmotion.cli.model_texts import (
     card_lines,
     comparison_lines,
     evaluation_lines,
+    model_json,
 )
 from modalmotion.cli.options import (
+    OutputFile,
+    cases_option,
     command,
     coverage_option,
     json_option,
+    labelled_sources,
     list_written,
+    options_of,
     plot_option,
     surface_options,
     tell,
+    unit_option,
+    write_picture,
 )
-from modalmotion.cli.outputs import OutputFile, write_picture
 
 if TYPE_CHECKING:
     from modalmotion.classification import Model
@@ -205,3 +211,162 @@ def model_named(which: str) -> Model:
 
     path = Path(which)
     return load_model(path if path.is_file() else which)
+
+
+_HELP_OF_FEATURES: Final = {
+    "modes": "Modes of the signatures; 3 amplitudes per frame each.",
+    "topology": "cup, sphere, ..., or mesh for spring modes; found from all cases by default.",
+    "kind": "axis: parts about the axis; modes: modes and their products; summary: the same "
+    "in few numbers; terms: modes and their terms.",
+    "timing": "cycle: one turn of a cycle; transient: a movement with a beginning and an end.",
+}
+
+
+@command("features cases.csv -o features.csv --covariate age")
+@labelled_sources
+@click.option("-o", "--out", required=True, type=OutputFile(".csv"), help="Table to write (.csv).")
+@click.option("--modes", type=int, default=7, show_default=True, help=_HELP_OF_FEATURES["modes"])
+@click.option("--topology", help=_HELP_OF_FEATURES["topology"])
+@click.option(
+    "--kind",
+    type=click.Choice(["auto", "axis", "summary", "modes", "terms"]),
+    default="auto",
+    show_default=True,
+    help=_HELP_OF_FEATURES["kind"],
+)
+@click.option(
+    "--timing",
+    type=click.Choice(["auto", "cycle", "transient"]),
+    default="auto",
+    show_default=True,
+    help=_HELP_OF_FEATURES["timing"],
+)
+@click.option(
+    "--covariate",
+    "covariates",
+    multiple=True,
+    metavar="NAME",
+    help="Column of the manifest to add; repeat for more. all: every one, long lists of words "
+    "apart.",
+)
+@json_option
+def features(
+    sources: tuple[Path, ...],
+    out: Path,
+    skip_unreadable: bool,
+    covariates: tuple[str, ...],
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Write the features of labelled or unlabelled sequences as a table.
+
+    MANIFEST is a table (.csv) with the column path and, if known, label, subject and covariates; or
+    name files. Each row of the result is a sequence: its file, id, label and subject, then the
+    features, which do not depend on pose, unit, start or sampling.
+    """
+    from modalmotion.classification import SignatureFeatures, feature_table
+    from modalmotion.classification.cases import left_out_notes
+    from modalmotion.store import write_atomic
+
+    wanted: Any = "all" if "all" in covariates else list(covariates) or None
+    transformer = SignatureFeatures(covariates=wanted, **options)
+    files = labelled_files(sources, skip_unreadable=skip_unreadable, needs_label=False)
+    with click.progressbar(length=len(files), label="cases", file=sys.stderr) as bar:
+        table = feature_table(
+            [LabelledSequence(file, {}) for file in files],
+            transformer,
+            on_error="leave out" if skip_unreadable else "raise",
+            progress=lambda done: bar.update(done - bar.pos),
+        )
+    write_atomic(out, table.as_csv().encode())
+    n, m = table.values.shape
+    said = (
+        f"{n} sequences, {m} features: {transformer.extractor_.description}; "
+        f"{transformer.readable_.topology}, {transformer.readable_.n_modes} modes"
+    )
+    notes = list(left_out_notes(table.left_out))
+    found = {"n_cases": n, "n_features": m, "reads": transformer.extractor_.description}
+    tell({**found, "notes": notes}, [said, *notes], out, as_json=as_json)
+
+
+_HELP: Final = {
+    "modes": "Modes of the signatures; 3 amplitudes per frame each.",
+    "topology": "cup, sphere, ..., or mesh for spring modes; found from all cases by default.",
+    "kind": "material: points follow the tissue; offset: normal displacement, for points that may "
+    "slide over it; by default what all recordings state, and else the better of both.",
+    "timing": "cycle: one turn of a cycle; transient: a movement with a beginning and an end.",
+    "folds": "Folds of the grouped cross-validation.",
+    "repetitions": "Repetitions of the cross-validation, each with folds of its own.",
+    "groups": "Column of the manifest, such as site, whose cases are never divided by a split.",
+    "seed": "Seed of all random numbers.",
+}
+_OWN: Final[dict[str, Any]] = {name: {"help": text} for name, text in _HELP.items()}
+
+
+@command("train cases.csv --name mine -o mine.h5")
+@labelled_sources
+@unit_option
+@click.option("--name", required=True, help="Name of the model: lower-case letters, digits, . _ -")
+@click.option("-o", "--out", required=True, type=OutputFile(), help="File to write (HDF5).")
+@plot_option
+@cases_option
+@json_option
+@options_of(TrainingOptions, *_HELP, **_OWN)
+def train(
+    sources: tuple[Path, ...],
+    name: str,
+    out: Path,
+    plot: Path | None,
+    cases_file: Path | None,
+    unit: str | None,
+    skip_unreadable: bool,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Train a model on labelled sequences.
+
+    MANIFEST is a table (.csv) with the columns path, label and, if known, subject: sequences of one
+    subject are never on both sides of a split. Further columns (age, sex, ...) are covariates. Or
+    name files, each in a folder named after its class: normal/*.npz akinesia/*.npz
+    """
+    from modalmotion.classification import train as fit
+    from modalmotion.store import model_to_hdf5, require_model_name, write_atomic
+
+    require_model_name(name)
+    on_error = OnError.LEAVE_OUT if skip_unreadable else OnError.RAISE
+    training_options = TrainingOptions.from_json({**options, "on_error": on_error})
+    files = labelled_files(sources, skip_unreadable=skip_unreadable)
+    with _TrainingBar() as bar:
+        cases = [LabelledSequence(file, {"unit": unit}) for file in files]
+        model = fit(cases, name, training_options, bar)
+    write_atomic(out, model_to_hdf5(model))
+    if plot is not None:
+        from modalmotion.pictures.classification import card_figure
+
+        write_picture(card_figure(model.card, name), plot)
+    said = [card_lines(model.name, model.id, model.card)]
+    if cases_file is not None and model.cross_validation is not None:
+        write_atomic(cases_file, model.cross_validation.as_csv().encode())
+    elif cases_file is not None:
+        said.append("note: without a cross-validation there is no table of held-out cases")
+        cases_file = None
+    tell(model_json(model), said, out, plot, cases_file, as_json=as_json)
+
+
+class _TrainingBar:
+    """A bar for the reading of the files and the training."""
+
+    def __init__(self) -> None:
+        self._bar: Any = click.progressbar(length=1000, label="training", file=sys.stderr)
+
+    def __call__(self, share: float, text: str) -> None:
+        self._bar.label = text[:40]
+        # Files are read twice where the first fit of some does not compare with the others'.
+        self._bar.update(max(0, round(1000 * share) - self._bar.pos))
+
+    def __enter__(self) -> _TrainingBar:
+        self._bar.__enter__()
+        return self
+
+    def __exit__(self, *details: Any) -> None:
+        self._bar.__exit__(*details)

@@ -12,18 +12,16 @@ import numpy as np
 
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
+    PICTURES,
     Member,
+    OutputFile,
+    OutputFolder,
     command,
     json_option,
     output_option,
+    require_matplotlib,
     surface_options,
     tell,
-)
-from modalmotion.cli.outputs import (
-    PICTURES,
-    OutputFile,
-    OutputFolder,
-    require_matplotlib,
     write_picture,
 )
 from modalmotion.errors import ParameterError, TopologyError

@@ -14,6 +14,7 @@ import numpy as np
 from modalmotion.cli.options import (
     VENTRICLE,
     GridShape,
+    OutputFolder,
     command,
     example,
     json_option,
@@ -21,7 +22,6 @@ from modalmotion.cli.options import (
     output_option,
     tell,
 )
-from modalmotion.cli.outputs import OutputFolder
 from modalmotion.formats import write_npz
 from modalmotion.formats.volumes import write_nifti_zip
 from modalmotion.representation import csv_text

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from modalmotion.cli.options import example, json_option, tell
-from modalmotion.cli.outputs import OutputFile, OutputFolder
+from modalmotion.cli.options import OutputFile, OutputFolder, example, json_option, tell
 from modalmotion.representation import counted
 
 if TYPE_CHECKING:

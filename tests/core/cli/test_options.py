@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import click
 import pytest
 from click.testing import CliRunner
+from matplotlib.figure import Figure
 
-from modalmotion.cli import main
-from modalmotion.cli.options import aligned
+from modalmotion.cli import main, options
+from modalmotion.cli.modes_commands import animate
+from modalmotion.cli.options import OutputFile, OutputFolder, aligned, write_picture
+from modalmotion.errors import StoreError
 
 
 def all_commands(
@@ -57,3 +62,138 @@ def test_a_unit_is_asked_for_where_it_matters() -> None:
     # Features are the same in any unit, and images are in mm.
     for name in ("features", "segment", "card", "decode"):
         assert "--unit" not in CliRunner().invoke(main, [name, "--help"]).output
+
+
+# Paths that are only read, or that a service makes by itself.
+READ = {"source", "sources", "manifest", "data_dir"}
+
+
+def commands(
+    group: click.Group = main, words: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], click.Command]]:
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        assert command is not None
+        if isinstance(command, click.Group):
+            yield from commands(command, (*words, name))
+        else:
+            yield (*words, name), command
+
+
+ALL = [
+    pytest.param(words, command, p, id=f"{' '.join(words)} {p.name}")
+    for words, command in commands()
+    for p in command.params
+    if isinstance(p.type, OutputFile | OutputFolder)
+]
+
+
+def arguments(
+    command: click.Command, tested: click.Parameter, value: Path, here: Path
+) -> list[str]:
+    """The tested parameter, and whatever else the command requires; no input is there."""
+    told: list[str] = []
+    for p in command.params:
+        if p is not tested and not p.required:
+            continue
+        text = str(value)
+        if p is not tested:
+            text = {"terms": "1,1,cos=1", "name": "mine"}.get(p.name or "", "absent")
+            if isinstance(p.type, OutputFile):
+                text = str(here / f"other{(*p.type.suffixes, '.out')[0]}")
+            elif isinstance(p.type, click.Path) and p.type.exists:
+                text = str(here if p.type.dir_okay and not p.type.file_okay else here / "file")
+        told += [text] if isinstance(p, click.Argument) else [p.opts[0], text]
+    return told
+
+
+def refused(words: tuple[str, ...], command: click.Command, p: click.Parameter, path: Path) -> str:
+    here = path.parent if path.parent.is_dir() else path.parent.parent
+    (here / "file").touch()
+    run = CliRunner().invoke(main, [*words, *arguments(command, p, path, here)])
+    assert run.exit_code == 2, run.output
+    assert "absent" not in run.output.replace("\n", " ").partition("Error:")[2]
+    return " ".join(run.output.split())
+
+
+def test_every_path_is_read_or_checked() -> None:
+    for words, command in commands():
+        for p in command.params:
+            if isinstance(p.type, click.Path) and not isinstance(p.type, OutputFile | OutputFolder):
+                assert p.type.exists or p.name in READ, (words, p.name)
+    assert len(ALL) >= 20
+
+
+@pytest.mark.parametrize(("words", "command", "p"), ALL)
+def test_what_cannot_be_written_is_refused_first(
+    words: tuple[str, ...],
+    command: click.Command,
+    p: click.Parameter,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    suffixes: tuple[str, ...] = getattr(p.type, "suffixes", ())
+    suffix = (*suffixes, "")[0]
+    if isinstance(p.type, OutputFolder):
+        (tmp_path / "taken").touch()
+        assert "is a file, not a folder" in refused(words, command, p, tmp_path / "taken" / "in")
+    else:
+        missing = tmp_path / "no" / f"out{suffix}"
+        assert "does not exist; make it first" in refused(words, command, p, missing)
+        (tmp_path / f"taken{suffix}").mkdir()
+        assert "add the name" in refused(words, command, p, tmp_path / f"taken{suffix}")
+        if suffixes:
+            told = refused(words, command, p, tmp_path / "out.xyz")
+            assert all(known in told for known in suffixes), told
+    monkeypatch.setattr(os, "access", lambda _, mode, **__: mode == os.R_OK)
+    assert "may not write" in refused(words, command, p, tmp_path / f"out{suffix}")
+
+
+def test_two_outputs_are_two_files(tmp_path: Path) -> None:
+    both = str(tmp_path / "beat.png")
+    run = CliRunner().invoke(main, ["signature", "absent", "-o", both, "--plot", both])
+    assert (run.exit_code, "named twice" in run.output) == (2, True)
+
+
+def test_pictures_need_matplotlib_before_any_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(options, "find_spec", lambda _: None)
+    for words in (
+        ("signature", "absent", "--plot", "a.png"),
+        ("modes", "absent", "-o", "a.svg"),
+        ("animate", "absent", "--mode", "1,1,cos=1", "-o", "pictures"),
+    ):
+        run = CliRunner().invoke(main, [*words[:-1], str(tmp_path / words[-1])])
+        assert "pip install matplotlib" in run.output
+
+
+def test_names_in_capitals_and_numbered_pictures_pass(tmp_path: Path) -> None:
+    context = click.Context(click.Command("x"))
+    for name in ("A.PNG", "a.pdf"):
+        assert OutputFile(".png", ".pdf").convert(str(tmp_path / name), None, context).name == name
+    (target,) = [p.type for p in animate.params if p.name == "output"]
+    for name in ("frame_%03d.png", "a.GLB", "folder/of/pictures"):
+        target.convert(str(tmp_path / name), None, context)
+
+
+def test_a_picture_is_written_whole_or_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, start in (("a.PNG", b"\x89PNG"), ("a.svg", b"<?xml"), ("a.pdf", b"%PDF")):
+        write_picture(Figure(figsize=(1, 1)), tmp_path / name)
+        assert (tmp_path / name).read_bytes().startswith(start)
+
+    def full(*_: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "write", full)
+    with pytest.raises(StoreError, match="No space"):
+        write_picture(Figure(figsize=(1, 1)), tmp_path / "b.png")
+    assert not (tmp_path / "b.png").exists()
+
+
+def test_devices_are_not_replaced() -> None:
+    run = CliRunner().invoke(main, ["encode", "absent", "-o", os.devnull])
+    assert (run.exit_code, "is a device" in run.output) == (2, True)

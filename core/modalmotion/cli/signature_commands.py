@@ -1,32 +1,53 @@
-"""Commands that look at one sequence: signature and reconstruct."""
+"""Commands of modal signatures: fit, reconstruct, resample, and the trade-off of their size."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import click
 
-from modalmotion.cli.files import fitted, sequence_argument
+from modalmotion.cli.files import Waiting, fitted, read, sequence_argument
 from modalmotion.cli.options import (
+    PICTURES,
     command,
     fit_options,
     json_option,
+    mode_options,
+    options_of,
     output_option,
+    picture_option,
     plot_option,
+    signature_parameters,
+    surface_options,
     tell,
     verbose_option,
+    write_picture,
 )
-from modalmotion.cli.outputs import PICTURES, write_picture
-from modalmotion.cli.waiting import Waiting
 from modalmotion.errors import TopologyError
-from modalmotion.exports.signature_pack import SUFFIXES, write_superposed
+from modalmotion.exports.signature_pack import (
+    SUFFIXES,
+    SurfaceFormat,
+    write_superposed,
+    write_surfaces,
+)
 from modalmotion.mesh import facts_as_json
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.representation import counted, numeral
-from modalmotion.signature import Price, price_of
+from modalmotion.representation import counted, numeral, with_article
+from modalmotion.signature import (
+    MOST_OF_FRONT,
+    Price,
+    Tradeoff,
+    measure_tradeoff,
+    price_of,
+    reconstruction,
+)
 from modalmotion.signature.making import ModalSignature, SignatureKind
+from modalmotion.signature.parameters import SignatureParameters
+from modalmotion.signature.tradeoff import as_plain
+from modalmotion.store import write_atomic
+from modalmotion.template.body_frame import Components
 
 
 @command("signature beat.npz --modes 18 -o beat.h5 --plot beat.png")
@@ -213,3 +234,149 @@ def price_lines(price: Price) -> list[str]:
         ),
         *([f"time: {times}; {total:.1f} s in all"] if times else []),
     ]
+
+
+_SUFFIXES = {suffix: kind for suffix, kind in SUFFIXES.items() if kind != SurfaceFormat.GLB}
+
+
+@command("resample beat.npz --phase 0.37 -o systole.npz")
+@sequence_argument
+@output_option("File to write: .npz, .vtkhdf or .zip (of PLY).", *_SUFFIXES)
+@click.option("--phase", "phases", type=float, multiple=True, help="Share of the cycle, 0 to 1.")
+@click.option("--frames", type=click.IntRange(2), help="Instead of phases: number of even steps.")
+@json_option
+def resample(
+    source: Path,
+    output: Path,
+    phases: tuple[float, ...],
+    frames: int | None,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Write the surface in FILE at any phase of its cycle, with its deviation."""
+    if bool(phases) == (frames is not None):
+        raise click.UsageError("Give one of --phase and --frames.")
+    with Waiting(source) as waiting:
+        with waiting.watch.stage("read"):
+            sequence = read(source, **options)
+        with waiting.watch.stage("resample"):
+            result = reconstruction.resample(
+                sequence, frames if frames is not None else sorted(phases)
+            )
+        with waiting.watch.stage("write"):
+            kind = _SUFFIXES[output.suffix.lower()]
+            fields = {"deviation": result.deviations} if kind == SurfaceFormat.VTKHDF else None
+            write_atomic(output, write_surfaces(result.sequence, kind, fields))
+    found = {
+        "phases": result.phases.tolist(),
+        "rms_deviations": result.rms_deviations.tolist(),
+        "course": result.course,
+        "unit": sequence.unit,
+    }
+    said = [
+        f"{counted(len(result.phases), 'frame')}, {result.course} in time",
+        reconstruction.note_on(result),
+    ]
+    tell(found, said, output, as_json=as_json)
+
+
+@command("tradeoff beat.npz --tolerance 1 -o tradeoff.png")
+@sequence_argument
+@options_of(
+    SignatureParameters,
+    "components",
+    components={"default": None, "help": "The only components measured; all by default."},
+)
+@click.option(
+    "--front-modes",
+    type=click.IntRange(1, 2000),
+    default=MOST_OF_FRONT,
+    show_default=True,
+    help="Largest number of modes on the front.",
+)
+@picture_option
+@json_option
+@verbose_option
+@mode_options
+@surface_options
+def tradeoff(
+    source: Path,
+    components: Components | None,
+    front_modes: int,
+    plot: Path | None,
+    as_json: bool,
+    verbose: bool,
+    **options: Any,
+) -> None:
+    """Measure error, size and time of each number of modes for the sequence in FILE.
+
+    Choose a point of the front by --modes, --tolerance or --auto.
+    """
+    parameters = signature_parameters(options)
+    with Waiting(source) as waiting:
+        with waiting.watch.stage("read"):
+            sequence = read(source, **options)
+        result = measure_tradeoff(
+            sequence,
+            replace(parameters, components=components or Components.CARTESIAN),
+            most_modes=front_modes,
+            components=None if components is None else (components,),
+            watch=waiting.watch,
+        )
+        if plot is not None:
+            with waiting.watch.stage("picture"):
+                from modalmotion.pictures.tradeoff import tradeoff_figure
+
+                write_picture(tradeoff_figure(result), plot)
+    price = replace(result.chosen.price, milliseconds=waiting.milliseconds())
+    result = replace(result, chosen=replace(result.chosen, price=price))
+    tell(as_plain(result), _lines_of_tradeoff(result, verbose), plot, as_json=as_json)
+
+
+def _lines_of_tradeoff(result: Tradeoff, verbose: bool) -> list[str]:
+    front, price = result.front, result.chosen.price
+    unit, motion = front.unit or "length units", front.motion_rms
+    lines = [
+        (
+            f"{counted(front.n_frames, 'frame')}, "
+            f"{counted(front.n_vertices, 'vertex', 'vertices')}, "
+            f"motion {numeral(motion)} {unit} RMS"
+        )
+    ]
+    for branch in front.branches:
+        shown = [k for k, n in enumerate(branch.counts) if n in (1, 7, 18, 37, branch.counts[-1])]
+        errors = ", ".join(
+            f"{branch.counts[k]}: {numeral(float(branch.rms[k]), of=motion)}" for k in shown
+        )
+        lines.append(f"{branch.topology}, {branch.components}: RMS by modes {errors}")
+    for kind, error in result.scene.errors.items():
+        text = (
+            f"{numeral(error.rms, of=motion)} {unit} RMS, {numeral(error.max, of=motion)} at most"
+        )
+        lines.append(f"as {with_article(kind)} motion: {text}")
+    if result.noise is not None:
+        lines.append(result.noise.note(front.unit))
+    lines.append(f"chosen: {describe(result)}")
+    lines.append(
+        f"error {numeral(price.rms_error, of=motion)} {unit} RMS "
+        f"({numeral(price.weighted_rms_error, of=motion)} weighted), "
+        f"{numeral(price.p95_error, of=motion)} (p95) and "
+        f"{numeral(price.max_error, of=motion)} (max) in the worst frame"
+    )
+    lines += price_lines(price) if verbose else []
+    if result.chosen.signature is not None:
+        lines += [f"note: {note}" for note in result.chosen.signature.notes]
+    return lines + [f"note: {note}" for note in result.chosen.notes]
+
+
+def describe(result: Tradeoff) -> str:
+    """Describe the choice in a line."""
+    price, signature = result.chosen.price, result.chosen.signature
+    if signature is None:
+        return f"{result.chosen.kind} motion, {price.amplitudes_per_frame} numbers per frame"
+    count = counted(len(signature.modes), "mode")
+    text = f"{count}, {signature.surface}, {signature.parameters.components}"
+    harmonics = signature.parameters.harmonics
+    if harmonics is not None:
+        text += f", {counted(harmonics, 'harmonic')}"
+    return f"{text}: {price.amplitudes_per_frame} amplitudes per frame"

@@ -1,0 +1,414 @@
+"""Commands of files: show, convert, tabulate, encode and decode."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from operator import attrgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from modalmotion.cli.files import Waiting, fitted, read, sequence_argument, stated_facts
+from modalmotion.cli.options import (
+    OutputFile,
+    command,
+    fit_options,
+    json_option,
+    list_written,
+    output_option,
+    signature_parameters,
+    tell,
+)
+from modalmotion.codec.container import MAGIC
+from modalmotion.errors import InputError, ModalMotionError, ParameterError, StoreError
+from modalmotion.exports.files import SURFACES, save
+from modalmotion.formats import ReadOptions, write_npz, write_raw, write_vtkhdf
+from modalmotion.hdf5.form import form_of
+from modalmotion.hdf5.gate import SIGNATURE
+from modalmotion.store import write_atomic
+
+if TYPE_CHECKING:
+    from modalmotion.classification.manifest import LabelledFile
+    from modalmotion.clinical import ClinicalReadouts
+    from modalmotion.clinical.ventricle import VentricleReadouts
+    from modalmotion.exports.tables import Recording, Table
+    from modalmotion.mesh.sequence import MeshSequence
+    from modalmotion.signature.making import ModalSignature, SignatureParameters
+
+_WRITERS = {".npz": write_npz, ".vtkhdf": write_vtkhdf, ".raw": write_raw}
+
+
+@command("encode beat.npz -o beat.mms --max-error 0.1")
+@sequence_argument
+@output_option("Stream to write.")
+@click.option("--rms", type=float, help="Largest RMS distance of the vertices, in their unit.")
+@click.option("--max-error", type=float, help="Largest error of any vertex, in its unit.")
+@click.option("--bytes", "n_bytes", type=int, help="Largest size of the stream.")
+@click.option(
+    "--effort",
+    type=click.Choice(["fast", "balanced"]),
+    default="balanced",
+    show_default=True,
+    help="Number of transforms tried: fast takes a third of the time and more bits.",
+)
+@json_option
+def encode(
+    source: Path,
+    output: Path,
+    rms: float | None,
+    max_error: float | None,
+    n_bytes: int | None,
+    effort: str,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Compress the sequence in FILE at a given error (in its unit) or size.
+
+    Without either, the largest error is 0.3 % of the diagonal of its bounding box.
+    """
+    from modalmotion.codec import encode as compress
+
+    sequence = read(source, **options)
+    with click.progressbar(length=100, label="encode", file=sys.stderr) as bar:
+        stream = compress(
+            sequence,
+            rms=rms,
+            max_error=max_error,
+            n_bytes=n_bytes,
+            effort=effort,
+            progress=lambda share: bar.update(round(100 * share) - bar.pos),
+        )
+    write_atomic(output, stream.data)
+    unit = sequence.unit or "length units"
+    said = (
+        f"{stream.n_bytes} bytes, {stream.bits_per_vertex_and_frame:.3f} bits per vertex and "
+        f"frame; error {stream.rms:.4g} {unit} RMS, {stream.max_error:.4g} {unit} at most at a "
+        f"vertex, KG {stream.kg_error:.3g} %; {stream.transform}"
+    )
+    found = {
+        "n_bytes": stream.n_bytes,
+        "bits_per_vertex_and_frame": stream.bits_per_vertex_and_frame,
+        "rms": stream.rms,
+        "max_error": stream.max_error,
+        "kg_error_percent": stream.kg_error,
+        "unit": sequence.unit,
+        "transform": stream.transform,
+    }
+    tell(found, [said], output, as_json=as_json)
+
+
+@command("decode beat.mms -o beat.npz")
+@click.argument("stream", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@output_option("File to write: .npz, .vtkhdf or .raw (float32).", *_WRITERS)
+@click.option("--first", type=int, help="First frame.")
+@click.option("--stop", type=int, help="Frame after the last.")
+@click.option("--first-vertex", type=int, help="First vertex.")
+@click.option("--stop-vertex", type=int, help="Vertex after the last.")
+@click.option(
+    "--threads",
+    "n_threads",
+    type=click.IntRange(1, 256),
+    default=1,
+    show_default=True,
+    help="Number of patches of a mesh that are solved in parallel.",
+)
+@json_option
+def decode(
+    stream: Path,
+    output: Path,
+    first: int | None,
+    stop: int | None,
+    first_vertex: int | None,
+    stop_vertex: int | None,
+    n_threads: int,
+    as_json: bool,
+) -> None:
+    """Decode a compressed STREAM, or some of its frames and vertices.
+
+    Selected vertices come with the triangles between them.
+    """
+    from modalmotion.codec import decode as expand
+    from modalmotion.codec import inspect
+
+    write = _WRITERS[output.suffix.lower()]
+    data = stream.read_bytes()
+    header = inspect(data)
+    frames = _span(first, stop, header.n_frames)
+    vertices = _span(first_vertex, stop_vertex, header.n_vertices)
+    sequence = expand(data, frames=frames, vertices=vertices, n_threads=n_threads)
+    write_atomic(output, write(sequence))
+    found = {"n_frames": sequence.n_frames, "n_vertices": sequence.n_vertices}
+    said = f"{sequence.n_frames} frames of {sequence.n_vertices} vertices"
+    tell({**found, "unit": sequence.unit}, [said], output, as_json=as_json)
+
+
+def _span(first: int | None, stop: int | None, n: int) -> range | None:
+    """Make the range between two ends; None without either."""
+    if first is None and stop is None:
+        return None
+    return range(first or 0, n if stop is None else stop)
+
+
+@command("convert frames/ beat.vtkhdf --unit mm")
+@sequence_argument
+@click.argument("output", metavar="OUT", type=OutputFile(*SURFACES))
+@json_option
+def convert(source: Path, output: Path, as_json: bool, **options: Any) -> None:
+    """Write the sequence in FILE in another format.
+
+    The suffix chooses it: .npz, .h5, .vtkhdf, .glb, .zip (PLY) or .raw.
+
+    FILE is a file of any known format, a folder of frames, or a pattern of their names in quotes.
+    """
+    sequence = read(source, **options)
+    save(sequence, output)
+    found = {"n_frames": sequence.n_frames, "n_vertices": sequence.n_vertices, "id": sequence.id}
+    said = f"{sequence.n_frames} frames of {sequence.n_vertices} vertices"
+    tell({**found, "unit": sequence.unit}, [said], output, as_json=as_json)
+
+
+# Of texts of which a file may have any number.
+_MOST_NOTES: Final = 5
+
+_SEQUENCE: Final = (
+    "n_frames as frames",
+    "n_vertices as vertices",
+    "faces as triangles",
+    *("topology", "grid", "span as seconds", "unit", "facts", "id"),
+)
+_SHOWN: Final = {
+    "sequence": _SEQUENCE,
+    "track": tuple(f"sequence.{one}" for one in _SEQUENCE),
+    "signature": (
+        *("surface", "n_frames as frames", "n_vertices as vertices", "modes"),
+        *("n_amplitudes as amplitudes_per_frame", "parameters.components", "unit", "rms_error"),
+        *("max_error", "sequence_id", "template_id", "notes"),
+    ),
+    "template": ("topology as surface", "n_vertices as vertices", "lengths", "id", "notes"),
+    "model": ("name", "classes", "card.n_cases as cases", "card.accuracy", "readable.n_modes"),
+    "classification": ("label", "probability", "class_set", "model", "sequence_id", "notes"),
+    "norm": ("name", "n_controls", "readable.n_modes", "id", "notes"),
+    "compressed sequence": (
+        *("n_frames", "n_vertices", "n_faces", "topology", "grid", "unit", "rms", "max_error"),
+    ),
+}
+"""Attributes by kind of file, and their names where these are others."""
+
+
+@command("show beat.h5")
+@click.argument("file", metavar="FILE", type=click.Path(exists=True, path_type=Path))
+@json_option
+def show(file: Path, as_json: bool) -> None:
+    """Show what is in FILE.
+
+    FILE is a signature, sequence, track, template, class, model or stream of modalmotion; a moving
+    surface in any known format, as a file or a folder of frames; or images.
+    """
+    content = _content(file)
+    if as_json:
+        click.echo(json.dumps(content, indent=2))
+        return
+    width = max(map(len, content))
+    for name, value in content.items():
+        many = value[:_MOST_NOTES] if name in ("notes", "ignored") else [value]
+        for one in many:
+            if one is not None:
+                text = ", ".join(map(str, one)) if isinstance(one, list) else one
+                click.echo(f"{name:>{width}}  {text}")
+
+
+def _content(file: Path) -> dict[str, Any]:
+    head = b""
+    if file.is_file():
+        with file.open("rb") as opened:
+            head = opened.read(len(SIGNATURE))
+    if head.startswith(MAGIC):
+        from modalmotion.codec.decoder import inspect
+
+        header = inspect(file.read_bytes())
+        return {**_shown("compressed sequence", header), "bytes": file.stat().st_size}
+    if head == SIGNATURE:
+        kind = _kind(file)
+        if kind in _SHOWN:
+            from modalmotion.exports.files import load
+
+            return _shown(kind, load(file))
+        if kind:
+            return {"holds": kind, "bytes": file.stat().st_size}
+    from modalmotion.formats import read_sequence
+    from modalmotion.formats.volumes.reading import holds_images
+
+    if holds_images(file):
+        return _images(file)
+    try:
+        reading = read_sequence(file)
+    except InputError as error:
+        raise click.ClickException(
+            f"{file.name} is neither a file of modalmotion nor a moving surface: {error}"
+        ) from error
+    return {
+        **_shown("sequence", reading.sequence),
+        "holds": "moving surface",
+        "format": reading.format,
+        "ignored": list(reading.ignored),
+        "notes": list(reading.notes),
+    }
+
+
+def _images(file: Path) -> dict[str, Any]:
+    """Describe images; of a label map the labels of its first frame, with their volumes."""
+    from modalmotion.formats.volumes import read_images
+    from modalmotion.images import Volume
+    from modalmotion.tracking.label_values import is_label_map, values_in
+
+    images = read_images(file)
+    first = next(frame for frame in images.frames if frame is not None)
+    content = {"holds": "images", "frames": images.n_frames, "period": images.period}
+    if isinstance(first, Volume):
+        content |= {"voxels": list(first.shape), "spacing": [round(s, 3) for s in first.spacing]}
+    else:
+        content["planes"] = len(first)
+    if isinstance(first, Volume) and is_label_map(images):
+        content |= {"holds": "label map", "labels": values_in(first)}
+    return content | {"notes": list(images.notes)}
+
+
+def _kind(file: Path) -> str:
+    try:
+        return form_of(file).kind
+    except StoreError:
+        # HDF5 of other programs.
+        return ""
+
+
+def _shown(kind: str, value: Any) -> dict[str, Any]:
+    content: dict[str, Any] = {"holds": kind}
+    for one in _SHOWN[kind]:
+        path, _, name = one.partition(" as ")
+        content[name or path.rpartition(".")[2]] = _plain(attrgetter(path)(value))
+    return content
+
+
+def _plain(value: Any) -> Any:
+    """Give a value as JSON has it; of sets of modes and of arrays their number."""
+    if value is None or isinstance(value, int | float | str):
+        return value
+    if isinstance(value, tuple):
+        return list(value)
+    if isinstance(value, dict):
+        return sum(value.values())
+    return len(value) if hasattr(value, "__len__") else str(value)
+
+
+@command("table beat.npz --frames -o frames.csv")
+@sequence_argument
+@output_option("CSV file to write; printed by default.", ".csv", required=False)
+@click.option(
+    "--frames",
+    is_flag=True,
+    help="One row per frame instead of per amplitude: motion and error, volume in ml, inward "
+    "motion of each segment and strain in percent.",
+)
+@click.option(
+    "--skip-unreadable",
+    is_flag=True,
+    help="For a manifest: continue without recordings that cannot be used; they are named.",
+)
+@fit_options
+def table(
+    source: Path, output: Path | None, frames: bool, skip_unreadable: bool, **options: Any
+) -> None:
+    """Write amplitudes of the sequence in FILE as CSV: a row for each frame, mode and direction.
+
+    Where FILE is a manifest (.csv, with the column path and, where they are known, label, subject
+    and facts), each of its recordings has a row: errors, volumes, ejection fraction, amplitudes.
+    """
+    from modalmotion.exports.tables import amplitude_table
+
+    if source.suffix.lower() in (".csv", ".tsv"):
+        if frames:
+            raise click.UsageError("--frames is for one sequence, and not for a manifest.")
+        parameters = signature_parameters(options)
+        _write(_cohort(source, parameters, skip_unreadable, options).to_csv(), output)
+        return
+    with Waiting(source) as waiting:
+        sequence, signature = fitted(source, waiting, options)
+        with waiting.watch.stage("table"):
+            made = _frames(signature, sequence) if frames else amplitude_table(signature)
+            text = made.to_csv()
+    _write(text, output)
+
+
+def _write(text: str, output: Path | None) -> None:
+    from modalmotion.store import write_atomic
+
+    if output is None:
+        click.echo(text, nl=False)
+    else:
+        write_atomic(output, text.encode())
+        list_written(output)
+
+
+def _cohort(
+    manifest: Path, parameters: SignatureParameters, skips: bool, stated: dict[str, Any]
+) -> Table:
+    """Tabulate the recordings of a manifest; those that are left out are named."""
+    from modalmotion.classification.cases import named
+    from modalmotion.classification.manifest import labelled_files
+    from modalmotion.exports.tables import cohort_table
+
+    files = labelled_files([manifest], skip_unreadable=skips, needs_label=False)
+    made = []
+    with click.progressbar(files, label="recordings", file=sys.stderr) as bar:
+        for file in bar:
+            try:
+                made.append(_recording(file, parameters, {**stated}))
+            except ModalMotionError as error:
+                if not skips:
+                    raise named(error, str(file.path)) from error
+                click.echo(f"left out: {file.path}: {error}", err=True)
+    if not made:
+        raise ParameterError(
+            f"No recording of '{manifest}' can be tabulated.",
+            remedy="Name files that can be read in its column path.",
+        )
+    return cohort_table(made)
+
+
+def _recording(
+    file: LabelledFile, parameters: SignatureParameters, stated: dict[str, Any]
+) -> Recording:
+    from modalmotion.clinical import clinical_readouts
+    from modalmotion.exports.tables import Recording
+    from modalmotion.signature.making import modal_signature
+    from modalmotion.tracking.recording import sequence_of
+
+    options = ReadOptions(facts=stated_facts(stated).over(file.facts), **stated)
+    sequence = sequence_of(file.path, options)
+    signature = modal_signature(sequence, parameters)
+    readouts: ClinicalReadouts | None = None
+    with contextlib.suppress(InputError):
+        readouts = clinical_readouts(signature, sequence)
+    return Recording(str(file.path), signature, readouts, file.subject, file.label or None)
+
+
+def _frames(signature: ModalSignature, sequence: MeshSequence) -> Table:
+    """Tabulate frames, with all that this surface has."""
+    from modalmotion.clinical import clinical_readouts
+    from modalmotion.clinical.ventricle import ventricle_readouts
+    from modalmotion.exports.tables import frame_table
+
+    readouts: ClinicalReadouts | None = None
+    ventricle: VentricleReadouts | None = None
+    try:
+        readouts = clinical_readouts(signature, sequence)
+    except InputError as error:
+        click.echo(f"note: {error}", err=True)
+    else:
+        ventricle = ventricle_readouts(signature, sequence, readouts)
+        for reason in ventricle.reasons:
+            click.echo(f"note: {reason}", err=True)
+    return frame_table(signature, readouts, ventricle)
