@@ -12,7 +12,7 @@ from seen_surfaces import Truth, in_turn
 from modalmotion.images import ImageSequence, Volume
 from modalmotion.mesh import face_areas
 from modalmotion.simulate import Acquisition, simulate_ventricle
-from modalmotion.simulate.pose import random_rotation, rotation_matrix
+from modalmotion.simulate.surface import random_rotation, rotation_matrix
 
 Floats = NDArray[np.float64]
 

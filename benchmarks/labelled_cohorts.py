@@ -18,7 +18,7 @@ import modalmotion as mm
 from modalmotion.classification import TrainingCase
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.simulate.pose import Pose, random_rotation
+from modalmotion.simulate.surface import Pose, random_rotation
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator

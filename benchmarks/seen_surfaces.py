@@ -14,7 +14,7 @@ from modalmotion.mesh import cavity_of, face_normals, vertex_areas
 from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.simulate import MotionClass, Pose, draw_parameters
-from modalmotion.simulate.pose import random_rotation
+from modalmotion.simulate.surface import random_rotation
 from modalmotion.tracking import Observation, of_surface
 
 Floats = NDArray[np.float64]

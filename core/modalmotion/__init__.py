@@ -99,6 +99,6 @@ if TYPE_CHECKING:
     from modalmotion.template import make_template as make_template
     from modalmotion.tracking import Track as Track
     from modalmotion.tracking import track as track
-    from modalmotion.viewer.widget import view as view
+    from modalmotion.viewer.page import view as view
 
 __all__, __getattr__, __dir__ = public_list(globals())

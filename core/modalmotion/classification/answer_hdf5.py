@@ -9,9 +9,8 @@ from typing import Final
 
 from modalmotion.classification.answer import Classification
 from modalmotion.classification.explanation import ModeContribution
-from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import Dataset, json_text
+from modalmotion.hdf5.image import Contents, Dataset, json_text
 from modalmotion.mesh import UNKNOWN
 from modalmotion.signature.making import SignatureParameters
 

@@ -19,9 +19,8 @@ from modalmotion.classification.outliers import CHECKS, PLACE, OutlierDetector
 from modalmotion.classification.performance import CrossValidation
 from modalmotion.classification.record import ModelRecord, require_model_name
 from modalmotion.errors import CorruptFileError, NotFoundError
-from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import Dataset, json_text
+from modalmotion.hdf5.image import Contents, Dataset, json_text
 from modalmotion.mesh import Facts
 from modalmotion.representation import shown
 from modalmotion.signature.parameters import parameters_from_json

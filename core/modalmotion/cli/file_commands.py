@@ -27,7 +27,7 @@ from modalmotion.errors import InputError, ModalMotionError, ParameterError, Sto
 from modalmotion.exports.files import SURFACES, save
 from modalmotion.formats import ReadOptions, write_npz, write_raw, write_vtkhdf
 from modalmotion.hdf5.form import form_of
-from modalmotion.hdf5.gate import SIGNATURE
+from modalmotion.hdf5.sealed import SIGNATURE
 from modalmotion.store import write_atomic
 
 if TYPE_CHECKING:

@@ -1,7 +1,8 @@
 """A client of the HTTP service; needs the extra `client`."""
 
+from modalmotion.client.calls import Job, JobStatus
 from modalmotion.client.client import Client
-from modalmotion.client.connection import Answer
+from modalmotion.client.connection import Answer, Retries
 from modalmotion.client.errors import (
     BrokenAnswerError,
     JobCancelledError,
@@ -9,8 +10,6 @@ from modalmotion.client.errors import (
     RemoteError,
     UnreachableError,
 )
-from modalmotion.client.jobs import Job, JobStatus
-from modalmotion.client.retries import Retries
 from modalmotion.client.values import CompressedSequence, Info, SignatureArrays, TemplateModes
 
 __all__ = [

@@ -14,10 +14,13 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from modalmotion.client.bodies import Source, body_of, json_body
+from modalmotion.client.bodies import Option, Source, body_of, json_body, plain, segment
 from modalmotion.client.calls import (
     Caller,
+    Job,
+    JobStatus,
     Share,
+    awaited,
     call,
     parted,
     posted,
@@ -25,29 +28,24 @@ from modalmotion.client.calls import (
     signature_call,
     signature_of,
 )
-from modalmotion.client.connection import MOST_BYTES, Answer, Call, Connection
+from modalmotion.client.connection import MOST_BYTES, Answer, Call, Connection, Retries
 from modalmotion.client.errors import RemoteError, UnreachableError, understood
-from modalmotion.client.files import (
+from modalmotion.client.values import (
     HDF5,
     JSON,
     NPZ,
     POSTED,
     STREAM,
     ZIP,
-    form_of,
-    require_place,
-    write,
-)
-from modalmotion.client.jobs import Job, JobStatus, awaited
-from modalmotion.client.query import Option, plain, segment
-from modalmotion.client.retries import Retries
-from modalmotion.client.values import (
     CompressedSequence,
     Info,
     SignatureArrays,
     TemplateModes,
+    form_of,
     info_of,
     pack_of,
+    require_place,
+    write,
 )
 from modalmotion.errors import ShapeError
 from modalmotion.mesh import Facts

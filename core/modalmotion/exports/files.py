@@ -25,7 +25,7 @@ from modalmotion.formats import (
 )
 from modalmotion.formats.gltf.morph_animation import frame_animation
 from modalmotion.hdf5.form import form_of
-from modalmotion.hdf5.gate import SIGNATURE
+from modalmotion.hdf5.sealed import SIGNATURE
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm import Norm, norm_from_hdf5, norm_to_hdf5
 from modalmotion.representation import with_article

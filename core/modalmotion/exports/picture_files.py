@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from modalmotion.errors import ParameterError
-from modalmotion.store.disk.atomic import write_atomic
+from modalmotion.store.disk import write_atomic
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -32,12 +32,12 @@ from modalmotion.progress import Progress
 from modalmotion.signature.hdf5 import mode_datasets
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import at_times, reconstruct, resample
-from modalmotion.store.disk.atomic import cannot_write, sync_folder, temporary_beside
+from modalmotion.store.disk import cannot_write, sync_folder, temporary_beside
 from modalmotion.template import Template
 
 if TYPE_CHECKING:
     from modalmotion.store import ResultStore
-    from modalmotion.store.record import SequenceRecord
+    from modalmotion.store.folder import SequenceRecord
 
 FORM: Final = Form("export", 3)
 
@@ -267,7 +267,7 @@ def _pack(file: Any, signatures: Iterable[tuple[ModalSignature, SequenceRecord]]
 def _group(file: Any, kind: _Kind, signature: ModalSignature, number: int) -> Any:
     import h5py
 
-    from modalmotion.store.record import SequenceRecord
+    from modalmotion.store.folder import SequenceRecord
 
     group = file.create_group(f"{number:03d}-{kind.key}")
     group.attrs["parameters"] = json.dumps(asdict(signature.parameters), sort_keys=True)

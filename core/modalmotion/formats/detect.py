@@ -9,7 +9,7 @@ from typing import Final
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.obj import KEYWORDS
 from modalmotion.formats.stl import cut_short, is_binary_stl
-from modalmotion.hdf5.gate import SIGNATURE
+from modalmotion.hdf5.sealed import SIGNATURE
 
 
 class Format(StrEnum):

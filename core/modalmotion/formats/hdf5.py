@@ -21,7 +21,7 @@ def read_hdf5(
 ) -> Reading:
     """Read a sequence from an HDF5 file: VTKHDF PolyData, one of the store's, or named datasets.
 
-    The file is parsed in a process of its own, behind the gate of `hdf5.gate`.
+    The file is parsed in a process of its own, after the checks of `hdf5.sealed`.
 
     Parameters
     ----------

@@ -9,8 +9,16 @@ from pathlib import Path
 from typing import Final
 
 from modalmotion.errors import CorruptFileError, ModalMotionError, OlderFileError, StoreError
-from modalmotion.hdf5.contents import Contents, contents_in, contents_of, header_of
-from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, sealed_image
+from modalmotion.hdf5.image import (
+    INTENDED_USE,
+    Attribute,
+    Contents,
+    Dataset,
+    contents_in,
+    contents_of,
+    header_of,
+    sealed_image,
+)
 from modalmotion.hdf5.sealed import digest_of, load_sealed, require_sealed
 
 

@@ -1,4 +1,4 @@
-"""HDF5 files as images in memory, the same bytes for the same contents.
+"""HDF5 files in memory: written with the same bytes each time, and read.
 
 The HDF5 library takes 2 ms for the forty objects and attributes of a signature, five times as
 long as writing them durably. So it lays out each kind of image once (names, types, shapes,
@@ -9,16 +9,17 @@ the library itself would have written, which the tests check.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import StoreError
+from modalmotion.errors import CorruptFileError, StoreError
 from modalmotion.hdf5.sealed import seal, seal_file
 
 Attribute = str | int | tuple[int, ...]
@@ -240,3 +241,173 @@ INTENDED_USE: Final = (
     "Description of surface motion for research and tool development. Not a medical device; "
     "not for diagnosis."
 )
+
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """Attributes of the root and all datasets.
+
+    Parameters
+    ----------
+    name : str
+        Name of the file in errors.
+    attributes : dict
+        Text and numbers.
+    arrays : dict of ndarray
+    """
+
+    name: str
+    attributes: dict[str, Any]
+    arrays: dict[str, NDArray[Any]]
+
+    def text(self, name: str) -> str:
+        """Attribute that contains text."""
+        value = self.attributes[name]
+        if not isinstance(value, str):
+            raise TypeError(f"attribute {name} is not text")
+        return value
+
+    def optional_text(self, name: str) -> str | None:
+        """Attribute that contains text, None if there is no such attribute."""
+        return self.text(name) if name in self.attributes else None
+
+    @property
+    def unit(self) -> str | None:
+        """Unit of lengths, None if nobody stated it."""
+        unit = self.text("unit")
+        return None if unit == UNKNOWN else unit
+
+    def json(self, name: str, kind: type[T]) -> T:
+        """Value of a dataset that contains JSON of type `kind`."""
+        value = json.loads(bytes(self.arrays[name][()]))
+        if not isinstance(value, kind):
+            raise TypeError(f"dataset {name} does not contain a {kind.__name__}")
+        return value
+
+    def number(self, name: str) -> Any:
+        """Value of a dataset that contains one number."""
+        return self.array(name, ()).item()
+
+    def array(self, name: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
+        """Dataset of numbers of that shape, None for an open length."""
+        array = self.arrays[name]
+        fits = len(shape) == array.ndim and all(
+            n is None or n == m for n, m in zip(shape, array.shape, strict=True)
+        )
+        if not fits or array.dtype.kind not in "fiu":
+            raise ValueError(f"dataset {name} has the shape {array.shape}, type {array.dtype}")
+        return array
+
+
+def contents_of(name: str, data: bytes) -> Contents:
+    """Read all of an HDF5 file, and nothing that is outside of it or takes more than its size.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError, OSError, RuntimeError
+        If it is not made of plain datasets.
+    """
+    # The library's lower level, which takes half the time on many small datasets.
+    from h5py import h5f, h5g, h5s
+
+    root = h5g.open(h5f.open_file_image(data), b"/")
+    arrays: dict[str, NDArray[Any]] = {}
+    for key, dataset in _datasets(root, len(data)):
+        array = np.empty(dataset.shape, dataset.dtype)
+        if array.size:
+            dataset.read(h5s.ALL, h5s.ALL, array)
+        arrays[key] = array
+    return Contents(name, _attributes(root), arrays)
+
+
+def contents_in(path: Path) -> Contents:
+    """Read a file whose datasets stay where they are, as maps of the file: see `contents_of`."""
+    from h5py import h5f, h5g
+
+    root = h5g.open(h5f.open(str(path).encode(), h5f.ACC_RDONLY), b"/")
+    arrays: dict[str, NDArray[Any]] = {}
+    for key, dataset in _datasets(root, path.stat().st_size):
+        kind, shape, offset = dataset.dtype, dataset.shape, dataset.get_offset()
+        if offset is None:
+            arrays[key] = np.empty(shape, kind)
+        else:
+            arrays[key] = np.asarray(np.memmap(path, kind, "r", offset, shape))
+    return Contents(f"'{path.name}'", _attributes(root), arrays)
+
+
+def _datasets(root: Any, most_bytes: int) -> Iterator[tuple[str, Any]]:
+    from h5py import h5d, h5l
+
+    n_bytes = 0
+    for number in range(root.get_num_objs()):
+        key = root.get_objname_by_idx(number)
+        # Other links lead out of the file, to others on this machine.
+        if root.links.get_info(key).type != h5l.TYPE_HARD:
+            raise ValueError(f"{key!r} is a link out of the file")
+        dataset = h5d.open(root, key)
+        _require_in_file(key, dataset)
+        # Many names of one dataset, or datasets on the same bytes, would fill the memory.
+        n_bytes += dataset.get_storage_size()
+        if n_bytes > most_bytes:
+            raise ValueError("its datasets are on one another")
+        yield key.decode(), dataset
+
+
+def header_of(name: str, data: bytes) -> Contents:
+    """Read the attributes of the root alone; see `contents_of`."""
+    from h5py import h5f, h5g
+
+    return Contents(name, _attributes(h5g.open(h5f.open_file_image(data), b"/")), {})
+
+
+def _attributes(root: Any) -> dict[str, Any]:
+    from h5py import h5a
+
+    attributes = {}
+    for number in range(h5a.get_num_attrs(root)):
+        attribute = h5a.open(root, index=number)
+        if attribute.dtype.kind not in "iuS":
+            raise ValueError(f"the attribute {attribute.name!r} contains {attribute.dtype}")
+        value = np.empty(attribute.shape, attribute.dtype)
+        attribute.read(value)
+        attributes[attribute.name.decode()] = _plain(value)
+    return attributes
+
+
+def _require_in_file(name: bytes, dataset: Any) -> None:
+    # Contiguous and as large as its shape says: no external file, no bomb of fill values.
+    from h5py import h5d
+
+    plan = dataset.get_create_plist()
+    if not (
+        plan.get_layout() == h5d.CONTIGUOUS
+        and plan.get_external_count() == 0
+        and dataset.dtype.kind in "fiuS"
+        and dataset.get_storage_size() == math.prod(dataset.shape) * dataset.dtype.itemsize
+    ):
+        raise ValueError(f"{name!r} is not a plain dataset")
+
+
+def _plain(value: NDArray[Any]) -> Any:
+    content = value.tolist()
+    if isinstance(content, bytes):
+        return content.decode()
+    return tuple(content) if isinstance(content, list) else content
+
+
+def require_match(path: Path, contents: Contents, **ids: str | int | None) -> None:
+    """Refuse a file whose ids are not those that it was looked up by.
+
+    Raises
+    ------
+    CorruptFileError
+    """
+    for name, expected in ids.items():
+        if contents.attributes.get(name) != expected:
+            raise CorruptFileError(
+                f"'{path.name}' contains another {name.replace('_', ' ')} than its name says.",
+                remedy="Restore it from a copy, or delete it and make the result again.",
+            )

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import UNKNOWN, Dataset, json_text
+from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, json_text
 from modalmotion.mesh.checks import given_up
 from modalmotion.mesh.fact_forms import facts_as_json, facts_from_json
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence

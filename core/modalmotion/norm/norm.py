@@ -21,9 +21,8 @@ from modalmotion.classification.model import Readable
 from modalmotion.classification.record import require_model_name
 from modalmotion.clinical import Fraction
 from modalmotion.errors import ParameterError, UnlikeCasesError
-from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import Dataset, json_text
+from modalmotion.hdf5.image import Contents, Dataset, json_text
 from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm.deviation import (

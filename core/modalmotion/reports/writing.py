@@ -17,7 +17,7 @@ from modalmotion.reports.content import Report, report_of
 from modalmotion.reports.fhir import fhir_json
 from modalmotion.reports.page import report_pdf
 from modalmotion.signature.making import SignatureParameters, modal_signature
-from modalmotion.store.disk.atomic import write_atomic
+from modalmotion.store.disk import write_atomic
 from modalmotion.tracking import Track, track
 from modalmotion.viewer.page import View, view_page
 

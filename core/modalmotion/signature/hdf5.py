@@ -8,9 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import UNKNOWN, Dataset, json_text
+from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, json_text
 from modalmotion.mesh import facts_as_json, facts_from_json
 from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.spring_modes import SpringModes

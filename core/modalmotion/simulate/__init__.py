@@ -1,12 +1,10 @@
 """Simulated left ventricles with known motion, and labelled cohorts of them."""
 
 from modalmotion.arguments.checking import check_arguments
-from modalmotion.simulate.classes import MotionClass, draw_parameters
-from modalmotion.simulate.cohort import Case, simulate_cohort
+from modalmotion.simulate.cohort import Case, MotionClass, draw_parameters, simulate_cohort
 from modalmotion.simulate.parameters import Territory, VentricleParameters
 from modalmotion.simulate.phantom import ImageKind, Phantom, PhantomSettings, simulate_images
-from modalmotion.simulate.pose import Pose
-from modalmotion.simulate.spheroid import Spacing
+from modalmotion.simulate.surface import Pose, Spacing
 from modalmotion.simulate.ventricle import Acquisition, simulate_ventricle
 
 __all__ = [

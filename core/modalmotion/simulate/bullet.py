@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from modalmotion.mesh import Cavity, Facts
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP
-from modalmotion.simulate.classes import MotionClass
-from modalmotion.simulate.pose import random_rotation, rotation_matrix
+from modalmotion.simulate.cohort import MotionClass
+from modalmotion.simulate.surface import random_rotation, rotation_matrix
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import shown
 from modalmotion.simulate.anatomy import Anatomy, FieldLattice, Floats, Tissues
 from modalmotion.simulate.parameters import VentricleParameters
-from modalmotion.simulate.pose import Pose
+from modalmotion.simulate.surface import Pose
 from modalmotion.simulate.ventricle import Acquisition, simulate_ventricle
 
 

@@ -31,22 +31,22 @@ if TYPE_CHECKING:
     from modalmotion.store.backups import backup as backup
     from modalmotion.store.backups import backup_time as backup_time
     from modalmotion.store.backups import restore as restore
-    from modalmotion.store.disk.atomic import write_atomic as write_atomic
+    from modalmotion.store.disk import write_atomic as write_atomic
+    from modalmotion.store.folder import UNSET as UNSET
+    from modalmotion.store.folder import SequenceRecord as SequenceRecord
+    from modalmotion.store.folder import Unset as Unset
+    from modalmotion.store.folder import record_of as record_of
+    from modalmotion.store.folder import record_to_json as record_to_json
     from modalmotion.store.images import ImagesPage as ImagesPage
     from modalmotion.store.images import ImagesRecord as ImagesRecord
     from modalmotion.store.images import images_record_of as images_record_of
-    from modalmotion.store.index.index import SequencePage as SequencePage
-    from modalmotion.store.record import UNSET as UNSET
-    from modalmotion.store.record import SequenceRecord as SequenceRecord
-    from modalmotion.store.record import Unset as Unset
-    from modalmotion.store.record import record_of as record_of
-    from modalmotion.store.record import record_to_json as record_to_json
+    from modalmotion.store.index import SequencePage as SequencePage
     from modalmotion.store.recovery import Reconciliation as Reconciliation
     from modalmotion.store.recovery import rebuild as rebuild
     from modalmotion.store.results import ResultStore as ResultStore
     from modalmotion.store.results import signature_image as signature_image
+    from modalmotion.store.results import track_image as track_image
     from modalmotion.store.sequences import upload_image as upload_image
-    from modalmotion.store.tracks import track_image as track_image
     from modalmotion.store.verification import Fault as Fault
     from modalmotion.store.verification import VerifyReport as VerifyReport
     from modalmotion.store.verification import verify as verify

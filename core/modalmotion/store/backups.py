@@ -16,17 +16,17 @@ from modalmotion.errors import ParameterError, StoreError
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.store.deletion import TOMBSTONES, Deletions
-from modalmotion.store.disk.atomic import (
+from modalmotion.store.disk import (
+    JsonForm,
     cannot_write,
+    folder_lock,
     is_temporary,
     sync_paths,
     temporary_beside,
     write_atomic,
 )
-from modalmotion.store.disk.lock import folder_lock
-from modalmotion.store.disk.sealed_json import JsonForm
 from modalmotion.store.folder import FOLDERS, RESULT_FOLDERS, Folder
-from modalmotion.store.index.cursor import now
+from modalmotion.store.index import now
 from modalmotion.store.recovery import existing_store
 
 FORM: Final = JsonForm("backup", 1, "Make a backup to the same folder once more.")

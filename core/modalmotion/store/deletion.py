@@ -20,17 +20,16 @@ from typing import Final
 from modalmotion.classification.record import ModelRecord, ModelReference
 from modalmotion.errors import StoreError
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
-from modalmotion.store.disk.atomic import (
+from modalmotion.store.disk import (
+    JsonForm,
     cannot_write,
     make_folder,
     remove_durably,
     sync_folder,
     write_atomic,
 )
-from modalmotion.store.disk.sealed_json import JsonForm
 from modalmotion.store.folder import Folder
-from modalmotion.store.index.cursor import now, to_text
-from modalmotion.store.index.index import Index
+from modalmotion.store.index import Index, now, to_text
 
 TOMBSTONES: Final = "deleted"
 """Folder of a store that they are in."""

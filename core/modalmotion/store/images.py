@@ -13,11 +13,10 @@ from modalmotion.images import ImageSequence, Plane, PlaneSet
 from modalmotion.images.sequence import parts_of
 from modalmotion.representation import shown
 from modalmotion.store.deletion import bury_and_remove
-from modalmotion.store.disk.sealed_json import JsonForm
-from modalmotion.store.folder import is_id
-from modalmotion.store.index.cursor import from_cursor, now, require_limit, to_cursor
+from modalmotion.store.disk import JsonForm
+from modalmotion.store.folder import SequenceRecord, is_id
+from modalmotion.store.index import from_cursor, now, require_limit, to_cursor
 from modalmotion.store.opening import lost_file
-from modalmotion.store.record import SequenceRecord
 from modalmotion.store.sequences import SequenceStore
 
 FORM: Final = JsonForm("images-record", 2, "Delete the images, and send them again.")

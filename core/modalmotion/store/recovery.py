@@ -12,13 +12,14 @@ from modalmotion.classification import answer_hdf5 as classification_hdf5
 from modalmotion.classification.model_files import read_kept_model
 from modalmotion.classification.record import ModelRecord
 from modalmotion.errors import CorruptFileError, NotFoundError, OlderFileError, StoreError
-from modalmotion.hdf5.contents import require_match
 from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.image import require_match
 from modalmotion.hdf5.sealed import is_sound
 from modalmotion.mesh.hdf5 import read_sequence
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.signature import hdf5 as signature_hdf5
+from modalmotion.store.database import Database, GuestTable, recount
 from modalmotion.store.deletion import (
     buried,
     deleted_record,
@@ -27,13 +28,19 @@ from modalmotion.store.deletion import (
     finish_model_deletion,
     is_older,
 )
-from modalmotion.store.disk.atomic import remove_durably, write_atomic
-from modalmotion.store.disk.lock import folder_lock
-from modalmotion.store.folder import RENDERED, Folder, ResultKind, ResultName, Scan
-from modalmotion.store.index.cursor import to_text
-from modalmotion.store.index.database import Database, GuestTable, recount
-from modalmotion.store.index.index import Index, ModelIndex, put_models, put_records, put_results
-from modalmotion.store.record import SequenceRecord, read_record, record_of, record_to_json
+from modalmotion.store.disk import folder_lock, remove_durably, write_atomic
+from modalmotion.store.folder import (
+    RENDERED,
+    Folder,
+    ResultKind,
+    ResultName,
+    Scan,
+    SequenceRecord,
+    read_record,
+    record_of,
+    record_to_json,
+)
+from modalmotion.store.index import Index, ModelIndex, put_models, put_records, put_results, to_text
 from modalmotion.tracking import hdf5 as track_hdf5
 
 _FORMS: Final[dict[ResultKind, Form]] = {

@@ -12,7 +12,7 @@ from modalmotion.classification.answer_hdf5 import read_classification
 from modalmotion.classification.model_files import read_kept_model
 from modalmotion.classification.record import ModelRecord, ModelReference
 from modalmotion.errors import StoreError
-from modalmotion.hdf5.contents import require_match
+from modalmotion.hdf5.image import require_match
 from modalmotion.hdf5.sealed import digest_of, load_sealed
 from modalmotion.images.hdf5 import read_images_file
 from modalmotion.mesh.hdf5 import read_sequence
@@ -20,13 +20,12 @@ from modalmotion.norm.norm import norm_from_hdf5
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.signature.hdf5 import read_signature
+from modalmotion.store.database import Database
 from modalmotion.store.deletion import deleted_record
-from modalmotion.store.disk.lock import folder_lock
-from modalmotion.store.folder import Folder, ResultName, Scan
+from modalmotion.store.disk import folder_lock
+from modalmotion.store.folder import Folder, ResultName, Scan, read_record
 from modalmotion.store.images import read_images_record
-from modalmotion.store.index.database import Database
-from modalmotion.store.index.index import Index, ModelIndex
-from modalmotion.store.record import read_record
+from modalmotion.store.index import Index, ModelIndex
 from modalmotion.store.recovery import existing_store
 from modalmotion.template.hdf5 import read_template
 from modalmotion.tracking.hdf5 import read_track

@@ -7,9 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import Dataset, json_text
+from modalmotion.hdf5.image import Contents, Dataset, json_text
 from modalmotion.modes.topology import MESH, Topology
 from modalmotion.template.landmarks import Landmarks
 from modalmotion.template.template import Template, is_merged

@@ -9,9 +9,8 @@ from typing import Final
 import numpy as np
 
 from modalmotion.errors import StoreError
-from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import form_of
-from modalmotion.hdf5.image import UNKNOWN, Dataset, json_text
+from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, json_text
 from modalmotion.mesh import facts_as_json, facts_from_json
 from modalmotion.mesh.hdf5 import TRACK
 from modalmotion.mesh.sequence import mesh_sequence

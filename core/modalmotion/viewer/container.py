@@ -1,4 +1,4 @@
-"""The form in which numbers travel to the viewer: a header and aligned arrays.
+"""Arrays as the viewer receives them, and frames of images for placing landmarks.
 
 ::
 
@@ -19,7 +19,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import MalformedFileError
+from modalmotion.errors import MalformedFileError, ParameterError
+from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
+from modalmotion.images.sequence import parts_of
+from modalmotion.tracking.result import Track
 
 MAGIC: Final = b"MMVIEW1\n"
 _ALIGNMENT: Final = 8
@@ -76,3 +79,149 @@ def read_container(data: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]
             remedy="Use what `view_payload` or GET /v1/sequences/{id}/view gives.",
         ) from error
     return header, arrays
+
+
+# Pixels along a plane's side, and voxels of a volume: a landmark need not be placed more finely.
+_MOST_SIDE: Final = 384
+_MOST_VOXELS: Final = 2_000_000
+
+# Shares of the samples below black and above white, and how many samples are used.
+_WINDOW: Final = (1.0, 99.5)
+_ENOUGH_SAMPLES: Final = 200_000
+
+# Planes with normals this near to one another are a stack.
+_PARALLEL: Final = 0.98
+
+
+def slices_payload(images: ImageSequence, frame: int = 0, track: Track | None = None) -> bytes:
+    """Write one frame's slices in 256 shades, in the viewer's form.
+
+    Parameters
+    ----------
+    images : ImageSequence
+    frame : int
+    track : Track, optional
+        Made of these images: its surface is sent too, for the page to cut with the slices.
+
+    Returns
+    -------
+    bytes
+        `read_container` reads them. The header names of each part its `shape`, `affine` (3, axes
+        + 1; mm, LPS), `thickness` (mm) and the `stack` of parallel planes that it is in; `pixels`
+        has one part after the other, the first index fastest; 0 where nothing is known. Of a track
+        each part has the `shift` (3; mm) by which it shows everything aside, and `vertices` (n, 3;
+        mm) and `faces` are those of the surface in that frame.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such frame, or no image of it, or the track has not that many frames.
+    """
+    sliced = images.sliced()
+    present = [k for k, image in enumerate(sliced.frames) if image is not None]
+    image = sliced.frames[frame] if 0 <= frame < sliced.n_frames else None
+    if image is None:
+        raise ParameterError(
+            f"There is no image of frame {frame}.",
+            remedy=f"Ask for one of {len(present)} frames, from {present[0]} to {present[-1]}.",
+            details={"frame": frame, "frames": sliced.n_frames},
+        )
+    if track is not None and track.n_frames != sliced.n_frames:
+        raise ParameterError(
+            f"The track has {track.n_frames} frames, and the images have {sliced.n_frames}.",
+            remedy="Name a track that was made of these images.",
+        )
+    parts = parts_of(image)
+    shifts = _shifts(track, len(parts))
+    low, high = _window(parts)
+    coarse = [_thinned(part) for part in parts]
+    stacks = _stacks(parts)
+    header = {
+        "kind": "planes" if isinstance(image, PlaneSet) else "volume",
+        "frame": frame,
+        "n_frames": sliced.n_frames,
+        "missing": sorted(set(range(sliced.n_frames)) - set(present)),
+        "times": None if sliced.times is None else sliced.times.tolist(),
+        "parts": [
+            {
+                "shape": list(values.shape),
+                "affine": affine.tolist(),
+                "thickness": part.thickness if isinstance(part, Plane) else min(part.spacing),
+                "stack": stack,
+                "shift": shift,
+            }
+            for part, (values, affine), stack, shift in zip(
+                parts, coarse, stacks, shifts, strict=True
+            )
+        ],
+    }
+    pixels = [_shades(values, low, high).ravel(order="F") for values, _ in coarse]
+    arrays: dict[str, NDArray[Any]] = {"pixels": np.concatenate(pixels)}
+    if track is not None:
+        arrays["vertices"] = track.sequence.vertices[frame].astype(np.float32)
+        arrays["faces"] = track.template.faces.astype(np.uint32)
+    return write_container(header, arrays)
+
+
+def _shifts(track: Track | None, n_parts: int) -> list[list[float]]:
+    """By which each part shows everything aside, mm."""
+    known = () if track is None or track.images is None else track.images.shifts
+    if len(known) != n_parts:
+        return [[0.0, 0.0, 0.0]] * n_parts
+    return [list(shift) for shift in known]
+
+
+def _window(parts: tuple[Volume | Plane, ...]) -> tuple[float, float]:
+    """Give the samples that are black and white: the same in all planes of a frame."""
+    total = sum(part.values.size for part in parts)
+    # Steps of the golden ratio fall in with no row.
+    spread = np.arange(_ENOUGH_SAMPLES) * 0.6180339887498949 % 1.0
+    samples = []
+    for part in parts:
+        values = part.values
+        n = -(-_ENOUGH_SAMPLES * values.size // total)
+        places = np.unravel_index((spread[:n] * values.size).astype(np.intp), values.shape)
+        samples.append(np.asarray(values[places], dtype=np.float64))
+    sampled = np.concatenate(samples)
+    known = sampled[np.isfinite(sampled)]
+    if not len(known):
+        return 0.0, 1.0
+    low, high = np.percentile(known, _WINDOW).tolist()
+    return (low, high) if high > low else (low, low + 1.0)
+
+
+def _thinned(part: Volume | Plane) -> tuple[NDArray[Any], NDArray[np.float64]]:
+    """Leave out pixels of large parts; gives samples and the affine of those that are left."""
+    values = part.values
+    if isinstance(part, Plane):
+        steps = [max(1, -(-n // _MOST_SIDE)) for n in values.shape]
+    else:
+        # As many along each axis as give nearly cubes.
+        size, steps = np.array(part.spacing), [1, 1, 1]
+        while np.prod(np.ceil(np.array(values.shape) / steps)) > _MOST_VOXELS:
+            steps[int(np.argmin(size * steps))] += 1
+    affine = np.array(part.affine[:3])
+    affine[:, : len(steps)] *= steps
+    return values[tuple(slice(None, None, step) for step in steps)], affine
+
+
+def _shades(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
+    """Turn samples to 1 (black) to 255 (white); 0 where nothing is known."""
+    share = (np.asarray(values, dtype=np.float32) - np.float32(low)) / np.float32(high - low)
+    shades = 1.0 + 254.0 * np.clip(share, 0.0, 1.0)
+    return np.where(np.isfinite(shades), np.rint(shades), 0.0).astype(np.uint8)
+
+
+def _stacks(parts: tuple[Volume | Plane, ...]) -> list[int]:
+    """Give the number of the stack of parallel planes that each part is in."""
+    normals: list[NDArray[np.float64]] = []
+    stacks = []
+    for part in parts:
+        if isinstance(part, Volume):
+            stacks.append(0)
+            continue
+        along = [k for k, normal in enumerate(normals) if abs(normal @ part.normal) > _PARALLEL]
+        if not along:
+            normals.append(part.normal)
+        stacks.append(along[0] if along else len(normals) - 1)
+    return stacks

@@ -20,8 +20,8 @@ from typing import Any, Final, Self
 from urllib.parse import quote
 
 from modalmotion.errors import CorruptFileError, NotFoundError, ParameterError, StoreError
-from modalmotion.store.disk.atomic import sync_folder
-from modalmotion.store.index.cursor import now, to_text
+from modalmotion.store.disk import sync_folder
+from modalmotion.store.index import now, to_text
 from modalmotion_service.access.scopes import Principal, Scope, require_owner
 from modalmotion_service.errors import AuthenticationError
 

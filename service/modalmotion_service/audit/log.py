@@ -20,7 +20,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Final, Self
 
-from modalmotion.store.index.cursor import now, to_text
+from modalmotion.store.index import now, to_text
 from modalmotion_service.access.keys import Key, KeyRing, explained, open_database
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.audit.entry import BEGUN, GENESIS, AuditEntry, Event, Lines, chained

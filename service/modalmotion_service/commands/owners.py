@@ -14,8 +14,7 @@ import click
 from modalmotion.cli.options import aligned, example, json_option, tell
 from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
 from modalmotion.store.deletion import bury, digest_of_owner
-from modalmotion.store.disk.atomic import cannot_write, sync_folder
-from modalmotion.store.disk.lock import folder_lock
+from modalmotion.store.disk import cannot_write, folder_lock, sync_folder
 from modalmotion.store.folder import ResultKind
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import LOCAL

@@ -21,8 +21,8 @@ from starlette.requests import Request
 from modalmotion.errors import LimitError, MalformedFileError, ParameterError
 from modalmotion.mesh.fact_forms import column_of, facts_in, states_fact
 from modalmotion.mesh.facts import NO_FACTS, Facts
-from modalmotion.store.disk.atomic import cannot_write
-from modalmotion.store.record import require_name
+from modalmotion.store.disk import cannot_write
+from modalmotion.store.folder import require_name
 
 FILES: Final = "files"
 """Name of the parts of a form that are many files."""

@@ -25,7 +25,7 @@ from modalmotion.errors import (
     NotFoundError,
     StoreError,
 )
-from modalmotion.store.disk.atomic import cannot_write, is_of_the_machine
+from modalmotion.store.disk import cannot_write, is_of_the_machine
 from modalmotion_service.access.scopes import methods_of
 from modalmotion_service.errors import (
     AuthenticationError,

@@ -20,7 +20,7 @@ from starlette.responses import FileResponse, Response
 from modalmotion.errors import LimitError, StoreError
 from modalmotion.mesh import facts_as_json
 from modalmotion.store import ResultStore
-from modalmotion.store.index.cursor import from_cursor, to_cursor
+from modalmotion.store.index import from_cursor, to_cursor
 from modalmotion_service.access.keys import key_required
 from modalmotion_service.access.scopes import principal_of
 from modalmotion_service.errors import ConflictError, IdempotencyMismatchError

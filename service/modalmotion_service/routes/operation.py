@@ -12,7 +12,7 @@ from prometheus_client.exposition import generate_latest
 from starlette.responses import FileResponse
 
 from modalmotion.errors import LostFileError, NotFoundError
-from modalmotion.store.index.cursor import from_cursor, to_cursor
+from modalmotion.store.index import from_cursor, to_cursor
 from modalmotion_service.audit.log import AuditLog
 from modalmotion_service.http.gate import Access
 from modalmotion_service.http.judged_router import JudgedRouter

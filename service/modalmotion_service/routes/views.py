@@ -10,7 +10,7 @@ from fastapi import Request, Response
 from starlette.exceptions import HTTPException
 from starlette.responses import HTMLResponse
 
-from modalmotion.viewer.bundle_files import NOTHING, content_name, script, style
+from modalmotion.viewer.page import NOTHING, content_name, script, style
 from modalmotion_service.http.heads import PREFIX
 from modalmotion_service.http.judged_router import JudgedRouter
 

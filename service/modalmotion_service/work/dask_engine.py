@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
 
 from modalmotion.errors import needs_extra
-from modalmotion.store.disk.atomic import make_folder
+from modalmotion.store.disk import make_folder
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.answers import AnswerError, error_to_bytes, from_bytes, result_type

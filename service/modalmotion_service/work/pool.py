@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import ParamSpec, TypeVar
 
 from modalmotion.errors import LimitError, ParameterError
-from modalmotion.store.disk.atomic import cannot_write, is_of_the_machine
+from modalmotion.store.disk import cannot_write, is_of_the_machine
 from modalmotion_service.errors import CostError, NoWorkerError, WorkerDiedError
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.answers import AnswerError

@@ -14,8 +14,8 @@ from typing import Final
 
 from modalmotion.errors import StoreError
 from modalmotion.store.deletion import forget_tombstones
-from modalmotion.store.disk.atomic import is_of_the_machine
-from modalmotion.store.index.cursor import to_text
+from modalmotion.store.disk import is_of_the_machine
+from modalmotion.store.index import to_text
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.workspace.idempotency import IdempotencyKeys
 from modalmotion_service.workspace.jobs import Job, Jobs

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from modalmotion.errors import StoreError
-from modalmotion.store.disk.atomic import cannot_write
+from modalmotion.store.disk import cannot_write
 
 # Some commits of SQLite, with their logs: what every answer takes, for the audit log.
 LEAST_BYTES: Final = 1 << 20

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.errors import ModalMotionError, StoreError
-from modalmotion.store.disk.atomic import cannot_write
+from modalmotion.store.disk import cannot_write
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.http.negotiation import (
     CSV,

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from modalmotion.errors import NotFoundError
-from modalmotion.store.index.cursor import now
-from modalmotion.store.index.database import Database
+from modalmotion.store.database import Database
+from modalmotion.store.index import now
 from modalmotion_service.http.problems import problem_body
 
 _TABLES: Final = (

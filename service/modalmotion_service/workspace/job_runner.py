@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
-from modalmotion.store.disk.atomic import cannot_write, is_of_the_machine
+from modalmotion.store.disk import cannot_write, is_of_the_machine
 from modalmotion_service.errors import BusyError, ConflictError, WorkerDiedError
 from modalmotion_service.http.problems import internal_problem, problem_body
 from modalmotion_service.schemas.general import JobState

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from modalmotion.errors import NotFoundError
-from modalmotion.store.index.cursor import from_cursor, now, require_limit, to_cursor
-from modalmotion.store.index.database import Database
+from modalmotion.store.database import Database
+from modalmotion.store.index import from_cursor, now, require_limit, to_cursor
 from modalmotion_service.schemas.general import JobState
 
 # Neither a deletion nor the hourly look after files is to read every job of a quarter, millions

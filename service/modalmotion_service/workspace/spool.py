@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Self
 
 from modalmotion.mesh import NO_FACTS, Facts
-from modalmotion.store.disk.atomic import (
+from modalmotion.store.disk import (
     cannot_write,
     make_folder,
     remove_durably,

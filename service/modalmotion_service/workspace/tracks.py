@@ -13,7 +13,7 @@ from pathlib import Path
 from modalmotion.errors import NotFoundError
 from modalmotion.progress import StageReport
 from modalmotion.store import ImagesRecord, ResultStore, SequenceRecord
-from modalmotion.store.index.cursor import to_text
+from modalmotion.store.index import to_text
 from modalmotion.tracking.parameters import TrackParameters
 from modalmotion_service.http.observation import add_milliseconds, stage
 from modalmotion_service.schemas.queries import TrackView

@@ -12,8 +12,8 @@ from typing import Final
 from modalmotion.errors import LimitError, NotFoundError, ParameterError
 from modalmotion.mesh import Facts
 from modalmotion.store import ResultStore
-from modalmotion.store.disk.atomic import cannot_write
-from modalmotion.store.record import require_name
+from modalmotion.store.disk import cannot_write
+from modalmotion.store.folder import require_name
 from modalmotion_service.schemas.cases import LabelledSequence
 from modalmotion_service.workspace.spool import SpoolFile
 

@@ -51,8 +51,8 @@ def test_the_store_hands_out_all_that_it_names() -> None:
 
 def test_a_package_imports_what_is_used_of_it_and_no_more() -> None:
     homes = homes_in(Path(store.__file__))
-    assert homes["write_atomic"] == "modalmotion.store.disk.atomic"
+    assert homes["write_atomic"] == "modalmotion.store.disk"
     code = "import sys; from modalmotion.store import write_atomic; print(*sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = set(run.stdout.split())
-    assert loaded & set(homes.values()) == {"modalmotion.store.disk.atomic"}
+    assert loaded & set(homes.values()) == {"modalmotion.store.disk"}

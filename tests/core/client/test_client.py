@@ -24,8 +24,8 @@ from modalmotion.client import (
     Retries,
 )
 from modalmotion.client.bodies import body_of
+from modalmotion.client.connection import retry_after
 from modalmotion.client.errors import error_of_answer, remote_error
-from modalmotion.client.retries import retry_after
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.representation import LONGEST_LINE
 from modalmotion.signature.distance import compare

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from modalmotion.client import Client, Retries
-from modalmotion.client.files import SAVED
+from modalmotion.client.values import SAVED
 from modalmotion.errors import ParameterError, StoreError
 
 

@@ -8,8 +8,8 @@ import json
 import numpy as np
 import pytest
 
+from modalmotion.client.bodies import query_of
 from modalmotion.client.client import track_call
-from modalmotion.client.query import query_of
 from modalmotion.client.values import Info
 from modalmotion.errors import ShapeError
 from modalmotion.tracking.landmarks import landmarks_from_json

@@ -26,7 +26,7 @@ from modalmotion.signature.making import modal_signature
 from modalmotion.store import ResultStore, backup, rebuild, template_to_hdf5, verify
 from modalmotion.store import backups as backup_module
 from modalmotion.store.deletion import TOMBSTONE_DAYS, Deletions, buried
-from modalmotion.store.disk.atomic import sync_paths
+from modalmotion.store.disk import sync_paths
 from modalmotion.template import make_template
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from norm_controls import drawn, norm_of
 from store_samples import KEY, sample_classification, sample_model, sample_sequence, tree
 
 from modalmotion.classification import Model, load_model
@@ -23,15 +25,18 @@ from modalmotion.errors import (
     ParameterError,
     StoreError,
 )
+from modalmotion.norm import Norm, norm_to_hdf5
 from modalmotion.store import (
     ModelReference,
     ResultStore,
+    backup,
     kept_model,
     model_from_hdf5,
     model_to_hdf5,
     parse_reference,
     rebuild,
     require_model_name,
+    restore,
     verify,
 )
 from modalmotion.store.folder import Folder
@@ -254,7 +259,7 @@ def test_a_full_disk_leaves_no_half_version(
 
 
 def test_a_failing_index_takes_the_file_back(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from modalmotion.store.index.index import ModelIndex
+    from modalmotion.store.index import ModelIndex
 
     def fail(*_: object) -> None:
         raise StoreError("The index could not be written.")
@@ -348,3 +353,74 @@ def test_a_file_that_holds_another_model_is_refused(model: Model) -> None:
         model_from_hdf5(wrong)
     with pytest.raises(CorruptFileError):
         model_from_hdf5(image[:-1])
+
+
+def a_norm(seed: int, name: str = "volunteers") -> Norm:
+    rng = np.random.default_rng(seed)
+    readings = [replace(drawn(rng, k), sequence_id=f"{seed}-{k}") for k in range(9)]
+    return replace(norm_of(readings), name=name)
+
+
+@pytest.fixture
+def root_of_norms(tmp_path: Path) -> Path:
+    with ResultStore(tmp_path / "store") as store:
+        assert store.put_norm(a_norm(1))
+        assert not store.put_norm(a_norm(1))
+    return tmp_path / "store"
+
+
+def test_a_name_is_one_norms_until_it_is_deleted(root_of_norms: Path, tmp_path: Path) -> None:
+    image = tmp_path / "image.h5"
+    image.write_bytes(norm_to_hdf5(a_norm(2)))
+    with ResultStore(root_of_norms) as store:
+        assert store.norms() == ("volunteers",)
+        assert store.norm("volunteers").id == a_norm(1).id
+        with pytest.raises(ParameterError, match="another norm named 'volunteers'"):
+            store.put_norm_image(image)
+        store.delete_norm("volunteers")
+        with pytest.raises(NotFoundError, match="no norm named 'volunteers'"):
+            store.delete_norm("volunteers")
+        assert store.put_norm_image(image).id == a_norm(2).id
+        for name in ("other", "../volunteers", "", "Volunteers"):
+            with pytest.raises(NotFoundError):
+                store.norm(name)
+        with pytest.raises(ParameterError):
+            store.put_norm(a_norm(1, "Not A Name"))
+    assert verify(root_of_norms).is_sound
+
+
+def test_a_damaged_norm_is_found_and_put_again(root_of_norms: Path) -> None:
+    path = root_of_norms / "norms" / "volunteers.h5"
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-9])
+    assert [fault.file for fault in verify(root_of_norms).faults] == ["norms/volunteers.h5"]
+    with ResultStore(root_of_norms) as store:
+        assert store.put_norm(a_norm(1))
+    path.rename(path.with_stem("renamed"))
+    (fault,) = verify(root_of_norms).faults
+    assert "another name" in fault.problem
+    (root_of_norms / "norms" / "notes.txt").write_text("mine")
+    assert "norms/notes.txt" in verify(root_of_norms).orphans
+
+
+def test_a_copy_has_norms_and_learns_of_their_deletion(root_of_norms: Path, tmp_path: Path) -> None:
+    copy, older = tmp_path / "copy", tmp_path / "older"
+    backup(root_of_norms, copy)
+    shutil.copytree(copy / "norms", older)
+    with ResultStore(root_of_norms) as store:
+        store.delete_norm("volunteers")
+    assert backup(root_of_norms, copy).missing == ()
+    assert not (copy / "norms" / "volunteers.h5").exists()
+    # Older files that are laid over the folder bring nothing back.
+    shutil.copytree(older, root_of_norms / "norms", dirs_exist_ok=True)
+    rebuild(root_of_norms)
+    with ResultStore(root_of_norms) as store:
+        assert store.norms() == ()
+        store.put_norm(a_norm(3))
+    backup(root_of_norms, copy)
+    (root_of_norms / "norms" / "volunteers.h5").unlink()
+    assert backup(root_of_norms, copy).missing == ("norms/volunteers.h5",)
+    shutil.rmtree(root_of_norms)
+    restore(copy, root_of_norms)
+    with ResultStore(root_of_norms) as store:
+        assert store.norm("volunteers").id == a_norm(3).id

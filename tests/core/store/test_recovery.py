@@ -21,8 +21,7 @@ from modalmotion.cli.store_commands import store as commands
 from modalmotion.errors import CorruptFileError, OlderFileError
 from modalmotion.exports.signature_pack import export
 from modalmotion.store import ResultStore, rebuild, template_to_hdf5, verify
-from modalmotion.store.folder import Folder, ResultName
-from modalmotion.store.record import FORM, read_record, record_values
+from modalmotion.store.folder import FORM, Folder, ResultName, read_record, record_values
 from modalmotion.template import make_template
 
 

@@ -28,9 +28,8 @@ from modalmotion.signature.reconstruction import fitted_on, reconstruct
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template.body_frame import Direction, directions_on
 from modalmotion.tracking import track
-from modalmotion.viewer.bundle_files import script, style
 from modalmotion.viewer.container import read_container
-from modalmotion.viewer.page import View, view_page
+from modalmotion.viewer.page import View, script, style, view_page
 
 AXE = ROOT / "viewer" / "node_modules" / "axe-core" / "axe.min.js"
 FRAMES = (0, 2, 4)

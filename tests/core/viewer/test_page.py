@@ -5,22 +5,33 @@ from __future__ import annotations
 import base64
 import gzip
 import re
+import sys
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from viewed_surfaces import viewed
 
+import modalmotion as mm
 from modalmotion.cli import main
 from modalmotion.codec import decode, encode
-from modalmotion.errors import LimitError
+from modalmotion.errors import LimitError, MissingExtraError, ParameterError
 from modalmotion.formats import write_npz
 from modalmotion.signature.making import modal_signature
+from modalmotion.tracking.result import SampledData
 from modalmotion.viewer import page
-from modalmotion.viewer.bundle_files import decoder, script, source_hash, style
 from modalmotion.viewer.container import read_container
-from modalmotion.viewer.page import View, view_page
+from modalmotion.viewer.page import (
+    View,
+    data_payload,
+    decoder,
+    script,
+    source_hash,
+    style,
+    view_page,
+)
 
 
 class Parts(HTMLParser):
@@ -135,3 +146,60 @@ def test_a_compressed_file_is_viewed_as_it_is(tmp_path: Path) -> None:
         run = CliRunner().invoke(main, ["view", str(stream), "-o", str(page), "--no-classify"])
         assert run.exit_code == 0, run.output
         assert ('data-stream="0"' in page.read_text()) == is_held
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a_widget_holds_what_the_page_reads() -> None:
+    pytest.importorskip("anywidget")
+    sequence, signature = viewed("cup")
+    shown = mm.view(signature, sequence)
+    assert read_container(shown.payload)[0]["sequence_id"] == sequence.id
+    assert len(read_container(shown.frames[0])[1]["frames"]) == sequence.n_frames
+    assert shown._esm == script()
+    fitted = mm.view(sequence, parameters=mm.SignatureParameters(modes=4))
+    assert read_container(fitted.payload)[1]["amplitudes"].shape[1] == 4
+
+
+def test_a_signature_alone_has_no_surface() -> None:
+    with pytest.raises(ParameterError, match=r"view\(signature, sequence\)"):
+        mm.view(viewed("cup")[1])
+
+
+def test_without_anywidget_the_command_that_installs_it_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    page._widget.cache_clear()
+    monkeypatch.setitem(sys.modules, "anywidget", None)
+    with pytest.raises(MissingExtraError, match="pip install anywidget"):
+        mm.view(viewed("cup")[0])
+    page._widget.cache_clear()
+
+
+@pytest.mark.parametrize("far", [0.0, 1e7])
+def test_points_keep_their_places_and_what_they_are(rng: np.random.Generator, far: float) -> None:
+    points = far + rng.normal(0.0, 40.0, (6, 3))
+    weights = np.array([0.0, 0.05, 0.5, 1.0, 1.0, 1.0])
+    marks = np.arange(6) == 5
+    data = SampledData(points, weights, marks, np.array([4, 0, 2]))
+    header, arrays = read_container(data_payload(data))
+    assert header["counts"] == [4, 0, 2]
+    back = arrays["points"] + np.array(header["origin"])
+    assert np.abs(back - points).max() < 2e-5
+    assert arrays["weights"].tolist() == [0, 13, 128, 255, 255, 255]
+    assert arrays["landmarks"].tolist() == [0, 0, 0, 0, 0, 1]
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e-12, 1e12, 1e60])
+def test_extreme_lengths_are_sent_in_another_unit(rng: np.random.Generator, size: float) -> None:
+    points = size * rng.normal(size=(9, 3))
+    data = SampledData(points, np.ones(9), np.zeros(9, dtype=bool), np.array([9]))
+    header, arrays = read_container(data_payload(data))
+    back = arrays["points"].astype(np.float64) * header["length"] + np.array(header["origin"])
+    assert np.abs(back - points).max() < 1e-6 * size
+
+
+def test_no_points_are_no_error() -> None:
+    nothing = np.zeros(0)
+    data = SampledData(np.zeros((0, 3)), nothing, nothing.astype(bool), np.zeros(2, dtype=np.int64))
+    header, arrays = read_container(data_payload(data))
+    assert (header["origin"], arrays["points"].shape) == ([0.0, 0.0, 0.0], (0, 3))

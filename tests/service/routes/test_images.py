@@ -22,8 +22,7 @@ from modalmotion.formats.volumes.nifti import write_nifti
 from modalmotion.images import ImageSequence
 from modalmotion.images.hdf5 import read_images_file
 from modalmotion.limits import DEFAULT_LIMITS
-from modalmotion.viewer.container import read_container
-from modalmotion.viewer.slices import slices_payload
+from modalmotion.viewer.container import read_container, slices_payload
 from modalmotion_service.http.negotiation import VIEW
 from modalmotion_service.workspace.state import State
 

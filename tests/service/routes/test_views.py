@@ -12,8 +12,8 @@ import pytest
 from fastapi.testclient import TestClient
 from signing import signed
 
-from modalmotion.viewer.bundle_files import script, style
 from modalmotion.viewer.container import read_container
+from modalmotion.viewer.page import script, style
 from modalmotion_service.http.negotiation import VIEW
 from modalmotion_service.work.tasks import derived
 from modalmotion_service.work.tasks.files import Fitted

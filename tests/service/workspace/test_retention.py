@@ -11,7 +11,7 @@ from fastapi.testclient import TestClient
 from job_requests import ASYNC, finished
 
 from modalmotion.store import ResultStore
-from modalmotion.store.index.cursor import to_text
+from modalmotion.store.index import to_text
 from modalmotion_service.app import create_app
 from modalmotion_service.schemas.general import JobState
 from modalmotion_service.settings import Settings

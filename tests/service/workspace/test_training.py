@@ -21,7 +21,7 @@ from modalmotion.errors import NotFoundError
 from modalmotion.formats import read_npz
 from modalmotion.signature.making import modal_signature
 from modalmotion.store import ResultStore, model_from_hdf5, signature_to_hdf5
-from modalmotion.store.index.database import Database
+from modalmotion.store.database import Database
 from modalmotion_service.app import create_app
 from modalmotion_service.schemas.cases import LabelledSequence
 from modalmotion_service.schemas.general import JobState

@@ -13,7 +13,7 @@ from modalmotion.formats.parser.answer import Parsed
 from modalmotion.formats.vtk.vtkhdf import parse_vtkhdf
 from modalmotion.formats.vtk.vtkhdf_clouds import parse_vtkhdf_clouds
 from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.gate import open_gated
+from modalmotion.hdf5.sealed import open_gated
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh import facts_as_json
 from modalmotion.mesh.hdf5 import FORM, TRACK, sequence_from_hdf5

@@ -29,8 +29,8 @@ from modalmotion.tracking.label_maps import from_labels
 from modalmotion.tracking.label_values import is_label_map
 from modalmotion.tracking.parameters import TrackParameters
 from modalmotion.tracking.reading import recorded_images
-from modalmotion.viewer.data_payload import data_payload
-from modalmotion.viewer.slices import slices_payload
+from modalmotion.viewer.container import slices_payload
+from modalmotion.viewer.page import data_payload
 from modalmotion_service.schemas.sequences import TrackEstimate
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import png_of, whole_file, write_whole

@@ -23,8 +23,7 @@ from modalmotion.errors import (
     ShapeError,
 )
 from modalmotion.formats import ParserProcess, ReadLimits, read_sequence, write_vtkhdf
-from modalmotion.hdf5.gate import open_gated
-from modalmotion.hdf5.sealed import seal
+from modalmotion.hdf5.sealed import open_gated, seal
 from modalmotion.mesh.hdf5 import sequence_to_hdf5
 from modalmotion.mesh.sequence import mesh_sequence
 
@@ -358,7 +357,7 @@ def test_the_gate_counts(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
     data = edited(edit)
     gated(data)
-    monkeypatch.setattr(f"modalmotion.hdf5.gate.{name}", 50)
+    monkeypatch.setattr(f"modalmotion.hdf5.sealed.{name}", 50)
     with pytest.raises(LimitError) as caught:
         gated(data)
     assert caught.value.limit == "hdf5_objects"

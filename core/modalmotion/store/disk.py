@@ -1,18 +1,26 @@
-"""Files that are wholly written or not at all, whatever fails."""
+"""Files on disk: written wholly or not at all, locked, and JSON with a seal."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
+import hashlib
+import json
 import os
 import re
 import secrets
-from collections.abc import Iterable, Sequence
+import weakref
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from modalmotion.errors import StoreError
+from modalmotion.errors import CorruptFileError, OlderFileError, StoreError
+from modalmotion.hdf5.sealed import read_file
 
 _TEMPORARY: Final = re.compile(r"\.modalmotion-[0-9]+-[0-9a-f]{16}\.tmp")
 
@@ -216,3 +224,160 @@ _OF_THE_MACHINE: Final = frozenset(
 def is_of_the_machine(error: BaseException) -> bool:
     """Return whether the same could succeed at another time, with nothing else changed."""
     return isinstance(error, OSError) and error.errno in _OF_THE_MACHINE
+
+
+_held: Final[weakref.WeakSet[FolderLock]] = weakref.WeakSet()
+
+
+class FolderLock:
+    """An exclusive lock on a file, which goes with the process that holds it.
+
+    Parameters
+    ----------
+    path : Path
+        The file; it is made where it is missing and stays there.
+
+    Raises
+    ------
+    StoreError
+        If another process (or another store of this one) holds it, naming its process id.
+    """
+
+    def __init__(self, path: Path) -> None:
+        _close_in_children()
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        except OSError as error:
+            raise StoreError(
+                f"The folder of the store cannot be opened: {error.strerror}.",
+                remedy="Give this user the right to write there.",
+            ) from error
+        try:
+            # flock rather than POSIX locks, which one process may take twice.
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = os.pread(descriptor, 20, 0).decode(errors="replace").strip()
+            os.close(descriptor)
+            raise StoreError(
+                f"The store's folder is in use by process {holder or 'unknown'}.",
+                remedy="Stop that process, or use another folder: one process has a folder "
+                "to itself.",
+                details={"pid": int(holder)} if holder.isdigit() else {},
+            ) from None
+        except OSError as error:
+            os.close(descriptor)
+            raise StoreError(
+                f"The store's folder cannot be locked: {error.strerror}.",
+                remedy="Put the store on a file system with locks, best a local one.",
+            ) from error
+        self._descriptor: int | None = descriptor
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+        _held.add(self)
+
+    @property
+    def is_held(self) -> bool:
+        """Whether this process still holds the lock: a forked child does not."""
+        return self._descriptor is not None
+
+    def release(self) -> None:
+        """Give the lock back."""
+        _held.discard(self)
+        descriptor, self._descriptor = self._descriptor, None
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+@contextmanager
+def folder_lock(path: Path) -> Iterator[None]:
+    """Hold the lock inside the block."""
+    lock = FolderLock(path)
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+@cache
+def _close_in_children() -> None:
+    # A worker forked from a server would otherwise keep the lock when the server is killed.
+    os.register_at_fork(after_in_child=_release_all)
+
+
+def _release_all() -> None:
+    for lock in list(_held):
+        lock.release()
+
+
+@dataclass(frozen=True)
+class JsonForm:
+    """Kind and version of such a file.
+
+    Parameters
+    ----------
+    kind : str
+        "sequence-record" or "deleted-model".
+    version : int
+        Of its schema.
+    remedy : str
+        Advice for a damaged one.
+    """
+
+    kind: str
+    version: int
+    remedy: str
+
+    @property
+    def schema(self) -> str:
+        """Name of the schema in the file."""
+        return f"modalmotion.{self.kind}"
+
+    def write(self, record: dict[str, Any]) -> bytes:
+        """Write a file in memory, the same bytes for the same record."""
+        content = {"schema": self.schema, "schema_version": self.version, "record": record}
+        return json.dumps({**content, "sha256": _digest(content)}, indent=1).encode()
+
+    def read(self, path: Path) -> dict[str, Any]:
+        """Read the record in a file.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such file.
+        CorruptFileError
+            If it is damaged.
+        OlderFileError
+            If it was written by an older version.
+        StoreError
+            If it was written by a newer version.
+        """
+        try:
+            content: dict[str, Any] = json.loads(read_file(path))
+            is_whole = content.pop("sha256") == _digest(content)
+            schema, version = content["schema"], content["schema_version"]
+            record: dict[str, Any] = content["record"]
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise self.damaged(path, str(error)) from error
+        if not is_whole:
+            raise self.damaged(path, "its fields do not have the sha256 that it states")
+        # Not called damaged from here on, for what is damaged may be written anew.
+        if (schema, version) != (self.schema, self.version):
+            is_older = schema == self.schema and version < self.version
+            raise (OlderFileError if is_older else StoreError)(
+                f"'{path.name}' has the schema {str(schema)[:40]!r}, version {str(version)[:10]}, "
+                f"not {self.schema!r}, version {self.version}.",
+                remedy="Read it with the modalmotion that wrote it.",
+            )
+        return record
+
+    def damaged(self, path: Path, reason: str) -> CorruptFileError:
+        """Error for a file that does not contain what it should."""
+        return CorruptFileError(
+            f"The {self.kind.replace('-', ' ')} '{path.parent.name}/{path.name}' is damaged "
+            f"({reason[:100]}).",
+            remedy=self.remedy,
+        )
+
+
+def _digest(content: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

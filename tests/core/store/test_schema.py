@@ -17,9 +17,9 @@ from store_samples import (
 
 from modalmotion.errors import StoreError
 from modalmotion.store import ResultStore, rebuild, verify
+from modalmotion.store.database import VERSION, Database
 from modalmotion.store.folder import ResultName, track_name
-from modalmotion.store.index.database import VERSION, Database
-from modalmotion.store.index.index import Index, put_results
+from modalmotion.store.index import Index, put_results
 
 N = 6
 TRACKED = (1, 4)

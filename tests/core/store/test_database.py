@@ -10,7 +10,7 @@ from guest_table import STATEMENT
 
 from modalmotion.errors import CorruptFileError, StoreError
 from modalmotion.store import ResultStore
-from modalmotion.store.index.database import VERSION, Database
+from modalmotion.store.database import VERSION, Database
 
 
 def test_a_failing_block_changes_nothing(tmp_path: Path) -> None:

@@ -14,12 +14,15 @@ from scipy.spatial.transform import Rotation
 
 from modalmotion.errors import ParameterError
 from modalmotion.simulate import Pose, Spacing, VentricleParameters
-from modalmotion.simulate.beat import Beat
-from modalmotion.simulate.motion import MaterialPoints, region_weight
-from modalmotion.simulate.parameters import TERRITORY_CENTRES, Territory
-from modalmotion.simulate.pose import random_rotation, rotation_matrix
-from modalmotion.simulate.spheroid import Spheroid, directions
-from modalmotion.simulate.variation import SmoothField, random_field
+from modalmotion.simulate.parameters import (
+    TERRITORY_CENTRES,
+    Beat,
+    SmoothField,
+    Territory,
+    random_field,
+)
+from modalmotion.simulate.surface import Spheroid, directions, random_rotation, rotation_matrix
+from modalmotion.simulate.ventricle import MaterialPoints, region_weight
 
 HEALTHY = VentricleParameters()
 STILL = SmoothField(np.zeros((1, 3)), np.zeros(1), np.zeros((1, 3)))

@@ -20,7 +20,7 @@ from store_samples import (
 from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.store import ResultStore, verify, write_atomic
-from modalmotion.store.disk.atomic import is_of_the_machine
+from modalmotion.store.disk import is_of_the_machine
 
 
 class BrokenDisk:

@@ -1,1 +1,0 @@
-"""Files on disk: written whole, moved together, locked."""
