@@ -22,7 +22,7 @@ from modalmotion.cli.options import (
 )
 from modalmotion.exports.reading import read_recording
 from modalmotion.formats import ReadOptions
-from modalmotion.formats.raw import RAW_TYPES
+from modalmotion.formats.named_arrays import RAW_TYPES
 from modalmotion.mesh import WORDS, Facts, facts_from_texts
 from modalmotion.mesh.facts import stated_twice
 from modalmotion.mesh.sequence import MeshSequence

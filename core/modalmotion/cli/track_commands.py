@@ -27,7 +27,7 @@ from modalmotion.cli.options import (
 )
 from modalmotion.errors import ParameterError
 from modalmotion.formats import read_sequence, write_npz
-from modalmotion.formats.ply.ply import write_ply
+from modalmotion.formats.ply import write_ply
 from modalmotion.formats.volumes import read_images
 from modalmotion.images import ImageSequence
 from modalmotion.pictures.track import (

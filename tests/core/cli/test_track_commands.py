@@ -16,7 +16,7 @@ from modalmotion.cli import main
 from modalmotion.cli.track_commands import stated_landmarks
 from modalmotion.errors import ParameterError
 from modalmotion.formats import DEFAULT_LIMITS, ParserHere, read_npz
-from modalmotion.formats.ply.ply import read_ply
+from modalmotion.formats.ply import read_ply
 from modalmotion.formats.volumes import read_images, write_nifti_zip
 from modalmotion.formats.volumes.nifti import write_nifti
 from modalmotion.images import ImageSequence
