@@ -24,14 +24,14 @@ from modalmotion_service.document import completed
 from modalmotion_service.errors import NeedsStoreError
 from modalmotion_service.http import problems
 from modalmotion_service.http.admission import BodyLimits, Concurrency, Departure, WholeAnswers
-from modalmotion_service.http.gate import Access, Gate, require_judged
-from modalmotion_service.http.heads import (
+from modalmotion_service.http.connections import (
     API_VERSION,
     HeadAsGet,
     Prefix,
     RequestHeadCheck,
     SecurityHeaders,
 )
+from modalmotion_service.http.gate import Access, Gate, require_judged
 from modalmotion_service.http.observation import Observation
 from modalmotion_service.monitoring.metrics import Meter, Metrics, StateOfThings
 from modalmotion_service.monitoring.telemetry import Telemetry, Tracing
@@ -44,7 +44,7 @@ from modalmotion_service.routes import (
     signatures,
     views,
 )
-from modalmotion_service.routes.described import BODIES, EXAMPLES
+from modalmotion_service.routes.asked import BODIES, EXAMPLES
 from modalmotion_service.schemas.general import Problem
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.pool import WorkerPool, open_engine

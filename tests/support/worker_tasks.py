@@ -11,7 +11,7 @@ import numpy as np
 
 from modalmotion.errors import NonFiniteError
 from modalmotion.limits import DEFAULT_LIMITS
-from modalmotion_service.work.owner import remembering
+from modalmotion_service.work.engine import remembering
 from modalmotion_service.work.tasks.files import _kept, whole_file
 from modalmotion_service.work.upload import _forks, parser_for
 

@@ -17,8 +17,8 @@ from typing import Any, Final
 from urllib.parse import urlsplit
 
 from modalmotion.errors import ParameterError, needs_extra
+from modalmotion_service.access.rates import is_loopback
 from modalmotion_service.access.scopes import Principal, Scope
-from modalmotion_service.access.site import is_loopback
 from modalmotion_service.errors import AuthenticationError, ProviderError
 
 REFRESH_SECONDS: Final = 600.0

@@ -22,8 +22,8 @@ from modalmotion_service.audit.entry import BEGUN
 from modalmotion_service.audit.log import AuditLog, of_command, take_back_key
 from modalmotion_service.commands.options import DATA_DIR
 from modalmotion_service.commands.options import folder_of as data_folder_of
-from modalmotion_service.workspace.disk import sizes
 from modalmotion_service.workspace.owners import FOLDER, folder_of
+from modalmotion_service.workspace.spool import sizes
 
 # No owner's name begins so: the service skips folders under removal.
 _REMOVED: Final = ".removed-"

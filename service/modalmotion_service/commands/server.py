@@ -24,8 +24,8 @@ from fastapi import FastAPI
 from modalmotion.errors import ParameterError
 from modalmotion.store import ResultStore
 from modalmotion_service.access.keys import KeyRing, KeySnapshot, parts_of
+from modalmotion_service.access.rates import is_loopback
 from modalmotion_service.access.scopes import LOCAL, Scope
-from modalmotion_service.access.site import is_loopback
 from modalmotion_service.app import create_app
 from modalmotion_service.audit.log import Notes, note_key
 from modalmotion_service.http.connections import protocol_with_deadline, room_for_connections

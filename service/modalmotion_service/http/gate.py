@@ -20,7 +20,7 @@ from modalmotion.errors import ModalMotionError
 from modalmotion.mesh import NAMES
 from modalmotion_service.access.keys import Authenticator, key_required
 from modalmotion_service.access.logins import Logins, is_login
-from modalmotion_service.access.rates import Rates
+from modalmotion_service.access.rates import Rates, comes_by_loopback, require_same_site
 from modalmotion_service.access.scopes import (
     LOCAL_PRINCIPAL,
     PROBES,
@@ -31,7 +31,6 @@ from modalmotion_service.access.scopes import (
     principal_of,
     target_of,
 )
-from modalmotion_service.access.site import comes_by_loopback, require_same_site
 from modalmotion_service.audit.entry import BEGUN, Event
 from modalmotion_service.audit.log import Notes
 from modalmotion_service.errors import AuthenticationError, ForbiddenError, RateLimitedError

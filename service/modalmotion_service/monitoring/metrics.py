@@ -22,8 +22,8 @@ from modalmotion_service.errors import ClusterError, NoWorkerError
 from modalmotion_service.http.gate import route_of
 from modalmotion_service.http.observation import CLIENT_GONE
 from modalmotion_service.work.engine import Engine
-from modalmotion_service.workspace.disk import require_room
 from modalmotion_service.workspace.owners import Owners
+from modalmotion_service.workspace.spool import require_room
 from modalmotion_service.workspace.state import State
 
 

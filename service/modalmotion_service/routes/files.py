@@ -9,8 +9,7 @@ from fastapi import Depends, Response
 
 from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import JSON, NDJSON, NPZ, RAW, STREAM, VTKHDF, ZIP
-from modalmotion_service.routes.asked import Asked, AskedAny
-from modalmotion_service.routes.described import answers, upload
+from modalmotion_service.routes.asked import Asked, AskedAny, answers, upload
 from modalmotion_service.routes.uploads import Sent, receiving
 from modalmotion_service.schemas.queries import DecodingRequest
 from modalmotion_service.schemas.requests import CLASS_OF_FILE, ENCODING_OF_FILE, SIGNATURE_OF_FILE

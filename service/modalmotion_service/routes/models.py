@@ -12,16 +12,13 @@ from modalmotion.errors import ParameterError
 from modalmotion.store import ModelRecord, model_to_hdf5, parse_reference, require_model_name
 from modalmotion_service.http.judged_router import JudgedRouter, body_of
 from modalmotion_service.http.negotiation import CSV, HDF5, JSON, MARKDOWN, PNG
-from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey, page_of
-from modalmotion_service.routes.described import answers, body
-from modalmotion_service.schemas.cases import (
-    DeviationOptions,
-    DeviationRequest,
-    EvaluationOptions,
-    EvaluationRequest,
-    NormOptions,
-    NormRequest,
-    TrainingRequest,
+from modalmotion_service.routes.asked import (
+    AskedAny,
+    AskedNow,
+    IdempotencyKey,
+    answers,
+    body,
+    page_of,
 )
 from modalmotion_service.schemas.from_core import ModelName, ModelReference, Paging
 from modalmotion_service.schemas.models import (
@@ -35,12 +32,21 @@ from modalmotion_service.schemas.models import (
     NormLink,
     NormPageAnswer,
 )
+from modalmotion_service.schemas.queries import (
+    DeviationOptions,
+    DeviationRequest,
+    EvaluationOptions,
+    EvaluationRequest,
+    NormOptions,
+    NormRequest,
+    TrainingRequest,
+)
 from modalmotion_service.workspace import model_operations as operations
 from modalmotion_service.workspace.model_operations import require_known_classes
 from modalmotion_service.workspace.models import shipped_name
 from modalmotion_service.workspace.operation import Request
 from modalmotion_service.workspace.spool import SpoolFile
-from modalmotion_service.workspace.training_set import (
+from modalmotion_service.workspace.training import (
     find_cases,
     labelled_cases,
     look_up,

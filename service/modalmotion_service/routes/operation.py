@@ -17,8 +17,7 @@ from modalmotion_service.audit.log import AuditLog
 from modalmotion_service.http.gate import Access
 from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.monitoring.metrics import require_ready
-from modalmotion_service.routes.asked import AskedNow, job_answer
-from modalmotion_service.routes.described import answers
+from modalmotion_service.routes.asked import AskedNow, answers, job_answer
 from modalmotion_service.schemas.from_core import JobId, Paging
 from modalmotion_service.schemas.general import (
     AuditEntryAnswer,

@@ -11,8 +11,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.store import record_to_json
 from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import HDF5, JSON, PNG, VIEW
-from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey
-from modalmotion_service.routes.described import answers, upload
+from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey, answers, upload
 from modalmotion_service.routes.uploads import Sent, receiving
 from modalmotion_service.schemas.from_core import Paging, SequenceId
 from modalmotion_service.schemas.queries import ImagesView, TrackView

@@ -13,8 +13,15 @@ from modalmotion.store import SequenceRecord
 from modalmotion_service.http.gate import note_facts
 from modalmotion_service.http.judged_router import JudgedRouter, body_of
 from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, STREAM
-from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey, page_of
-from modalmotion_service.routes.described import answers, body, upload
+from modalmotion_service.routes.asked import (
+    AskedAny,
+    AskedNow,
+    IdempotencyKey,
+    answers,
+    body,
+    page_of,
+    upload,
+)
 from modalmotion_service.routes.uploads import Sent, receiving
 from modalmotion_service.schemas.from_core import Paging, SequenceId
 from modalmotion_service.schemas.queries import ModesRequest, SequenceList

@@ -23,21 +23,22 @@ from modalmotion_service.routes.asked import (
     Asked,
     AskedAny,
     AskedNow,
+    answers,
+    body,
     get_state,
     page_of,
     temporary_file,
 )
-from modalmotion_service.routes.described import answers, body
-from modalmotion_service.schemas.cases import FeatureOptions, FeaturesRequest
 from modalmotion_service.schemas.from_core import Paging, SequenceId, SignatureKey
 from modalmotion_service.schemas.models import FeaturesAnswer
 from modalmotion_service.schemas.queries import (
     DistanceRequest,
+    FeatureOptions,
+    FeaturesRequest,
     Reconstruction,
     ReportRequest,
     ViewRequest,
 )
-from modalmotion_service.schemas.readouts import ReadoutsAnswer, StrainAnswer
 from modalmotion_service.schemas.requests import (
     MANY_SIGNATURES,
     SIGNATURE,
@@ -45,7 +46,12 @@ from modalmotion_service.schemas.requests import (
     ManySignatures,
     SignatureRequest,
 )
-from modalmotion_service.schemas.results import ClassificationAnswer, ClassificationPageAnswer
+from modalmotion_service.schemas.results import (
+    ClassificationAnswer,
+    ClassificationPageAnswer,
+    ReadoutsAnswer,
+    StrainAnswer,
+)
 from modalmotion_service.schemas.signatures import (
     DistanceAnswer,
     SignatureAnswer,
@@ -59,7 +65,7 @@ from modalmotion_service.workspace.models import KeptClassification
 from modalmotion_service.workspace.operation import Operation, Request
 from modalmotion_service.workspace.signature_operations import SIGNATURE_TYPES, SURFACES
 from modalmotion_service.workspace.spool import SpoolFile
-from modalmotion_service.workspace.training_set import find_cases
+from modalmotion_service.workspace.training import find_cases
 
 router = JudgedRouter(prefix="/v1", tags=["signatures"])
 

@@ -11,7 +11,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import HTMLResponse
 
 from modalmotion.viewer.page import NOTHING, content_name, script, style
-from modalmotion_service.http.heads import PREFIX
+from modalmotion_service.http.connections import PREFIX
 from modalmotion_service.http.judged_router import JudgedRouter
 
 pages = JudgedRouter(include_in_schema=False)

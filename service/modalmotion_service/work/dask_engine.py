@@ -19,8 +19,7 @@ from modalmotion.store.disk import make_folder
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.answers import AnswerError, error_to_bytes, from_bytes, result_type
-from modalmotion_service.work.engine import READY_SECONDS, Engine, Terms
-from modalmotion_service.work.owner import payload_of, run_payload
+from modalmotion_service.work.engine import READY_SECONDS, Engine, Terms, payload_of, run_payload
 from modalmotion_service.work.pool import WorkerPool, unreadable_answer
 
 P = ParamSpec("P")

@@ -20,7 +20,7 @@ from modalmotion.store.disk import cannot_write, is_of_the_machine
 from modalmotion_service.errors import CostError, NoWorkerError, WorkerDiedError
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.answers import AnswerError
-from modalmotion_service.work.engine import READY_SECONDS, Engine, Terms
+from modalmotion_service.work.engine import READY_SECONDS, Engine, Terms, payload_of
 from modalmotion_service.work.keeper import (
     DeadlineError,
     Keeper,
@@ -29,7 +29,6 @@ from modalmotion_service.work.keeper import (
     SpentError,
 )
 from modalmotion_service.work.lanes import Lanes, Task
-from modalmotion_service.work.owner import payload_of
 from modalmotion_service.work.upload import are_confined
 
 P = ParamSpec("P")

@@ -17,8 +17,7 @@ from modalmotion.store.deletion import forget_tombstones
 from modalmotion.store.disk import is_of_the_machine
 from modalmotion.store.index import to_text
 from modalmotion_service.errors import ClusterError
-from modalmotion_service.workspace.idempotency import IdempotencyKeys
-from modalmotion_service.workspace.jobs import Job, Jobs
+from modalmotion_service.workspace.jobs import IdempotencyKeys, Job, Jobs
 from modalmotion_service.workspace.spool import Spool
 
 logger = logging.getLogger(__name__)

@@ -13,8 +13,7 @@ from modalmotion_service.errors import ConflictError
 from modalmotion_service.http.observation import stage
 from modalmotion_service.schemas.requests import SequenceChange
 from modalmotion_service.work.tasks.sequences import restated
-from modalmotion_service.workspace.idempotency import gone
-from modalmotion_service.workspace.jobs import results_of
+from modalmotion_service.workspace.jobs import gone, results_of
 from modalmotion_service.workspace.state import State
 
 

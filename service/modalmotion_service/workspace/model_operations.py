@@ -9,7 +9,7 @@ from modalmotion.classification.evaluation import CaseAnswer
 from modalmotion.errors import NotFoundError, ParameterError
 from modalmotion.store import ResultStore
 from modalmotion_service.http.negotiation import CSV, JSON, PNG
-from modalmotion_service.schemas.cases import (
+from modalmotion_service.schemas.queries import (
     TRAINING,
     DeviationOptions,
     EvaluationOptions,
@@ -21,7 +21,7 @@ from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.models import ChosenModel, Models
 from modalmotion_service.workspace.operation import Outcome, Request, operation
 from modalmotion_service.workspace.state import State
-from modalmotion_service.workspace.training_set import Case, read_cases
+from modalmotion_service.workspace.training import Case, read_cases
 
 # Share of the progress that the classifications are counted as.
 _CLASSIFYING = 0.95

@@ -31,7 +31,7 @@ from modalmotion_service.work.tasks.classification import KeptRecording
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.owner_work import in_one_basis, unheard
 from modalmotion_service.workspace.spool import Spool, remove_with_beside
-from modalmotion_service.workspace.training_set import Case
+from modalmotion_service.workspace.training import Case
 
 # Part of making a norm that fitting the signatures is counted as.
 _FITTING: Final = 0.8

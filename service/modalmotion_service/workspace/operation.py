@@ -24,7 +24,7 @@ from modalmotion_service.work.upload import Part, parts_as_json, parts_from_json
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.jobs import Job
 from modalmotion_service.workspace.spool import Spool, SpoolFile
-from modalmotion_service.workspace.training_set import Case
+from modalmotion_service.workspace.training import Case
 
 
 @dataclass(frozen=True)

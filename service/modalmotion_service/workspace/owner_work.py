@@ -19,12 +19,10 @@ from modalmotion.modes.topology import MESH
 from modalmotion.progress import StageReport
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ResultStore
-from modalmotion_service.work.engine import Engine
-from modalmotion_service.work.owner import work_of
+from modalmotion_service.work.engine import Engine, work_of
 from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.work.task_progress import followed
-from modalmotion_service.workspace.disk import Quota
-from modalmotion_service.workspace.spool import Spool, remove_with_beside
+from modalmotion_service.workspace.spool import Quota, Spool, remove_with_beside
 
 T = TypeVar("T")
 A = TypeVar("A")

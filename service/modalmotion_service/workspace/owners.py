@@ -28,14 +28,12 @@ from modalmotion_service.workspace import (
 )
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.background import Retention, for_ever
-from modalmotion_service.workspace.disk import Quota, require_room
-from modalmotion_service.workspace.idempotency import IdempotencyKeys
 from modalmotion_service.workspace.job_runner import Handler, JobRunner, Settle
-from modalmotion_service.workspace.jobs import Jobs
+from modalmotion_service.workspace.jobs import IdempotencyKeys, Jobs
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.norms import Norms
 from modalmotion_service.workspace.operation import Operation, Performance, Request, settled
-from modalmotion_service.workspace.spool import Spool
+from modalmotion_service.workspace.spool import Quota, Spool, require_room
 from modalmotion_service.workspace.state import State
 from modalmotion_service.workspace.tracks import Images, Tracks
 from modalmotion_service.workspace.training import Trainer

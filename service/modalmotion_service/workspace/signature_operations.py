@@ -25,9 +25,9 @@ from modalmotion_service.http.negotiation import (
     ZIP,
 )
 from modalmotion_service.http.observation import stage
-from modalmotion_service.schemas.cases import FeatureOptions
 from modalmotion_service.schemas.queries import (
     DistanceRequest,
+    FeatureOptions,
     Reconstruction,
     ReportRequest,
     ViewRequest,

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from modalmotion.store import ResultStore
 from modalmotion_service.settings import Settings
 from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.idempotency import IdempotencyKeys
 from modalmotion_service.workspace.job_runner import JobRunner
-from modalmotion_service.workspace.jobs import Jobs
+from modalmotion_service.workspace.jobs import IdempotencyKeys, Jobs
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.norms import Norms
 from modalmotion_service.workspace.operation import Performance

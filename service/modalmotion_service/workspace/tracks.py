@@ -23,8 +23,7 @@ from modalmotion_service.work.tasks.tracks import ingest_images, show_slices
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.background import for_ever
-from modalmotion_service.workspace.idempotency import IdempotencyKeys, gone
-from modalmotion_service.workspace.jobs import Job, Jobs, results_of
+from modalmotion_service.workspace.jobs import IdempotencyKeys, Job, Jobs, gone, results_of
 from modalmotion_service.workspace.owner_work import SharedWork, unheard
 from modalmotion_service.workspace.spool import Spool, SpoolFile
 

@@ -349,9 +349,9 @@ def test_a_cohort_of_bent_surfaces_is_trained_in_one_basis(trained: Trained) -> 
 def test_covariates_of_a_training_are_the_sequences_own_and_those_stated(
     trained: Trained,
 ) -> None:
-    from modalmotion_service.schemas.cases import LabelledSequence
+    from modalmotion_service.schemas.queries import LabelledSequence
     from modalmotion_service.workspace.spool import SpoolFile
-    from modalmotion_service.workspace.training_set import look_up, read_cases, write_cases
+    from modalmotion_service.workspace.training import look_up, read_cases, write_cases
 
     first = trained.ids[0]
     here = f"/v1/sequences/{first}"

@@ -32,7 +32,7 @@ from modalmotion.reports import fhir_json, report_figure, report_of
 from modalmotion.reports.dicom import dicom_instances, read_study
 from modalmotion.representation import probability
 from modalmotion.simulate import MotionClass
-from modalmotion_service.schemas.readouts import ReadoutsAnswer
+from modalmotion_service.schemas.results import ReadoutsAnswer
 
 pytest.importorskip("matplotlib")
 pydicom = pytest.importorskip("pydicom")

@@ -16,8 +16,7 @@ from worker_tasks import is_running, parse_and_tell
 
 from modalmotion_service.errors import CostError
 from modalmotion_service.work import upload
-from modalmotion_service.work.engine import Terms
-from modalmotion_service.work.owner import work_of
+from modalmotion_service.work.engine import Terms, work_of
 from modalmotion_service.work.pool import WorkerPool
 from modalmotion_service.work.upload import are_confined
 

@@ -14,7 +14,7 @@ from fastapi.testclient import TestClient
 from modalmotion.errors import StoreError
 from modalmotion_service.app import create_app
 from modalmotion_service.settings import Settings
-from modalmotion_service.workspace.disk import LEAST_BYTES, require_room
+from modalmotion_service.workspace.spool import LEAST_BYTES, require_room
 
 
 def disk(**changes: int) -> SimpleNamespace:

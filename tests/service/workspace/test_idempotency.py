@@ -10,7 +10,7 @@ import pytest
 
 from modalmotion.errors import StoreError
 from modalmotion.store import ResultStore
-from modalmotion_service.workspace.idempotency import IdempotencyKeys
+from modalmotion_service.workspace.jobs import IdempotencyKeys
 
 
 @pytest.fixture

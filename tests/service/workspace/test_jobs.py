@@ -12,8 +12,7 @@ import pytest
 from modalmotion.errors import NotFoundError, ParameterError
 from modalmotion.store import ResultStore
 from modalmotion_service.schemas.general import JobState
-from modalmotion_service.workspace.idempotency import IdempotencyKeys
-from modalmotion_service.workspace.jobs import Job, Jobs
+from modalmotion_service.workspace.jobs import IdempotencyKeys, Job, Jobs
 
 NAME = "Mustermann, Erika"
 

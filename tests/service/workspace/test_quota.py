@@ -10,7 +10,7 @@ from fastapi.testclient import TestClient
 from modalmotion.errors import StoreError
 from modalmotion_service.app import create_app
 from modalmotion_service.settings import Settings
-from modalmotion_service.workspace.disk import Quota
+from modalmotion_service.workspace.spool import Quota
 
 
 def test_files_are_added_up_without_those_of_others(tmp_path: Path) -> None:

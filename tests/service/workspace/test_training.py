@@ -23,12 +23,12 @@ from modalmotion.signature.making import modal_signature
 from modalmotion.store import ResultStore, model_from_hdf5, signature_to_hdf5
 from modalmotion.store.database import Database
 from modalmotion_service.app import create_app
-from modalmotion_service.schemas.cases import LabelledSequence
 from modalmotion_service.schemas.general import JobState
+from modalmotion_service.schemas.queries import LabelledSequence
 from modalmotion_service.settings import Settings
 from modalmotion_service.workspace.job_runner import JobRunner, Report
 from modalmotion_service.workspace.jobs import Jobs
-from modalmotion_service.workspace.training_set import find_cases
+from modalmotion_service.workspace.training import find_cases
 
 
 @pytest.fixture
