@@ -22,7 +22,7 @@ from modalmotion.clinical import clinical_readouts
 from modalmotion.codec import decode, encode
 from modalmotion.errors import ModalMotionError
 from modalmotion.formats import ReadOptions, read_sequence, write_npz, write_raw
-from modalmotion.formats.raw import read_raw
+from modalmotion.formats.named_arrays import read_raw
 from modalmotion.mesh import Facts, facts_from_texts
 from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
 from modalmotion.modes.order import modes_named, parse_label

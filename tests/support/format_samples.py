@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.formats import write_glb, write_npz, write_vtkhdf
+from modalmotion.formats.gltf.animation import MorphAnimation
 from modalmotion.formats.gltf.container import read_container, write_container
-from modalmotion.formats.gltf.morph_animation import MorphAnimation
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
 N_FRAMES: Final = 3

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from modalmotion.formats.parser.answer import Parsed
+from modalmotion.formats.result import Parsed
 from modalmotion.limits import ReadLimits
 
 

@@ -19,7 +19,7 @@ from modalmotion.cli.stated_facts import fact_options, stated_facts
 from modalmotion.cli.waiting import Waiting
 from modalmotion.exports.reading import read_recording
 from modalmotion.formats import ReadOptions
-from modalmotion.formats.raw import RAW_TYPES
+from modalmotion.formats.named_arrays import RAW_TYPES
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature, modal_signature
 

@@ -12,7 +12,7 @@ from modalmotion.cli.outputs import write_picture
 from modalmotion.cli.track_command import stated_landmarks
 from modalmotion.cli.tracking_options import label_options
 from modalmotion.formats import read_sequence, write_npz
-from modalmotion.formats.ply.ply import write_ply
+from modalmotion.formats.ply import write_ply
 from modalmotion.formats.volumes import read_images
 from modalmotion.images import ImageSequence
 from modalmotion.pictures.track import overlay_figure

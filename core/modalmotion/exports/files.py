@@ -23,7 +23,7 @@ from modalmotion.formats import (
     write_raw,
     write_vtkhdf,
 )
-from modalmotion.formats.gltf.morph_animation import frame_animation
+from modalmotion.formats.gltf.animation import frame_animation
 from modalmotion.hdf5.form import form_of
 from modalmotion.hdf5.gate import SIGNATURE
 from modalmotion.mesh.sequence import MeshSequence

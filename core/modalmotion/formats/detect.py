@@ -7,8 +7,8 @@ from enum import StrEnum
 from typing import Final
 
 from modalmotion.errors import MalformedFileError
-from modalmotion.formats.obj import KEYWORDS
 from modalmotion.formats.stl import cut_short, is_binary_stl
+from modalmotion.formats.text_meshes import KEYWORDS
 from modalmotion.hdf5.gate import SIGNATURE
 
 

@@ -11,24 +11,56 @@ from __future__ import annotations
 
 import io
 import json
+import lzma
 import re
+import struct
 import zipfile
+import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError, ShapeError
-from modalmotion.formats.frames.frame import TRACK
+from modalmotion.formats.frame import TRACK
 from modalmotion.formats.named_arrays import aliases_in, note_on, positions_in
 from modalmotion.formats.result import Reading
-from modalmotion.formats.zip_member import UNREADABLE, member_content
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh import NAMES, Facts, facts_as_json, facts_from_texts
 from modalmotion.mesh.checks import given_up
 from modalmotion.mesh.sequence import MeshSequence, in_time_order, mesh_sequence
+from modalmotion.numeric.unpacking import PIECE, filled
+
+UNREADABLE: Final = (
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    struct.error,
+    ValueError,
+    EOFError,
+    OSError,
+    OverflowError,
+    NotImplementedError,
+    RuntimeError,
+)
+"""Errors that zipfile and zlib raise on malformed bytes."""
+
+
+def member_content(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[np.uint8]:
+    """Read a member of the size that it declares; may raise `UNREADABLE`.
+
+    Raises
+    ------
+    MalformedFileError
+        If it holds more or less.
+    """
+    with archive.open(info) as stream:
+        pieces = iter(partial(stream.read, PIECE), b"")
+        return filled(pieces, info.file_size, info.compress_size)
+
 
 _ARRAYS: Final = ("vertices", "faces", "grid", "topology", "times", "times_ms", "unit")
 _KNOWN: Final = (*_ARRAYS, *NAMES)

@@ -1,10 +1,13 @@
-"""Result of a reader: a sequence with its origin and notes."""
+"""Results of readers and parsers, and the protocol of parsers."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal, Protocol
 
+from numpy.typing import NDArray
+
+from modalmotion.limits import ReadLimits
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import shown
 
@@ -40,3 +43,51 @@ class Reading:
     unit_from: Source | None = None
     times_from: Source | None = None
     notes: tuple[str, ...] = ()
+
+
+Parsed = tuple[dict[str, Any], dict[str, NDArray[Any]]]
+"""Text and numbers by name, and arrays by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """A parser's result.
+
+    Parameters
+    ----------
+    info : dict
+        Text and numbers.
+    arrays : dict of ndarray
+    """
+
+    info: dict[str, Any]
+    arrays: dict[str, NDArray[Any]]
+
+
+class Parser(Protocol):
+    """Runs parsers on files: `ParserProcess`, or `ParserHere`."""
+
+    @property
+    def limits(self) -> ReadLimits:
+        """Limits on a file."""
+
+    def parse(self, task: str, data: bytes) -> Answer:
+        """Parse a file by the parser of that name."""
+
+
+@dataclass(frozen=True)
+class ParserOfFile:
+    """A parser for what is inside one file, with that file's limits.
+
+    Parameters
+    ----------
+    parser : Parser
+    limits : ReadLimits
+    """
+
+    parser: Parser
+    limits: ReadLimits
+
+    def parse(self, task: str, data: bytes) -> Answer:
+        """Parse a file inside of it."""
+        return self.parser.parse(task, data)

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
-from modalmotion.formats.frames.frame import Frame, space_in
-from modalmotion.formats.text import line_blocks
+from modalmotion.formats.frame import Frame, space_in
+from modalmotion.formats.text_meshes import line_blocks
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.checks import FloatArray
 from modalmotion.mesh.triangles import face_normals, oriented_faces

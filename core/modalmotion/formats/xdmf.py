@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, MalformedFileError, ShapeError
 from modalmotion.formats.detect import Format
-from modalmotion.formats.frames.frame import Frame
-from modalmotion.formats.frames.frame_stack import FrameStack
+from modalmotion.formats.frame import Frame
+from modalmotion.formats.frames import FrameStack
 from modalmotion.formats.named_arrays import faces_in
-from modalmotion.formats.parser.answer import Parser
-from modalmotion.formats.result import Reading
+from modalmotion.formats.result import Parser, Reading
 
 XDMF_SUFFIXES: Final = (".xdmf", ".xmf")
 """Ends of the names of such files."""

@@ -14,20 +14,21 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, MalformedFileError, ParameterError, ShapeError
 from modalmotion.formats.detect import MESH_FORMATS, Format, detect_format, unknown_format
-from modalmotion.formats.frames.archive import opened
-from modalmotion.formats.frames.frame import NOTHING_TO_TRACK
-from modalmotion.formats.frames.listing import list_frames, notes_on_numbers
-from modalmotion.formats.frames.names import (
+from modalmotion.formats.frame import NOTHING_TO_TRACK
+from modalmotion.formats.frame_files import opened
+from modalmotion.formats.frame_lists import (
     FRAME_SUFFIXES,
     SERIES_SUFFIXES,
     is_hidden,
+    list_frames,
     natural_key,
+    notes_on_numbers,
 )
-from modalmotion.formats.mesh_file import read_mesh
+from modalmotion.formats.frames import read_mesh
 from modalmotion.formats.npz import read_arrays, text_in
-from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.parser.process import ParserProcess
-from modalmotion.formats.text import lines_of
+from modalmotion.formats.result import Parser
+from modalmotion.formats.text_meshes import lines_of
 from modalmotion.formats.volumes import read_images
 from modalmotion.formats.volumes.reading import holds_images
 from modalmotion.images import ImageSequence

@@ -9,10 +9,9 @@ from typing import Any
 
 from modalmotion.errors import ConnectivityError, InputError, ParameterError, ShapeError
 from modalmotion.formats import ReadOptions, read_sequence
-from modalmotion.formats.frames.frame import TRACK
-from modalmotion.formats.parser.answer import Parser
+from modalmotion.formats.frame import TRACK
 from modalmotion.formats.parser.process import ParserProcess
-from modalmotion.formats.result import Reading
+from modalmotion.formats.result import Parser, Reading
 from modalmotion.images.sequence import Images
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress

@@ -12,10 +12,10 @@ from typing import Any, Final
 
 from modalmotion.errors import InputError, LimitError
 from modalmotion.formats import Parser, ParserHere, Reading, ReadLimits, ReadOptions, read_sequence
-from modalmotion.formats.frames.frame import SIGNATURE, TRACK
-from modalmotion.formats.parser.answer import Answer
-from modalmotion.formats.parser.confinement import landlock_version
-from modalmotion.formats.parser.forks import ParserForks, ParserLostError
+from modalmotion.formats.frame import SIGNATURE, TRACK
+from modalmotion.formats.parser.child import landlock_version
+from modalmotion.formats.parser.process import ParserForks, ParserLostError
+from modalmotion.formats.result import Answer
 from modalmotion.formats.volumes import read_images
 from modalmotion.images import ImageSequence
 from modalmotion.mesh.fact_forms import facts_as_json, facts_from_json

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from ellipsoid_images import enclosed, labels
 
 from modalmotion.cli import main
-from modalmotion.formats.ply.ply import read_ply
+from modalmotion.formats.ply import read_ply
 from modalmotion.formats.volumes.nifti import write_nifti
 from modalmotion.images import ImageSequence
 from modalmotion.tracking.hdf5 import track_from_hdf5

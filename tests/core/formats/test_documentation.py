@@ -11,7 +11,7 @@ import pytest
 from project import ROOT
 
 from modalmotion.formats import read_sequence, write_npz
-from modalmotion.formats.frames.archive import write_ply_zip
+from modalmotion.formats.frame_files import write_ply_zip
 from modalmotion.simulate import simulate_ventricle
 
 DOCUMENT = ROOT / "docs" / "formats.md"

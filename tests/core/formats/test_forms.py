@@ -22,8 +22,8 @@ import modalmotion as mm
 from modalmotion.cli import main
 from modalmotion.formats import ReadOptions, write_npz, write_ply_zip, write_raw, write_vtkhdf
 from modalmotion.formats.gltf import write_glb
-from modalmotion.formats.gltf.morph_animation import frame_animation
-from modalmotion.formats.ply.ply import write_ply
+from modalmotion.formats.gltf.animation import frame_animation
+from modalmotion.formats.ply import write_ply
 from modalmotion.mesh.hdf5 import sequence_to_hdf5
 
 BEAT: Final = mm.simulate_ventricle(
@@ -284,7 +284,7 @@ def test_points_in_a_table_are_tracked(tmp_path: Path) -> None:
     track = mm.track(path, modes=7, unit="mm")
     assert track.n_frames == len(X)
     path.write_text("frame,x,y,z\n0,1,2,three\n")
-    with pytest.raises(mm.MalformedFileError, match="no number"):
+    with pytest.raises(mm.MalformedFileError, match="not a number"):
         mm.track(path)
 
 

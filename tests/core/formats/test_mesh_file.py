@@ -24,12 +24,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modalmotion.errors import InputError, LimitError, MalformedFileError
-from modalmotion.formats.frames.frame import Frame
-from modalmotion.formats.obj import read_obj
-from modalmotion.formats.off import read_off
-from modalmotion.formats.ply.ply import read_ply, write_ply
-from modalmotion.formats.polygons import triangulate_sizes
+from modalmotion.formats.frame import Frame, triangulate_sizes
+from modalmotion.formats.ply import read_ply, write_ply
 from modalmotion.formats.stl import read_stl
+from modalmotion.formats.text_meshes import read_obj, read_off
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh.checks import FloatArray
 

@@ -39,7 +39,7 @@ from modalmotion.formats import (
     write_raw,
     write_vtkhdf,
 )
-from modalmotion.formats.hdf5 import read_hdf5
+from modalmotion.formats.reading import read_hdf5
 from modalmotion.mesh.sequence import MeshSequence
 
 EXPECTED = {name: name.partition(" ")[0] for name in all_files()} | {

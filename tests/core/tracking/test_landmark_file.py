@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from modalmotion.errors import InputError, MalformedFileError, ParameterError, ShapeError
-from modalmotion.formats.ply.ply import write_ply
+from modalmotion.formats.ply import write_ply
 from modalmotion.tracking.landmarks import read_landmark_file
 from modalmotion.tracking.parameters import TrackParameters
 from modalmotion.tracking.reading import read_observed

@@ -14,8 +14,8 @@ from clouds import breathing_spheroid, sampled
 
 from modalmotion.errors import InputError, MalformedFileError, ParameterError
 from modalmotion.formats import read_npz
-from modalmotion.formats.frames.archive import write_ply_zip
-from modalmotion.formats.ply.ply import write_ply
+from modalmotion.formats.frame_files import write_ply_zip
+from modalmotion.formats.ply import write_ply
 from modalmotion.tracking.reading import read_observed
 
 BALL = breathing_spheroid(3)

@@ -10,7 +10,7 @@ from clouds import as_npz, breathing_spheroid, sampled, small_recording
 
 from modalmotion.errors import ConnectivityError, MalformedFileError, ParameterError
 from modalmotion.formats import ReadOptions, read_sequence, write_npz
-from modalmotion.formats.ply.ply import write_ply
+from modalmotion.formats.ply import write_ply
 from modalmotion.mesh import Facts
 from modalmotion.tracking.hdf5 import track_to_hdf5
 from modalmotion.tracking.parameters import TrackParameters

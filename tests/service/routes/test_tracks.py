@@ -19,7 +19,7 @@ from services import served
 from signing import signed
 
 from modalmotion.formats import write_npz
-from modalmotion.formats.ply.ply import write_ply
+from modalmotion.formats.ply import write_ply
 from modalmotion.mesh import Facts
 from modalmotion.mesh.hdf5 import sequence_to_hdf5
 from modalmotion.mesh.sequence import mesh_sequence

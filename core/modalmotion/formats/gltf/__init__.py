@@ -1,7 +1,7 @@
 """Binary glTF: animations of morph targets, in and out."""
 
 from modalmotion.arguments.checking import check_arguments
-from modalmotion.formats.gltf.morph_animation import MorphAnimation
+from modalmotion.formats.gltf.animation import MorphAnimation
 from modalmotion.formats.gltf.reading import read_glb
 from modalmotion.formats.gltf.writing import write_glb
 

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
+from modalmotion.formats.gltf.animation import MorphAnimation, to_quaternions
 from modalmotion.formats.gltf.container import write_container
-from modalmotion.formats.gltf.morph_animation import MorphAnimation
-from modalmotion.formats.gltf.quaternions import to_quaternions
 from modalmotion.formats.gltf.reading import OURS
 from modalmotion.mesh.checks import single_precision
 

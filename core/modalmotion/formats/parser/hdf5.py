@@ -7,11 +7,10 @@ from typing import Any, Final
 from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError, StoreError
-from modalmotion.formats.frames.frame import NOTHING_TO_TRACK
+from modalmotion.formats.frame import NOTHING_TO_TRACK
 from modalmotion.formats.named_arrays import parse_datasets as parse_named
-from modalmotion.formats.parser.answer import Parsed
-from modalmotion.formats.vtk.vtkhdf import parse_vtkhdf
-from modalmotion.formats.vtk.vtkhdf_clouds import parse_vtkhdf_clouds
+from modalmotion.formats.result import Parsed
+from modalmotion.formats.vtkhdf import parse_vtkhdf, parse_vtkhdf_clouds
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.gate import open_gated
 from modalmotion.limits import ReadLimits

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Final
 
-from modalmotion.formats.parser.answer import Answer, Parsed
+from modalmotion.formats.result import Answer, Parsed
 from modalmotion.limits import ReadLimits
 
 # Imported only where they run: h5py and VTK are slow to import, and VTK is an extra.
@@ -15,13 +15,13 @@ _TASKS: Final = {
     "hdf5": "modalmotion.formats.parser.hdf5:parse_hdf5",
     "clouds": "modalmotion.formats.parser.hdf5:parse_clouds",
     "dicom": "modalmotion.formats.volumes.dicom:parse_dicom",
-    "metaimage": "modalmotion.formats.volumes.metaimage:parse_metaimage",
+    "metaimage": "modalmotion.formats.volumes.nrrd_metaimage:parse_metaimage",
     "nifti": "modalmotion.formats.volumes.nifti:parse_nifti",
-    "nrrd": "modalmotion.formats.volumes.nrrd_volumes:parse_nrrd",
-    "study": "modalmotion.formats.volumes.study:parse_study",
-    "vtk": "modalmotion.formats.vtk.vtk_polydata:parse_legacy",
-    "vtp": "modalmotion.formats.vtk.vtk_polydata:parse_xml",
-    "vtu": "modalmotion.formats.vtk.vtk_polydata:parse_xml_grid",
+    "nrrd": "modalmotion.formats.volumes.nrrd_metaimage:parse_nrrd",
+    "study": "modalmotion.formats.volumes.dicom:parse_study",
+    "vtk": "modalmotion.formats.vtk_polydata:parse_legacy",
+    "vtp": "modalmotion.formats.vtk_polydata:parse_xml",
+    "vtu": "modalmotion.formats.vtk_polydata:parse_xml_grid",
     "mat": "modalmotion.formats.named_arrays:parse_matlab",
     "datasets": "modalmotion.formats.parser.hdf5:parse_datasets",
 }

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, MalformedFileError, ShapeError, needs_extra
-from modalmotion.formats.parser.answer import Parsed
+from modalmotion.formats.result import Parsed
 from modalmotion.formats.volumes.stack import (
     BROKEN,
     RAS_TO_LPS,

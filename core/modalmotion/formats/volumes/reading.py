@@ -14,12 +14,12 @@ import numpy as np
 
 from modalmotion.errors import InputError, MalformedFileError, ShapeError, needs_extra
 from modalmotion.formats.detect import Format, detect_format
-from modalmotion.formats.frames.archive import opened
-from modalmotion.formats.frames.names import is_hidden, natural_key
-from modalmotion.formats.parser.answer import Answer, Parser
+from modalmotion.formats.frame_files import opened
+from modalmotion.formats.frame_lists import is_hidden, natural_key
+from modalmotion.formats.npz import UNREADABLE
 from modalmotion.formats.parser.process import ParserProcess
-from modalmotion.formats.volumes.grouping import Slice, grouped
-from modalmotion.formats.zip_member import UNREADABLE
+from modalmotion.formats.result import Answer, Parser
+from modalmotion.formats.volumes.stack import Slice, grouped
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.images.volume import slices_of
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits

@@ -16,10 +16,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.formats import read_sequence, write_glb
-from modalmotion.formats.gltf.channels import Channel
+from modalmotion.formats.gltf.animation import Channel, MorphAnimation, to_matrices, to_quaternions
 from modalmotion.formats.gltf.container import read_container
-from modalmotion.formats.gltf.morph_animation import MorphAnimation
-from modalmotion.formats.gltf.quaternions import to_matrices, to_quaternions
 
 # Positions are float32; the base holds the least weights' share, so a few roundings add up.
 SINGLE = 16 * float(np.spacing(np.float32(np.abs(VERTICES).max())))

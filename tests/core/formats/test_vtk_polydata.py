@@ -179,7 +179,7 @@ def test_no_piece_of_a_file_is_written_on_standard_error() -> None:
     code = (
         "from modalmotion.errors import InputError\n"
         "from modalmotion.limits import DEFAULT_LIMITS\n"
-        "from modalmotion.formats.vtk.vtk_polydata import parse_legacy\n"
+        "from modalmotion.formats.vtk_polydata import parse_legacy\n"
         "try:\n    parse_legacy(b'Jane Doe', DEFAULT_LIMITS)\n"
         "except InputError as error:\n    print(error)\n"
     )

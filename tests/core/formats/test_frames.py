@@ -38,9 +38,8 @@ from modalmotion.errors import (
     ShapeError,
 )
 from modalmotion.formats import ReadLimits, ReadOptions, read_sequence, write_ply_zip
-from modalmotion.formats.frames.merge import merge_corners
-from modalmotion.formats.frames.names import natural_key
-from modalmotion.formats.frames.series import read_series, write_series
+from modalmotion.formats.frame import merge_corners
+from modalmotion.formats.frame_lists import natural_key, read_series, write_series
 from modalmotion.mesh.checks import FloatArray
 from modalmotion.mesh.sequence import mesh_sequence
 

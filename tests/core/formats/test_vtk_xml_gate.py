@@ -10,7 +10,7 @@ import pytest
 from format_samples import VERTICES, vtp_text
 
 from modalmotion.errors import InputError, LimitError, MalformedFileError
-from modalmotion.formats.vtk.xml_gate import require_plain_xml
+from modalmotion.formats.vtk_xml_gate import require_plain_xml
 from modalmotion.limits import DEFAULT_LIMITS
 
 PLAIN = vtp_text(VERTICES[0])

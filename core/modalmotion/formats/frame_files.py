@@ -1,27 +1,165 @@
-"""A zip of frames, in and out."""
+"""Sequences of several files, in a folder, by a pattern of names or in a zip archive."""
 
 from __future__ import annotations
 
 import io
 import stat
 import zipfile
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path, PurePosixPath
 from typing import Final
 
 from modalmotion.errors import LimitError, MalformedFileError
-from modalmotion.formats.frames.listed_files import read_files
-from modalmotion.formats.frames.names import require_safe_name
-from modalmotion.formats.frames.series import write_series
-from modalmotion.formats.parser.answer import Parser, ParserOfFile
-from modalmotion.formats.ply.ply import write_ply
-from modalmotion.formats.result import Reading
-from modalmotion.formats.zip_member import UNREADABLE, member_content
+from modalmotion.formats.detect import CONVERT
+from modalmotion.formats.frame import TRACK
+from modalmotion.formats.frame_lists import (
+    FRAME_SUFFIXES,
+    SERIES_SUFFIXES,
+    is_hidden,
+    list_frames,
+    name_beside,
+    require_safe_name,
+    write_series,
+)
+from modalmotion.formats.frames import FrameFile, read_frames
+from modalmotion.formats.npz import UNREADABLE, member_content
+from modalmotion.formats.ply import write_ply
+from modalmotion.formats.result import Parser, ParserOfFile, Reading
+from modalmotion.formats.xdmf import XDMF_SUFFIXES, read_xdmf
 from modalmotion.limits import TEXT_UNFOLDING, ReadLimits
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress
+from modalmotion.representation import counted
+
+LISTS: Final = (*SERIES_SUFFIXES, *XDMF_SUFFIXES)
+"""Ends of the names of files that name others."""
+
+_MESHES: Final = (".msh", ".inp", ".bdf", ".nas", ".mesh", ".med", ".e", ".exo", ".su2", ".unv")
+_POINTS: Final = (".csv", ".txt", ".xyz", ".pcd")
+
+
+def read_files(
+    names: list[str],
+    read: Callable[[str], bytes],
+    parser: Parser,
+    progress: Progress | None = None,
+    sizes: Mapping[str, int] | None = None,
+) -> Reading:
+    """Read a sequence from files.
+
+    Parameters
+    ----------
+    names : list of str
+    read : callable
+        Returns the bytes of one of them.
+    parser : Parser
+        Its limits apply.
+    progress : callable, optional
+    sizes : mapping of str to int, optional
+        Bytes of each, where reading unpacks them: those that are read are compared with the limits.
+
+    Raises
+    ------
+    MalformedFileError
+        If none is a frame; it says what they are.
+    InputError
+        If the frames do not form a sequence; frame and file are named.
+    """
+    visible = [name for name in names if not is_hidden(name)]
+    grids = [name for name in visible if name.lower().endswith(XDMF_SUFFIXES)]
+    if len(grids) == 1:
+        there = set(visible)
+
+        def beside(name: str) -> bytes:
+            path = name_beside(grids[0], name)
+            if path not in there:
+                raise MalformedFileError(
+                    f"{grids[0][-60:]!r} names {name[-60:]!r}, which is not there.",
+                    remedy="Keep the two files together.",
+                )
+            return read(path)
+
+        return read_xdmf(read(grids[0]), beside, parser)
+    listing = list_frames(names, read, parser.limits)
+    if not listing.names:
+        raise _no_frames(visible)
+    if sizes is not None:
+        total = sum(sizes[name] for name in listing.names)
+        parser.limits.require("decompressed_bytes", total)
+    files = [FrameFile(name, partial(read, name)) for name in listing.names]
+    return listing.complete(read_frames(files, parser, listing.times, progress))
+
+
+def _no_frames(names: list[str]) -> MalformedFileError:
+    ends = Counter(PurePosixPath(name).suffix.lower() or "no ending" for name in names)
+    seen = ", ".join(f"{n} {end}" for end, n in ends.most_common(4))
+    remedy = f"Send files that end in {', '.join(FRAME_SUFFIXES)}."
+    if ends.keys() & {*_MESHES}:
+        remedy = CONVERT
+    elif ends.keys() & {*_POINTS}:
+        remedy = f"Clouds and contours are for {TRACK}."
+    return MalformedFileError(
+        f"There are no frames among {counted(len(names), 'file')}{f' ({seen})' if seen else ''}.",
+        remedy=remedy,
+    )
+
+
+_WILD = frozenset("*?[")
+
+
+def is_pattern(path: Path) -> bool:
+    """Return whether a path is a pattern of names such as scan_*.ply."""
+    return bool(_WILD & set(path.name))
+
+
+def read_folder(path: Path, parser: Parser, progress: Progress | None = None) -> Reading:
+    """Read a sequence from the files in a folder, or from those that match a pattern.
+
+    Frames come in the natural order of the numbers in their names, or as one .pvd or .series
+    file among them lists them.
+
+    Parameters
+    ----------
+    path : Path
+        A folder, a folder and a pattern of names (*, ?, [...]), or a list in its folder.
+    parser : Parser
+        Its limits apply.
+    progress : callable, optional
+
+    Raises
+    ------
+    MalformedFileError
+        If no file is a frame, or a file cannot be read.
+    InputError
+        If the frames do not form a sequence; frame and file are named.
+    """
+    is_whole, is_list = path.is_dir(), path.is_file()
+    folder, pattern = (path, "*") if is_whole else (path.parent, path.name)
+    paths = {file.name: file for file in folder.glob("*" if is_list else pattern) if file.is_file()}
+    if is_list:
+        paths = {n: p for n, p in paths.items() if n == path.name or not n.lower().endswith(LISTS)}
+    if is_list or is_whole:
+        # A list of frames may name those in folders beneath it.
+        paths |= {
+            file.relative_to(folder).as_posix(): file
+            for file in folder.glob("*/*")
+            if file.is_file() and any(name.endswith(LISTS) for name in paths)
+        }
+
+    def read(name: str) -> bytes:
+        try:
+            return paths[name].read_bytes()
+        except OSError as error:
+            raise MalformedFileError(
+                f"{name!r} cannot be read: {error.strerror}.", remedy="Check its permissions."
+            ) from error
+
+    return read_files(list(paths), read, parser, progress)
+
 
 # Besides frames an archive may contain textures, notes and the like.
 _MEMBERS_PER_FRAME: Final = 4

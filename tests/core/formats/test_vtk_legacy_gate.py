@@ -7,7 +7,7 @@ import pytest
 from format_samples import FACES, VERTICES, vtk_text
 
 from modalmotion.errors import InputError, LimitError, MalformedFileError
-from modalmotion.formats.vtk.legacy_gate import require_plain_legacy
+from modalmotion.formats.vtk_legacy_gate import require_plain_legacy
 from modalmotion.limits import DEFAULT_LIMITS
 
 PLAIN = vtk_text(VERTICES[0])

@@ -1,23 +1,36 @@
-"""Frames of one moving mesh, joined one after the other."""
+"""Frames in files of one mesh each, read and joined to one sequence."""
 
 from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from modalmotion.errors import (
     ConnectivityError,
+    InputError,
     MalformedFileError,
     NonFiniteError,
     ShapeError,
+    needs_extra,
 )
-from modalmotion.formats.detect import Format
-from modalmotion.formats.frames.frame import ONE_MESH, Frame
-from modalmotion.formats.frames.merge import MergeMap, merge_corners
-from modalmotion.formats.result import Reading
+from modalmotion.formats.detect import MESH_FORMATS, Format, detect_format, unknown_format
+from modalmotion.formats.frame import ONE_MESH, Frame, MergeMap, merge_corners, triangulate
+from modalmotion.formats.ply import read_ply
+from modalmotion.formats.result import Parser, Reading
+from modalmotion.formats.stl import read_stl
+from modalmotion.formats.text_meshes import read_obj, read_off
+from modalmotion.formats.vtk_legacy_gate import require_plain_legacy
+from modalmotion.formats.vtk_xml_gate import require_plain_xml
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh import facts_from_texts
 from modalmotion.mesh.checks import FloatArray, given_up
 from modalmotion.mesh.sequence import in_time_order, mesh_sequence
+from modalmotion.progress import Progress
 
 
 class FrameStack:
@@ -155,3 +168,137 @@ def _other_faces(frame: Frame, first: Frame) -> ConnectivityError:
             f"Face {face} is {frame.faces[face].tolist()}, in frame 0 {first.faces[face].tolist()}."
         )
     return ConnectivityError(what, remedy=ONE_MESH, details={"face": face})
+
+
+_READERS: Final = {
+    Format.STL: read_stl,
+    Format.PLY: read_ply,
+    Format.OBJ: read_obj,
+    Format.OFF: read_off,
+}
+_GATES: Final = {
+    Format.VTK: require_plain_legacy,
+    Format.VTP: require_plain_xml,
+    Format.VTU: require_plain_xml,
+}
+
+
+def read_mesh(data: bytes, stated: Format | None, parser: Parser) -> tuple[Frame, Format]:
+    """Read a file that contains one mesh.
+
+    Parameters
+    ----------
+    data : bytes
+    stated : Format or None
+        Recognised by content if None.
+    parser : Parser
+        For the formats that need one; its limits apply to all.
+
+    Returns
+    -------
+    frame : Frame
+    format : Format
+
+    Raises
+    ------
+    InputError
+        The subclass names the problem.
+    """
+    kind = detect_format(data) if stated is None else stated
+    if kind is None:
+        raise unknown_format(data)
+    if kind not in MESH_FORMATS:
+        raise MalformedFileError(
+            f"The file is {kind.upper()}, which contains a whole sequence or none.",
+            remedy="Send such a file by itself, not as a frame.",
+        )
+    if kind in _READERS:
+        return _READERS[kind](data, parser.limits), kind
+    return _read_vtk(data, kind, parser), kind
+
+
+def _read_vtk(data: bytes, kind: Format, parser: Parser) -> Frame:
+    with needs_extra("vtk"):
+        if importlib.util.find_spec("vtkmodules") is None:
+            raise ModuleNotFoundError(name="vtk")
+    # Before memory is allocated; the parser's process is limited as well.
+    _GATES[kind](data, parser.limits)
+    answer = parser.parse(kind.value, data)
+    polygons = triangulate(answer.arrays["offsets"], answer.arrays["corners"])
+    return Frame(
+        answer.arrays["positions"],
+        polygons.faces,
+        notes=polygons.notes,
+        ignored=tuple(answer.info["ignored"]),
+        statements=tuple((str(name), str(value)) for name, value in answer.info["statements"]),
+    )
+
+
+@dataclass(frozen=True)
+class FrameFile:
+    """A frame's file, not yet read.
+
+    Parameters
+    ----------
+    name : str
+    read : callable
+        Returns the bytes.
+    """
+
+    name: str
+    read: Callable[[], bytes]
+
+
+def read_frames(
+    files: list[FrameFile],
+    parser: Parser,
+    times: tuple[float, ...] | None = None,
+    progress: Progress | None = None,
+) -> Reading:
+    """Read frames and join them to one sequence.
+
+    Parameters
+    ----------
+    files : list of FrameFile
+        In the order of time.
+    parser : Parser
+        Its limits apply.
+    times : tuple of float, s, optional
+    progress : callable, optional
+
+    Raises
+    ------
+    InputError
+        It names the frame and its file.
+    """
+    report = progress or (lambda _done, _all: None)
+    parser.limits.require("frames", len(files))
+    with _named(0, files[0].name):
+        frame, kind = read_mesh(files[0].read(), None, parser)
+        stack = FrameStack(frame, kind, len(files), parser.limits)
+    report(1, len(files))
+    for number, file in enumerate(files[1:], 1):
+        with _named(number, file.name):
+            stack.add(number, *read_mesh(file.read(), None, parser))
+        report(number + 1, len(files))
+    return stack.result(times)
+
+
+@contextmanager
+def _named(number: int, name: str) -> Iterator[None]:
+    try:
+        yield
+    except InputError as error:
+        raise _in_frame(error, number, name) from error
+
+
+def _in_frame(error: InputError, number: int, name: str) -> InputError:
+    message = error.message.removeprefix(f"Frame {number}: ")
+    return type(error)(
+        f"Frame {number} ({name[-60:]!r}): {message}",
+        remedy=error.remedy,
+        frame=number,
+        vertex=error.vertex,
+        limit=error.limit,
+        details={**error.details, "file": name[-200:]},
+    )

@@ -15,8 +15,8 @@ from hostile_parsers import TASKS
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats import DEFAULT_LIMITS, ParserHere, write_vtkhdf
 from modalmotion.formats.parser import registry
-from modalmotion.formats.parser.confinement import landlock_version
-from modalmotion.formats.parser.forks import ParserForks, ParserLostError
+from modalmotion.formats.parser.child import landlock_version
+from modalmotion.formats.parser.process import ParserForks, ParserLostError
 
 
 @pytest.fixture

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
-from modalmotion.formats.frames.frame import space_in
-from modalmotion.formats.parser.answer import Parsed
+from modalmotion.formats.frame import space_in
+from modalmotion.formats.result import Parsed
 from modalmotion.limits import ReadLimits
 
 _malformed: Final = partial(

@@ -6,7 +6,7 @@ import pytest
 from dicom_samples import study_instance
 
 from modalmotion.errors import MalformedFileError
-from modalmotion.formats.volumes.study import parse_study
+from modalmotion.formats.volumes.dicom import parse_study
 from modalmotion.limits import DEFAULT_LIMITS
 
 pytest.importorskip("pydicom")

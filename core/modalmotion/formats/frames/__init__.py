@@ -1,1 +1,0 @@
-"""Frames that come one by one, in folders, archives and series."""

@@ -1,0 +1,349 @@
+"""Animations of a glTF file: channels between keyframes (glTF 2.0, app. C), and weighted targets.
+
+Rotations are unit quaternions (x, y, z, w), as glTF stores them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.formats.gltf.container import Container, malformed, read_accessor
+from modalmotion.limits import ReadLimits
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.modes.topology import Topology
+from modalmotion.representation import shown
+
+
+def to_quaternions(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Turn rotations over time into quaternions without jumps of sign.
+
+    Parameters
+    ----------
+    matrices : (frames, 3, 3) float64
+
+    Returns
+    -------
+    (frames, 4) float64
+        Each on the same side as the one before, so that a player turns the short way.
+
+    Notes
+    -----
+    Shepperd, Quaternion from rotation matrix, Journal of Guidance and Control, 1981.
+    """
+    R = matrices
+    trace = np.trace(R, axis1=1, axis2=2)
+    # 4 q_i^2, for x, y, z and w: dividing by the largest of them loses no digits.
+    squares = 1.0 + np.stack([2.0 * R[:, i, i] - trace for i in range(3)] + [trace], axis=1)
+    largest = squares.argmax(axis=1)
+    rows = np.arange(len(R))
+    # 4 q_i q_j for all pairs.
+    products = np.empty((len(R), 4, 4))
+    products[:, range(4), range(4)] = squares
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        products[:, i, j] = products[:, j, i] = R[:, i, j] + R[:, j, i]
+        products[:, k, 3] = products[:, 3, k] = R[:, j, i] - R[:, i, j]
+    quaternions: NDArray[np.float64] = products[rows, largest]
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    turns = np.sign((quaternions[1:] * quaternions[:-1]).sum(axis=1))
+    turns[turns == 0] = 1.0
+    quaternions[1:] *= np.cumprod(turns)[:, None]
+    return quaternions
+
+
+def to_matrices(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Turn quaternions of any length but zero into rotations.
+
+    Parameters
+    ----------
+    quaternions : (n, 4) float64
+
+    Returns
+    -------
+    (n, 3, 3) float64
+    """
+    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def slerp(
+    start: NDArray[np.float64], end: NDArray[np.float64], part: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Go from one quaternion to another along the shorter arc at constant speed.
+
+    Parameters
+    ----------
+    start, end : (n, 4) float64
+        Of unit length.
+    part : (n, 1) float64
+        0 at the start, 1 at the end.
+
+    Returns
+    -------
+    (n, 4) float64
+
+    Notes
+    -----
+    Shoemake, Animating rotation with quaternion curves, SIGGRAPH 1985.
+    """
+    dot = (start * end).sum(axis=1, keepdims=True)
+    end = np.where(dot < 0, -end, end)
+    angle = np.arccos(np.clip(np.abs(dot), 0.0, 1.0))
+    sine = np.sin(angle)
+    # Nearly the same rotation: the arc is straight to the last digit.
+    is_straight = sine < 1e-9
+    safe = np.where(is_straight, 1.0, sine)
+    a = np.where(is_straight, 1.0 - part, np.sin((1.0 - part) * angle) / safe)
+    b = np.where(is_straight, part, np.sin(part * angle) / safe)
+    result: NDArray[np.float64] = a * start + b * end
+    return result
+
+
+_COMPONENTS: Final = {"translation": 3, "rotation": 4, "scale": 3, "weights": 1}
+_MODES: Final = ("LINEAR", "STEP", "CUBICSPLINE")
+
+Key = tuple[int, str]
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """Values of one property of a node at its keyframes.
+
+    Parameters
+    ----------
+    path : {"translation", "rotation", "scale", "weights"}
+    mode : {"LINEAR", "STEP", "CUBICSPLINE"}
+    times : (keys,) float64, s
+    values : (keys, parts, n) float64
+        One part; in-tangent, value and out-tangent for splines.
+    """
+
+    path: str
+    mode: str
+    times: NDArray[np.float64]
+    values: NDArray[np.float64]
+
+    def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values at any times, held before the first and after the last key, (times, n)."""
+        keys = self.values[:, self.values.shape[1] // 2]
+        left = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(keys) - 1)
+        right = np.minimum(left + 1, len(keys) - 1)
+        length = self.times[right] - self.times[left]
+        inside = np.clip(times - self.times[left], 0.0, length)
+        s = np.divide(inside, length, out=np.zeros_like(inside), where=length > 0)[:, None]
+        if self.mode == "STEP":
+            return keys[left]
+        if self.mode == "CUBICSPLINE":
+            d = length[:, None]
+            out, into = d * self.values[left, 2], d * self.values[right, 0]
+            # p(s) = (2s^3-3s^2+1) p0 + (s^3-2s^2+s) m0 + (-2s^3+3s^2) p1 + (s^3-s^2) m1
+            value = (
+                (2 * s**3 - 3 * s**2 + 1) * keys[left]
+                + (s**3 - 2 * s**2 + s) * out
+                + (-2 * s**3 + 3 * s**2) * keys[right]
+                + (s**3 - s**2) * into
+            )
+        elif self.path == "rotation":
+            value = slerp(keys[left], keys[right], s)
+        else:
+            value = (1 - s) * keys[left] + s * keys[right]
+        if self.path == "rotation":
+            value = _unit_length(value)
+        return np.asarray(value, dtype=np.float64)
+
+
+def read_channels(
+    container: Container, name: str | None, limits: ReadLimits
+) -> tuple[dict[Key, Channel], list[str]]:
+    """Read the channels of one animation.
+
+    Parameters
+    ----------
+    container : Container
+    name : str or None
+        The first animation by default.
+    limits : ReadLimits
+
+    Returns
+    -------
+    channels : dict of (node, path) to Channel
+    others : list of str
+        Names of the animations that were not read.
+
+    Raises
+    ------
+    ParameterError
+        If no animation has that name.
+    MalformedFileError
+        If a channel cannot be read.
+    """
+    animations = container.document.get("animations", [])
+    names = [str(a.get("name", i)) for i, a in enumerate(animations)]
+    if name is not None and name not in names:
+        raise ParameterError(
+            f"There is no animation {name[:40]!r}; there are {', '.join(names[:8]) or 'none'}.",
+            remedy="Name one of them, or leave the name out for the first.",
+        )
+    if not animations:
+        return {}, []
+    index = 0 if name is None else names.index(name)
+    animation = container.item("animations", index)
+    samplers = Container({"samplers": animation["samplers"]}, container.binary)
+    channels = {}
+    # Many nodes may move by the same numbers.
+    known: dict[tuple[int, str], Channel] = {}
+    for listed in animation["channels"]:
+        target = listed["target"]
+        node, path = target.get("node"), target.get("path")
+        if node is None or path not in _COMPONENTS:
+            continue
+        sampler = samplers.item("samplers", listed.get("sampler"))
+        if (key := (listed["sampler"], path)) not in known:
+            known[key] = _channel(container, sampler, path, limits)
+        channels[node, path] = known[key]
+    return channels, [other for i, other in enumerate(names) if i != index]
+
+
+def _channel(
+    container: Container, sampler: Mapping[str, Any], path: str, limits: ReadLimits
+) -> Channel:
+    mode = sampler.get("interpolation", "LINEAR")
+    times = read_accessor(container, sampler.get("input"), 1, limits, "frames")[:, 0]
+    values = read_accessor(container, sampler.get("output"), _COMPONENTS[path], limits)
+    n_parts = 3 if mode == "CUBICSPLINE" else 1
+    is_whole = len(times) > 0 and values.size % (len(times) * n_parts) == 0
+    if mode not in _MODES or times.dtype != np.float64 or not is_whole or not values.size:
+        raise malformed(
+            f"An animation of the GLB file has {len(times)} keys and {len(values)} values "
+            f"({str(mode)[:20]}) for {path}."
+        )
+    if not (np.isfinite(times).all() and np.isfinite(values).all() and (np.diff(times) > 0).all()):
+        raise malformed(
+            "An animation of the GLB file has keys that are not finite or do not increase."
+        )
+    shaped = values.astype(np.float64).reshape(len(times), n_parts, -1)
+    if path == "rotation" and n_parts == 1:
+        shaped = _unit_length(shaped)
+    if path != "weights" and shaped.shape[2] != _COMPONENTS[path]:
+        raise malformed(f"An animation of the GLB file has too many values for {path}.")
+    return Channel(path, mode, times, shaped)
+
+
+def _unit_length(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
+    length = np.linalg.norm(quaternions, axis=-1, keepdims=True)
+    if not (length > 0).all():
+        raise malformed("A rotation in the GLB file is a quaternion of zero length.")
+    unit: NDArray[np.float64] = quaternions / length
+    return unit
+
+
+@shown("targets", "weights", "unit", "rms_left_out", "faces")
+@dataclass(frozen=True, eq=False)
+class MorphAnimation:
+    """Positions over time as x(t) = R(t) (base + sum_i w_i(t) target_i) + T(t).
+
+    Parameters
+    ----------
+    base : (vertices, 3) float64, in `unit`
+    targets : (targets, vertices, 3) float32 or float64, in `unit` for a weight of one
+    target_names : tuple of str
+    weights : (frames, targets) float64
+    rotations : (frames, 3, 3) float64
+    translations : (frames, 3) float64, in `unit`
+    faces : (faces, 3) int64
+    times : (frames,) float64, s, optional
+    unit : str, optional
+    topology : Topology, optional
+    grid : tuple of int, optional
+    n_left_out : int
+        Requested targets that were left out.
+    rms_left_out : float, in `unit`
+        RMS over vertices and frames of the displacement that they describe.
+
+    Raises
+    ------
+    ShapeError
+        If the arrays do not fit each other.
+    """
+
+    base: NDArray[np.float64]
+    targets: NDArray[np.float64] | NDArray[np.float32]
+    target_names: tuple[str, ...]
+    weights: NDArray[np.float64]
+    rotations: NDArray[np.float64]
+    translations: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    times: NDArray[np.float64] | None = None
+    unit: str | None = None
+    topology: Topology | None = None
+    grid: tuple[int, ...] | None = None
+    n_left_out: int = 0
+    rms_left_out: float = 0.0
+
+    def __post_init__(self) -> None:
+        n_frames, n_targets = self.weights.shape
+        for name, array, shape in (
+            ("base", self.base, (len(self.base), 3)),
+            ("targets", self.targets, (n_targets, len(self.base), 3)),
+            ("rotations", self.rotations, (n_frames, 3, 3)),
+            ("translations", self.translations, (n_frames, 3)),
+            ("times", self.times, (n_frames,)),
+        ):
+            if array is not None and array.shape != shape:
+                raise ShapeError(
+                    f"{name!r} has the shape {array.shape}, not {shape}: there are {n_frames} "
+                    f"frames of {n_targets} weights.",
+                    remedy="Give every frame its weights, rotation, translation and time.",
+                    details={"array": name, "shape": list(array.shape)},
+                )
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return len(self.weights)
+
+    def positions(self) -> NDArray[np.float64]:
+        """Positions of all frames, (frames, vertices, 3) float64, in `unit`."""
+        u = np.tensordot(self.weights, self.targets, axes=(1, 0))
+        # x(t) = R(t) (base + u(t)) + T(t)
+        x: NDArray[np.float64] = np.matmul(self.base + u, self.rotations.transpose(0, 2, 1))
+        return x + self.translations[:, None, :]
+
+
+def frame_animation(sequence: MeshSequence) -> MorphAnimation:
+    """Make every frame but the first one a target, which its own frame has the weight 1 of.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+
+    Returns
+    -------
+    MorphAnimation
+        At the keyframes the positions of the sequence.
+    """
+    n = sequence.n_frames
+    x = sequence.vertices.astype(np.float64)
+    return MorphAnimation(
+        base=x[0],
+        targets=x[1:] - x[0],
+        target_names=tuple(f"frame {k}" for k in range(1, n)),
+        weights=np.eye(n)[:, 1:],
+        rotations=np.broadcast_to(np.eye(3), (n, 3, 3)),
+        translations=np.zeros((n, 3)),
+        faces=sequence.faces,
+        times=sequence.times,
+        unit=sequence.unit,
+        topology=sequence.topology,
+        grid=sequence.grid,
+    )
