@@ -32,7 +32,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
-from modalmotion.classification.record import VERSION_PATTERN, ModelReference, is_model_name
+from modalmotion.classification.card import VERSION_PATTERN, ModelReference, is_model_name
 from modalmotion.errors import StoreError
 from modalmotion.store.disk.atomic import is_temporary
 

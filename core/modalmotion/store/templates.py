@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from modalmotion.classification.record import is_model_name, require_model_name
+from modalmotion.classification.card import is_model_name, require_model_name
 from modalmotion.errors import NotFoundError, ParameterError, StoreError
 from modalmotion.hdf5.sealed import is_sound, load_sealed
 from modalmotion.norm.norm import Norm, norm_from_hdf5, norm_to_hdf5

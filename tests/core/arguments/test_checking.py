@@ -96,7 +96,7 @@ BEAT: Final = "mesh_sequence(vertices, faces)"
         (lambda: mm.modal_signature(beat(), "7"), "Give a SignatureParameters"),  # type: ignore[arg-type]
         (lambda: mm.modal_signature(beat(), mode=7), "Did you mean modes?"),  # type: ignore[call-arg]
         (lambda: mm.train([beat()], "mine"), "path, label and subject"),  # type: ignore[list-item]
-        (lambda: beat().report(7), "pathlib.Path"),
+        (lambda: beat().report(7), "Name a file"),
         (lambda: mm.classify({}), "modal_signature(sequence)"),  # type: ignore[arg-type]
         (lambda: mm.to_html(object()), "sequence.signature()"),  # type: ignore[arg-type]
         (lambda: mm.mesh_sequence(None), "float32 or float64 coordinates"),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
 
-from modalmotion.classification.record import ModelRecord
+from modalmotion.classification.card import ModelRecord
 from modalmotion.mesh import facts_from_json
 from modalmotion.representation import shown
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
