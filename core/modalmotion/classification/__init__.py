@@ -6,8 +6,7 @@ from modalmotion.arguments.checking import check_arguments
 from modalmotion.classification.answer import Classification, classify
 from modalmotion.classification.card import ModelCard
 from modalmotion.classification.cases import CaseFile, TrainingCase
-from modalmotion.classification.comparison import Comparison, compare_models
-from modalmotion.classification.evaluation import Evaluation, evaluate
+from modalmotion.classification.evaluation import Comparison, Evaluation, compare_models, evaluate
 from modalmotion.classification.explanation import ModeContribution, only_modes
 from modalmotion.classification.feature_tables import FeatureTable, feature_table
 from modalmotion.classification.markdown import card_markdown

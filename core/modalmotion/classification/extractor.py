@@ -10,9 +10,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.axis import axis_columns, axis_parts, has_axis
 from modalmotion.classification.motion import N_COSINES, N_HARMONICS, Column, Complex, Motion
-from modalmotion.classification.waves import (
+from modalmotion.classification.motion_features import (
+    axis_columns,
+    axis_parts,
+    has_axis,
     summary,
     summary_columns,
     wave_columns,

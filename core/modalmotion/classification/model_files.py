@@ -11,13 +11,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion.classification.card import ModelCard
+from modalmotion.classification.card import ModelCard, ModelRecord, require_model_name
 from modalmotion.classification.extractor import Extractor
 from modalmotion.classification.model import Arrays, Model, Readable, answering_parts
 from modalmotion.classification.motion import Column
 from modalmotion.classification.outliers import CHECKS, PLACE, OutlierDetector
 from modalmotion.classification.performance import CrossValidation
-from modalmotion.classification.record import ModelRecord, require_model_name
 from modalmotion.errors import CorruptFileError, NotFoundError
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Contents, Dataset, json_text

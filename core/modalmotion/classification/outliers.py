@@ -9,11 +9,16 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.axis import axis_columns, axis_parts
 from modalmotion.classification.extractor import Extractor, first, reads_about_axis
 from modalmotion.classification.linear import class_means
 from modalmotion.classification.motion import Motion
-from modalmotion.classification.waves import wave_columns, wave_features, waves_of
+from modalmotion.classification.motion_features import (
+    axis_columns,
+    axis_parts,
+    wave_columns,
+    wave_features,
+    waves_of,
+)
 from modalmotion.representation import shown
 
 CHECKS: Final = ("kind", "place", "mirrored", "reversed")

@@ -28,8 +28,8 @@ from modalmotion.classification.extractor import (
 from modalmotion.classification.linear import discriminant, left_out_scores, softmax, temperature_of
 from modalmotion.classification.model import Readable
 from modalmotion.classification.motion import Motion
+from modalmotion.classification.motion_features import waves_of
 from modalmotion.classification.options import Timing, TrainingOptions
-from modalmotion.classification.waves import waves_of
 from modalmotion.errors import (
     ModalMotionError,
     ModeCountError,

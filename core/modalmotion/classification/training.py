@@ -17,8 +17,16 @@ from modalmotion.classification.cases import AnyCase
 from modalmotion.classification.caveats import confound_notes, confounds
 from modalmotion.classification.cohort import Cohort, collect_cohorts
 from modalmotion.classification.extractor import AXIS, WAVES, Extractor, volume_share
-from modalmotion.classification.fitting import Fit, Tables, better, fit_rows
-from modalmotion.classification.folds import Fold, Folds, Splits, split_cases
+from modalmotion.classification.fitting import (
+    Fit,
+    Fold,
+    Folds,
+    Splits,
+    Tables,
+    better,
+    fit_rows,
+    split_cases,
+)
 from modalmotion.classification.linear import softmax
 from modalmotion.classification.model import Model, holds, share_ranges, strangeness_of
 from modalmotion.classification.options import TrainingOptions

@@ -189,13 +189,14 @@ def wall_strain(
     fine, coarse = (WallMotion.of(positions, known, wall, end_diastole) for wall in walls)
     curves, deviations = _measured(fine, measures_of(fine), end_diastole)
     beyond = _beyond((curves, deviations), _measured(coarse, measures_of(coarse), end_diastole))
-    deviations = np.hypot(deviations, _LEFT * beyond)
+    left = _LEFT * beyond
     if known is None:
         levels = slice(len(DEFINITIONS), None)
         narrow = _measured(fine, _levels(fine, _BAND), end_diastole)
         meant = _beyond((curves[:, levels], deviations[:, levels]), narrow)
-        deviations[:, levels] = np.hypot(deviations[:, levels], meant)
-        deviations[:, 1] = np.hypot(deviations[:, 1], meant.mean(axis=1))
+        left[:, levels] = np.hypot(left[:, levels], meant)
+        left[:, 1] = np.hypot(left[:, 1], meant.mean(axis=1))
+    deviations = np.hypot(deviations, left)
     at_start, at_end = _choice(fine, curves, end_diastole, end_systole)
     deviations = np.hypot(deviations, at_start)
     deviations[end_diastole] = 0.0

@@ -14,11 +14,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.arguments.checking import Saved, real
+from modalmotion.arguments.checking import Saved
 from modalmotion.classification.answer import fitted_in, unlike
+from modalmotion.classification.card import require_model_name
 from modalmotion.classification.extractor import Extractor
 from modalmotion.classification.model import Readable
-from modalmotion.classification.record import require_model_name
 from modalmotion.clinical import Fraction
 from modalmotion.errors import ParameterError, UnlikeCasesError
 from modalmotion.hdf5.form import Form
@@ -26,18 +26,18 @@ from modalmotion.hdf5.image import Contents, Dataset, json_text
 from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm.deviation import (
+    LEVEL,
     CohortDeviation,
     Deviation,
     GroupDeviation,
     QuantityDeviation,
-    groups_of,
-)
-from modalmotion.norm.ranks import (
     attainable,
     exchange_p,
     family_p_values,
     fewest_controls,
+    groups_of,
     p_values,
+    require_level,
     standardised,
     strangeness,
     whole,
@@ -54,9 +54,6 @@ from modalmotion.representation import counted, numeral, shown
 from modalmotion.signature.making import ModalSignature
 
 FORM: Final = Form("norm", 2)
-
-LEVEL: Final = 0.05
-"""Level at which something is called a deviation, unless one is stated."""
 
 FEWEST_RECORDINGS: Final = 5
 """Fewer are no cohort."""
@@ -282,24 +279,6 @@ class Norm(Saved):
             "has_volumes": bool(np.isfinite([own.quantities[0] for own in self.controls]).all()),
             "notes": list(self.notes),
         }
-
-
-def require_level(level: float) -> float:
-    """Check a level.
-
-    Raises
-    ------
-    ParameterError
-        If it is no number between 0 and 1/2.
-    """
-    value = real("level", level)
-    if not 0.0 < value <= 0.5:
-        raise ParameterError(
-            f"The level is {numeral(value)}.",
-            remedy="Use a share of false alarms between 0 and 0.5, such as 0.05.",
-            details={"option": "level"},
-        )
-    return value
 
 
 def _same(control: Reading, own: Reading) -> bool:

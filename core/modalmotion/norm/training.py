@@ -6,15 +6,16 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
+from modalmotion.classification.card import require_model_name
 from modalmotion.classification.cases import TrainingCase, with_covariates
-from modalmotion.classification.record import require_model_name
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import Facts, Named
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.norm.norm import LEVEL, Norm
-from modalmotion.norm.ranks import (
+from modalmotion.norm.deviation import (
+    LEVEL,
     fewest_controls,
 )
+from modalmotion.norm.norm import Norm
 from modalmotion.norm.reading import reading_of
 from modalmotion.progress import Progress
 from modalmotion.representation import counted, shown

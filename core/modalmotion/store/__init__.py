@@ -12,16 +12,16 @@ if TYPE_CHECKING:
     from modalmotion.classification.answer_hdf5 import (
         classification_to_hdf5 as classification_to_hdf5,
     )
+    from modalmotion.classification.card import NAME_PATTERN as NAME_PATTERN
+    from modalmotion.classification.card import VERSION_PATTERN as VERSION_PATTERN
+    from modalmotion.classification.card import ModelRecord as ModelRecord
+    from modalmotion.classification.card import ModelReference as ModelReference
+    from modalmotion.classification.card import parse_reference as parse_reference
+    from modalmotion.classification.card import require_model_name as require_model_name
     from modalmotion.classification.model_files import KeptModel as KeptModel
     from modalmotion.classification.model_files import kept_model as kept_model
     from modalmotion.classification.model_files import model_from_hdf5 as model_from_hdf5
     from modalmotion.classification.model_files import model_to_hdf5 as model_to_hdf5
-    from modalmotion.classification.record import NAME_PATTERN as NAME_PATTERN
-    from modalmotion.classification.record import VERSION_PATTERN as VERSION_PATTERN
-    from modalmotion.classification.record import ModelRecord as ModelRecord
-    from modalmotion.classification.record import ModelReference as ModelReference
-    from modalmotion.classification.record import parse_reference as parse_reference
-    from modalmotion.classification.record import require_model_name as require_model_name
     from modalmotion.mesh.hdf5 import sequence_from_hdf5 as sequence_from_hdf5
     from modalmotion.mesh.hdf5 import sequence_to_hdf5 as sequence_to_hdf5
     from modalmotion.signature.hdf5 import signature_from_hdf5 as signature_from_hdf5

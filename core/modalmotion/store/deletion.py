@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import Final
 
-from modalmotion.classification.record import ModelRecord, ModelReference
+from modalmotion.classification.card import ModelRecord, ModelReference
 from modalmotion.errors import StoreError
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
 from modalmotion.store.disk import (

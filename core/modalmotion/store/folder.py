@@ -33,7 +33,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
-from modalmotion.classification.record import VERSION_PATTERN, ModelReference, is_model_name
+from modalmotion.classification.card import VERSION_PATTERN, ModelReference, is_model_name
 from modalmotion.errors import ParameterError, StoreError
 from modalmotion.mesh import NO_FACTS, Facts, facts_as_json, facts_from_json
 from modalmotion.mesh.sequence import MeshSequence

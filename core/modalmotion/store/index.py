@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from functools import lru_cache
 from typing import Any, Final
 
-from modalmotion.classification.record import ModelRecord
+from modalmotion.classification.card import ModelRecord
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import facts_from_json
 from modalmotion.representation import shown

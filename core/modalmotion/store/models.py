@@ -5,6 +5,12 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
+from modalmotion.classification.card import (
+    ModelRecord,
+    ModelReference,
+    is_model_name,
+    require_model_name,
+)
 from modalmotion.classification.model import Model
 from modalmotion.classification.model_files import (
     KeptModel,
@@ -13,12 +19,6 @@ from modalmotion.classification.model_files import (
     model_to_hdf5,
     numbered,
     read_kept_model,
-)
-from modalmotion.classification.record import (
-    ModelRecord,
-    ModelReference,
-    is_model_name,
-    require_model_name,
 )
 from modalmotion.errors import NotFoundError, ParameterError, StoreError
 from modalmotion.hdf5.image import require_match

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Final
 
 from modalmotion.classification import answer_hdf5 as classification_hdf5
+from modalmotion.classification.card import ModelRecord
 from modalmotion.classification.model_files import read_kept_model
-from modalmotion.classification.record import ModelRecord
 from modalmotion.errors import CorruptFileError, NotFoundError, OlderFileError, StoreError
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import require_match

@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path
 
 from modalmotion.classification.answer_hdf5 import read_classification
+from modalmotion.classification.card import ModelRecord, ModelReference
 from modalmotion.classification.model_files import read_kept_model
-from modalmotion.classification.record import ModelRecord, ModelReference
 from modalmotion.errors import StoreError
 from modalmotion.hdf5.image import require_match
 from modalmotion.hdf5.sealed import digest_of, load_sealed

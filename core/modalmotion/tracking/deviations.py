@@ -138,7 +138,8 @@ def _at(shapes: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray
 
 def across_of(found: FramesEstimate, pinned: int | None) -> NDArray[np.float64]:
     """Covariances across the surface, (frames, 3 modes, 3 modes); none where it is known."""
-    across = np.stack([across_covariance(own.covariance, own.information) for own in found.frames])
+    pairs = zip(found.seen, found.information, strict=True)
+    across = np.stack([across_covariance(seen, info) for seen, info in pairs])
     if pinned is not None:
         across[pinned] = 0.0
     return across
@@ -155,8 +156,8 @@ def stated_deviations(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     """Deviations of vertices and of volumes; none where the surface is known.
 
-    Where the points of the reference left holes, its own shape is open by more than twice of what
-    it is in most places, in all frames.
+    Where the points of the reference left holes, its own shape is open by more than on most of the
+    surface, in all frames.
     """
     template = surface.template
     cavity = cavity_in(template)
@@ -189,6 +190,6 @@ def stated_deviations(
             shape.covariance,
             0.0,
         )[:, 0]
-        beyond = np.maximum(own**2 - (2.0 * np.median(own)) ** 2, 0.0)
+        beyond = np.maximum(own**2 - np.median(own) ** 2, 0.0)
         of_vertices[:, :, 0] = np.sqrt(of_vertices[:, :, 0] ** 2 + beyond)
     return of_vertices, of_volumes

@@ -193,7 +193,10 @@ def evidence(
     *,
     is_exact: bool = True,
 ) -> tuple[Prior, Noise]:
-    """Find the prior and the noise under which frames at rest are the most likely."""
+    """Find the prior and the noise under which frames at rest are the most likely.
+
+    Where the start is exact, as that of a single frame, nothing is left where nothing moves.
+    """
     n = len(surface)
     energies, determined = np.zeros(n), np.zeros(n)
     v = prior.variances(surface.wavenumbers)
@@ -204,18 +207,7 @@ def evidence(
         determined += np.maximum(share, 0.0).sum(axis=1)
     least = LEAST * surface.size
     found = most_likely_prior(surface.wavenumbers, energies, determined, least)
-    return found, noise_beside(surface, kept, found, is_exact=is_exact)
-
-
-def noise_beside(
-    surface: Deformable, settled: Sequence[FrameEstimate], prior: Prior, *, is_exact: bool
-) -> Noise:
-    """Find the noise that estimates of frames leave.
-
-    Where the start is exact, as that of a single frame, nothing is left where nothing moves.
-    """
-    n_axes = surface.template.topology.n_axes
-    _, n_values = prior.beyond(surface.wavenumbers, n_axes)
+    _, n_values = found.beyond(surface.wavenumbers, surface.template.topology.n_axes)
     left = [
         Residuals(
             own.information.points,
@@ -223,12 +215,12 @@ def noise_beside(
             own.information.weights,
             # tr (A C): the amplitudes that the data have set.
             float((own.information.matrix * own.covariance).sum()),
-            energy(surface, own.amplitudes, prior),
+            energy(surface, own.amplitudes, found),
         )
-        for own in settled
+        for own in kept
     ]
-    noise = noise_of(left, n_values, n_axes, is_exact=is_exact)
-    return replace(noise, sd=max(noise.sd, _LEAST_NOISE * surface.size))
+    noise = noise_of(left, n_values, surface.template.topology.n_axes, is_exact=is_exact)
+    return found, replace(noise, sd=max(noise.sd, _LEAST_NOISE * surface.size))
 
 
 def energy(surface: Deformable, amplitudes: NDArray[np.float64], prior: Prior) -> float:
@@ -238,11 +230,9 @@ def energy(surface: Deformable, amplitudes: NDArray[np.float64], prior: Prior) -
     return float((amplitudes[moves] ** 2 / v[:, None]).mean())
 
 
-def noises_of(
-    surface: Deformable, amplitudes: NDArray[np.float64], prior: Prior, noise: Noise
-) -> list[Noise]:
-    """Noise of each frame, from that of all; amplitudes are (frames, modes, 3)."""
-    return [noise.of_frame(energy(surface, a, prior)) for a in amplitudes]
+def noises_of(surface: Deformable, here: Iteration, prior: Prior, noise: Noise) -> list[Noise]:
+    """Noise of each frame, from that of all."""
+    return [noise.of_frame(energy(surface, a, prior)) for a in here.amplitudes(len(surface))]
 
 
 def steady(noises: Sequence[Noise], noise: Noise) -> Noise:

@@ -36,7 +36,6 @@ from modalmotion.tracking.iterations import (
     both_ways,
     evidence,
     first_guess,
-    noise_beside,
     noises_of,
     steady,
 )
@@ -146,18 +145,15 @@ def track(
     gap = here.gap
     # 6. Prior and noise under which these are the most likely, and 7. the frames once more.
     prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
-    rough = here.amplitudes(len(surface))
-    alike = steady(noises_of(surface, rough, prior, noise), noise)
-    here = again(surface, frames, rough, prior, alike, asked.done)
+    alike = steady(noises_of(surface, here, prior, noise), noise)
+    here = again(surface, frames, here.amplitudes(len(surface)), prior, alike, asked.done)
     prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
-    noises = noises_of(surface, here.amplitudes(len(surface)), prior, noise)
+    noises = noises_of(surface, here, prior, noise)
     # 8. The chain of time, and 9. all frames at once.
     chain = chain_of(
         surface, here, prior, asked.phases, first, is_closed=is_closed, is_exact=is_exact
     )
     found = map_frames(surface, frames, here, chain, steady(noises, noise), pinned, asked.done)
-    noise = noise_beside(surface, found.frames, chain.prior, is_exact=is_exact)
-    noises = noises_of(surface, found.amplitudes, chain.prior, noise)
     # 10. How far they may be off, and what speaks against them.
     result = _stated(asked, surface, shape, found, chain, noise, noises, gap)
     if shown is not None and asked.images is not None:
@@ -281,8 +277,7 @@ def _stated(
     truncations = np.array([own.truncation for own in noises])
     if pinned is not None:
         truncations[pinned] = 0.0
-    informed = [own.information for own in found.frames]
-    quality = np.array([quality_of(surface, info) for info in informed])
+    quality = np.array([quality_of(surface, info) for info in found.information])
     sequence = mesh_sequence(
         vertices,
         template.faces,
@@ -314,7 +309,7 @@ def _stated(
         unseen=asked.unseen,
         gap=gap,
         reference=pinned,
-        data=sample_of(asked.stated, informed),
+        data=sample_of(asked.stated, found.information),
         notes=(),
         provenance=provenance,
     )

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from modalmotion.numeric.products import gram, inverse_of_cholesky, product
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.iterations import LEAST, FrameEstimate, Iteration
+from modalmotion.tracking.iterations import LEAST, Iteration
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
 from modalmotion.tracking.observation import Frame
@@ -93,7 +93,7 @@ def most_likely_h0(
     *,
     is_closed: bool,
 ) -> tuple[float, float]:
-    """Harmonic h0 under which trajectories are the most likely, and their variance.
+    """Harmonic h0, and variance of trajectories, under which these are the most likely.
 
     Parameters
     ----------
@@ -109,15 +109,14 @@ def most_likely_h0(
     -------
     h0 : float
     variance : float
-        By which the others differ from it, instead of 1, where they do so the most: a variance
-        that fits all frames in the mean would hold back the one that has moved the farthest.
+        By which the others differ from it, instead of 1.
     """
     n = len(phases)
     free = np.delete(np.arange(n), anchor)
     x, total = trajectories[free] - trajectories[anchor], float(shares.sum())
     if not len(free) or not total > 0:
         return _USUAL, 1.0
-    best, least = _USUAL, np.inf
+    best, variance, least = _USUAL, 1.0, np.inf
     # Few frames do not tell.
     for h0 in np.geomspace(_STIFFEST, n / 4.0, _N_TRIED) if n >= _FEW else [_USUAL]:
         Q = chain_precision(phases, float(h0), anchor, is_closed=is_closed)[np.ix_(free, free)]
@@ -125,10 +124,8 @@ def most_likely_h0(
         energy = float((shares * (x * product(Q, x)).sum(axis=0)).sum()) / total / len(free)
         unlikely = len(free) * np.log(max(energy, 1e-300)) - logarithm
         if unlikely < least:
-            best, least = float(h0), unlikely
-    Q = chain_precision(phases, best, anchor, is_closed=is_closed)[np.ix_(free, free)]
-    expected = np.diag(gram(inverse_of_cholesky(Q)))
-    return best, float(((x**2 @ shares) / total / expected).max())
+            best, variance, least = float(h0), energy, unlikely
+    return best, variance
 
 
 def joined(
@@ -297,15 +294,12 @@ def chain_of(
 
 
 class FramesEstimate(NamedTuple):
-    """All frames estimated at once, and the covariance of each as `Noise.longer` makes it."""
+    """All frames estimated at once."""
 
-    frames: list[FrameEstimate]
+    amplitudes: NDArray[np.float64]
+    seen: NDArray[np.float64]
+    information: list[NormalEquations]
     lasting: NDArray[np.float64]
-
-    @property
-    def amplitudes(self) -> NDArray[np.float64]:
-        """Amplitudes, (frames, modes, 3) float64, length unit."""
-        return np.stack([own.amplitudes for own in self.frames])
 
 
 def map_frames(
@@ -343,8 +337,7 @@ def map_frames(
     slow = [normal_equations(surface, a[k], frame, longer) for k, frame in enumerate(frames)]
     matrices, vectors = _stacked(slow, stiffness, pinned)
     _, covariances = joined(matrices, vectors, stiffness, Q)
-    own = [FrameEstimate(a[k], info, seen[k]) for k, info in enumerate(last)]
-    return FramesEstimate(own, covariances)
+    return FramesEstimate(a, seen, last, covariances)
 
 
 def _stacked(

@@ -15,6 +15,11 @@ from modalmotion.representation import shown
 # Tukey's biweight with 95 % efficiency on Gaussian residuals.
 _TUKEY: Final = 4.685
 
+# Share of Gaussian errors within one standard deviation, and the size that as large a share of
+# errors across a surface, and across a curve in two directions, stays below.
+_WITHIN: Final = 0.6827
+_SIZE_WITHIN: Final = {2: 1.0, 1: 1.5152}
+
 # Standard deviation of Gaussian residuals over their median size.
 _PER_MEDIAN: Final = 1.4826
 
@@ -117,7 +122,9 @@ def noise_of(
 
     Noise of a point says nothing of that of its neighbour; what the modes leave is nearly the
     same at both, and has no part in their difference. Where the surface has hardly moved hardly
-    anything is left: truncation^2 is as large as the energy of a frame, and fitted to it.
+    anything is left: truncation^2 is as large as the energy of a frame, and fitted to it. What is
+    left is large in few places and small in most, so sizes are those that 68 % stay below, as an
+    interval of one standard deviation says, and not root mean squares.
 
     Parameters
     ----------
@@ -131,8 +138,7 @@ def noise_of(
     """
     sizes = [_sizes(frame) for frame in frames]
     weights, totals, own = np.array(sizes).reshape(-1, 3).T
-    # Per direction across: one of a surface, two of a curve.
-    totals, own = totals / (3 - n_axes), own / (3 - n_axes)
+    totals, own = totals / _SIZE_WITHIN[n_axes] ** 2, own / _SIZE_WITHIN[n_axes] ** 2
     n = max(float(weights.sum()), 1e-300)
     # The fit takes a part of each residual.
     spent = np.array([frame.n_spent for frame in frames])
@@ -152,24 +158,18 @@ def noise_of(
 
 
 def _sizes(frame: Residuals) -> tuple[float, float, float]:
-    """Sum of weights, mean square of residuals and half that of the differences of neighbours."""
+    """Sum of weights, square of the size of residuals and of half the differences of neighbours."""
     kept = frame.weights > 0
     total = float(frame.weights.sum())
     if kept.sum() < 2:
         return total, 0.0, 0.0
-    r, w = frame.residuals[kept], frame.weights[kept]
+    r = frame.residuals[kept]
     # Neighbours on the surface: those in space have noise alike.
     feet = frame.points[kept] - r
     other = scipy.spatial.cKDTree(feet).query(feet, k=2)[1][:, 1]
-    both = w * w[other]
-    size = float(w @ (r**2).sum(axis=1)) / total
-    apart = float(both @ ((r - r[other]) ** 2).sum(axis=1)) / max(float(both.sum()), 1e-300) / 2.0
-    # Of Gaussian residuals of the variance a (c s)^2 weights leave 1 - 2 a + 3 a^2 in the mean, and
-    # weighted squares a (1 - 6 a + 15 a^2) (c s)^2.
-    mean = total / len(w)
-    a = min((1.0 - max(3.0 * mean - 2.0, 0.0) ** 0.5) / 3.0, _TUKEY**-2)
-    share = (1.0 - 6.0 * a + 15.0 * a**2) / (1.0 - 2.0 * a + 3.0 * a**2)
-    return total, size / share, apart / share
+    size = float(np.quantile(np.linalg.norm(r, axis=1), _WITHIN))
+    apart = float(np.quantile(np.linalg.norm(r - r[other], axis=1), _WITHIN))
+    return total, size**2, apart**2 / 2.0
 
 
 def robust_weights(residuals: NDArray[np.float64], total: float) -> NDArray[np.float64]:

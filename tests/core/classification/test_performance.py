@@ -7,20 +7,18 @@ import pytest
 from numpy.typing import NDArray
 from sklearn.metrics import brier_score_loss, log_loss, roc_auc_score, roc_curve
 
-from modalmotion.classification.linear import softmax
-from modalmotion.classification.performance import (
-    Answers,
+from modalmotion.classification.intervals import (
     auc,
     auc_interval,
     calibration_curve,
     calibration_error,
     design_effect,
     loss_interval,
-    performance,
     share_interval,
-    spread,
 )
-from modalmotion.classification.performance import roc_curve as our_roc_curve
+from modalmotion.classification.intervals import roc_curve as our_roc_curve
+from modalmotion.classification.linear import softmax
+from modalmotion.classification.performance import Answers, performance, spread
 
 CLASSES = ("a", "b", "c")
 

@@ -29,9 +29,8 @@ def test_noise_and_truncation_are_told_apart(
     frames = [residuals(sd, smooth, energy, rng) for energy in (0.1, 0.5, 1.0, 2.0)]
     found = noise_of(frames, 50.0, 2)
     assert found.sd == pytest.approx(sd, rel=0.05)
-    assert found.truncation == pytest.approx(smooth, rel=0.25, abs=0.2)
-    if smooth:
-        assert found.of_frame(0.1).truncation < 0.6 * found.of_frame(2.0).truncation
+    assert found.truncation == pytest.approx(smooth, rel=0.25, abs=0.15)
+    assert found.of_frame(0.1).truncation < 0.6 * found.of_frame(2.0).truncation + 0.01
 
 
 def test_what_is_left_at_rest_is_the_error_of_the_shape(rng: np.random.Generator) -> None:
@@ -50,18 +49,6 @@ def test_amplitudes_that_the_fit_spent_are_counted(rng: np.random.Generator) -> 
     spent = frame._replace(residuals=frame.residuals * 0.5**0.5, n_spent=1500.0)
     found = noise_of([spent], 50.0, 2)
     assert found.total == pytest.approx(1.0, rel=0.06)
-
-
-@pytest.mark.parametrize("expected", [0.5, 1.0, 5.0])
-def test_weights_of_strays_do_not_change_the_noise(
-    expected: float, rng: np.random.Generator
-) -> None:
-    frame = residuals(1.0, 0.5, 1.0, rng)
-    weights = robust_weights(frame.residuals[:, 2], expected)
-    assert weights.min() < 1.0
-    found = noise_of([frame._replace(weights=weights)], 50.0, 2)
-    assert found.sd == pytest.approx(1.0, rel=0.06)
-    assert found.total == pytest.approx(1.25**0.5, rel=0.06)
 
 
 def test_a_mean_of_many_points_is_no_better_than_the_truncation() -> None:

@@ -19,10 +19,10 @@ from modalmotion.classification import (
     shipped_for,
 )
 from modalmotion.classification.cases import LeftOut, case_name
-from modalmotion.classification.comparison import comparison_of
 from modalmotion.classification.evaluation import (
     CaseAnswer,
     Evaluation,
+    comparison_of,
     evaluation_of,
 )
 from modalmotion.mesh.facts import Facts

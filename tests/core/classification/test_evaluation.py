@@ -10,7 +10,7 @@ from classify_samples import curves, curves_model
 from scipy.stats import binomtest
 
 from modalmotion.classification import TrainingOptions, compare_models, evaluate, train
-from modalmotion.classification.comparison import comparison_of
+from modalmotion.classification.evaluation import comparison_of
 from modalmotion.errors import ParameterError
 
 QUICK = TrainingOptions(repetitions=1)
