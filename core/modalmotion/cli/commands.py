@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import ast
+import re
 import sys
 from difflib import get_close_matches
 from importlib import import_module
@@ -81,10 +81,10 @@ class _Commands(click.Group):
     def _line(self, ctx: click.Context, name: str) -> str:
         if name in COMMANDS:
             # The first line of its docstring, read without the module's imports.
-            tree = ast.parse(Path(__file__).with_name(f"{COMMANDS[name]}.py").read_text())
-            functions = [one for one in tree.body if isinstance(one, ast.FunctionDef)]
-            own = next(one for one in functions if one.name == name.replace("-", "_"))
-            return (ast.get_docstring(own) or "").partition("\n")[0]
+            source = Path(__file__).with_name(f"{COMMANDS[name]}.py").read_text()
+            function = rf'^def {name.replace("-", "_")}\(.*?"""(.*?)(?:"""|\n)'
+            found = re.search(function, source, re.DOTALL | re.MULTILINE)
+            return found[1] if found else ""
         for entry in entry_points(group="modalmotion.commands", name=name):
             # A distribution may contain its lines beside its commands, so that no command is
             # imported.
