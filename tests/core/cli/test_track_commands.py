@@ -45,7 +45,7 @@ def test_a_folder_becomes_a_sequence_and_a_picture(tmp_path: Path) -> None:
     source = clouds_in(tmp_path / "in")
     output, plot = tmp_path / "beat.npz", tmp_path / "beat.png"
     text = run(source, "-o", output, "--modes", 7, "--unit", "mm", "--plot", plot)
-    assert text.split()[2:8] == ["frames", "3", "modes", "7", "topology", "sphere"]
+    assert text.split()[3:9] == ["frames", "3", "modes", "7", "topology", "sphere"]
     assert "deviation across" in text
     sequence = read_npz(output.read_bytes()).sequence
     assert sequence.n_frames == 3
