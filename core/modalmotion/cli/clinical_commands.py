@@ -224,8 +224,7 @@ def score(truth: Path, answer: Path, as_json: bool) -> None:
     else:
         estimated = read_sequence(answer).sequence
         if answer.suffix.lower() == ".npz":
-            arrays, _ = read_arrays(answer.read_bytes(), ["deviations"], [])
-            deviations = arrays.get("deviations")
+            deviations = read_arrays(answer.read_bytes(), ["deviations"], [])[0].get("deviations")
     result = scored(read_sequence(truth).sequence, estimated, deviations)
     if as_json:
         click.echo(json.dumps(asdict(result), indent=2))
