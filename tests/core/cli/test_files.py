@@ -160,7 +160,7 @@ def test_a_manifest_states_facts_in_columns_and_each_once(tmp_path: Path) -> Non
     manifest.write_text("path,label,Cavity,covariate:Age\na.npz,x,RV,61\n")
     assert read_manifest(manifest)[0].facts == Facts(cavity="rv", covariates={"Age": 61})
     for text, message in (
-        ("path,label,cavity,cavity\na.npz,x,lv,lv\n", "2 columns 'cavity'"),
+        ("path,label,cavity,cavity\na.npz,x,lv,lv\n", "two columns 'cavity'"),
         ("path,label,covariate:age\na.npz,x,nan\n", "Line 2 of 'cases.csv': The covariate 'age'"),
     ):
         manifest.write_text(text)
