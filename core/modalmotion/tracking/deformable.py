@@ -18,6 +18,7 @@ from modalmotion.numeric.products import product
 from modalmotion.template import Template
 from modalmotion.template.body_frame import affine_shapes
 from modalmotion.template.vibration_modes import shapes_of
+from modalmotion.tracking.observation import open_sides
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,10 +104,7 @@ class Deformable:
         """Sides of triangles without a neighbour, (sides, 2); none of a curve."""
         if self.cells.shape[1] != 3:
             return np.zeros((0, 2), dtype=np.int64)
-        sides = np.sort(self.cells[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-        sides, counts = np.unique(sides, axis=0, return_counts=True)
-        open_sides: NDArray[np.int64] = sides[counts == 1]
-        return open_sides
+        return open_sides(self.cells)
 
 
 # Share of the area in triangles turned against their neighbours. A single sliver may turn.

@@ -74,7 +74,7 @@ def test_a_point_far_from_the_rim_is_a_stray(seed: int) -> None:
         for last in (rows[1], [cloud[1], junction])
     )
     # A point that counted would draw the rim to its middle: 3 mm off.
-    assert rms(other - usual) < sd
+    assert rms(other - usual) < 2.0 * sd
     assert rms(other - x[1]) < 1.1 * rms(usual - x[1])
 
 
