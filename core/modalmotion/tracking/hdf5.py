@@ -22,8 +22,7 @@ from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 from modalmotion.template.template import Template
 from modalmotion.template.vibration_modes import shapes_of
 from modalmotion.tracking.deviations import uncertainty_of
-from modalmotion.tracking.noise import Noise
-from modalmotion.tracking.prior import Prior
+from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.result import ImageAnswer, SampledData, Track
 
 FORM: Final = TRACK

@@ -23,8 +23,7 @@ from modalmotion.modes.topology import CUP
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.first_shape import start_shape
-from modalmotion.tracking.image_checks import image_notes
-from modalmotion.tracking.image_levels import as_bright, first_sight
+from modalmotion.tracking.image_levels import as_bright, first_sight, image_notes
 from modalmotion.tracking.image_search import LEAST_FOUND, SHAPE, reference_shape, search
 from modalmotion.tracking.image_view import Facets, Sight, Tip, Valve, View, view_of
 from modalmotion.tracking.iterations import first_guess

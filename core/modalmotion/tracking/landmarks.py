@@ -33,7 +33,7 @@ class Proposed:
     ----------
     places : (frames, 3) float64, length unit
         NaN if it is unknown.
-    sd : float or None, length unit
+    sd : float, length unit
     normals : (frames, 3) float64, optional
         Directions along which it is known better.
     normal_sd : float, length unit
@@ -43,7 +43,7 @@ class Proposed:
     """
 
     places: NDArray[np.float64]
-    sd: float | None
+    sd: float
     normals: NDArray[np.float64] | None = None
     normal_sd: float = 0.0
     covariance: NDArray[np.float64] | None = None
@@ -308,8 +308,9 @@ def with_landmarks(
     box = np.concatenate(points) if points else np.zeros((0, 3))
     corners = (box.min(axis=0), box.max(axis=0)) if len(box) else None
     for name, value in (landmarks or {}).items():
-        proposed = value if isinstance(value, Proposed) else Proposed(value, sd)
-        places = np.asarray(proposed.places, dtype=np.float64)
+        proposed = value if isinstance(value, Proposed) else None
+        own_sd = sd if proposed is None else proposed.sd
+        places = np.asarray(value if proposed is None else proposed.places, dtype=np.float64)
         if name not in NAMED_PLACES:
             raise ParameterError(
                 f"The landmark '{name}' has no meaning.",
@@ -329,8 +330,8 @@ def with_landmarks(
         for k in np.flatnonzero(np.isfinite(places).all(axis=1)).tolist():
             if corners is not None:
                 _require_near(name, k, places[k], *corners)
-            full[k] = (*full[k], Observation(places[k, None], sd=proposed.sd, places=(name,)))
-            if proposed.normals is not None:
+            full[k] = (*full[k], Observation(places[k, None], sd=own_sd, places=(name,)))
+            if proposed is not None and proposed.normals is not None:
                 across, limit = proposed.normals[k, None], proposed.normal_sd
                 one = Observation(places[k, None], sd=limit, normals=across, places=(name,))
                 full[k] = (*full[k], one)

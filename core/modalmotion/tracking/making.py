@@ -119,7 +119,8 @@ def track(
         observed = [of_surface(x, data.faces) for x in data.vertices]
     if isinstance(data, MeshSequence | ImageSequence) and times is None:
         times = data.times
-    n = images.n_frames if images is not None else len(observed)  # type: ignore[arg-type]
+    frames, notes = ((), ()) if images is not None else observed_frames(observed)  # type: ignore[arg-type]
+    n = len(frames) if images is None else images.n_frames
     first, modes = _require_reference(reference, n), whole("modes", modes)
     done = _counted(progress, (4 if images is None else 6) * n)
     shown: ImageFrames | None = None
@@ -135,8 +136,7 @@ def track(
             is_closed=is_closed,
             done=done,
         )
-        observed, start = shown.frames, shown.start
-    frames, notes = observed_frames(observed)  # type: ignore[arg-type]
+        start, (frames, notes) = shown.start, observed_frames(shown.frames)
     at = None if times is None else require_times(times, n)
     phases = _phases(at, n, period, is_closed=is_closed)
     stated = with_landmarks(frames, landmarks, first, None if shown is None else shown.stated_sd)

@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from modalmotion.numeric.products import gram, inverse_of_cholesky, product
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.iterations import LEAST, Iteration
-from modalmotion.tracking.noise import Noise
+from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
 from modalmotion.tracking.observation import Frame
-from modalmotion.tracking.prior import Prior
 
 # Harmonics that are tried.
 _STIFFEST: Final = 0.25

@@ -12,11 +12,10 @@ from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.triangles import face_normals
 from modalmotion.numeric.products import gram, product
 from modalmotion.tracking.closest import Matches, closest_points
-from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.deformable import Deformable, alike_over, place_on, rim_at
 from modalmotion.tracking.ends_of_data import Ending, Lying, lies_evenly
 from modalmotion.tracking.noise import Noise, robust_weights
 from modalmotion.tracking.observation import Frame, Observation
-from modalmotion.tracking.rim import alike_over, place_on, rim_at
 
 # A point whose distance is not along the normal has its foot on the rim, which it would pull along:
 # such points say nothing of where the rim is. Shares of the distance along the normal from which on

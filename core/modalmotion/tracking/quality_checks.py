@@ -20,8 +20,8 @@ _CELLS: Final = {1: (24,), 2: (6, 12)}
 # Of the RMS radius: points farther than that from the surface show none, or several.
 _THICK: Final = 0.1
 
-# Least spread of a surface that encloses a volume over its largest; size of a frame's surface over
-# that of most, and way of its centre from the middle of its neighbours, over the usual size.
+# Least spread of a surface that encloses a volume over its largest; extent of a frame's points over
+# that of most; way of its surface's centre from the middle of its neighbours over the usual size.
 _FLAT: Final = 0.06
 _OTHER_SIZE: Final = 4.0
 _JUMP: Final = 2.0
@@ -115,11 +115,15 @@ def notes_on(result: Track) -> list[str]:
         )
     away = np.zeros(len(x))
     away[1:-1] = np.linalg.norm(centres[1:-1] - (centres[:-2] + centres[2:]) / 2.0, axis=1)
-    is_other = np.abs(np.log(sizes / size)) > np.log(_OTHER_SIZE)
-    odd = np.flatnonzero(is_other | (away > _JUMP * size)).tolist()
+    extents = _extents(result)
+    ratio = extents / float(np.nanmedian(extents))
+    is_other = (ratio * _OTHER_SIZE < 1.0) | (ratio > _OTHER_SIZE)
+    # Its neighbours are half as far from theirs.
+    is_away = away > max(_JUMP * size, 0.75 * float(away.max()))
+    odd = np.flatnonzero(is_other | is_away).tolist()
     if odd:
         notes.append(
-            f"In {_frames(odd)} the surface is elsewhere, or of another size, than in the frames "
+            f"In {_frames(odd)} the data are elsewhere, or of another size, than in the frames "
             "around: check the unit and the coordinates of each frame."
         )
     bound = result.ejection_fraction_bound
@@ -129,6 +133,18 @@ def notes_on(result: Track) -> list[str]:
             "that determine its volumes were hardly observed."
         )
     return notes
+
+
+def _extents(result: Track) -> NDArray[np.float64]:
+    """RMS spread of the points of each frame, (frames,); NaN of a few."""
+    extents = np.full(result.n_frames, np.nan)
+    for frame in range(result.n_frames if result.data is not None else 0):
+        assert result.data is not None  # noqa: S101
+        rows = result.data.of_frame(frame)
+        points = result.data.points[rows][~result.data.are_landmarks[rows]]
+        if len(points) > 3:
+            extents[frame] = np.linalg.norm(points.std(axis=0))
+    return extents if np.isfinite(extents).any() else np.ones(result.n_frames)
 
 
 def end_notes(

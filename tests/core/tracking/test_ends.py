@@ -12,10 +12,9 @@ from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, SPHERE
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation, Track, track
-from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.deformable import Deformable, rim_at
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.normal_equations import normal_equations
-from modalmotion.tracking.rim import rim_at
 
 BASE = standard_surface(Lattice(CUP, (12, 20)))
 SHAPE = BASE.vertices[0] * np.array([25.0, 25.0, 40.0])

@@ -18,9 +18,8 @@ from modalmotion.tracking import Observation
 from modalmotion.tracking.closest import closest_points
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.iterations import map_frame
-from modalmotion.tracking.noise import Noise
+from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.normal_equations import bulge, normal_equations
-from modalmotion.tracking.prior import Prior
 
 BEAT = simulate_ventricle(grid=(16, 24), acquisition=Acquisition(n_frames=6))
 TEMPLATE = make_template(BEAT)

@@ -45,9 +45,9 @@ def flat() -> list[Floats]:
         (
             lambda: with_frame(CLOUDS[2] / 10),
             {},
-            "In frame 2 the surface is .* of another size.*unit",
+            "In frame 2 the data are .* of another size.*unit",
         ),
-        (lambda: with_frame(CLOUDS[2] + [200.0, 0, 0]), {}, "frame 2 .*the surface is elsewhere"),
+        (lambda: with_frame(CLOUDS[2] + [200.0, 0, 0]), {}, "In frame 2 the data are elsewhere"),
         (lambda: [x[:4] for x in CLOUDS], {"start": BALL}, "percentage points only"),
         (lambda: [np.zeros((1, 3))] * 4, {"start": BALL}, "percentage points only"),
     ],
