@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from modalmotion.classification.cases import TrainingCase, named
 from modalmotion.errors import MalformedFileError, ModalMotionError, ParameterError
@@ -15,7 +16,7 @@ from modalmotion.formats import ReadOptions
 from modalmotion.mesh import NO_FACTS, Facts, column_of, facts_in, states_fact
 from modalmotion.tracking.recording import sequence_of
 
-_COLUMNS: Final = ("path", "label", "subject")
+COLUMNS: Final = ("path", "label", "subject")
 
 _HOW: Final = (
     "Give a table with the columns path, label and, if known, subject and facts; or files in "
@@ -66,7 +67,10 @@ def labelled_files(
     if len(sources) == 1 and sources[0].suffix.lower() in (".csv", ".tsv"):
         files = read_manifest(sources[0], skip_unreadable=skip_unreadable, needs_label=needs_label)
     else:
-        files = [_by_folder(path, skip_unreadable) for path in sources]
+        files = [LabelledFile(path, path.resolve().parent.name, None) for path in sources]
+        for file in files:
+            if not (file.path.exists() or skip_unreadable) or not file.label:
+                raise ParameterError(f"There is no file '{file.path}'.", remedy=_HOW)
     path, n = Counter(file.path for file in files).most_common(1)[0] if files else (None, 0)
     if n > 1:
         labels = sorted({file.label for file in files if file.path == path})
@@ -78,65 +82,106 @@ def labelled_files(
     return files
 
 
-def read_manifest(
-    manifest: Path, *, skip_unreadable: bool = False, needs_label: bool = True
-) -> list[LabelledFile]:
-    """Read a table of files: path, label, subject; paths are relative to the table's folder.
+class ManifestRow(NamedTuple):
+    """A row of a manifest: the number of its line, and what it states of a file."""
 
-    Further columns state facts, by their names or as landmark:apex and covariate:age; all others
-    are covariates.
+    line: int
+    path: str
+    label: str
+    subject: str | None
+    facts: Facts
+
+
+def manifest_rows(text: str, name: str, needed: Sequence[str]) -> Iterator[ManifestRow]:
+    """Read the rows of a table of files, with the columns path, label and subject.
+
+    Columns are separated by commas, semicolons or tabs. Further ones state facts, by their names or
+    as landmark:apex and covariate:age; all others are covariates. Empty rows are passed over.
+
+    Parameters
+    ----------
+    text : str
+    name : str
+        Of the table, for errors.
+    needed : sequence of str
+        Columns that every row must fill in.
 
     Raises
     ------
     MalformedFileError
         If it is not such a table, or a row lacks something; it names the line.
     """
-    text = _text_of(manifest)
-    lines = text.splitlines()
-    first = lines[0] if lines else ""
-    delimiter = max(",;\t", key=first.count)
-    rows = csv.DictReader(lines, delimiter=delimiter, skipinitialspace=True)
-    names = [column_of(name or "") for name in rows.fieldnames or []]
-    needed = _COLUMNS[: 2 if needs_label else 1]
-    missing = [name for name in needed if name not in names]
-    if missing:
-        raise MalformedFileError(
-            f"The manifest '{manifest}' has no column {' and no column '.join(missing)}; its "
-            f"first line is {first[:80]!r}.",
-            remedy=_HOW,
+    lines = text.removeprefix("\ufeff").splitlines()
+    # What spreadsheets write before the heading, to name their separator.
+    stated = lines[0][4:] if lines and re.fullmatch("sep=.", lines[0]) else ""
+    heading = "".join(lines[bool(stated) : bool(stated) + 1])
+    separator = stated or max(",;\t", key=heading.count)
+    rows = csv.reader(lines[bool(stated) :], delimiter=separator, skipinitialspace=True)
+    names, line = [column_of(column) for column in next(rows, [])], 1
+
+    def wrong(what: str) -> MalformedFileError:
+        return MalformedFileError(
+            f"Line {line} of '{name}': {what}.", remedy=_HOW, details={"line": line}
         )
-    twice = [name for name, n in Counter(names).items() if n > 1 and states_fact(name)]
-    if twice:
-        raise MalformedFileError(
-            f"The manifest '{manifest}' has {names.count(twice[0])} columns '{twice[0][:80]}'.",
-            remedy="Keep one of them.",
-        )
-    rows.fieldnames = names
-    has_commas = delimiter != ","
-    settings = needed, has_commas, skip_unreadable
-    return [_row(manifest, rows.line_num, row, *settings) for row in rows]
+
+    for column in needed:
+        if column not in names:
+            raise wrong(f"the heading {heading[:80]!r} has no column '{column}'")
+    for column, n in Counter(names).items():
+        if n > 1 and (column in COLUMNS or states_fact(column)):
+            raise wrong(f"there are {n} columns '{column[:80]}'")
+    for cells in rows:
+        line = rows.line_num + bool(stated)
+        if not any(cell.strip() for cell in cells):
+            continue
+        if any(cell.strip() for cell in cells[len(names) :]):
+            raise wrong("there are more columns than headings")
+        row = {column: cell.strip() for column, cell in zip(names, cells, strict=False)}
+        path, label, subject = (row.get(column, "") for column in COLUMNS)
+        for column in needed:
+            if not row.get(column):
+                raise wrong(f"there is no {column}")
+        try:
+            facts = facts_in(row, decimal_comma=separator != ",")
+        except ParameterError as error:
+            raise wrong(error.message.rstrip(".")) from error
+        yield ManifestRow(line, path, label, subject or None, facts)
 
 
-def _text_of(manifest: Path) -> str:
+def read_manifest(
+    manifest: Path, *, skip_unreadable: bool = False, needs_label: bool = True
+) -> list[LabelledFile]:
+    """Read a table of files, whose paths are relative to its folder: see `manifest_rows`.
+
+    Raises
+    ------
+    MalformedFileError
+        If it is not such a table, or a row lacks something; it names the line.
+    """
     try:
-        text = manifest.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise MalformedFileError(
-            f"The manifest '{manifest}' cannot be read as text ({error}).", remedy=_HOW
-        ) from error
-    except UnicodeDecodeError as error:
-        raise _not_utf8(manifest, error.start) from error
-    # UTF-16 without a mark at its beginning.
+        text, reason = manifest.read_bytes().decode(), "it contains bytes of zero"
+    except (OSError, UnicodeDecodeError) as error:
+        text, reason = "\0", str(error)
     if "\0" in text:
-        raise _not_utf8(manifest, text.index("\0"))
-    return text
-
-
-def _not_utf8(manifest: Path, place: int) -> MalformedFileError:
-    return MalformedFileError(
-        f"The manifest '{manifest}' is not UTF-8 text (byte {place}).",
-        remedy="Save the table as UTF-8 (in Excel: CSV UTF-8).",
-    )
+        raise MalformedFileError(
+            f"The manifest '{manifest}' cannot be read as UTF-8 text ({reason}).",
+            remedy=f"Save the table as UTF-8 (in Excel: CSV UTF-8). {_HOW}",
+        )
+    files = []
+    for row in manifest_rows(text, manifest.name, COLUMNS[: 2 if needs_label else 1]):
+        is_url = "://" in row.path
+        path = Path(row.path.partition("?")[0]) if is_url else manifest.parent / row.path
+        if not (path.exists() or skip_unreadable):
+            raise MalformedFileError(
+                f"Line {row.line} of '{manifest.name}' names '{row.path}', and there is no such "
+                "file.",
+                remedy="Paths are relative to the folder of the manifest. To continue without such "
+                "files use --skip-unreadable.",
+                details={"line": row.line},
+            )
+        url = row.path if is_url else None
+        files.append(LabelledFile(path, row.label, row.subject, row.facts, url))
+    return files
 
 
 @dataclass(frozen=True)
@@ -195,47 +240,3 @@ def read_cases(path: Path, *, unit: str | None = None) -> list[LabelledSequence]
         If it is not such a table, or a row lacks something; it names the line.
     """
     return [LabelledSequence(file, {"unit": unit}) for file in labelled_files([path])]
-
-
-def _by_folder(path: Path, skip_unreadable: bool) -> LabelledFile:
-    label = path.resolve().parent.name
-    if not (path.exists() or skip_unreadable) or not label:
-        raise ParameterError(f"There is no file '{path}'.", remedy=_HOW)
-    return LabelledFile(path, label, None)
-
-
-def _row(
-    manifest: Path,
-    line: int,
-    row: dict[str, Any],
-    needed: Sequence[str],
-    decimal_comma: bool,
-    skip_unreadable: bool,
-) -> LabelledFile:
-    values = {name: (row.get(name) or "").strip() for name in _COLUMNS}
-    for name in needed:
-        if not values[name]:
-            raise MalformedFileError(
-                f"Line {line} of '{manifest.name}' has no {name}.",
-                remedy=f"Fill it in, or remove the line. {_HOW}",
-                details={"line": line},
-            )
-    url = values["path"] if "://" in values["path"] else None
-    path = Path(values["path"].partition("?")[0]) if url else manifest.parent / values["path"]
-    if not (path.exists() or skip_unreadable):
-        raise MalformedFileError(
-            f"Line {line} of '{manifest.name}' names '{values['path']}', and there is no such "
-            "file.",
-            remedy="Paths are relative to the folder of the manifest. To continue without such "
-            "files use --skip-unreadable.",
-            details={"line": line},
-        )
-    try:
-        facts = facts_in(row, decimal_comma=decimal_comma)
-    except ParameterError as error:
-        raise MalformedFileError(
-            f"Line {line} of '{manifest.name}': {error.message}",
-            remedy=error.remedy,
-            details={**error.details, "line": line},
-        ) from error
-    return LabelledFile(path, values["label"], values["subject"] or None, facts, url)

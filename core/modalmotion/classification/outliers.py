@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from modalmotion.classification.extractor import Extractor, first, reads_about_axis
+from modalmotion.classification.extractor import AXIS, Extractor, first
 from modalmotion.classification.linear import class_means
 from modalmotion.classification.motion import Motion
 from modalmotion.classification.motion_features import (
@@ -45,8 +47,6 @@ _LARGEST_STEP: Final = 0.6
 _IMAGE: Final = 1.0 / 3.0
 # A motion so small has no kind; its logarithm is still a number.
 _NO_MOTION: Final = 1e-12
-# Pairs of a case and a training case that are compared at once.
-_MOST_PAIRS: Final = 250_000
 
 KNOWN_SHARE: Final = 0.99
 """Share of recordings like the training cases that are within all limits."""
@@ -101,23 +101,19 @@ class Inputs(NamedTuple):
         return Inputs(self.kinds[rows], self.places[rows])
 
 
-def inputs_of(motion: Motion, reader: Extractor, *, knows_size: bool) -> Inputs:
-    """Read one recording."""
-    terms, modes = reader.terms(motion), first(motion.modes, reader.n_modes)
-    amount = max(motion.amount, _NO_MOTION)
-    if reads_about_axis(motion, reader.n_modes) and reader.is_cycle:
-        kinds = axis_parts(terms / (100.0 * amount), modes, walls=reader.walls)  # type: ignore[arg-type]
-    else:
-        kinds = wave_features(terms / (100.0 * amount), waves_of(modes, walls=reader.walls))
-    size = motion.log_size if knows_size else 0.0
-    place = [math.log(amount), size, motion.log_elongation]
-    return Inputs(kinds[None], np.array([place]))
-
-
-def inputs_of_all(motions: tuple[Motion, ...], reader: Extractor, *, knows_size: bool) -> Inputs:
-    """Read many recordings."""
-    each = [inputs_of(motion, reader, knows_size=knows_size) for motion in motions]
-    return Inputs(*(np.concatenate(parts) for parts in zip(*each, strict=True)))
+def inputs_of(motions: Iterable[Motion], reader: Extractor) -> Inputs:
+    """Read recordings."""
+    kinds, places = [], []
+    for motion in motions:
+        modes = first(motion.modes, reader.n_modes)
+        amount = max(motion.amount, _NO_MOTION)
+        terms = reader.terms(motion) / (100.0 * amount)
+        if reader.what == AXIS:
+            kinds.append(axis_parts(terms, modes, walls=reader.walls))
+        else:
+            kinds.append(wave_features(terms, waves_of(modes, walls=reader.walls)))
+        places.append((math.log(amount), motion.log_size, motion.log_elongation))
+    return Inputs(np.array(kinds), np.array(places))
 
 
 def symmetry_signs(motion: Motion, reader: Extractor) -> Array:
@@ -131,7 +127,7 @@ def symmetry_signs(motion: Motion, reader: Extractor) -> Array:
     modes = first(motion.modes, reader.n_modes)
     n = motion.amplitudes.shape[2]
     signs: list[tuple[float, float]] = []
-    if reads_about_axis(motion, reader.n_modes) and reader.is_cycle:
+    if reader.what == AXIS:
         for column in axis_columns(modes, 2, is_offset=n == 1, walls=reader.walls):
             words = column.name.split()
             is_signed = words[0] in ("radial", "turning", "axial") or words[-3] == "zero"
@@ -171,11 +167,6 @@ class OutlierDetector:
         Places of the training cases.
     scales : (3,) float64
         Standard deviations of these within a class; infinite for what does not vary.
-    directions : (2, columns) float64
-        Along which motions differ most from their mirror images and from themselves backwards,
-        of unit variance within a class.
-    centres : (classes, 2) float64
-        Mean of each class along these.
     signs : (2, columns) float64
         See `symmetry_signs`.
     limits : (checks,) float64
@@ -193,17 +184,14 @@ class OutlierDetector:
     whitening: Array
     points: Array
     scales: Array
-    directions: Array
-    centres: Array
     signs: Array
     limits: Array
     bounds: Array
 
     def read(self, motion: Motion) -> Inputs:
         """Read one recording."""
-        knows = self.knows_size and self.has_unit == (motion.signature.unit is not None)
-        inputs = inputs_of(motion, self.reader, knows_size=knows)
-        if not knows:
+        inputs = inputs_of((motion,), self.reader)
+        if not self.knows_size or self.has_unit != (motion.signature.unit is not None):
             # In a unit that does not compare the size is as usual.
             inputs.places[0, 1] = np.median(self.points[:, 1])
         return inputs
@@ -214,16 +202,15 @@ class OutlierDetector:
         return np.asarray(np.sqrt(np.einsum("ijk,ijk->ij", apart, apart)))
 
     def scores(self, inputs: Inputs) -> Array:
-        """Scores of `CHECKS`, (cases, checks): the larger, the stranger."""
+        """Scores of `CHECKS`, (cases, checks): the larger, the stranger.
+
+        By how much the square of the distance falls where the recording is turned round is twice
+        the log of how much more likely it is that it was, of classes of one covariance.
+        """
         nearest = self.distances(inputs.kinds).min(axis=1)
-        along = inputs.kinds @ self.directions.T
-        apart = along[:, None] - self.centres
-        beside = np.take_along_axis(apart, np.abs(apart).argmin(axis=1)[:, None], axis=1)[:, 0]
-        # What is no nearer to a class turned round is as it should be.
-        for k, signs in enumerate(self.signs):
-            is_upright = self.distances(inputs.kinds * signs).min(axis=1) >= nearest
-            beside[is_upright, k] = np.maximum(beside[is_upright, k], 0.0)
-        return np.stack([nearest, self._from_places(inputs.places), *-beside.T], axis=1)
+        images = [self.distances(inputs.kinds * signs).min(axis=1) for signs in self.signs]
+        turned = [nearest**2 - image**2 for image in images]
+        return np.stack([nearest, self._from_places(inputs.places), *turned], axis=1)
 
     def flags(self, motion: Motion) -> tuple[Flag, ...]:
         """Say what speaks against an answer for a recording."""
@@ -266,12 +253,8 @@ class OutlierDetector:
     def _from_places(self, places: Array) -> Array:
         """Distance from the fifth neighbour among the training cases, (cases,)."""
         n = min(_N_NEIGHBOURS, len(self.points))
-        found, step = np.empty(len(places)), max(1, _MOST_PAIRS // len(self.points))
-        for k in range(0, len(places), step):
-            apart = (places[k : k + step, None] - self.points) / self.scales
-            squares = np.einsum("ijk,ijk->ij", apart, apart)
-            found[k : k + step] = np.partition(squares, n - 1, axis=1)[:, n - 1]
-        return np.sqrt(found)
+        apart = scipy.spatial.distance.cdist(places / self.scales, self.points / self.scales)
+        return np.asarray(np.partition(apart, n - 1, axis=1)[:, n - 1])
 
     def _of_place(self, place: Array) -> Flag:
         """Say in what the size, shape or amount of motion is unlike those of the training cases."""
@@ -338,7 +321,6 @@ def fit_outliers(
     absent = np.bincount(y, minlength=n_classes) == 0
     means[absent] = kinds.mean(axis=0)
     whitening = _whitening((kinds - means[y]) / spread) / spread[:, None]
-    directions = np.stack([_direction(kinds, means, y, signs < 0) for signs in like.signs])
     of_classes = class_means(places, y, n_classes)
     scales = np.sqrt(((places - of_classes[y]) ** 2).mean(axis=0))
     return replace(
@@ -347,8 +329,6 @@ def fit_outliers(
         whitening=whitening,
         points=places,
         scales=np.where(scales > 1e-9 * np.abs(places).max(axis=0), scales, np.inf),
-        directions=directions,
-        centres=means @ directions.T,
         limits=np.full(len(CHECKS), np.inf),
     )
 
@@ -367,8 +347,6 @@ def empty_detector(motions: tuple[Motion, ...], reader: Extractor) -> OutlierDet
         whitening=nothing,
         points=nothing,
         scales=nothing,
-        directions=nothing,
-        centres=nothing,
         signs=symmetry_signs(motions[0], reader),
         limits=nothing,
         bounds=np.array(
@@ -435,18 +413,3 @@ def _whitening(residuals: Array) -> Array:
     share = max(_LEAST_SHRINKAGE, d / (n + d))
     S = (1.0 - share) * S + share * np.diag(np.where(variances > 0, variances, 1.0))
     return np.asarray(np.linalg.inv(np.linalg.cholesky(S)).T / np.sqrt(d))
-
-
-def _direction(kinds: Array, means: Array, y: Labels, changes: NDArray[np.bool_]) -> Array:
-    """Along which motions differ most from their images (Fisher), over the columns that change."""
-    direction = np.zeros(kinds.shape[1])
-    scale = kinds.std(axis=0)
-    used = changes & (scale > 1e-12 * np.abs(kinds).max(axis=0))
-    if not used.any():
-        return direction
-    W = _whitening((kinds - means[y])[:, used] / scale[used]) * np.sqrt(used.sum())
-    towards = W.T @ (means[np.unique(y)][:, used] / scale[used]).mean(axis=0)
-    length = float(np.linalg.norm(towards))
-    if length > 0.0:
-        direction[used] = W @ towards / length / scale[used]
-    return direction

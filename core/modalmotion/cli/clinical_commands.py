@@ -325,7 +325,6 @@ def ask(
     """
     from modalmotion.classification.manifest import labelled_files
     from modalmotion.norm import cohort_deviation, norm_from_hdf5
-    from modalmotion.norm.norm import FEWEST_RECORDINGS, others_than
 
     controls = norm_from_hdf5(norm_file)
     files = labelled_files(sources, skip_unreadable=skip_unreadable, needs_label=False)
@@ -334,18 +333,15 @@ def ask(
         return controls.read(case.motion, subject=case.subject, name=name)
 
     readings, left_out = _read(files, unit, read, skip_unreadable=skip_unreadable)
-    together = None
-    if len(others_than(controls, readings)) >= FEWEST_RECORDINGS:
-        together = cohort_deviation(controls, readings, level=level)
-    answers = [controls.deviation(one, level=level) for one in readings]
-    pairs = list(zip(readings, answers, strict=True))
+    together = cohort_deviation(controls, readings, level=level)
+    pairs = list(zip(readings, together.deviations, strict=True))
     lines = [f"{one.name}\n{answer.lines}" for one, answer in pairs]
-    if together is not None:
+    if together.p is not None:
         lines.append(f"together: p = {together.p:.3g} of {controls.n_controls} like controls")
         if together.warning is not None:
             lines.append(f"warning: {together.warning}")
     shown = [{"path": one.name, **answer.as_json()} for one, answer in pairs]
-    whole = None if together is None else together.as_json()
+    whole = None if together.p is None else together.as_json()
     found = {"cohort": whole, "deviations": shown, "left_out": left_out}
     tell(found, [*lines, *left_out], as_json=as_json)
 

@@ -34,7 +34,7 @@ from modalmotion.norm import (
     norm_to_hdf5,
     train_norm,
 )
-from modalmotion.norm.reading import Reading
+from modalmotion.norm.norm import Reading
 from modalmotion.norm.training import Control
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.store import model_from_hdf5, sequence_from_hdf5, signature_from_hdf5
@@ -43,7 +43,6 @@ from modalmotion_service.schemas.general import ReadingAnswer
 from modalmotion_service.schemas.models import (
     CohortDeviationAnswer,
     ComparisonAnswer,
-    DeviationAnswer,
     EvaluationAnswer,
     FeaturesAnswer,
 )
@@ -208,10 +207,6 @@ def tabulate_features(
     return len(table.left_out)
 
 
-LEAST_TOGETHER: Final = 5
-"""Recordings that are compared as a cohort."""
-
-
 @dataclass(frozen=True)
 class KeptRecording:
     """A kept sequence with its signature.
@@ -300,25 +295,8 @@ def ask_norm(
             imposed[number] = wanted
     if imposed:
         return b"", imposed
-    if len(readings) >= LEAST_TOGETHER:
-        answer = CohortDeviationAnswer(
-            **cohort_deviation(controls, readings, level=level).as_json()
-        )
-    else:
-        answer = CohortDeviationAnswer(
-            norm=controls.name,
-            norm_id=controls.id,
-            n_controls=controls.as_json()["n_controls"],
-            n_recordings=len(readings),
-            level=level,
-            p=None,
-            is_another=None,
-            warning=None,
-            deviations=[
-                DeviationAnswer(**controls.deviation(own, level=level).as_json())
-                for own in readings
-            ],
-        )
+    found = cohort_deviation(controls, readings, level=level)
+    answer = CohortDeviationAnswer(**found.as_json())
     return answer.model_dump_json().encode(), {}
 
 
