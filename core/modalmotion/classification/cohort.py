@@ -364,8 +364,9 @@ def _require_usable(signature: ModalSignature, called: str) -> None:
     elif not s.modes.length_of(s.lengths, s.angular_frequencies, 1.0) > 0.0:
         fault, remedy = "has no extent in its reference frame", "Choose another reference."
     if fault:
-        details = {"sequence_id": s.sequence_id}
-        raise ParameterError(f"{called} {fault}.", remedy=remedy, details=details)
+        raise ParameterError(
+            f"{called} {fault}.", remedy=remedy, details={"sequence_id": s.sequence_id}
+        )
 
 
 def _cohort(read: Alike, options: TrainingOptions) -> Cohort:

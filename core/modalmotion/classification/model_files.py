@@ -228,8 +228,7 @@ def _model(kept: KeptModel, contents: Contents) -> Model:
         tables.append(Extractor.from_json(values, typical[:size]))
         typical = typical[size:]
     ends = np.cumsum(arrays["n_strangeness"].astype(np.int64))
-    detector = dict(texts["detector"])
-    reader = Extractor.from_json(detector.pop("reader"), np.zeros(0))
+    detector = texts["detector"]
     return Model(
         name=kept.record.name,
         classes=classes,
@@ -237,7 +236,10 @@ def _model(kept: KeptModel, contents: Contents) -> Model:
         tables=tuple(tables),
         columns=columns,
         outliers=OutlierDetector(
-            reader=reader, **detector, **{name: arrays[name] for name in OF_DETECTOR}
+            reader=Extractor.from_json(detector["reader"], np.zeros(0)),
+            knows_size=bool(detector["knows_size"]),
+            has_unit=bool(detector["has_unit"]),
+            **{name: arrays[name] for name in OF_DETECTOR},
         ),
         strangeness=tuple(np.split(arrays["strangeness"], ends[:-1])),
         notes={str(label): tuple(map(str, said)) for label, said in texts["notes"].items()},

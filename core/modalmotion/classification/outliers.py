@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -109,7 +109,7 @@ def inputs_of(motions: Iterable[Motion], reader: Extractor) -> Inputs:
         amount = max(motion.amount, _NO_MOTION)
         terms = reader.terms(motion) / (100.0 * amount)
         if reader.what == AXIS:
-            kinds.append(axis_parts(terms, modes, walls=reader.walls))
+            kinds.append(axis_parts(np.asarray(terms, dtype=complex), modes, walls=reader.walls))
         else:
             kinds.append(wave_features(terms, waves_of(modes, walls=reader.walls)))
         places.append((math.log(amount), motion.log_size, motion.log_elongation))
@@ -264,25 +264,25 @@ class OutlierDetector:
         if farthest == "size":
             least, most, own = (math.exp(value[1]) for value in (low, high, place))
             unit = " mm" if self.has_unit else ""
-            return Flag(
-                OTHER_SIZE,
+            words = (
                 f"its size is {own:.3g}{unit}, and those of the training cases are {least:.3g} to "
-                f"{most:.3g}{unit}. Check the unit, or train with surfaces of this size",
+                f"{most:.3g}{unit}. Check the unit, or train with surfaces of this size"
             )
+            return Flag(OTHER_SIZE, words)
         if farthest == "elongation":
-            return Flag(
-                OUT_OF_DOMAIN,
+            words = (
                 "its surface is longer or shorter for its width than that of any training case. "
-                "Check that it is the surface that the model is for",
+                "Check that it is the surface that the model is for"
             )
+            return Flag(OUT_OF_DOMAIN, words)
         apart = (self.points - place) / self.scales
         near = np.argsort((apart[:, 1:] ** 2).sum(axis=1), kind="stable")[:_N_NEIGHBOURS]
         times = math.exp(place[0] - float(np.median(self.points[near, 0])))
-        return Flag(
-            OTHER_AMOUNT,
+        words = (
             f"its motion ({math.exp(place[0]):.1%} of its size) is {times:.2g} times that of "
-            "training cases of about its size and shape. Check the scale of the displacements",
+            "training cases of about its size and shape. Check the scale of the displacements"
         )
+        return Flag(OTHER_AMOUNT, words)
 
 
 _OF_CHECKS: Final = {
@@ -300,63 +300,64 @@ _OF_CHECKS: Final = {
 }
 
 
-def fit_outliers(
-    inputs: Inputs, y: Labels, n_classes: int, like: OutlierDetector
+def detector_for(
+    motions: Sequence[Motion],
+    y: Labels,
+    reader: Extractor,
+    folds: Iterable[tuple[Labels, Labels]],
+    groups: Labels,
 ) -> OutlierDetector:
-    """Fit a detector to some cases; nothing is beyond its limits yet.
+    """Fit a detector to training cases, with limits that cases held out stay within.
 
     Parameters
     ----------
-    inputs : Inputs
-        Of these cases.
+    motions : sequence of Motion
     y : (cases,) int64
-    n_classes : int
-    like : OutlierDetector
-        Whose reader, signs and units it has.
+        Classes from 0.
+    reader : Extractor
+    folds : iterable of ((n,) int64, (m,) int64)
+        Each case is held out once; without any folds nothing is beyond the limits.
+    groups : (cases,) int64
+        As in `with_limits`.
     """
-    kinds, places = inputs.kinds, inputs.places
-    spread = kinds.std(axis=0)
-    spread = np.where(spread > 1e-12 * np.abs(kinds).max(axis=0), spread, np.inf)
-    means = class_means(kinds, y, n_classes)
-    absent = np.bincount(y, minlength=n_classes) == 0
-    means[absent] = kinds.mean(axis=0)
-    whitening = _whitening((kinds - means[y]) / spread) / spread[:, None]
-    of_classes = class_means(places, y, n_classes)
-    scales = np.sqrt(((places - of_classes[y]) ** 2).mean(axis=0))
-    return replace(
-        like,
-        means=means,
-        whitening=whitening,
-        points=places,
-        scales=np.where(scales > 1e-9 * np.abs(places).max(axis=0), scales, np.inf),
-        limits=np.full(len(CHECKS), np.inf),
-    )
-
-
-def empty_detector(motions: tuple[Motion, ...], reader: Extractor) -> OutlierDetector:
-    """Prepare a detector for some motions, with what does not depend on their classes."""
     units = {motion.signature.unit is not None for motion in motions}
     smooth = min(motion.smooth_share(reader.is_cycle) for motion in motions)
     amount = min(motion.amount for motion in motions)
-    nothing = np.zeros((0, 0))
-    return OutlierDetector(
-        reader=reader,
-        knows_size=len(units) == 1,
-        has_unit=True in units,
-        means=nothing,
-        whitening=nothing,
-        points=nothing,
-        scales=nothing,
-        signs=symmetry_signs(motions[0], reader),
-        limits=nothing,
-        bounds=np.array(
-            [
-                min(_LEAST_MOTION, _SHARE_OF_LEAST * amount),
-                min(_LEAST_SMOOTH, _SHARE_OF_LEAST * smooth),
-                max(_LARGEST_STEP, *(motion.largest_step for motion in motions)),
-            ]
-        ),
+    bounds = (
+        min(_LEAST_MOTION, _SHARE_OF_LEAST * amount),
+        min(_LEAST_SMOOTH, _SHARE_OF_LEAST * smooth),
+        max(_LARGEST_STEP, *(motion.largest_step for motion in motions)),
     )
+    inputs = inputs_of(motions, reader)
+    if len(units) > 1:
+        inputs.places[:, 1] = 0.0
+    signs, n_classes = symmetry_signs(motions[0], reader), int(y.max()) + 1
+
+    def fitted(rows: Labels) -> OutlierDetector:
+        (kinds, places), own = inputs.of(rows), y[rows]
+        spread = kinds.std(axis=0)
+        spread = np.where(spread > 1e-12 * np.abs(kinds).max(axis=0), spread, np.inf)
+        means = class_means(kinds, own, n_classes)
+        means[np.bincount(own, minlength=n_classes) == 0] = kinds.mean(axis=0)
+        scales = (places - class_means(places, own, n_classes)[own]).std(axis=0)
+        return OutlierDetector(
+            reader=reader,
+            knows_size=len(units) == 1,
+            has_unit=True in units,
+            means=means,
+            whitening=_whitening((kinds - means[own]) / spread) / spread[:, None],
+            points=places,
+            scales=np.where(scales > 1e-9 * np.abs(places).max(axis=0), scales, np.inf),
+            signs=signs,
+            limits=np.full(len(CHECKS), np.inf),
+            bounds=np.array(bounds),
+        )
+
+    scores = np.full((len(y), len(CHECKS)), np.nan)
+    for inner, outer in folds:
+        scores[outer] = fitted(inner).scores(inputs.of(outer))
+    detector = fitted(np.arange(len(y)))
+    return detector if np.isnan(scores).any() else with_limits(detector, scores, groups)
 
 
 def with_limits(detector: OutlierDetector, scores: Array, groups: Labels) -> OutlierDetector:

@@ -16,7 +16,7 @@ from modalmotion.classification.card import ModelCard
 from modalmotion.classification.cases import AnyCase
 from modalmotion.classification.caveats import confound_notes, confounds
 from modalmotion.classification.cohort import Cohort, collect_cohorts
-from modalmotion.classification.extractor import AXIS, WAVES, Extractor, volume_share
+from modalmotion.classification.extractor import AXIS, WAVES, volume_share
 from modalmotion.classification.fitting import (
     Fit,
     Fold,
@@ -30,14 +30,7 @@ from modalmotion.classification.fitting import (
 from modalmotion.classification.linear import softmax
 from modalmotion.classification.model import Model, holds, share_ranges, strangeness_of
 from modalmotion.classification.options import TrainingOptions
-from modalmotion.classification.outliers import (
-    CHECKS,
-    OutlierDetector,
-    empty_detector,
-    fit_outliers,
-    inputs_of,
-    with_limits,
-)
+from modalmotion.classification.outliers import OutlierDetector, detector_for
 from modalmotion.classification.performance import METHODS, CrossValidation, performance, spread
 from modalmotion.errors import ParameterError, needs_extra
 from modalmotion.hdf5.image import INTENDED_USE
@@ -215,37 +208,20 @@ def _fitted(cohort: Cohort, splits: Splits, options: TrainingOptions) -> _Result
         # The features of a fold's tables are not kept.
         slim = tuple(table._replace(X=np.zeros((0, 0))) for table in fit.tables)
         folds.append((replace(fit, tables=slim), fit.scores(outer)))
-    return _Result(fit_rows(tables, np.arange(len(cohort))), folds, _detector(tables, splits))
+    simplest = tables.read[0]
+    what = AXIS if simplest.what == AXIS else WAVES
+    detector = detector_for(
+        cohort.motions,
+        cohort.y,
+        replace(simplest, what=what),
+        splits.repetitions[0] if splits.repetitions else (),
+        cohort.groups if splits.is_grouped else np.arange(len(cohort)),
+    )
+    return _Result(fit_rows(tables, np.arange(len(cohort))), folds, detector)
 
 
 def _all_folds(splits: Splits) -> list[Fold]:
     return [fold for repetition in splits.repetitions for fold in repetition]
-
-
-def _detector(tables: Tables, splits: Splits) -> OutlierDetector:
-    """Fit a detector to all cases, with limits from the first repetition."""
-    cohort = tables.cohort
-    y, n_classes = cohort.y, len(cohort.classes)
-    simplest = tables.read[0]
-    reader = Extractor(
-        AXIS if simplest.what == AXIS else WAVES,
-        simplest.is_cycle,
-        simplest.n_modes,
-        simplest.walls,
-    )
-    empty = empty_detector(cohort.motions, reader)
-    inputs = inputs_of(cohort.motions, reader)
-    if not empty.knows_size:
-        inputs.places[:, 1] = 0.0
-    detector = fit_outliers(inputs, y, n_classes, empty)
-    if not splits.repetitions:
-        return detector
-    scores = np.zeros((len(cohort), len(CHECKS)))
-    for inner, outer in splits.repetitions[0]:
-        own = fit_outliers(inputs.of(inner), y[inner], n_classes, empty)
-        scores[outer] = own.scores(inputs.of(outer))
-    groups = cohort.groups if splits.is_grouped else np.arange(len(cohort))
-    return with_limits(detector, scores, groups)
 
 
 def _held_out(results: Sequence[_Result], splits: Splits, cohort: Cohort) -> CrossValidation | None:

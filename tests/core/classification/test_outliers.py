@@ -25,12 +25,12 @@ def beats(n: int, seed: int) -> list[tuple[MeshSequence, str]]:
 
 @cache
 def model() -> Model:
-    cases = [TrainingCase(beat, label) for beat, label in beats(40, 1)]
+    cases = [TrainingCase(beat, label) for beat, label in beats(30, 1)]
     return train(cases, "hearts", TrainingOptions(modes=12, kind="material", repetitions=1))
 
 
 def share_flagged(change: object, *flags: str) -> float:
-    found = [classify(change(beat), model()).flags for beat, _ in beats(8, 2)]  # type: ignore[operator]
+    found = [classify(change(beat), model()).flags for beat, _ in beats(4, 2)]  # type: ignore[operator]
     return float(np.mean([bool(set(flags) & set(one)) if flags else bool(one) for one in found]))
 
 

@@ -23,6 +23,7 @@ def warned(shift: float, n_cohorts: int, seed: int) -> float:
         new = [drawn(rng, 100 + k) for k in range(10)]
         moved = [replace(one, values=one.values + shift * spread) for one in new]
         found = cohort_deviation(norm, moved)
+        assert found.p is not None
         assert (found.warning is not None) == found.is_another == (found.p <= 0.05)
         count += found.is_another
     return count / n_cohorts
