@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import csv
+import io
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from modalmotion.classification.cases import TrainingCase, named
 from modalmotion.errors import MalformedFileError, ModalMotionError, ParameterError
@@ -17,6 +18,10 @@ from modalmotion.mesh import NO_FACTS, Facts, column_of, facts_in, states_fact
 from modalmotion.tracking.recording import sequence_of
 
 COLUMNS: Final = ("path", "label", "subject")
+"""Of a manifest; further ones are facts and covariates."""
+
+# As spreadsheets state the separator that their language uses.
+_STATED_SEPARATOR: Final = re.compile(r"sep=(.)\r?\n")
 
 _HOW: Final = (
     "Give a table with the columns path, label and, if known, subject and facts; or files in "
@@ -67,10 +72,7 @@ def labelled_files(
     if len(sources) == 1 and sources[0].suffix.lower() in (".csv", ".tsv"):
         files = read_manifest(sources[0], skip_unreadable=skip_unreadable, needs_label=needs_label)
     else:
-        files = [LabelledFile(path, path.resolve().parent.name, None) for path in sources]
-        for file in files:
-            if not (file.path.exists() or skip_unreadable) or not file.label:
-                raise ParameterError(f"There is no file '{file.path}'.", remedy=_HOW)
+        files = [_by_folder(path, skip_unreadable) for path in sources]
     path, n = Counter(file.path for file in files).most_common(1)[0] if files else (None, 0)
     if n > 1:
         labels = sorted({file.label for file in files if file.path == path})
@@ -82,106 +84,145 @@ def labelled_files(
     return files
 
 
-class ManifestRow(NamedTuple):
-    """A row of a manifest: the number of its line, and what it states of a file."""
+def read_manifest(
+    manifest: Path, *, skip_unreadable: bool = False, needs_label: bool = True
+) -> list[LabelledFile]:
+    """Read a table of files: path, label, subject; paths are relative to the table's folder.
+
+    Further columns state facts, by their names or as landmark:apex and covariate:age; all others
+    are covariates.
+
+    Raises
+    ------
+    MalformedFileError
+        If it is not such a table, or a row lacks something; it names the line.
+    """
+    needed = COLUMNS[: 2 if needs_label else 1]
+    return [
+        _labelled(manifest, row, skip_unreadable)
+        for row in manifest_rows(_text_of(manifest), manifest.name, needed)
+    ]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a manifest.
+
+    Parameters
+    ----------
+    line : int
+        Of the file, counted from 1.
+    path : str
+        As it is written.
+    label, subject : str or None
+    facts : Facts
+    """
 
     line: int
     path: str
-    label: str
+    label: str | None
     subject: str | None
     facts: Facts
 
 
-def manifest_rows(text: str, name: str, needed: Sequence[str]) -> Iterator[ManifestRow]:
-    """Read the rows of a table of files, with the columns path, label and subject.
-
-    Columns are separated by commas, semicolons or tabs. Further ones state facts, by their names or
-    as landmark:apex and covariate:age; all others are covariates. Empty rows are passed over.
+def manifest_rows(text: str, name: str, needed: Sequence[str] = COLUMNS[:1]) -> Iterator[Row]:
+    """Read a table as spreadsheets write it: columns separated by commas, semicolons or tabs.
 
     Parameters
     ----------
     text : str
     name : str
-        Of the table, for errors.
+        Of the file, for errors.
     needed : sequence of str
-        Columns that every row must fill in.
+        Columns in which no cell may be empty.
 
     Raises
     ------
     MalformedFileError
-        If it is not such a table, or a row lacks something; it names the line.
+        If it is not such a table; it names the line.
     """
-    lines = text.removeprefix("\ufeff").splitlines()
-    # What spreadsheets write before the heading, to name their separator.
-    stated = lines[0][4:] if lines and re.fullmatch("sep=.", lines[0]) else ""
-    heading = "".join(lines[bool(stated) : bool(stated) + 1])
-    separator = stated or max(",;\t", key=heading.count)
-    rows = csv.reader(lines[bool(stated) :], delimiter=separator, skipinitialspace=True)
-    names, line = [column_of(column) for column in next(rows, [])], 1
-
-    def wrong(what: str) -> MalformedFileError:
-        return MalformedFileError(
-            f"Line {line} of '{name}': {what}.", remedy=_HOW, details={"line": line}
-        )
-
-    for column in needed:
-        if column not in names:
-            raise wrong(f"the heading {heading[:80]!r} has no column '{column}'")
-    for column, n in Counter(names).items():
-        if n > 1 and (column in COLUMNS or states_fact(column)):
-            raise wrong(f"there are {n} columns '{column[:80]}'")
-    for cells in rows:
-        line = rows.line_num + bool(stated)
-        if not any(cell.strip() for cell in cells):
-            continue
-        if any(cell.strip() for cell in cells[len(names) :]):
-            raise wrong("there are more columns than headings")
-        row = {column: cell.strip() for column, cell in zip(names, cells, strict=False)}
-        path, label, subject = (row.get(column, "") for column in COLUMNS)
-        for column in needed:
-            if not row.get(column):
-                raise wrong(f"there is no {column}")
-        try:
-            facts = facts_in(row, decimal_comma=separator != ",")
-        except ParameterError as error:
-            raise wrong(error.message.rstrip(".")) from error
-        yield ManifestRow(line, path, label, subject or None, facts)
-
-
-def read_manifest(
-    manifest: Path, *, skip_unreadable: bool = False, needs_label: bool = True
-) -> list[LabelledFile]:
-    """Read a table of files, whose paths are relative to its folder: see `manifest_rows`.
-
-    Raises
-    ------
-    MalformedFileError
-        If it is not such a table, or a row lacks something; it names the line.
-    """
+    text = text.removeprefix("\ufeff")
+    stated = _STATED_SEPARATOR.match(text)
+    line = 1 if stated else 0
+    text = text[stated.end() if stated else 0 :]
+    first = text.partition("\n")[0]
+    # A column's name may contain one of the others.
+    separator = stated[1] if stated else max(",;\t", key=first.count)
+    rows = csv.reader(
+        io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True, strict=True
+    )
+    heading: list[str] = []
     try:
-        text, reason = manifest.read_bytes().decode(), "it contains bytes of zero"
-    except (OSError, UnicodeDecodeError) as error:
-        text, reason = "\0", str(error)
-    if "\0" in text:
+        for cells in rows:
+            at = line + rows.line_num
+            if not heading:
+                heading = _heading(cells, needed, f"Line {at} of '{name}'", at)
+            # Spreadsheets write the rows below a table, and the columns beside it, as empty.
+            elif any(cell.strip() for cell in cells):
+                if any(cell.strip() for cell in cells[len(heading) :]):
+                    raise _wrong(f"Line {at} of '{name}' has more columns than headings.", at)
+                row = dict(zip(heading, cells, strict=False))
+                yield _row(row, needed, separator != ",", name, at)
+    except csv.Error as error:
+        at = line + rows.line_num
+        raise _wrong(f"Line {at} of '{name}': {error}.", at) from error
+    if not heading:
+        _heading([], needed, f"'{name}'", 1)
+
+
+def _heading(cells: list[str], needed: Sequence[str], where: str, line: int) -> list[str]:
+    names = [column_of(name) for name in cells]
+    if missing := [name for name in needed if name not in names]:
+        found = ", ".join(map(repr, names[:5]))[:80]
+        raise _wrong(f"{where} has no column '{missing[0]}', only {found or 'nothing'}.", line)
+    known = (name for name in names if name in COLUMNS or states_fact(name))
+    if twice := next((name for name in known if names.count(name) > 1), None):
+        raise _wrong(f"{where} has two columns '{twice[:80]}'.", line)
+    return names
+
+
+def _row(
+    cells: dict[str, str], needed: Sequence[str], decimal_comma: bool, name: str, line: int
+) -> Row:
+    path, label, subject = (cells.get(column, "").strip() or None for column in COLUMNS)
+    for column, value in zip(needed, (path, label), strict=False):
+        if not value or "\0" in value:
+            raise _wrong(f"Line {line} of '{name}' has no {column}.", line)
+    try:
+        facts = facts_in(cells, decimal_comma=decimal_comma)
+    except ParameterError as error:
         raise MalformedFileError(
-            f"The manifest '{manifest}' cannot be read as UTF-8 text ({reason}).",
-            remedy=f"Save the table as UTF-8 (in Excel: CSV UTF-8). {_HOW}",
-        )
-    files = []
-    for row in manifest_rows(text, manifest.name, COLUMNS[: 2 if needs_label else 1]):
-        is_url = "://" in row.path
-        path = Path(row.path.partition("?")[0]) if is_url else manifest.parent / row.path
-        if not (path.exists() or skip_unreadable):
-            raise MalformedFileError(
-                f"Line {row.line} of '{manifest.name}' names '{row.path}', and there is no such "
-                "file.",
-                remedy="Paths are relative to the folder of the manifest. To continue without such "
-                "files use --skip-unreadable.",
-                details={"line": row.line},
-            )
-        url = row.path if is_url else None
-        files.append(LabelledFile(path, row.label, row.subject, row.facts, url))
-    return files
+            f"Line {line} of '{name}': {error.message}",
+            remedy=error.remedy,
+            details={**error.details, "line": line},
+        ) from error
+    return Row(line, path or "", label, subject, facts)
+
+
+def _wrong(message: str, line: int) -> MalformedFileError:
+    return MalformedFileError(message, remedy=_HOW, details={"line": line})
+
+
+def _text_of(manifest: Path) -> str:
+    try:
+        text = manifest.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise MalformedFileError(
+            f"The manifest '{manifest}' cannot be read as text ({error}).", remedy=_HOW
+        ) from error
+    except UnicodeDecodeError as error:
+        raise _not_utf8(manifest, error.start) from error
+    # UTF-16 without a mark at its beginning.
+    if "\0" in text:
+        raise _not_utf8(manifest, text.index("\0"))
+    return text
+
+
+def _not_utf8(manifest: Path, place: int) -> MalformedFileError:
+    return MalformedFileError(
+        f"The manifest '{manifest}' is not UTF-8 text (byte {place}).",
+        remedy="Save the table as UTF-8 (in Excel: CSV UTF-8).",
+    )
 
 
 @dataclass(frozen=True)
@@ -240,3 +281,24 @@ def read_cases(path: Path, *, unit: str | None = None) -> list[LabelledSequence]
         If it is not such a table, or a row lacks something; it names the line.
     """
     return [LabelledSequence(file, {"unit": unit}) for file in labelled_files([path])]
+
+
+def _by_folder(path: Path, skip_unreadable: bool) -> LabelledFile:
+    label = path.resolve().parent.name
+    if not (path.exists() or skip_unreadable) or not label:
+        raise ParameterError(f"There is no file '{path}'.", remedy=_HOW)
+    return LabelledFile(path, label, None)
+
+
+def _labelled(manifest: Path, row: Row, skip_unreadable: bool) -> LabelledFile:
+    is_url = "://" in row.path
+    path = Path(row.path.partition("?")[0]) if is_url else manifest.parent / row.path
+    if not (path.exists() or skip_unreadable):
+        raise MalformedFileError(
+            f"Line {row.line} of '{manifest.name}' names '{row.path}', and there is no such file.",
+            remedy="Paths are relative to the folder of the manifest. To continue without such "
+            "files use --skip-unreadable.",
+            details={"line": row.line},
+        )
+    url = row.path if is_url else None
+    return LabelledFile(path, row.label or "", row.subject, row.facts, url)
