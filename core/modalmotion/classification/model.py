@@ -33,7 +33,16 @@ _NOISE_OF_SHARES: Final = 0.01
 _FEWEST_OF_RANGE: Final = 20
 
 OF_MODEL: Final = ("weights", "intercepts", "centre", "shares")
-OF_DETECTOR: Final = ("means", "whitening", "points", "scales", "signs", "limits", "bounds")
+OF_DETECTOR: Final = (
+    "means",
+    "whitening",
+    "points",
+    "scales",
+    "directions",
+    "signs",
+    "limits",
+    "bounds",
+)
 """Arrays that answers depend on."""
 
 Array = NDArray[np.float64]

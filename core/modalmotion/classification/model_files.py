@@ -60,6 +60,7 @@ _AXES: Final = {
     "whitening": "kind, kind",
     "points": "point, place",
     "scales": "place",
+    "directions": "symmetry, kind",
     "signs": "symmetry, kind",
     "limits": "check",
     "bounds": "bound",

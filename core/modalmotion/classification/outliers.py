@@ -167,6 +167,9 @@ class OutlierDetector:
         Places of the training cases.
     scales : (3,) float64
         Standard deviations of these within a class; infinite for what does not vary.
+    directions : (2, columns) float64
+        Along which motions differ most from their mirror images and from themselves backwards,
+        of unit variance within a class.
     signs : (2, columns) float64
         See `symmetry_signs`.
     limits : (checks,) float64
@@ -184,6 +187,7 @@ class OutlierDetector:
     whitening: Array
     points: Array
     scales: Array
+    directions: Array
     signs: Array
     limits: Array
     bounds: Array
@@ -202,15 +206,15 @@ class OutlierDetector:
         return np.asarray(np.sqrt(np.einsum("ijk,ijk->ij", apart, apart)))
 
     def scores(self, inputs: Inputs) -> Array:
-        """Scores of `CHECKS`, (cases, checks): the larger, the stranger.
-
-        By how much the square of the distance falls where the recording is turned round is twice
-        the log of how much more likely it is that it was, of classes of one covariance.
-        """
+        """Scores of `CHECKS`, (cases, checks): the larger, the stranger."""
         nearest = self.distances(inputs.kinds).min(axis=1)
-        images = [self.distances(inputs.kinds * signs).min(axis=1) for signs in self.signs]
-        turned = [nearest**2 - image**2 for image in images]
-        return np.stack([nearest, self._from_places(inputs.places), *turned], axis=1)
+        apart = (inputs.kinds[:, None] - self.means) @ self.directions.T
+        beside = np.take_along_axis(apart, np.abs(apart).argmin(axis=1)[:, None], axis=1)[:, 0]
+        # What is no nearer to a class turned round is as it should be.
+        for k, signs in enumerate(self.signs):
+            is_upright = self.distances(inputs.kinds * signs).min(axis=1) >= nearest
+            beside[is_upright, k] = np.maximum(beside[is_upright, k], 0.0)
+        return np.stack([nearest, self._from_places(inputs.places), *-beside.T], axis=1)
 
     def flags(self, motion: Motion) -> tuple[Flag, ...]:
         """Say what speaks against an answer for a recording."""
@@ -348,6 +352,7 @@ def detector_for(
             whitening=_whitening((kinds - means[own]) / spread) / spread[:, None],
             points=places,
             scales=np.where(scales > 1e-9 * np.abs(places).max(axis=0), scales, np.inf),
+            directions=np.stack([_direction(kinds, means, own, one < 0) for one in signs]),
             signs=signs,
             limits=np.full(len(CHECKS), np.inf),
             bounds=np.array(bounds),
@@ -414,3 +419,18 @@ def _whitening(residuals: Array) -> Array:
     share = max(_LEAST_SHRINKAGE, d / (n + d))
     S = (1.0 - share) * S + share * np.diag(np.where(variances > 0, variances, 1.0))
     return np.asarray(np.linalg.inv(np.linalg.cholesky(S)).T / np.sqrt(d))
+
+
+def _direction(kinds: Array, means: Array, y: Labels, changes: NDArray[np.bool_]) -> Array:
+    """Along which motions differ most from their images (Fisher), over the columns that change."""
+    direction = np.zeros(kinds.shape[1])
+    scale = kinds.std(axis=0)
+    used = changes & (scale > 1e-12 * np.abs(kinds).max(axis=0))
+    if not used.any():
+        return direction
+    W = _whitening((kinds - means[y])[:, used] / scale[used]) * np.sqrt(used.sum())
+    towards = W.T @ (means[np.unique(y)][:, used] / scale[used]).mean(axis=0)
+    length = float(np.linalg.norm(towards))
+    if length > 0.0:
+        direction[used] = W @ towards / length / scale[used]
+    return direction

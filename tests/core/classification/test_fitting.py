@@ -29,7 +29,7 @@ def collected(cases: list[TrainingCase]) -> Cohort:
 def hearts(cavity: Any = "lv") -> list[TrainingCase]:
     asked = SignatureParameters(modes=12, reference=MEAN, volumes=True)
     classes = (MotionClass.NORMAL, MotionClass.HYPOKINESIA)
-    drawn = simulate_cohort(8, rng=np.random.default_rng(5), classes=classes)
+    drawn = simulate_cohort(4, rng=np.random.default_rng(5), classes=classes)
     made = []
     for case in drawn:
         facts = replace(case.sequence.facts, cavity=cavity)
