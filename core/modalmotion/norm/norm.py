@@ -51,8 +51,8 @@ FORM: Final = Form("norm", 3)
 QUANTITIES: Final = ("share", "end_diastolic_volume", "end_systolic_volume")
 """Share of the volume that is lost, percent; volumes, ml, NaN where the unit is unknown."""
 
-# Fewer are no cohort.
-_FEWEST_RECORDINGS: Final = 5
+FEWEST_RECORDINGS: Final = 5
+"""Fewer are no cohort."""
 
 # Controls for each column of covariates and for the mean: fewer tell little of what depends.
 _PER_COLUMN: Final = 10
@@ -437,7 +437,7 @@ def cohort_deviation(
     theirs, p, warning = {one.sequence_id for one in norm.controls}, None, None
     others = [one for one in readings if one.sequence_id not in theirs]
     deviations = tuple(norm.deviation(one, level=level) for one in readings)
-    if len(others) >= _FEWEST_RECORDINGS:
+    if len(others) >= FEWEST_RECORDINGS:
         bag = [*norm.controls, *others]
         features = standardised(np.array([one.values for one in bag]))
         more = np.array(
