@@ -348,9 +348,8 @@ def notes_on(result: Track) -> list[str]:
     undetermined = int((result.determined[:, 1] < 0.5).sum())
     if undetermined:
         notes.append(
-            f"Of {len(result.modes)} modes the data do not determine the tangential part of "
-            f"{undetermined} "
-            "undetermined."
+            f"The data do not determine the tangential part of {undetermined} of "
+            f"{len(result.modes)} modes."
         )
     notes += doubtful_notes(result)
     return notes
