@@ -428,7 +428,8 @@ def described(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
             columns = [key for key, one in value[0].items() if not isinstance(one, Mapping)]
             rows = [[_text(one[key]) for key in columns] for one in value]
             yield f"{label}:"
-            yield from (f"{indent}  {row}" for row in aligned([columns, *rows]).splitlines())
+            heads = [key.replace("_", " ") for key in columns]
+            yield from (f"{indent}  {row}" for row in aligned([heads, *rows]).splitlines())
         elif value is not None and value != "" and not (np.ndim(value) and not len(value)):
             yield f"{label:<26} {_text(value)}"
 
