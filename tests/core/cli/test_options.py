@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import click
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
@@ -53,22 +54,32 @@ def test_an_answer_is_described_member_by_member() -> None:
         for line in described(
             {
                 "n_frames": 8,
-                "rms_error": 0.25,
+                "rms_error": np.float64(0.25),
                 "is_sound": True,
                 "unit": None,
-                "times": [0.5 * k for k in range(20)],
+                "faults": (),
+                "facts": {},
+                "times": [None, *(0.5 * k for k in range(20))],
                 "amplitudes": [[1.0, 2.0], [3.0, 4.0]],
                 "interval": (1.0, 2.5),
-                "modes": [{"label": "a", "largest_error": 1.0}],
+                "modes": [{"label": "a", "largest_error": 1.0}, {"label": "b"}],
                 "price": {"n_bytes": 3},
                 "notes": ["Mind the gap."],
             }
         )
     ]
     assert lines == [
-        *("frames 8", "rms error 0.250", "is sound yes", "times 0.000 to 9.500 (20 values)"),
+        *("frames 8", "rms error 0.250", "is sound yes", "times 0.000 to 9.500 (21 values)"),
         *("amplitudes 2 x 2 values", "interval 1.000, 2.500"),
-        *("modes:", "label largest error", "a 1.000", "price:", "bytes 3", "note: Mind the gap."),
+        *(
+            "modes:",
+            "label largest error",
+            "a 1.000",
+            "b",
+            "price:",
+            "bytes 3",
+            "note: Mind the gap.",
+        ),
     ]
 
 
