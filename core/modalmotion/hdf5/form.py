@@ -56,17 +56,17 @@ class Form:
         Parameters
         ----------
         ids : mapping
-            ASCII text that differs from file to file.
+            Attributes of the root, such as ids.
         datasets : sequence of Dataset
         **more : text, int, tuple of int or None
-            Further attributes; see `header`.
+            Further attributes of the root; see `header`.
 
         Raises
         ------
         StoreError
             If an attribute is not a text that HDF5 can contain.
         """
-        return sealed_image(self.header(**more), ids, datasets)
+        return sealed_image({**self.header(**more), **ids}, datasets)
 
     def digest(self, path: Path) -> str:
         """sha256 in the seal of a file of this form; seal and header are checked.
