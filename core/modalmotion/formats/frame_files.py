@@ -8,7 +8,7 @@ import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Final
@@ -25,7 +25,7 @@ from modalmotion.formats.frame_lists import (
     require_safe_name,
     write_series,
 )
-from modalmotion.formats.frames import FrameFile, read_frames
+from modalmotion.formats.frames import read_frames
 from modalmotion.formats.npz import UNREADABLE, member_content
 from modalmotion.formats.ply import write_ply
 from modalmotion.formats.result import Parser, ParserOfFile, Reading
@@ -90,8 +90,9 @@ def read_files(
     if sizes is not None:
         total = sum(sizes[name] for name in listing.names)
         parser.limits.require("decompressed_bytes", total)
-    files = [FrameFile(name, partial(read, name)) for name in listing.names]
-    return listing.complete(read_frames(files, parser, listing.times, progress))
+    found = read_frames(listing.names, read, parser, listing.times, progress)
+    notes, ignored = (*found.notes, *listing.notes), (*found.ignored, *listing.others)
+    return replace(found, notes=notes, ignored=ignored)
 
 
 def _no_frames(names: list[str]) -> MalformedFileError:
@@ -268,19 +269,21 @@ def write_ply_zip(sequence: MeshSequence) -> bytes:
         statements["grid"] = " ".join(map(str, sequence.grid))
     width = max(4, len(str(sequence.n_frames - 1)))
     names = [f"frame_{i:0{width}d}.ply" for i in range(sequence.n_frames)]
+    files = {
+        name: write_ply(positions, sequence.faces, statements)
+        for name, positions in zip(names, sequence.vertices, strict=True)
+    }
+    if sequence.times is not None:
+        files["frames.ply.series"] = write_series(names, sequence.times.tolist())
+    return stored_zip(files, zipfile.ZIP_DEFLATED)
+
+
+def stored_zip(files: Mapping[str, bytes], compression: int = zipfile.ZIP_STORED) -> bytes:
+    """Write files as a zip, the same bytes for the same files."""
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, positions in zip(names, sequence.vertices, strict=True):
-            archive.writestr(
-                zipfile.ZipInfo(name, _NO_DATE),
-                write_ply(positions, sequence.faces, statements),
-                compress_type=zipfile.ZIP_DEFLATED,
-            )
-        if sequence.times is not None:
-            archive.writestr(
-                zipfile.ZipInfo("frames.ply.series", _NO_DATE),
-                write_series(names, sequence.times.tolist()),
-            )
+    with zipfile.ZipFile(buffer, "w", compression) as archive:
+        for name, data in files.items():
+            archive.writestr(zipfile.ZipInfo(name, _NO_DATE), data, compress_type=compression)
     return buffer.getvalue()
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from modalmotion.errors import InputError, MalformedFileError
 from modalmotion.formats.detect import Format, detect_format, unknown_format
 from modalmotion.formats.frame_files import is_pattern, read_folder, read_zip
@@ -16,12 +14,10 @@ from modalmotion.formats.named_arrays import read_raw
 from modalmotion.formats.npz import read_npz
 from modalmotion.formats.options import ReadOptions
 from modalmotion.formats.parser.process import ParserProcess
-from modalmotion.formats.result import Answer, Parser, Reading, Source
+from modalmotion.formats.result import Answer, Parser, Reading, reading_of
 from modalmotion.formats.xdmf import XDMF_SUFFIXES, read_xdmf
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh import facts_from_json
-from modalmotion.mesh.checks import given_up
-from modalmotion.mesh.sequence import MeshSequence, in_time_order, mesh_sequence
 from modalmotion.progress import Progress
 
 
@@ -61,27 +57,17 @@ def read_hdf5(
 
 def _result(answer: Answer) -> Reading:
     info, arrays = answer.info, answer.arrays
-    vertices, times, notes = arrays["vertices"], arrays.get("times"), tuple[str, ...]()
-    if times is not None and vertices.ndim == 3:
-        vertices, times, notes = in_time_order(vertices, times)
-    sequence: MeshSequence = mesh_sequence(
-        given_up(vertices),
+    return reading_of(
+        arrays["vertices"],
         arrays["faces"],
-        grid=None if info["grid"] is None else np.array(info["grid"]),
+        format=str(info["format"]),
+        grid=info["grid"],
         topology=info["topology"],
-        times=times,
+        times=arrays.get("times"),
         unit=info["unit"],
         facts=facts_from_json(info.get("facts", {})),
-    )
-    stated: Source = "file"
-    return Reading(
-        sequence,
+        notes=info["notes"],
         ignored=tuple(info["ignored"]),
-        format=str(info["format"]),
-        coordinate_system=info.get("coordinate_system"),
-        unit_from=None if sequence.unit is None else stated,
-        times_from=None if sequence.times is None else stated,
-        notes=(*info["notes"], *notes),
     )
 
 

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from modalmotion.errors import MalformedFileError, ParameterError, needs_extra
 from modalmotion.formats import Parser
+from modalmotion.formats.frame_files import stored_zip
 from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.formats.stl import write_stl
 from modalmotion.formats.volumes.stack import unheard
@@ -91,10 +92,6 @@ def read_study(source: bytes | Path, *, parser: Parser | None = None) -> Study:
     return Study(parser.parse("study", data).info["header"])
 
 
-# The earliest time in a zip.
-_NO_DATE: Final = (1980, 1, 1, 0, 0, 0)
-
-
 def dicom_instances(report: Report, study: Study) -> dict[str, bytes]:
     """Write a report as objects of the patient's study.
 
@@ -141,13 +138,7 @@ def dicom_instances(report: Report, study: Study) -> dict[str, bytes]:
 
 def dicom_zip(report: Report, study: Study) -> bytes:
     """Write the objects of `dicom_instances` as one zip, the same bytes for the same objects."""
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, data in dicom_instances(report, study).items():
-            archive.writestr(
-                zipfile.ZipInfo(name, _NO_DATE), data, compress_type=zipfile.ZIP_DEFLATED
-            )
-    return buffer.getvalue()
+    return stored_zip(dicom_instances(report, study), zipfile.ZIP_DEFLATED)
 
 
 def require_space(facts: Facts, unit: str | None) -> None:
