@@ -278,14 +278,16 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
             "The PLY file's vertices have no x, y and z, or lists of varying length beside them."
         )
     xyz = [columns[axis] for axis in "xyz"]
-    dtype = np.float32 if all(a.dtype == np.float32 for a in xyz) else np.float64
+    is_single = all(a.dtype == np.float32 for a in xyz)
+    stacked: NDArray[Any] = np.stack(xyz, axis=1)
+    positions: FloatArray = stacked if is_single else stacked.astype(np.float64)
     name = next((name for name in _LISTS if name in faces), None)
     if name is None and "face" in by_name and by_name["face"].count:
         raise _malformed("The PLY file's faces have no vertex_indices.")
     polygons = triangulate_sizes(*(((), ()) if name is None else faces[name]))
     used = {*(("vertex", axis) for axis in "xyz"), ("face", name)}
     return Frame(
-        np.stack(xyz, axis=1).astype(dtype),
+        positions,
         polygons.faces,
         notes=polygons.notes,
         ignored=tuple(

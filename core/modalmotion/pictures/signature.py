@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import needs_extra
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.reference import reference_positions
-from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
-from modalmotion.pictures.view import ShownUnit, draw_scale, fill_cube, shown_unit
+from modalmotion.mesh.sequence import MEAN, MeshSequence
+from modalmotion.pictures.view import ShownUnit, draw_scale, fill_cube, new_figure, shown_unit
 from modalmotion.representation import counted, numeral
 from modalmotion.signature.making import ModalSignature, SignatureKind, resolve_sequence
 from modalmotion.signature.mode_names import COLOURS, mode_colour, mode_dash, plain_name
@@ -155,11 +154,7 @@ def signature_figure(sequence: MeshSequence, signature: ModalSignature) -> Figur
     -------
     matplotlib.figure.Figure
     """
-    # Imported here because only pictures need it. A bare Figure has no window or global state.
-    with needs_extra("plot"):
-        from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(14.0, 8.4), dpi=120, layout="constrained")
+    figure = new_figure(14.0, 8.4)
     above, below = figure.subfigures(2, 1, height_ratios=(1.15, 1.0), squeeze=False)[:, 0]
     _draw_surfaces(above, sequence, signature, _shown_unit(signature))
     _draw_amplitudes(below, signature)
@@ -178,10 +173,7 @@ def amplitudes_figure(signature: ModalSignature) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    with needs_extra("plot"):
-        from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(14.0, 4.0), dpi=120, layout="constrained")
+    figure = new_figure(14.0, 4.0)
     _draw_amplitudes(figure, signature)
     figure.suptitle(_title(signature), fontsize=12)
     return figure
@@ -222,14 +214,13 @@ def _draw_surfaces(
         float(values[frame]) / shown.size
         for values in (signature.motion_rms, signature.rms_errors, signature.max_errors)
     )
-    error_title = (
-        f"Error {numeral(left, 2, of=moved)} {shown.name} RMS, max {numeral(most, 2, of=moved)}"
-    )
+    start = signature.parameters.reference
+    left_words, most_words = (numeral(one, 2, of=moved) for one in (left, most))
     panels = [
-        (reference, None, _named(signature.parameters.reference)),
+        (reference, None, "Mean shape" if start == MEAN else f"Reference (frame {start})"),
         (true, None, f"Frame {frame}, moved {numeral(moved, 2)} {shown.name} RMS"),
         (superposed, None, f"From {signature.n_amplitudes} amplitudes"),
-        (true, error, error_title),
+        (true, error, f"Error {left_words} {shown.name} RMS, max {most_words}"),
     ]
     # Surfaces have no axes, and so no unit.
     size = float(max(np.abs(reference).max(), np.abs(true).max())) or 1.0
@@ -241,15 +232,8 @@ def _draw_surfaces(
         drawn = _draw(axis, vertices / size @ view, faces, values, box)
         axis.set_title(title, fontsize=10)
         if column == 0:
-            draw_scale(
-                axis,
-                box,
-                view,
-                size=size,
-                unit=sequence.unit,
-                coordinates=sequence.facts.coordinates,
-                azimuth=_AZIMUTH,
-            )
+            stated = {"unit": sequence.unit, "coordinates": sequence.facts.coordinates}
+            draw_scale(axis, box, view, size=size, azimuth=_AZIMUTH, **stated)
         if values is not None:
             label = f"distance to true vertex ({shown.name})"
             figure.colorbar(drawn, ax=axis, shrink=0.7, pad=0.02, label=label)
@@ -293,9 +277,7 @@ def _draw(
     from matplotlib.colors import LightSource
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-    fill_cube(axis, box)
-    axis.view_init(elev=_ELEVATION, azim=_AZIMUTH)
-    axis.set_proj_type("ortho")
+    fill_cube(axis, box, _ELEVATION, _AZIMUTH)
     if not len(faces):
         segments = np.stack([vertices[:-1], vertices[1:]], axis=1)
         drawn = Line3DCollection(segments, colors=_REFERENCE, linewidths=1.5)
@@ -319,7 +301,3 @@ def _draw(
         drawn.set_clim(0.0, max(float(values.max()), 1e-12))
     axis.add_collection3d(drawn)
     return drawn
-
-
-def _named(reference: Reference) -> str:
-    return "Mean shape" if reference == MEAN else f"Reference (frame {reference})"

@@ -6,7 +6,7 @@ import io
 import logging
 import uuid
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -24,11 +24,11 @@ from modalmotion.reports.content import (
     LOINC,
     OWN,
     SYSTEM,
+    Number,
     Report,
     concept,
-    errors_of,
     moments_of,
-    quantities_of,
+    numbers_of,
 )
 from modalmotion.representation import shown
 
@@ -165,13 +165,11 @@ def require_space(facts: Facts, unit: str | None) -> None:
         )
 
 
-_LIBRARIES: Final = ("highdicom", "pydicom")
-
-
 SCHEME: Final = "99MODALMOTION"
 """Of our own codes; DICOM requires 99 before unregistered ones."""
 
 _NAMESPACE: Final = uuid.uuid5(uuid.NAMESPACE_OID, f"{SYSTEM}:dicom")
+_LIBRARIES: Final = ("highdicom", "pydicom")
 # Longest code and longest meaning.
 _MEANING: Final = 64
 
@@ -190,19 +188,19 @@ def own_code(code: str, meaning: str | None = None) -> Any:
     from highdicom.sr import CodedConcept
 
     said = OWN[code] if meaning is None else meaning
-    return CodedConcept(code.replace("_", "-"), SCHEME, said[:_MEANING])
+    return CodedConcept(code.replace("_", "-")[:_MEANING], SCHEME, said[:_MEANING])
 
 
-def code_of(code: str, facts: Facts) -> Any:
-    """Return the code of a quantity: DICOM's, LOINC's as in the FHIR bundle, or our own."""
-    from highdicom.sr import CodedConcept
+def measured(one: Number, facts: Facts) -> Any:
+    """Write a number with DICOM's code, LOINC's as in the FHIR bundle, or our own."""
+    from highdicom.sr import CodedConcept, Measurement
 
-    if code in DICOM:
-        return CodedConcept(DICOM[code][0], "DCM", DICOM[code][1])
-    first = concept(code, facts)["coding"][0]
-    if first["system"] == LOINC:
-        return CodedConcept(first["code"], "LN", first["display"])
-    return own_code(code)
+    name = own_code(one.code, one.text)
+    if one.code in DICOM:
+        name = CodedConcept(DICOM[one.code][0], "DCM", DICOM[one.code][1])
+    elif (first := concept(one.code, facts)["coding"][0])["system"] == LOINC:
+        name = CodedConcept(first["code"], "LN", first["display"])
+    return Measurement(name=name, value=one.value, unit=ucum(one.ucum))
 
 
 def ucum(code: str) -> Any:
@@ -303,85 +301,37 @@ def _content(report: Report, study: Study) -> Any:
     )
 
 
-def _groups(report: Report, study: Study) -> Sequence[Any]:
-    facts = report.sequence.facts
-    groups = []
-    quantities = quantities_of(report)
-    if quantities:
-        measured = []
-        for one in quantities:
-            measured.append(_measured(code_of(one.name, facts), one.value, one.ucum))
-            for end, value in (("low", one.low), ("high", one.high)):
-                meaning = f"{OWN[one.name]}: {OWN[end].lower()}"
-                name = _own(f"{one.name}-{end}", meaning)
-                measured.append(_measured(name, value, one.ucum))
-        groups.append(_group(report, study, "volumes", measured))
-    rms, largest = errors_of(report)
-    fit = [
-        _measured(own_code("rms_error"), rms, "mm"),
-        _measured(own_code("max_error"), largest, "mm"),
-    ]
-    groups.append(_group(report, study, "fit", fit))
-    groups.append(_class(report, study))
-    if report.deviation is not None:
-        p_values = [_measured(own_code("p"), report.deviation.p, "1")]
-        p_values += [
-            _measured(own_code("p", f"p-value of {one.name}, corrected"), one.p, "1")
-            for one in report.deviation.groups
-        ]
-        groups.append(_group(report, study, "deviation", p_values))
-    return groups
+def _groups(report: Report, study: Study) -> Iterator[Any]:
+    from highdicom.sr import (
+        MeasurementsAndQualitativeEvaluations,
+        QualitativeEvaluation,
+        TrackingIdentifier,
+    )
+
+    numbers, facts = numbers_of(report), report.sequence.facts
+    for name in ("volumes", "fit", "class", "deviation"):
+        of_group = [measured(one, facts) for one in numbers.get(name, ())]
+        said = [QualitativeEvaluation(own_code("class"), _class(report))] * (name == "class")
+        if of_group or said:
+            yield MeasurementsAndQualitativeEvaluations(
+                tracking_identifier=TrackingIdentifier(
+                    uid=uid_of(report, study, f"tracking {name}"),
+                    identifier=f"{report.sequence_id[:12]} {OWN[name]}",
+                ),
+                finding_type=own_code(name),
+                measurements=of_group or None,
+                qualitative_evaluations=said or None,
+                source_images=_sources(study),
+            )
 
 
-def _class(report: Report, study: Study) -> Any:
-    from highdicom.sr import QualitativeEvaluation
-
+def _class(report: Report) -> Any:
     answer = report.classification
     if answer is None:
-        said = _own("not-asked", "No model was asked")
-        probabilities = []
-    else:
-        why = "; ".join(answer.flags) or "inconclusive"
-        said = (
-            _own("no-class", f"No class: {why}")
-            if answer.label is None
-            else _own("-".join(answer.label.split()), answer.label)
-        )
-        probabilities = [
-            _measured(own_code("probability", f"Probability of {name}"), float(p), "1")
-            for name, p in zip(answer.classes, answer.probabilities, strict=True)
-        ]
-    stated = [QualitativeEvaluation(own_code("class"), said)]
-    return _group(report, study, "class", probabilities, stated)
-
-
-def _own(code: str, meaning: str) -> Any:
-    from highdicom.sr import CodedConcept
-
-    return CodedConcept(code.replace("_", "-")[:64], SCHEME, meaning[:64])
-
-
-def _measured(name: Any, value: float, unit: str) -> Any:
-    from highdicom.sr import Measurement
-
-    return Measurement(name=name, value=float(value), unit=ucum(unit))
-
-
-def _group(
-    report: Report, study: Study, name: str, measured: Sequence[Any], stated: Sequence[Any] = ()
-) -> Any:
-    from highdicom.sr import MeasurementsAndQualitativeEvaluations, TrackingIdentifier
-
-    return MeasurementsAndQualitativeEvaluations(
-        tracking_identifier=TrackingIdentifier(
-            uid=uid_of(report, study, f"tracking {name}"),
-            identifier=f"{report.sequence_id[:12]} {OWN[name]}",
-        ),
-        finding_type=own_code(name),
-        measurements=list(measured) or None,
-        qualitative_evaluations=list(stated) or None,
-        source_images=_sources(study),
-    )
+        return own_code("not-asked", "No model was asked")
+    if answer.label is None:
+        return own_code("no-class", f"No class: {'; '.join(answer.flags) or 'inconclusive'}")
+    return own_code("-".join(answer.label.split()), answer.label)
 
 
 def _sources(study: Study) -> list[Any] | None:

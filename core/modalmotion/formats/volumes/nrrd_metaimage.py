@@ -91,7 +91,7 @@ def _nrrd_samples(header: Any, data: bytes, start: int, limits: ReadLimits) -> N
         )
     kind = _type(str(header["type"]).lower())
     if kind.itemsize > 1:
-        kind = kind.newbyteorder(_ORDERS[str(header["endian"]).lower()])
+        kind = np.dtype(_ORDERS[str(header["endian"]).lower()] + kind.str[1:])
     sizes = [int(n) for n in header["sizes"]]
     if len(sizes) != int(header["dimension"]):
         raise _nrrd("The NRRD file has other 'sizes' than axes.")
