@@ -225,8 +225,11 @@ def _read_header(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Header:
     name = info.filename.removesuffix(".npy")
     try:
         with archive.open(info) as stream:
-            version = npy.read_magic(stream)
-            read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+            read_magic: Any = npy.read_magic
+            version = read_magic(stream)
+            read: Any = (
+                npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+            )
             shape, is_fortran, dtype = read(stream)
             header = _Header(shape, is_fortran, dtype, stream.tell())
     except Exception as error:

@@ -69,7 +69,7 @@ def answer_figure(result: Classification) -> Figure:
     said = f"{result.label}, {probability(result.probability)}" if has_label else "no class"
     flags = f" ({', '.join(result.flags)})" if result.flags else ""
     title = f"{result.model}: {said}{flags}"
-    style = {"color": _INK, "in_layout": False}
+    style: dict[str, Any] = {"color": _INK, "in_layout": False}
     figure.text(0.5, 1 - 0.1 / height, title, fontsize=12, ha="center", va="top", **style)
     figure.text(0.15 / width, 0.1 / height, text, fontsize=9, va="bottom", **style)
     return figure
@@ -151,8 +151,10 @@ def _figure(
     side = min(max(3.6, 0.62 * n + 1.6), 9.0)
     n_rows = 2 if measured.confusion else 1
     figure = new_figure(side + 6.2, side + 0.9 + 4.2 * (n_rows - 1), dpi=110)
-    ratios = {"width_ratios": [side, 4.2], "height_ratios": [side, 3.8][:n_rows]}
-    panels = figure.subplots(n_rows, 2, squeeze=False, **ratios)
+    heights = [side, 3.8][:n_rows]
+    panels = figure.subplots(
+        n_rows, 2, squeeze=False, width_ratios=[side, 4.2], height_ratios=heights
+    )
     n_repetitions = max(1, len(measured.repetitions)) if isinstance(measured, ModelCard) else 1
     _draw_confusion(panels[0, 0], classes, measured.confusion)
     if n_repetitions > 1:

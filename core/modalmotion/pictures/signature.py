@@ -232,7 +232,10 @@ def _draw_surfaces(
         drawn = _draw(axis, vertices / size @ view, faces, values, box)
         axis.set_title(title, fontsize=10)
         if column == 0:
-            stated = {"unit": sequence.unit, "coordinates": sequence.facts.coordinates}
+            stated: dict[str, Any] = {
+                "unit": sequence.unit,
+                "coordinates": sequence.facts.coordinates,
+            }
             draw_scale(axis, box, view, size=size, azimuth=_AZIMUTH, **stated)
         if values is not None:
             label = f"distance to true vertex ({shown.name})"

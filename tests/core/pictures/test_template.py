@@ -28,7 +28,9 @@ def test_both_coordinates_from_both_sides(topology: str) -> None:
     assert all("front" in p.get_title() or "back" in p.get_title() for p in panels)
     # In red the triangles at theta = 0 where there is one.
     red = [
-        (panel.collections[0].get_facecolor()[:, :3] == to_rgb("#d62728")).all(axis=1).sum()
+        (np.asarray(panel.collections[0].get_facecolor())[:, :3] == to_rgb("#d62728"))
+        .all(axis=1)
+        .sum()
         for panel in panels
     ]
     assert (max(red) > 0) == bool(template.topology.closed_axes)
