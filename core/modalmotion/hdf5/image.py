@@ -210,8 +210,10 @@ class Contents:
         return array
 
 
-def contents_of(name: str, data: bytes) -> Contents:
+def contents_of(name: str, source: bytes | Path) -> Contents:
     """Read all of an HDF5 file, and nothing that is outside of it or takes more than its size.
+
+    The datasets of a path stay where they are, as maps of the file.
 
     Raises
     ------
@@ -219,31 +221,29 @@ def contents_of(name: str, data: bytes) -> Contents:
         If it is not made of plain datasets.
     """
     # The library's lower level, which takes half the time on many small datasets.
-    from h5py import h5f, h5g, h5s
+    from h5py import h5s
 
-    root = h5g.open(h5f.open_file_image(data), b"/")
+    root = _root(source)
+    size = len(source) if isinstance(source, bytes) else source.stat().st_size
     arrays: dict[str, NDArray[Any]] = {}
-    for key, dataset in _datasets(root, len(data)):
-        array = np.empty(dataset.shape, dataset.dtype)
-        if array.size:
-            dataset.read(h5s.ALL, h5s.ALL, array)
+    for key, dataset in _datasets(root, size):
+        kind, shape, offset = dataset.dtype, dataset.shape, dataset.get_offset()
+        if isinstance(source, bytes) or offset is None:
+            array = np.empty(shape, kind)
+            if array.size:
+                dataset.read(h5s.ALL, h5s.ALL, array)
+        else:
+            array = np.asarray(np.memmap(source, kind, "r", offset, shape))
         arrays[key] = array
     return Contents(name, _attributes(root), arrays)
 
 
-def contents_in(path: Path) -> Contents:
-    """Read a file whose datasets stay where they are, as maps of the file: see `contents_of`."""
+def _root(source: bytes | Path) -> Any:
     from h5py import h5f, h5g
 
-    root = h5g.open(h5f.open(str(path).encode(), h5f.ACC_RDONLY), b"/")
-    arrays: dict[str, NDArray[Any]] = {}
-    for key, dataset in _datasets(root, path.stat().st_size):
-        kind, shape, offset = dataset.dtype, dataset.shape, dataset.get_offset()
-        if offset is None:
-            arrays[key] = np.empty(shape, kind)
-        else:
-            arrays[key] = np.asarray(np.memmap(path, kind, "r", offset, shape))
-    return Contents(f"'{path.name}'", _attributes(root), arrays)
+    if isinstance(source, bytes):
+        return h5g.open(h5f.open_file_image(source), b"/")
+    return h5g.open(h5f.open(str(source).encode(), h5f.ACC_RDONLY), b"/")
 
 
 def _datasets(root: Any, most_bytes: int) -> Iterator[tuple[str, Any]]:
@@ -266,9 +266,7 @@ def _datasets(root: Any, most_bytes: int) -> Iterator[tuple[str, Any]]:
 
 def header_of(name: str, data: bytes) -> Contents:
     """Read the attributes of the root alone; see `contents_of`."""
-    from h5py import h5f, h5g
-
-    return Contents(name, _attributes(h5g.open(h5f.open_file_image(data), b"/")), {})
+    return Contents(name, _attributes(_root(data)), {})
 
 
 def _attributes(root: Any) -> dict[str, Any]:
