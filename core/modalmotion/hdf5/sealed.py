@@ -267,13 +267,13 @@ def require_sealed(path: Path) -> None:
 def _require_seal(name: str, match: re.Match[bytes] | None, digest: str) -> None:
     if match is None:
         raise CorruptFileError(
-            f"{_capital(name)} does not end with the seal that modalmotion writes: it is cut "
+            f"{name} does not end with the seal that modalmotion writes: it is cut "
             "short, was changed, or comes from another program.",
             remedy=_RESTORE,
         )
     if digest.encode() != match[1]:
         raise CorruptFileError(
-            f"{_capital(name)} is damaged: its bytes do not have the sha256 that its seal states.",
+            f"{name} is damaged: its bytes do not have the sha256 that its seal states.",
             remedy=_RESTORE,
             details={"stated": match[1].decode(), "found": digest},
         )
@@ -306,14 +306,14 @@ def load_sealed(source: bytes | Path) -> tuple[str, bytes]:
         If it is not an HDF5 file, has no seal, or differs from what was sealed.
     """
     if isinstance(source, bytes):
-        name, data = "the HDF5 image", source
+        name, data = "The HDF5 image", source
     else:
         name = f"'{source.name}'"
         data = read_file(source)
     if not data.startswith(SIGNATURE):
         what = "is empty" if not data else "does not begin as an HDF5 file does"
         raise CorruptFileError(
-            f"{_capital(name)} {what}.",
+            f"{name} {what}.",
             remedy=f"Name an HDF5 file written by modalmotion. If this was one: {_RESTORE}",
         )
     digest = hashlib.sha256(memoryview(data)[:-SEAL_LENGTH]).hexdigest()
@@ -355,7 +355,3 @@ def _unreadable(path: Path, error: OSError) -> StoreError:
         f"'{path.name}' could not be read: {error.strerror}.",
         remedy="Check that it is a file, that this user may read it, and the disk.",
     )
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

@@ -80,7 +80,7 @@ def view_payload(
     Returns
     -------
     bytes
-        As `read_container` reads them. The frames as sent follow in `frames_payload`.
+        As of `write_container`. The frames as sent follow in `frames_payload`.
 
     Raises
     ------

@@ -15,6 +15,7 @@ from browser import Browser, Opened, browser
 from clouds import breathing_spheroid, sampled
 from project import ROOT
 from viewed_surfaces import VIEWED, scaled, viewed
+from viewer_container import read_container
 
 from modalmotion.classification import classify
 from modalmotion.codec import decode, encode
@@ -28,7 +29,6 @@ from modalmotion.signature.reconstruction import fitted_on, reconstruct
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template.body_frame import Direction, directions_on
 from modalmotion.tracking import track
-from modalmotion.viewer.container import read_container
 from modalmotion.viewer.page import View, script, style, view_page
 
 AXE = ROOT / "viewer" / "node_modules" / "axe-core" / "axe.min.js"

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from viewed_surfaces import viewed
+from viewer_container import read_container
 
 import modalmotion as mm
 from modalmotion.cli import main
@@ -22,7 +23,6 @@ from modalmotion.formats import write_npz
 from modalmotion.signature.making import modal_signature
 from modalmotion.tracking.result import SampledData
 from modalmotion.viewer import page
-from modalmotion.viewer.container import read_container
 from modalmotion.viewer.page import (
     View,
     data_payload,

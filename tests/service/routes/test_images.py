@@ -15,6 +15,7 @@ from ellipsoid_images import LANDMARKS, MIDDLE, Floats, labels, volume
 from fastapi.testclient import TestClient
 from job_requests import ASYNC, finished
 from services import served, small_settings
+from viewer_container import read_container
 
 from modalmotion.formats import ParserHere
 from modalmotion.formats.volumes import read_images, reading
@@ -22,7 +23,7 @@ from modalmotion.formats.volumes.nifti import write_nifti
 from modalmotion.images import ImageSequence
 from modalmotion.images.hdf5 import read_images_file
 from modalmotion.limits import DEFAULT_LIMITS
-from modalmotion.viewer.container import read_container, slices_payload
+from modalmotion.viewer.container import slices_payload
 from modalmotion_service.http.negotiation import VIEW
 from modalmotion_service.workspace.state import State
 

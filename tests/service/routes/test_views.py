@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 from signing import signed
+from viewer_container import read_container
 
-from modalmotion.viewer.container import read_container
 from modalmotion.viewer.page import script, style
 from modalmotion_service.http.negotiation import VIEW
 from modalmotion_service.work.tasks import derived

@@ -209,9 +209,10 @@ def _exactly(stream: IO[bytes], n_bytes: int) -> bytes:
 
 
 def _rebuilt(state: dict[str, Any]) -> InputError:
-    kind = getattr(errors, str(state.pop("kind")), None)
+    kind: Any = getattr(errors, str(state.pop("kind")), None)
     is_ours = isinstance(kind, type) and issubclass(kind, InputError)
-    return (kind if is_ours else MalformedFileError)(str(state.pop("message")), **state)
+    made: InputError = (kind if is_ours else MalformedFileError)(state.pop("message"), **state)
+    return made
 
 
 # How a parser ended, as a signed number of so many bytes; negative for a signal.
