@@ -7,6 +7,7 @@ import os
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -26,7 +27,7 @@ from modalmotion.formats.named_arrays import RAW_TYPES
 from modalmotion.mesh import WORDS, Facts, facts_from_texts
 from modalmotion.mesh.facts import stated_twice
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.progress import Stopwatch
+from modalmotion.progress import Progress, Stopwatch
 from modalmotion.signature.making import ModalSignature, modal_signature
 
 _MANY: Final = {
@@ -198,7 +199,7 @@ def read(source: Path, **stated: Any) -> MeshSequence:
         Fields of `ReadOptions`, and options that state facts.
     """
     options = ReadOptions(facts=stated_facts(stated), **stated)
-    with _FrameBar() as bar:
+    with counting("frames") as bar:
         result = read_recording(source, options, progress=bar)
     if result.ignored:
         click.echo(f"not used: {', '.join(result.ignored)}", err=True)
@@ -217,21 +218,18 @@ def fitted(
     return sequence, modal_signature(sequence, parameters, watch=waiting.watch)
 
 
-class _FrameBar:
-    """A bar that appears when there are frames to count."""
+@contextlib.contextmanager
+def counting(label: str) -> Iterator[Progress]:
+    """Show a bar; gives a function that takes the number done and, once it is known, of all."""
+    with contextlib.ExitStack() as open_bar:
+        bar: Any = None
 
-    def __init__(self) -> None:
-        self._bar: Any = None
-        self._open = contextlib.ExitStack()
+        def show(done: int, total: int) -> None:
+            nonlocal bar
+            if bar is None:
+                made = click.progressbar(length=total, label=label, file=sys.stderr)
+                bar = open_bar.enter_context(made)
+            bar.length = total
+            bar.update(done - bar.pos)
 
-    def __call__(self, done: int, total: int) -> None:
-        if self._bar is None:
-            bar = click.progressbar(length=total, label="frames", file=sys.stderr)
-            self._bar = self._open.enter_context(bar)
-        self._bar.update(done - self._bar.pos)
-
-    def __enter__(self) -> _FrameBar:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._open.close()
+        yield show
