@@ -16,43 +16,8 @@ from modalmotion.formats.options import ReadOptions
 from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.formats.result import Answer, Parser, Reading, reading_of
 from modalmotion.formats.xdmf import XDMF_SUFFIXES, read_xdmf
-from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh import facts_from_json
 from modalmotion.progress import Progress
-
-
-def read_hdf5(
-    data: bytes,
-    limits: ReadLimits = DEFAULT_LIMITS,
-    parser: Parser | None = None,
-    task: str = "hdf5",
-) -> Reading:
-    """Read a sequence from an HDF5 file: VTKHDF PolyData, one of the store's, or named datasets.
-
-    The file is parsed in a process of its own, after the checks of `hdf5.sealed`.
-
-    Parameters
-    ----------
-    data : bytes
-    limits : ReadLimits, optional
-    parser : Parser, optional
-        Parser to reuse; its own limits apply.
-    task : {"hdf5", "mat"}
-        Its name: MATLAB's files of other versions hold the same.
-
-    Raises
-    ------
-    MalformedFileError
-        If the file is damaged, leads out of itself, or contains no sequence.
-    LimitError
-        If it declares more than `limits` accept.
-    InputError
-        If its arrays do not form a sequence.
-    """
-    if parser is None:
-        with ParserProcess(limits) as own:
-            return _result(own.parse(task, data))
-    return _result(parser.parse(task, data))
 
 
 def _result(answer: Answer) -> Reading:
@@ -153,7 +118,7 @@ def _read_bytes(
         if kind is Format.ZIP:
             return read_zip(data, parser, progress)
         if kind in (Format.HDF5, Format.MAT):
-            return read_hdf5(data, limits, parser, kind.value)
+            return _result(parser.parse(kind.value, data))
         if kind is Format.XDMF:
             return read_xdmf(data, _nothing_beside, parser)
         if kind is Format.GLB:

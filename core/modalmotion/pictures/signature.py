@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MEAN, MeshSequence
-from modalmotion.pictures.view import ShownUnit, draw_scale, fill_cube, new_figure, shown_unit
+from modalmotion.pictures.view import (
+    ShownUnit,
+    apex_down,
+    draw_scale,
+    fill_cube,
+    lighten,
+    new_figure,
+    shown_unit,
+)
 from modalmotion.representation import counted, numeral
 from modalmotion.signature.making import ModalSignature, SignatureKind, resolve_sequence
 from modalmotion.signature.mode_names import COLOURS, mode_colour, mode_dash, plain_name
@@ -58,7 +66,7 @@ def draw_trajectories(axes: Any, signature: ModalSignature, shown: ShownUnit) ->
         )
     axes.set_title("Amplitudes, each along its main direction", fontsize=10)
     axes.set(xlabel=label, ylabel=shown.name)
-    axes.grid(alpha=0.25)
+    lighten(axes)
 
 
 def draw_spectrum(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
@@ -73,7 +81,7 @@ def draw_spectrum(axes: Any, signature: ModalSignature, shown: ShownUnit) -> Non
         axes.set_ylabel("mode, by its place in the signature")
     axes.set_title("Deformation spectrum: RMS over frames", fontsize=10)
     axes.set_xlabel(shown.name)
-    axes.grid(axis="x", alpha=0.25)
+    lighten(axes, grid="x")
 
 
 def draw_errors(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
@@ -94,7 +102,7 @@ def draw_errors(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
     axes.set(xlabel=label, ylabel=shown.name)
     # There is space for the legend above the curves.
     axes.set_ylim(0.0, 1.18 * max(float(motion.max()), float(largest.max())) or 1.0)
-    axes.grid(alpha=0.25)
+    lighten(axes)
     axes.legend(fontsize=8, frameon=False, ncols=3, loc="upper center", columnspacing=1.2)
 
 
@@ -224,7 +232,7 @@ def _draw_surfaces(
     ]
     # Surfaces have no axes, and so no unit.
     size = float(max(np.abs(reference).max(), np.abs(true).max())) or 1.0
-    view = _view(reference / size)
+    view = apex_down(reference / size)
     box = np.concatenate([reference, true]) / size @ view
     faces = _faces(sequence, signature)
     for column, (vertices, values, title) in enumerate(panels):
@@ -250,24 +258,6 @@ def _faces(sequence: MeshSequence, signature: ModalSignature) -> NDArray[np.int6
     if topology is not None and grid is not None and len(grid) == 2 and min(grid) > 1:
         return lattice_faces(topology, grid)
     return sequence.faces
-
-
-def _view(reference: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation that makes the longest axis upright, the next one horizontal.
-
-    The wider end is at the top, as ventricles are shown: the apex points down, for any axes of the
-    file.
-    """
-    offsets = reference - reference.mean(axis=0)
-    _, _, rows = np.linalg.svd(offsets, full_matrices=False)
-    height = offsets @ rows[0]
-    widths = np.square(offsets).sum(axis=1) - np.square(height)
-    if float(height @ (widths - widths.mean())) < 0.0:
-        rows = -rows
-    view = np.stack([rows[1], rows[2], rows[0]], axis=1)
-    if np.linalg.det(view) < 0:
-        view[:, 1] *= -1
-    return view
 
 
 def _draw(

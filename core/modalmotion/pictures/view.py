@@ -64,6 +64,24 @@ def upright(template: Template) -> NDArray[np.float64]:
     return np.stack([np.cross(axis, zero), -zero, axis], axis=1)
 
 
+def apex_down(reference: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Columns that make the longest axis of points upright, the next one horizontal.
+
+    The wider end is at the top, as ventricles are shown: the apex points down, for any axes of the
+    file.
+    """
+    offsets = reference - reference.mean(axis=0)
+    _, _, rows = np.linalg.svd(offsets, full_matrices=False)
+    height = offsets @ rows[0]
+    widths = np.square(offsets).sum(axis=1) - np.square(height)
+    if float(height @ (widths - widths.mean())) < 0.0:
+        rows = -rows
+    view = np.stack([rows[1], rows[2], rows[0]], axis=1)
+    if np.linalg.det(view) < 0:
+        view[:, 1] *= -1
+    return view
+
+
 def size_of(template: Template) -> float:
     """Largest coordinate: divisor of positions before drawing."""
     return float(np.abs(template.vertices).max()) or 1.0

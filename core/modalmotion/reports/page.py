@@ -18,7 +18,7 @@ from modalmotion.pictures.readouts import (
     draw_volume,
     mark_moments,
 )
-from modalmotion.pictures.view import new_figure, round_length
+from modalmotion.pictures.view import apex_down, new_figure, round_length
 from modalmotion.reports.content import OWN, Report, moments_of, quantities_of
 from modalmotion.representation import counted, probability, with_interval
 
@@ -132,11 +132,8 @@ def _draw_surface(axes: Axes, report: Report, frame: int) -> None:
     everything = sequence.vertices.reshape(-1, 3).astype(np.float64)
     centre = everything.mean(axis=0)
     size = float(np.abs(everything - centre).max()) or 1.0
-    # The longest axis upright, the same view for both frames.
-    _, _, (third, second, first) = np.linalg.svd(
-        (sequence.vertices[0] - centre) / size, full_matrices=False
-    )
-    view = np.stack([second, first, third], axis=1)
+    # The same view for both frames.
+    view = apex_down((sequence.vertices[0] - centre) / size)
     points = (sequence.vertices[frame] - centre) / size @ view
     axes.set_aspect("equal")
     axes.axis("off")
