@@ -123,10 +123,8 @@ def _read_pvd(data: bytes, limits: ReadLimits) -> list[tuple[float, str]]:
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         if tag == "VTKFile" and attributes.get("type") != "Collection":
-            raise _malformed(
-                f"The .pvd file is of the type {attributes.get('type', '')[:40]!r}, not "
-                "'Collection'."
-            )
+            kind = attributes.get("type", "")
+            raise _malformed(f"The .pvd file is of the type {kind[:40]!r}, not 'Collection'.")
         if tag == "DataSet":
             if attributes.get("part", "0") not in ("0", ""):
                 raise MalformedFileError(
@@ -159,9 +157,7 @@ def parse_xml(
     """
 
     def refuse(*_: object) -> None:
-        raise malformed(
-            f"The {form} file contains a document type or entities, which are never read."
-        )
+        raise malformed(f"The {form} file contains a document type or entities.")
 
     parser.EntityDeclHandler = refuse
     if not has_type:
@@ -181,9 +177,7 @@ def _read_json(data: bytes) -> list[tuple[float, str]]:
     except MalformedFileError:
         raise
     except (KeyError, TypeError, ValueError, RecursionError) as error:
-        raise _malformed(
-            f"The .series file is not of the form that ParaView writes ({str(error)[:80]})."
-        ) from error
+        raise _malformed(f"The .series file is not as ParaView's ({str(error)[:80]}).") from error
 
 
 def _entry(time: object, name: object) -> tuple[float, str]:
@@ -192,10 +186,8 @@ def _entry(time: object, name: object) -> tuple[float, str]:
     except (ValueError, OverflowError):
         value = math.nan
     if not isinstance(name, str) or not name or not math.isfinite(value):
-        raise _malformed(
-            f"An entry of the series file has the time {str(time)[:40]!r} and the file "
-            f"{str(name)[:40]!r}."
-        )
+        what = f"the time {str(time)[:40]!r} and the file {str(name)[:40]!r}"
+        raise _malformed(f"An entry of the series file has {what}.")
     return value, name
 
 

@@ -74,11 +74,10 @@ class FrameStack:
                 f"It is {kind.upper()}, frame 0 is {self._format.upper()}.",
                 remedy="Send all frames in one format.",
             )
-        space = frame.stated("coordinate_system")
-        if space != first.stated("coordinate_system"):
+        space, expected = (one.stated("coordinate_system") for one in (frame, first))
+        if space != expected:
             raise ShapeError(
-                f"Its coordinate system is {space}, that of frame 0 "
-                f"{first.stated('coordinate_system')}.",
+                f"Its coordinate system is {space}, that of frame 0 {expected}.",
                 remedy="Save all frames in one coordinate system.",
             )
         positions = self._finite(frame, number)
@@ -149,14 +148,11 @@ def _grid(stated: str | None) -> list[int] | None:
 
 
 def _other_faces(frame: Frame, first: Frame) -> ConnectivityError:
-    if len(frame.faces) != len(first.faces):
-        what = f"It has {len(frame.faces)} faces, frame 0 has {len(first.faces)}."
-        face = None
-    else:
-        face = int(np.flatnonzero((frame.faces != first.faces).any(axis=1))[0])
-        what = (
-            f"Face {face} is {frame.faces[face].tolist()}, in frame 0 {first.faces[face].tolist()}."
-        )
+    own, theirs = frame.faces, first.faces
+    what, face = f"It has {len(own)} faces, frame 0 has {len(theirs)}.", None
+    if len(own) == len(theirs):
+        face = int(np.flatnonzero((own != theirs).any(axis=1))[0])
+        what = f"Face {face} is {own[face].tolist()}, in frame 0 {theirs[face].tolist()}."
     return ConnectivityError(what, remedy=ONE_MESH, details={"face": face})
 
 

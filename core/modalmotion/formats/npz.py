@@ -17,6 +17,7 @@ import zipfile
 import zlib
 from collections.abc import Iterable
 from functools import partial
+from itertools import islice
 from math import prod
 from typing import Any, Final, NamedTuple, cast
 
@@ -34,16 +35,8 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.unpacking import PIECE, filled
 
 UNREADABLE: Final = (
-    zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-    struct.error,
-    ValueError,
-    EOFError,
-    OSError,
-    OverflowError,
-    NotImplementedError,
-    RuntimeError,
+    *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, OSError, EOFError),
+    *(ValueError, OverflowError, NotImplementedError, RuntimeError),
 )
 """Errors that zipfile and zlib raise on malformed bytes."""
 
@@ -166,7 +159,7 @@ def read_arrays(
         for name in needed:
             if name not in members:
                 raise _malformed(
-                    f"The archive contains {_listing(list(members))} but no {name!r}.",
+                    f"The archive contains {_some(members)} but no {name!r}.",
                     details={"arrays": [own[:40] for own in list(members)[:20]]},
                 )
         headers: dict[str, _Header] = {
@@ -256,13 +249,13 @@ def _read_header(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Header:
 
 
 def _require_limits(headers: dict[str, _Header], limits: ReadLimits) -> None:
-    for name, axis, limit in (
-        ("vertices", 0, "frames"),
-        ("vertices", 1, "vertices"),
-        ("faces", 0, "faces"),
+    vertices, faces = (headers[n].shape if n in headers else () for n in ("vertices", "faces"))
+    for limit, size in (
+        ("frames", vertices[:1]),
+        ("vertices", vertices[1:2]),
+        ("faces", faces[:1]),
     ):
-        if name in headers and len(headers[name].shape) > axis:
-            limits.require(limit, headers[name].shape[axis])
+        limits.require(limit, max(size, default=0))
     limits.require("decompressed_bytes", sum(header.n_bytes for header in headers.values()))
 
 
@@ -313,10 +306,10 @@ def _facts(arrays: dict[str, np.ndarray[Any, Any]]) -> Facts:
     return facts_from_texts(texts)
 
 
-def _listing(names: list[str]) -> str:
-    shown = ", ".join(repr(name[:40]) for name in names[:8]) or "nothing"
-    return shown + (f" and {len(names) - 8} more" if len(names) > 8 else "")
-
-
 def _reason(error: Exception) -> str:
     return str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+
+
+def _some(names: Iterable[str]) -> str:
+    first = [repr(name[:40]) for name in islice(names, 9)]
+    return ", ".join(first[:8]) + " and more" * (len(first) > 8) or "nothing"

@@ -85,9 +85,7 @@ def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
         "format": "vtkhdf",
         "unit": points.stated("unit"),
         "topology": points.stated("topology"),
-        "grid": [int(n) for n in np.atleast_1d(points.ours["grid"])]
-        if "grid" in points.ours
-        else None,
+        "grid": np.atleast_1d(points.ours["grid"]).tolist() if "grid" in points.ours else None,
         "ignored": _ignored(points.root),
         "notes": notes,
     }

@@ -80,9 +80,7 @@ def modes_figure(template: Template, modes: VibrationModes) -> Figure:
     return figure
 
 
-def draw_shape(
-    panel: Any, template: Template, phi: NDArray[np.float64], scale: Any, tilt: float | None = None
-) -> None:
+def draw_shape(panel: Any, template: Template, phi: NDArray[np.float64], scale: Any) -> None:
     """Draw one shape in colour on the surface at rest.
 
     Parameters
@@ -92,13 +90,12 @@ def draw_shape(
         Of a surface with triangles.
     phi : (vertices,) float64
     scale : matplotlib ScalarMappable
-    tilt : float, optional, rad
-        Angle of view from above; a sheet is seen along its normal by default.
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     is_sheet = template.surface is not None and not template.surface.closed_axes
-    view = tilted(upright(template), (0.0 if is_sheet else _TILT) if tilt is None else tilt)
+    # A sheet is seen along its normal.
+    view = tilted(upright(template), 0.0 if is_sheet else _TILT)
     vertices = drawn_vertices(panel, template, view)
     shown = template.faces
     # A tube shows its inside as well, a closed surface only its outside.

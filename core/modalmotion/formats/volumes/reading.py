@@ -23,6 +23,7 @@ from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.formats.result import Answer, Parser
 from modalmotion.formats.volumes.stack import Slice, grouped
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
+from modalmotion.images.sequence import Image
 from modalmotion.images.volume import slices_of
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.progress import Progress
@@ -229,7 +230,7 @@ def _are_planes(parts: list[ImageSequence]) -> bool:
     return all(1 in volume.shape for volume in volumes) and len(places) > 1
 
 
-def _planes(frame: object) -> tuple[Plane, ...]:
-    if isinstance(frame, PlaneSet):
-        return frame.planes
-    return slices_of(frame).planes if isinstance(frame, Volume) else ()
+def _planes(frame: Image | None) -> tuple[Plane, ...]:
+    if frame is None:
+        return ()
+    return (slices_of(frame) if isinstance(frame, Volume) else frame).planes

@@ -262,14 +262,12 @@ def _in_time(group: list[Slice], notes: list[str]) -> list[Slice]:
     if len(group) == 1:
         return group
     triggers = [own.info["trigger_ms"] for own in group]
-    if any(t is None for t in triggers) or len(set(triggers)) < len(group):
-        note = (
-            "Slices state no trigger times of their own; phases are in the order of their numbers."
-        )
-        if note not in notes:
-            notes.append(note)
-        return sorted(group, key=lambda own: own.info["number"] or 0.0)
-    return sorted(group, key=lambda own: float(own.info["trigger_ms"]))
+    if all(t is not None for t in triggers) and len(set(triggers)) == len(group):
+        return sorted(group, key=lambda own: float(own.info["trigger_ms"]))
+    note = "Slices state no trigger times of their own; phases are in the order of their numbers."
+    if note not in notes:
+        notes.append(note)
+    return sorted(group, key=lambda own: own.info["number"] or 0.0)
 
 
 def _times(kept: list[list[Slice]], n: int) -> tuple[NDArray[np.float64] | None, float | None]:
@@ -287,15 +285,10 @@ def _times(kept: list[list[Slice]], n: int) -> tuple[NDArray[np.float64] | None,
 
 
 def _frame(slices: list[Slice]) -> Volume | PlaneSet:
-    volume = _volume(slices)
-    if volume is not None:
-        return volume
-    return PlaneSet(
-        tuple(
-            Plane(own.values, own.affine[:, [0, 1, 3]], float(own.info["thickness"]))
-            for own in slices
-        )
+    planes = (
+        Plane(own.values, own.affine[:, [0, 1, 3]], float(own.info["thickness"])) for own in slices
     )
+    return _volume(slices) or PlaneSet(tuple(planes))
 
 
 def _volume(slices: list[Slice]) -> Volume | None:
