@@ -66,25 +66,20 @@ def modal_animation(
         If the sequence is not the one the signature was made from, or `max_targets` is
         negative.
     """
+    parameters = signature.parameters
     if sequence.id != signature.sequence_id:
         raise ParameterError(
             "The signature was made from another sequence.",
             remedy="Give the sequence whose id the signature names.",
         )
     if max_targets is not None and max_targets < 0:
+        raise ParameterError(f"{max_targets} targets were requested.", remedy="Ask for 0 or more.")
+    is_offset = signature.kind == SignatureKind.OFFSET
+    if is_offset or parameters.components != Components.CARTESIAN:
         raise ParameterError(
-            f"{max_targets} targets were requested.", remedy="Ask for none or more."
-        )
-    parameters = signature.parameters
-    if parameters.components != Components.CARTESIAN:
-        raise ParameterError(
-            "The amplitudes are radial, tangential and axial: directions that differ by vertex.",
-            remedy="Fit with components = cartesian.",
-        )
-    if signature.kind == SignatureKind.OFFSET:
-        raise ParameterError(
-            "Offsets move each vertex along its own normal; a target has one direction.",
-            remedy="Fit with kind = material, or write the superposed surfaces.",
+            "The amplitudes are along directions that differ by vertex; a target has one.",
+            remedy="Fit with kind = material and components = cartesian, or write the superposed "
+            "surfaces.",
         )
     resolved = resolve_sequence(sequence, parameters)
     used = resolve_template(resolved, parameters, template)
@@ -115,10 +110,7 @@ def modal_animation(
     return MorphAnimation(
         base=start - centre,
         targets=targets,
-        target_names=tuple(
-            f"{labels[mode]} {'xyz'[direction]}"
-            for mode, direction in zip(modes.tolist(), directions.tolist(), strict=True)
-        ),
+        target_names=tuple(f"{labels[k // 3]} {'xyz'[k % 3]}" for k in taken.tolist()),
         weights=a.reshape(len(a), -1)[:, taken],
         rotations=signature.rotations.matrices,
         translations=centre + drift,
@@ -290,12 +282,10 @@ def swing(
         If there are too many frames.
     """
     a = np.asarray(amplitudes, dtype=np.float64)
-    wrong = np.flatnonzero(~np.isfinite(a))
-    if wrong.size:
-        label = modes.labels[int(wrong[0])]
-        raise ParameterError(
-            f"The amplitude of {label} is {a[wrong[0]]}.", remedy="Use a finite amplitude."
-        )
+    for label, amplitude in zip(modes.labels, a.tolist(), strict=True):
+        if not math.isfinite(amplitude):
+            what = f"The amplitude of {label} is {amplitude}."
+            raise ParameterError(what, remedy="Use a finite amplitude.")
     _require_frames(n_frames, seconds)
     if not (math.isfinite(damping) and damping >= 0):
         raise ParameterError(

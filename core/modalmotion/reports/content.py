@@ -71,16 +71,12 @@ class Report:
     @property
     def caveats(self) -> tuple[str, ...]:
         """Caveats for the reader, each once."""
-        notes = []
+        notes: list[str] = []
         if self.deviation is not None:
             theirs = f"Recorded differently from the controls of {self.deviation.norm}"
             notes += [f"{theirs}: {words}" for words in self.deviation.warnings]
-            notes += self.deviation.notes
-        notes += self.signature.notes
-        if self.readouts is not None:
-            notes += self.readouts.notes
-        if self.classification is not None:
-            notes += self.classification.notes
+        for result in (self.deviation, self.signature, self.readouts, self.classification):
+            notes += () if result is None else result.notes
         # Readers of a report have no command line.
         plain = [_OF_COMMANDS.sub("", note) for note in (*notes, *self.absent)]
         return tuple(dict.fromkeys(plain))
@@ -93,14 +89,12 @@ class Report:
     @property
     def digest(self) -> str:
         """sha256 of what the report is based on, in hex: the recording and each result's origin."""
-        signature = self.signature
+        signature, answer, deviation = self.signature, self.classification, self.deviation
         parts = [signature.sequence_id, signature.parameters.key, str(signature.provenance)]
-        if self.classification is not None:
-            parts.append(self.classification.model_id)
-        if self.deviation is not None:
-            parts += [self.deviation.norm_id, repr(self.deviation.level)]
-        parts.append(self.issued.isoformat())
-        return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+        parts += [] if answer is None else [answer.model_id]
+        parts += [] if deviation is None else [deviation.norm_id, repr(deviation.level)]
+        text = "\n".join([*parts, self.issued.isoformat()])
+        return hashlib.sha256(text.encode()).hexdigest()
 
 
 def report_of(

@@ -185,29 +185,29 @@ def uid_of(report: Report, study: Study, name: str) -> str:
 
 def own_code(code: str, meaning: str | None = None) -> Any:
     """Return a code of our own table."""
-    from highdicom.sr import CodedConcept
+    from highdicom import sr
 
     said = OWN[code] if meaning is None else meaning
-    return CodedConcept(code.replace("_", "-")[:_MEANING], SCHEME, said[:_MEANING])
+    return sr.CodedConcept(code.replace("_", "-")[:_MEANING], SCHEME, said[:_MEANING])
 
 
 def measured(one: Number, facts: Facts) -> Any:
     """Write a number with DICOM's code, LOINC's as in the FHIR bundle, or our own."""
-    from highdicom.sr import CodedConcept, Measurement
+    from highdicom import sr
 
     name = own_code(one.code, one.text)
     if one.code in DICOM:
-        name = CodedConcept(DICOM[one.code][0], "DCM", DICOM[one.code][1])
+        name = sr.CodedConcept(DICOM[one.code][0], "DCM", DICOM[one.code][1])
     elif (first := concept(one.code, facts)["coding"][0])["system"] == LOINC:
-        name = CodedConcept(first["code"], "LN", first["display"])
-    return Measurement(name=name, value=one.value, unit=ucum(one.ucum))
+        name = sr.CodedConcept(first["code"], "LN", first["display"])
+    return sr.Measurement(name=name, value=one.value, unit=ucum(one.ucum))
 
 
 def ucum(code: str) -> Any:
     """Give a unit."""
-    from highdicom.sr import CodedConcept
+    from highdicom import sr
 
-    return CodedConcept(code, "UCUM", {"1": "no units", "%": "percent"}.get(code, code))
+    return sr.CodedConcept(code, "UCUM", {"1": "no units", "%": "percent"}.get(code, code))
 
 
 def stamp(dataset: Any, report: Report) -> None:
@@ -250,11 +250,11 @@ def structured_report(report: Report, study: Study) -> Any:
     ParameterError
         If the instance that the study was read from is of an unknown kind.
     """
+    from highdicom import sr
     from highdicom.coding_schemes import CodingSchemeIdentificationItem
-    from highdicom.sr import ComprehensiveSR
 
     try:
-        written = ComprehensiveSR(
+        written = sr.ComprehensiveSR(
             evidence=[study.dataset()],
             content=_content(report, study)[0],
             series_instance_uid=uid_of(report, study, "SR series"),
@@ -278,23 +278,20 @@ def structured_report(report: Report, study: Study) -> Any:
 
 
 def _content(report: Report, study: Study) -> Any:
-    from highdicom.sr import (
-        DeviceObserverIdentifyingAttributes,
-        MeasurementReport,
-        ObservationContext,
-        ObserverContext,
-    )
+    from highdicom import sr
     from pydicom.sr.codedict import codes
 
     version = version_of(report)
-    device = DeviceObserverIdentifyingAttributes(
+    device = sr.DeviceObserverIdentifyingAttributes(
         uid=uid_of(report, study, "device"),
         name="modalmotion",
         manufacturer_name="modalmotion",
         model_name=f"modalmotion {version}",
     )
-    context = ObservationContext(observer_device_context=ObserverContext(codes.DCM.Device, device))
-    return MeasurementReport(
+    context = sr.ObservationContext(
+        observer_device_context=sr.ObserverContext(codes.DCM.Device, device)
+    )
+    return sr.MeasurementReport(
         observation_context=context,
         procedure_reported=own_code("analysis"),
         imaging_measurements=list(_groups(report, study)),
@@ -302,19 +299,15 @@ def _content(report: Report, study: Study) -> Any:
 
 
 def _groups(report: Report, study: Study) -> Iterator[Any]:
-    from highdicom.sr import (
-        MeasurementsAndQualitativeEvaluations,
-        QualitativeEvaluation,
-        TrackingIdentifier,
-    )
+    from highdicom import sr
 
     numbers, facts = numbers_of(report), report.sequence.facts
     for name in ("volumes", "fit", "class", "deviation"):
         of_group = [measured(one, facts) for one in numbers.get(name, ())]
-        said = [QualitativeEvaluation(own_code("class"), _class(report))] * (name == "class")
+        said = [sr.QualitativeEvaluation(own_code("class"), _class(report))] * (name == "class")
         if of_group or said:
-            yield MeasurementsAndQualitativeEvaluations(
-                tracking_identifier=TrackingIdentifier(
+            yield sr.MeasurementsAndQualitativeEvaluations(
+                tracking_identifier=sr.TrackingIdentifier(
                     uid=uid_of(report, study, f"tracking {name}"),
                     identifier=f"{report.sequence_id[:12]} {OWN[name]}",
                 ),
@@ -335,14 +328,14 @@ def _class(report: Report) -> Any:
 
 
 def _sources(study: Study) -> list[Any] | None:
-    from highdicom.sr import SourceImageForMeasurementGroup
+    from highdicom import sr
     from pydicom.uid import UID
 
     kind = study.header["SOPClassUID"]
     if "Image Storage" not in UID(kind).name:
         return None
     return [
-        SourceImageForMeasurementGroup(
+        sr.SourceImageForMeasurementGroup(
             referenced_sop_class_uid=kind,
             referenced_sop_instance_uid=study.header["SOPInstanceUID"],
         )
