@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -193,7 +194,7 @@ def write_pack(path: Path, signatures: Iterable[tuple[ModalSignature, SequenceRe
     Parameters
     ----------
     path : Path
-        Replaced if it exists, once the pack is complete.
+        Replaced if it exists; removed if it cannot be written completely.
     signatures : iterable of (ModalSignature, SequenceRecord)
         Consumed a batch at a time.
 
@@ -202,8 +203,17 @@ def write_pack(path: Path, signatures: Iterable[tuple[ModalSignature, SequenceRe
     StoreError
         If it cannot be written.
     """
-    with _written(path) as file:
+    import h5py
+
+    # HDF5 itself would lose the error of a full disk, and a broken file would remain.
+    image = io.BytesIO()
+    with h5py.File(image, "w", libver="v110") as file:
         _pack(file, signatures)
+    try:
+        path.write_bytes(image.getbuffer())
+    except OSError as error:
+        path.unlink(missing_ok=True)
+        raise cannot_write(path, error) from error
 
 
 def _pack_store(store: ResultStore, file: Any, progress: Progress | None) -> PackReport:
