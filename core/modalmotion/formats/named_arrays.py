@@ -217,7 +217,7 @@ def read_raw(
         n_vertices = prod(grid)
     if n_vertices is None or n_vertices < 1:
         raise ParameterError(
-            f"Raw numbers say nothing of their shape, and the number of vertices is {n_vertices}.",
+            f"Raw numbers state no shape, and the number of vertices is {n_vertices}.",
             remedy="State the number of vertices per frame, or the grid.",
         )
     _require_type(dtype)

@@ -169,9 +169,7 @@ def _mesh_chains(container: Container) -> list[Chain]:
         above, index = waiting.pop()
         node = container.item("nodes", index)
         if index in seen:
-            raise malformed(
-                f"Node {index} of the GLB file stands below two others, or below itself."
-            )
+            raise malformed(f"Node {index} of the GLB file has two parents, or is part of itself.")
         seen.add(index)
         container.count("nodes")
         if len(above) >= _DEEPEST:

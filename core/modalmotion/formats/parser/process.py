@@ -116,8 +116,8 @@ class ParserProcess:
 def broke_down() -> MalformedFileError:
     """Make the error for a file that its parser did not outlive."""
     return MalformedFileError(
-        "The reader of this format broke down on the file: it is damaged, or declares "
-        "more than it holds.",
+        "The reader of this format crashed on the file: it is damaged, or declares "
+        "more than it contains.",
         remedy="Write the file anew, or send another format.",
     )
 

@@ -159,7 +159,7 @@ def _of(dataset: Any, limits: ReadLimits) -> Parsed:
     frames = dataset.get("PerFrameFunctionalGroupsSequence") or [{}]
     if n > 1 and len(frames) != n:
         raise MalformedFileError(
-            f"The DICOM file contains {n} frames, and does not say where each one is.",
+            f"The DICOM file contains {n} frames without the position of each one.",
             remedy="Export it as one file for each slice and phase, or as NIfTI.",
         )
     shared = (dataset.get("SharedFunctionalGroupsSequence") or [{}])[0]
@@ -242,7 +242,7 @@ def _slice(k: int, dataset: Any, frame: Any, shared: Any) -> _Slice:
 
 def _no_slice() -> MalformedFileError:
     return MalformedFileError(
-        "The DICOM file is no slice in space (a secondary capture, or a report).",
+        "The DICOM file is not a slice with a position (a secondary capture, or a report).",
         remedy="Leave it out. " + _REMEDY,
     )
 
@@ -250,7 +250,9 @@ def _no_slice() -> MalformedFileError:
 def _vector(values: Any, n: int) -> NDArray[np.float64]:
     found = np.array([float(v) for v in values], dtype=np.float64)
     if len(found) != n or not np.isfinite(found).all():
-        raise MalformedFileError("The DICOM file does not say where it is.", remedy=_REMEDY)
+        raise MalformedFileError(
+            "The DICOM file states no valid position and orientation.", remedy=_REMEDY
+        )
     return found
 
 

@@ -72,7 +72,7 @@ def _of(header: Any, data: bytes, limits: ReadLimits, is_packed: bool) -> Parsed
     affine = to_lps @ np.asarray(header.get_best_affine(), dtype=np.float64)[:3]
     notes: list[str] = []
     if not int(header["sform_code"]) and not int(header["qform_code"]):
-        notes.append("The NIfTI file does not say where it is in space; its axes count as RAS.")
+        notes.append("The NIfTI file states no position in space; its axes are taken as RAS.")
     zooms = header.get_zooms()
     interval = float(zooms[3]) if len(zooms) > 3 else 0.0
     times = timed(regular(interval, n_frames), duration, "NIfTI", notes)
@@ -92,7 +92,7 @@ def write_nifti(images: ImageSequence) -> bytes:
         v.shape != volumes[0].shape or not np.allclose(v.affine, volumes[0].affine) for v in volumes
     ):
         raise ShapeError(
-            "The frames are not volumes in one place, which NIfTI holds.",
+            "The frames are not volumes in one place, as NIfTI requires.",
             remedy="Write planes with write_nifti_zip, and other volumes one by one.",
         )
     return _nifti([volume.values for volume in volumes], volumes[0].affine, images)

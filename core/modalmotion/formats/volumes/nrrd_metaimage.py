@@ -86,7 +86,7 @@ def _nrrd_samples(header: Any, data: bytes, start: int, limits: ReadLimits) -> N
     encoding = str(header["encoding"]).lower()
     if encoding not in ("raw", *_GZIP) or any(int(header.get(skip, 0)) for skip in _SKIPS):
         raise MalformedFileError(
-            "The samples of the NRRD file are encoded, or begin, in a way that is not read.",
+            "The encoding or the start of the NRRD samples is not supported.",
             remedy="Write it with encoding: raw or gzip, and skip nothing before them.",
         )
     kind = _type(str(header["type"]).lower())
@@ -132,7 +132,7 @@ def _of(header: Any, values: NDArray[Any], limits: ReadLimits) -> Parsed:
         steps = np.diag(np.where(np.isfinite(spacings[spatial]), spacings[spatial], 1.0))
         units = [header["units"][k] for k in spatial] if "units" in header else None
     if len(spatial) != 3:
-        raise _nrrd("The NRRD file has not three axes in space.")
+        raise _nrrd("The NRRD file does not have three axes in space.")
     other = [k for k in range(values.ndim) if k not in spatial]
     for k in other:
         if kinds[k] not in (*_TIMES, *_PLAIN) and values.shape[k] > 1:
@@ -143,7 +143,7 @@ def _of(header: Any, values: NDArray[Any], limits: ReadLimits) -> Parsed:
     space = str(header.get("space", "")).lower().removesuffix("-time")
     letters = "".join(word[0] for word in space.split("-")) if "-" in space else space
     if letters not in _SPACES:
-        notes.append("The NRRD file names no space that is known; its coordinates count as LPS.")
+        notes.append("The NRRD file states no known space; its coordinates are taken as LPS.")
         letters = "lps"
     signs = np.array([1.0 if letter in "lps" else -1.0 for letter in letters])
     origin = np.asarray(header.get("space origin", np.zeros(3)), dtype=np.float64)[:3]
@@ -162,7 +162,7 @@ def _scales(units: Any, notes: list[str]) -> NDArray[np.float64]:
     """Read mm for each unit of the three directions."""
     words = [str(unit).strip().lower() for unit in units][:3] if units is not None else [""] * 3
     if len(words) < 3 or not set(words) <= set(_MM):
-        notes.append("The NRRD file's unit of length is unknown; its coordinates count as mm.")
+        notes.append("The NRRD file's unit of length is unknown; its coordinates are taken as mm.")
         words = [""] * 3
     return np.array([_MM[word] for word in words])
 
@@ -210,11 +210,11 @@ def _parse(data: bytes, limits: ReadLimits) -> Parsed:
         raise _metaimage("The samples are in another file.")
     if not _is_true(keys, "BinaryData", "True"):
         raise MalformedFileError(
-            "The samples of the MetaImage file are words.", remedy="Write BinaryData = True."
+            "The samples of the MetaImage file are text.", remedy="Write BinaryData = True."
         )
     if keys["ElementType"] not in _METAIMAGE_TYPES:
         raise MalformedFileError(
-            "The samples of the MetaImage file are no single numbers of a known type.",
+            "The samples of the MetaImage file are not single numbers of a known type.",
             remedy=f"Write one of these: {', '.join(_METAIMAGE_TYPES)}.",
         )
     size = [int(word) for word in keys["DimSize"].split()]

@@ -134,7 +134,7 @@ def _read(source: bytes | Path, parser: Parser, progress: Progress | None) -> Im
             members = {name: member.read for name, member in archive.members.items()}
             return _of_files(members, archive.parser, progress)
     if kind is None:
-        what = "contains no images that are known" if data else "is empty"
+        what = "contains no images of a known format" if data else "is empty"
         raise _malformed(f"The file {what}.")
     answer = _parsed(kind, data, parser)
     return grouped(_slices(answer)) if kind == "dicom" else _sequence(answer)
@@ -174,10 +174,10 @@ def _of_files(
     if slices and parts:
         raise _malformed("The files are DICOM slices and other images together.")
     if not slices and not parts:
-        raise _malformed(f"No images that are known in {counted(len(names), 'file')}.")
+        raise _malformed(f"No images of a known format in {counted(len(names), 'file')}.")
     found = grouped(slices) if slices else _joined(parts)
-    left_out = ((skipped, "no images"), (damaged, "damaged or no slices"))
-    notes = [f"Left out as {what}: {counted(n, 'file')}." for n, what in left_out if n]
+    left_out = ((skipped, "no images"), (damaged, "damaged or not slices"))
+    notes = [f"Not used ({what}): {counted(n, 'file')}." for n, what in left_out if n]
     return replace(found, notes=(*found.notes, *notes))
 
 

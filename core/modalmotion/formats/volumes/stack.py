@@ -188,7 +188,7 @@ def timed(
     if times is not None and scale is None:
         notes.append(
             f"The {form} file states no unit for its interval of {times[1] - times[0]:g} between "
-            "frames, which is therefore not read: state the interval in seconds."
+            "frames, which is therefore ignored: state the interval in seconds."
         )
     return None if times is None or scale is None else [scale * time for time in times]
 
@@ -243,8 +243,8 @@ def grouped(slices: Sequence[Slice]) -> ImageSequence:
     kept = [group for group in ordered if len(group) == n_phases]
     if len(kept) < len(ordered):
         notes.append(
-            "Left out for another number of phases than "
-            f"{n_phases}: {counted(len(ordered) - len(kept), 'plane')}."
+            "Left out because they do not have "
+            f"{n_phases} phases: {counted(len(ordered) - len(kept), 'plane')}."
         )
     kept.sort(key=lambda group: tuple(group[0].affine.T.round(3).ravel()))
     starts = [group[0].info["trigger_ms"] for group in kept]
@@ -264,7 +264,7 @@ def _in_time(group: list[Slice], notes: list[str]) -> list[Slice]:
     triggers = [own.info["trigger_ms"] for own in group]
     if all(t is not None for t in triggers) and len(set(triggers)) == len(group):
         return sorted(group, key=lambda own: float(own.info["trigger_ms"]))
-    note = "Slices state no trigger times of their own; phases are in the order of their numbers."
+    note = "The slices state no distinct trigger times; phases are in the order of their numbers."
     if note not in notes:
         notes.append(note)
     return sorted(group, key=lambda own: own.info["number"] or 0.0)
