@@ -14,6 +14,8 @@ import numpy as np
 
 from modalmotion.cli.files import Waiting, sequence_argument
 from modalmotion.cli.options import (
+    EXISTING,
+    EXISTING_FILE,
     PICTURES,
     OutputFile,
     command,
@@ -150,8 +152,8 @@ def _curve(curve: VolumeCurve, factor: float) -> dict[str, object]:
 
 
 @command("score truth.npz answer.h5")
-@click.argument("truth", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.argument("answer", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("truth", type=EXISTING_FILE)
+@click.argument("answer", type=EXISTING_FILE)
 def score(truth: Path, answer: Path) -> Any:
     """Compare the motion in ANSWER with the true one in TRUTH: errors in mm and in points.
 
@@ -171,8 +173,7 @@ def score(truth: Path, answer: Path) -> Any:
     else:
         estimated = read_sequence(answer).sequence
         if answer.suffix.lower() == ".npz":
-            arrays, _ = read_arrays(answer.read_bytes(), ["deviations"], [])
-            deviations = arrays.get("deviations")
+            deviations = read_arrays(answer.read_bytes(), ["deviations"], [])[0].get("deviations")
     result = asdict(scored(read_sequence(truth).sequence, estimated, deviations))
     note = (
         f"Published end-point errors are {PUBLISHED} mm, of other recordings and landmarks; "
@@ -216,7 +217,7 @@ def train(
 
 
 @command("norm ask volunteers.h5 beat.npz", group=norm)
-@click.argument("norm_file", metavar="NORM", type=click.Path(exists=True, path_type=Path))
+@click.argument("norm_file", metavar="NORM", type=EXISTING)
 @labelled_sources
 @unit_option
 @click.option(

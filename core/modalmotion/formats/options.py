@@ -40,6 +40,8 @@ class ReadOptions:
         Of raw numbers: vertices per frame; the product of `grid` by default.
     dtype : str
         Of raw numbers: "float32" or "float64", little-endian.
+    animation : str, optional
+        Of GLB: name of the animation; the first by default.
     facts : Facts
         Further statements, which override the file's: landmarks and covariates by name.
     """
@@ -53,6 +55,7 @@ class ReadOptions:
     grid: tuple[int, ...] | None = None
     n_vertices: int | None = None
     dtype: str = "float32"
+    animation: str | None = None
     facts: Facts = NO_FACTS
 
     def __post_init__(self) -> None:

@@ -122,7 +122,7 @@ def _read_bytes(
         if kind is Format.XDMF:
             return read_xdmf(data, _nothing_beside, parser)
         if kind is Format.GLB:
-            return read_glb(data, limits)
+            return read_glb(data, limits, animation=options.animation)
         return FrameStack(*read_mesh(data, kind, parser), 1, limits).result(None)
     except InputError as error:
         error.details.setdefault("format", kind.value)

@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import ParameterError
+from modalmotion.errors import MalformedFileError, ParameterError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.images.sequence import parts_of
 from modalmotion.tracking.result import Track
@@ -54,6 +54,31 @@ def write_container(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]
     before = len(MAGIC) + _LENGTH
     text = text.ljust(-(-(before + len(text)) // _ALIGNMENT) * _ALIGNMENT - before)
     return b"".join([MAGIC, len(text).to_bytes(_LENGTH, "little"), text, *pieces])
+
+
+def read_container(data: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Read a header and its arrays, as the viewer does.
+
+    Raises
+    ------
+    MalformedFileError
+        If the bytes are something else, or cut.
+    """
+    before = len(MAGIC) + _LENGTH
+    try:
+        start = before + int.from_bytes(data[len(MAGIC) : before], "little")
+        header = json.loads(data[before:start] if data.startswith(MAGIC) else b"")
+        arrays = {}
+        for name, entry in header.pop("arrays").items():
+            count = int(np.prod(entry["shape"], dtype=np.int64))
+            flat = np.frombuffer(data, entry["dtype"], count, start + entry["place"])
+            arrays[name] = flat.reshape(entry["shape"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise MalformedFileError(
+            "The bytes are not what a viewer reads.",
+            remedy="Use what `view_payload` or GET /v1/sequences/{id}/view gives.",
+        ) from error
+    return header, arrays
 
 
 # Pixels along a plane's side, and voxels of a volume: a landmark need not be placed more finely.

@@ -8,7 +8,6 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
-from viewer_container import read_container
 
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.strain_of import strain
@@ -22,6 +21,7 @@ from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template import make_template
 from modalmotion.template.vibration_modes import surface_modes
+from modalmotion.viewer.container import read_container
 from modalmotion.viewer.page import View
 
 ISSUED = datetime(2026, 1, 31, 12, tzinfo=UTC)

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from clouds import breathing_spheroid
 from numpy.typing import NDArray
-from viewer_container import read_container
 
-from modalmotion.errors import ParameterError
+from modalmotion.errors import MalformedFileError, ParameterError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.tracking import track
 from modalmotion.tracking.result import ImageAnswer
-from modalmotion.viewer.container import MAGIC, slices_payload, write_container
+from modalmotion.viewer.container import MAGIC, read_container, slices_payload, write_container
 
 ARRAYS: dict[str, NDArray[Any]] = {
     "a": np.arange(5, dtype=np.uint16),
@@ -41,6 +40,13 @@ def test_every_array_begins_at_a_multiple_of_eight(title: str) -> None:
     assert start % 8 == 0
     # The second array follows ten bytes of the first, padded.
     assert data[start + 16 : start + 16 + 56] == ARRAYS["b"].tobytes()
+
+
+@pytest.mark.parametrize("data", [b"", b"MMVIEW1\n", b"x" * 40, None])
+def test_other_bytes_are_refused(data: bytes | None) -> None:
+    cut = write_container({}, ARRAYS)[:-60] if data is None else data
+    with pytest.raises(MalformedFileError):
+        read_container(cut)
 
 
 def test_a_type_that_no_page_reads_is_a_fault_of_the_writer() -> None:

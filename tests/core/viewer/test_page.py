@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from viewed_surfaces import viewed
-from viewer_container import read_container
 
 import modalmotion as mm
 from modalmotion.cli import main
@@ -23,6 +22,7 @@ from modalmotion.formats import write_npz
 from modalmotion.signature.making import modal_signature
 from modalmotion.tracking.result import SampledData
 from modalmotion.viewer import page
+from modalmotion.viewer.container import read_container
 from modalmotion.viewer.page import (
     View,
     data_payload,
@@ -75,7 +75,9 @@ def test_a_page_holds_all_and_may_ask_for_nothing() -> None:
     held = [body for _, attributes, body in scripts if "data-payload" in attributes]
     assert read_container(gzip.decompress(base64.b64decode(held[0])))[0]["title"] == 'a <b> & "c"'
     assert "a &lt;b&gt; &amp;" in text
-    assert not any(a.get("src") or a.get("href") for _, a, _ in elements)
+    asked = [a["src"] or "" for _, a, _ in elements if "src" in a]
+    assert [source.partition(",")[0] for source in asked] == ["data:image/png;base64"]
+    assert not any("href" in a for _, a, _ in elements)
 
 
 def test_two_views_hold_their_frames_apart(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,6 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from viewed_surfaces import VIEWED, viewed
-from viewer_container import read_container
 
 from modalmotion.classification import classify
 from modalmotion.clinical.strain_of import strain
@@ -25,6 +24,7 @@ from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import simulate_ventricle
 from modalmotion.template.body_frame import from_local
 from modalmotion.viewer import payload
+from modalmotion.viewer.container import read_container
 from modalmotion.viewer.payload import frames_payload, view_payload
 
 

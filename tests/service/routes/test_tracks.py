@@ -17,7 +17,6 @@ from fastapi.testclient import TestClient
 from job_requests import ASYNC, finished
 from services import served
 from signing import signed
-from viewer_container import read_container
 
 from modalmotion.formats import write_npz
 from modalmotion.formats.ply import write_ply
@@ -27,6 +26,7 @@ from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.store import track_from_hdf5, track_to_hdf5
 from modalmotion.tracking.parameters import TrackParameters
 from modalmotion.tracking.reading import read_observed
+from modalmotion.viewer.container import read_container
 from modalmotion_service.http.negotiation import VIEW
 from modalmotion_service.settings import Settings
 

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from modalmotion.errors import ShapeError
+from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.formats.gltf.container import Container, malformed, read_accessor
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh.sequence import MeshSequence
@@ -117,12 +117,16 @@ class Channel:
         return np.asarray(value, dtype=np.float64)
 
 
-def read_channels(container: Container, limits: ReadLimits) -> tuple[dict[Key, Channel], list[str]]:
-    """Read the channels of the first animation.
+def read_channels(
+    container: Container, name: str | None, limits: ReadLimits
+) -> tuple[dict[Key, Channel], list[str]]:
+    """Read the channels of one animation.
 
     Parameters
     ----------
     container : Container
+    name : str or None
+        The first animation by default.
     limits : ReadLimits
 
     Returns
@@ -133,13 +137,22 @@ def read_channels(container: Container, limits: ReadLimits) -> tuple[dict[Key, C
 
     Raises
     ------
+    ParameterError
+        If no animation has that name.
     MalformedFileError
         If a channel cannot be read.
     """
     animations = container.document.get("animations", [])
+    names = [str(a.get("name", i)) for i, a in enumerate(animations)]
+    if name is not None and name not in names:
+        raise ParameterError(
+            f"There is no animation {name[:40]!r}; there are {', '.join(names[:8]) or 'none'}.",
+            remedy="Name one of them, or leave the name out for the first.",
+        )
     if not animations:
         return {}, []
-    animation = container.item("animations", 0)
+    index = 0 if name is None else names.index(name)
+    animation = container.item("animations", index)
     samplers = Container({"samplers": animation["samplers"]}, container.binary)
     channels = {}
     # Many nodes may move by the same numbers.
@@ -153,8 +166,7 @@ def read_channels(container: Container, limits: ReadLimits) -> tuple[dict[Key, C
         if (key := (listed["sampler"], path)) not in known:
             known[key] = _channel(container, sampler, path, limits)
         channels[node, path] = known[key]
-    others = [str(other.get("name", i)) for i, other in enumerate(animations)][1:]
-    return channels, others
+    return channels, [other for i, other in enumerate(names) if i != index]
 
 
 def _channel(

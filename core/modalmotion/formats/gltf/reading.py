@@ -47,13 +47,17 @@ _MISSHAPEN: Final = (KeyError, IndexError, TypeError, ValueError, AttributeError
 Chain = tuple[int, ...]
 
 
-def read_glb(data: bytes, limits: ReadLimits = DEFAULT_LIMITS) -> Reading:
-    """Read a sequence from a binary glTF file: its first animation.
+def read_glb(
+    data: bytes, limits: ReadLimits = DEFAULT_LIMITS, *, animation: str | None = None
+) -> Reading:
+    """Read a sequence from a binary glTF file.
 
     Parameters
     ----------
     data : bytes
     limits : ReadLimits, optional
+    animation : str, optional
+        Name of the animation; the first by default.
 
     Returns
     -------
@@ -67,13 +71,15 @@ def read_glb(data: bytes, limits: ReadLimits = DEFAULT_LIMITS) -> Reading:
         If it cannot be read, names data elsewhere, is compressed, or is moved by a skeleton.
     LimitError
         If it declares more than `limits` accept.
+    ParameterError
+        If no animation has that name.
     """
     container = read_container(data)
     limits = limits.of_file(len(data), _UNFOLDING)
     try:
         # Numbers of any size may be in a file; the validator finds overflows.
         with np.errstate(all="ignore"):
-            return _read(container, limits)
+            return _read(container, animation, limits)
     except InputError:
         raise
     except _MISSHAPEN as error:
@@ -83,14 +89,14 @@ def read_glb(data: bytes, limits: ReadLimits = DEFAULT_LIMITS) -> Reading:
         ) from error
 
 
-def _read(container: Container, limits: ReadLimits) -> Reading:
+def _read(container: Container, animation: str | None, limits: ReadLimits) -> Reading:
     for name in map(str, container.document.get("extensionsRequired", [])):
         if not name.startswith(_HARMLESS):
             raise MalformedFileError(
                 f"The GLB file cannot be read without {name[:60]!r}, which is unknown here.",
                 remedy="Export again without extensions (no compression, no instancing).",
             )
-    channels, others = read_channels(container, limits)
+    channels, others = read_channels(container, animation, limits)
     chains = _mesh_chains(container)
     if not chains:
         raise malformed("The GLB file's scene shows no mesh.")

@@ -21,7 +21,6 @@ from modalmotion.classification import (
 from modalmotion.classification.cases import LeftOut, case_name
 from modalmotion.classification.evaluation import (
     CaseAnswer,
-    Evaluation,
     comparison_of,
     evaluation_of,
 )
@@ -121,30 +120,28 @@ Source = Path | str
 
 
 def measure(
-    model: Source, version: int, answers: Sequence[CaseAnswer], coverage: float, media_type: str
+    models: Sequence[Source],
+    versions: Sequence[int],
+    answers: Sequence[Sequence[CaseAnswer]],
+    coverage: float,
+    media_type: str,
 ) -> bytes:
-    """Measure a model's answers, as JSON, as a table of the cases, or as a picture."""
-    result = _evaluation(model, answers, coverage)
+    """Measure a model's answers, as JSON, a table of the cases, or a picture; or compare two."""
+    results = [
+        evaluation_of(loaded(model), its, coverage)
+        for model, its in zip(models, answers, strict=True)
+    ]
+    first, *others = results
+    if others:
+        answer = ComparisonAnswer.of(comparison_of(first, others[0]), versions)
+        return answer.model_dump_json().encode()
     if media_type == CSV:
-        return result.as_csv().encode()
+        return first.as_csv().encode()
     if media_type == PNG:
         from modalmotion.pictures.classification import evaluation_figure
 
-        return png_of(evaluation_figure(result))
-    return EvaluationAnswer.of(result, version).model_dump_json().encode()
-
-
-def compare(
-    models: tuple[Source, Source],
-    versions: tuple[int, int],
-    answers: tuple[Sequence[CaseAnswer], Sequence[CaseAnswer]],
-    coverage: float,
-) -> bytes:
-    """Compare the answers of two models, as JSON."""
-    first, second = (
-        _evaluation(model, its, coverage) for model, its in zip(models, answers, strict=True)
-    )
-    return ComparisonAnswer.of(comparison_of(first, second), versions).model_dump_json().encode()
+        return png_of(evaluation_figure(first))
+    return EvaluationAnswer.of(first, versions[0]).model_dump_json().encode()
 
 
 def held_out_table(model: Source, subjects: dict[str, str]) -> bytes:
@@ -166,10 +163,6 @@ def held_out_ids(model: Source) -> list[str]:
     """Ids of the recordings that a model was trained on; none where its file does not say."""
     validation = loaded(model).cross_validation
     return [] if validation is None else list(validation.sequence_ids)
-
-
-def _evaluation(model: Source, answers: Sequence[CaseAnswer], coverage: float) -> Evaluation:
-    return evaluation_of(loaded(model), answers, coverage)
 
 
 def tabulate_features(

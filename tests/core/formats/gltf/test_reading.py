@@ -142,15 +142,19 @@ def test_a_mesh_shown_twice_is_there_twice() -> None:
     assert "coincide" in read.notes[-1]
 
 
-def test_the_first_animation_is_read_and_others_are_named() -> None:
+def test_an_animation_is_chosen_by_its_name() -> None:
     document = scene()
-    alone = read_sequence(glb(document, *ARRAYS))
     other = json.loads(json.dumps(document["animations"][0])) | {"name": "rest"}
     other["samplers"][0]["output"] = 4
     document["animations"].append(other)
-    first = read_sequence(glb(document, *ARRAYS))
+    data = glb(document, *ARRAYS)
+    first = read_sequence(data)
     assert first.ignored == ("animation rest",)
-    assert np.array_equal(first.sequence.vertices, alone.sequence.vertices)
+    second = read_sequence(data, ReadOptions(animation="rest"))
+    assert second.ignored == ("animation beat",)
+    assert not np.array_equal(first.sequence.vertices, second.sequence.vertices)
+    with pytest.raises(ParameterError, match="beat, rest"):
+        read_sequence(data, ReadOptions(animation="dance"))
 
 
 def test_a_file_without_animation_is_one_frame() -> None:
