@@ -239,7 +239,6 @@ def ask(
     and FILES are as for training.
     """
     from modalmotion.norm import cohort_deviation, norm_from_hdf5
-    from modalmotion.norm.norm import FEWEST_RECORDINGS, others_than
 
     controls = norm_from_hdf5(norm_file)
 
@@ -247,16 +246,14 @@ def ask(
         return controls.read(case.motion, subject=case.subject, name=name)
 
     readings, left_out = _read(sources, unit, skip_unreadable, read)
-    together = None
-    if len(others_than(controls, readings)) >= FEWEST_RECORDINGS:
-        together = cohort_deviation(controls, readings, level=level)
-    answers = [(one.name, controls.deviation(one, level=level)) for one in readings]
+    together = cohort_deviation(controls, readings, level=level)
+    answers = [(r.name, one) for r, one in zip(readings, together.deviations, strict=True)]
     lines = [f"{name}\n{answer.lines}" for name, answer in answers]
-    if together is not None:
+    if together.p is not None:
         lines.append(f"together: p = {together.p:.3g} of {controls.n_controls} like controls")
         lines += [f"warning: {together.warning}"] * (together.warning is not None)
     found = {
-        "cohort": None if together is None else together.as_json(),
+        "cohort": None if together.p is None else together.as_json(),
         "deviations": [{"path": name, **answer.as_json()} for name, answer in answers],
         "left_out": left_out,
     }
