@@ -18,6 +18,7 @@ from modalmotion.errors import (
     LimitError,
     MalformedFileError,
     NonFiniteError,
+    ParameterError,
 )
 from modalmotion.formats import ReadLimits, ReadOptions, read_sequence
 from modalmotion.formats.gltf.container import write_container
