@@ -177,7 +177,8 @@ def _read_json(data: bytes) -> list[tuple[float, str]]:
     except MalformedFileError:
         raise
     except (KeyError, TypeError, ValueError, RecursionError) as error:
-        raise _malformed(f"The .series file is not as ParaView's ({str(error)[:80]}).") from error
+        what = f"not of the form that ParaView writes ({str(error)[:80]})"
+        raise _malformed(f"The .series file is {what}.") from error
 
 
 def _entry(time: object, name: object) -> tuple[float, str]:
