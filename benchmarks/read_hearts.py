@@ -43,15 +43,7 @@ def hearts(
             twin = simulate_ventricle(parameters, grid=(96, 192), acquisition=frames, rng=again)
         volumes = volumes_of(clean)
         ef = 100 * (1 - volumes.min() / volumes.max())
-        yield (
-            clean,
-            {
-                "ef": ef,
-                "edv": float(volumes.max()),
-                **true_strain(twin),
-            },
-            rng,
-        )
+        yield clean, {"ef": ef, "edv": float(volumes.max()), **true_strain(twin)}, rng
 
 
 def true_strain(clean: mm.MeshSequence) -> dict[str, float]:

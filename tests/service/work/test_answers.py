@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from modalmotion.errors import LimitError, NonFiniteError
+from modalmotion.errors import NonFiniteError
 from modalmotion_service.errors import ClusterError, WorkerDiedError
 from modalmotion_service.work.answers import (
     AnswerError,
