@@ -54,7 +54,7 @@ def sign(
     track: Path | None,
     image: Path,
     progress: Path,
-) -> dict[str, float]:
+) -> tuple[dict[str, float]]:
     """Fit a kept sequence and write its signature's HDF5 image; gives milliseconds by stage.
 
     `track` is that of the sequence, where it has one: it says how far positions may be off.
@@ -69,7 +69,7 @@ def sign(
     )
     with watch.stage("image"):
         write_whole(image, signature_image(signature))
-    return watch.milliseconds
+    return (watch.milliseconds,)
 
 
 def sign_upload(
