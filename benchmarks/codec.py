@@ -85,8 +85,7 @@ class Peer:
         """Find the coarsest setting that keeps an RMS."""
         low, high, best = np.log(wanted) - 4.0, np.log(wanted) + 4.0, None
         for _ in range(12):
-            middle = (low + high) / 2
-            setting = float(np.exp(middle))
+            setting = float(np.exp(middle := (low + high) / 2))
             if measure(exact, self.decode(self.encode(exact, setting)[1])).rms <= wanted:
                 best, low = setting, middle
             else:

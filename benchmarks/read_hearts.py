@@ -149,15 +149,9 @@ def late_walls(seed: int) -> tuple[float, ...]:
     for k in range(12):
         state = [seed, k]
         parameters = draw_parameters(MotionClass.DYSSYNCHRONY, np.random.default_rng(state))
-        many, few = (
-            simulate_ventricle(
-                parameters,
-                grid=(24, 48),
-                acquisition=Acquisition(n_frames=n),
-                rng=np.random.default_rng(state),
-            )
-            for n in (400, 25)
-        )
+        simulated = partial(simulate_ventricle, parameters, grid=(24, 48))
+        frames = (Acquisition(n_frames=n) for n in (400, 25))
+        many, few = (simulated(acquisition=a, rng=np.random.default_rng(state)) for a in frames)
         true = true_dyssynchrony(many)
         for noise, errors in off.items():
             found = mm.strain(noisy(few, noise, np.random.default_rng(state))).dyssynchrony
