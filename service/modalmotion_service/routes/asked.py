@@ -14,7 +14,6 @@ from typing import Annotated, Any, Final
 from fastapi import Depends, Header, Query
 from fastapi import Request as HttpRequest
 from fastapi.exceptions import RequestValidationError
-from pydantic import BaseModel
 from starlette.background import BackgroundTask
 from starlette.responses import FileResponse, Response
 
@@ -322,9 +321,6 @@ ACCEPTED: Final[dict[int | str, dict[str, Any]]] = {
     202: {"model": JobAnswer, "description": "Continued as a job; fetch the result later."}
 }
 
-BODIES: Final[list[type[BaseModel]]] = []
-"""Models that bodies and statements of calls are read as."""
-
 _ID: Final = "3f5c" * 16
 
 
@@ -371,7 +367,6 @@ def answers(
     status: int = 200,
     is_new: bool = False,
     waits: bool = True,
-    **extra: Any,
 ) -> dict[str, Any]:
     """Describe the answers of a call, for the router.
 
@@ -387,8 +382,6 @@ def answers(
         Whether 201 says that something was made, and 200 that it was known.
     waits : bool
         Whether it may become a job.
-    **extra
-        As of `body` and `upload`.
     """
     content = {
         kind: _OBJECT if kind == FHIR else _BINARY if is_file(kind) else _TEXT
@@ -410,59 +403,4 @@ def answers(
         from starlette.responses import Response
 
         made |= {"response_class": Response, "response_model": None}
-    return made | extra
-
-
-def body(model: type[BaseModel], *, is_optional: bool = False) -> dict[str, Any]:
-    """Describe a JSON body that `body_of` reads."""
-    BODIES.append(model)
-    content = {JSON: {"schema": {"$ref": f"#/components/schemas/{model.__name__}"}}}
-    described = {"content": content, "required": not is_optional}
-    return {"openapi_extra": {"requestBody": described}}
-
-
-def upload(
-    model: type[BaseModel], *, many: bool = False, is_optional: bool = False
-) -> dict[str, Any]:
-    """Describe an upload with statements in the query, in fields of a form, or as JSON in it.
-
-    Parameters
-    ----------
-    model : type of BaseModel
-        Of the statements.
-    many : bool
-        Whether it may be many files.
-    is_optional : bool
-        Whether something else may be in place of a file.
-    """
-    BODIES.append(model)
-    statements = {"$ref": f"#/components/schemas/{model.__name__}"}
-    file = {"type": "string", "format": "binary"}
-    properties: dict[str, Any] = {"file": file, "parameters": statements}
-    if many:
-        properties |= {"files": {"type": "array", "items": file}, "manifest": {"type": "string"}}
-    form = {"type": "object", "properties": properties}
-    if not many and not is_optional:
-        form["required"] = ["file"]
-    content = {
-        "application/octet-stream": {"schema": file},
-        "multipart/form-data": {
-            "schema": form,
-            "encoding": {"parameters": {"contentType": JSON}},
-        },
-    }
-    query = {
-        "name": "parameters",
-        "in": "query",
-        "required": False,
-        "style": "form",
-        "explode": True,
-        "schema": statements,
-        "description": "Each by its name, over those of a form; a list as 1,2,3.",
-    }
-    return {
-        "openapi_extra": {
-            "requestBody": {"required": not is_optional, "content": content},
-            "parameters": [query],
-        }
-    }
+    return made

@@ -26,7 +26,8 @@ from modalmotion_service.http.forms import (
     SentPart,
     received_form,
 )
-from modalmotion_service.http.judged_router import checked
+from modalmotion_service.http.judged_router import checked, described_as
+from modalmotion_service.http.negotiation import JSON, RAW
 from modalmotion_service.http.observation import stage
 from modalmotion_service.routes.asked import get_state
 from modalmotion_service.schemas.from_core import JsonBody, is_listed
@@ -61,7 +62,7 @@ class Sent:
 
 
 def receiving(
-    model: type[JsonBody], *, takes_many: bool = False
+    model: type[JsonBody], *, takes_many: bool = False, is_optional: bool = False
 ) -> Callable[[Request], Awaitable[Sent]]:
     """Make the dependency that receives an upload into the spool.
 
@@ -72,6 +73,8 @@ def receiving(
     takes_many : bool
         Whether it may be parts named "files", each a sequence, and a part named "manifest" that
         describes them.
+    is_optional : bool
+        Whether something else may be in place of a file.
     """
 
     async def receive(request: Request) -> Sent:
@@ -84,7 +87,38 @@ def receiving(
         return sent
 
     receive.query_model = model  # type: ignore[attr-defined]
+    receive.described = _description(  # type: ignore[attr-defined]
+        model, takes_many=takes_many, is_optional=is_optional
+    )
     return receive
+
+
+def _description(model: type[JsonBody], *, takes_many: bool, is_optional: bool) -> dict[str, Any]:
+    """Describe an upload with statements in the query, in fields of a form, or as JSON in it."""
+    stated = described_as(model)
+    file = {"type": "string", "format": "binary"}
+    form: dict[str, Any] = {"type": "object", "properties": {"file": file, PARAMETERS: stated}}
+    if takes_many:
+        many = {FILES: {"type": "array", "items": file}, MANIFEST: {"type": "string"}}
+        form["properties"] |= many
+    elif not is_optional:
+        form["required"] = ["file"]
+    encoding = {PARAMETERS: {"contentType": JSON}}
+    query = {
+        "name": PARAMETERS,
+        "in": "query",
+        "required": False,
+        "style": "form",
+        "explode": True,
+        "schema": stated,
+        "description": "Each by its name, over those of a form; a list as 1,2,3.",
+    }
+    content = {
+        RAW: {"schema": file},
+        "multipart/form-data": {"schema": form, "encoding": encoding},
+    }
+    body = {"required": not is_optional, "content": content}
+    return {"requestBody": body, "parameters": [query]}
 
 
 async def _receive(

@@ -82,21 +82,6 @@ class Job:
         return self.state not in (JobState.QUEUED, JobState.RUNNING)
 
 
-@dataclass(frozen=True)
-class JobPage:
-    """Part of a list of jobs, newest first.
-
-    Parameters
-    ----------
-    jobs : tuple of Job
-    cursor : str or None
-        For the page after this one; None on the last.
-    """
-
-    jobs: tuple[Job, ...]
-    cursor: str | None
-
-
 def results_of(jobs: Iterable[Job]) -> list[str]:
     """Name the files in the spool that jobs have made."""
     return [job.result["file"] for job in jobs if job.result and "file" in job.result]
@@ -197,8 +182,8 @@ class Jobs:
 
     def list(
         self, *, state: JobState | None = None, limit: int = 100, cursor: str | None = None
-    ) -> JobPage:
-        """Jobs from the newest to the oldest.
+    ) -> tuple[tuple[Job, ...], str | None]:
+        """Jobs of a page, from the newest on, and the cursor for the next; None on the last.
 
         Raises
         ------
@@ -214,7 +199,7 @@ class Jobs:
         )
         page = jobs[:limit]
         last = to_cursor(page[-1].created, page[-1].id) if len(jobs) > limit else None
-        return JobPage(page, last)
+        return page, last
 
     def count(self) -> dict[tuple[str, JobState], int]:
         """Count jobs by kind and state."""
@@ -291,29 +276,26 @@ _TABLES_OF_KEYS: Final = (
 )
 
 
+_KNOWN: Final = "SELECT fingerprint, status, response FROM idempotency WHERE key = ?"
+
+
 @dataclass(frozen=True)
 class IdempotentRequest:
-    """One row of the table of idempotency keys.
+    """What is known of a request by its idempotency key.
 
     Parameters
     ----------
-    key : str
-        Keyed digest of what the client chose, which may name a person.
     fingerprint : str
         Digest of the request; another one under the same key is a mistake of the client.
     status : int or None
         Of the answer; None while the request is under way.
     response : JSON value
         The answer.
-    created : str
-        UTC, ISO 8601 with microseconds.
     """
 
-    key: str
     fingerprint: str
     status: int | None
     response: Any
-    created: str
 
 
 class IdempotencyKeys:
@@ -350,13 +332,12 @@ class IdempotencyKeys:
             )
             if done.rowcount == 1:
                 return None
-            row = connection.execute("SELECT * FROM idempotency WHERE key = ?", (name,)).fetchone()
-        return _request(row)
+            return _request(connection.execute(_KNOWN, (name,)).fetchone())
 
     def get(self, key: str) -> IdempotentRequest | None:
         """Request that a key was taken with, None if it is free."""
         name = self._digest(key)
-        rows = self._database.read("SELECT * FROM idempotency WHERE key = ?", (name,))
+        rows = self._database.read(_KNOWN, (name,))
         return _request(rows[0]) if rows else None
 
     def complete(self, key: str, status: int, response: Any) -> None:
@@ -443,17 +424,15 @@ class IdempotencyKeys:
         return secret
 
     def _digest(self, key: str) -> str:
-        return _keyed(self._secret, key)
-
-
-def _keyed(secret: bytes, key: str) -> str:
-    return hmac.digest(secret, key.encode(), "sha256").hex()
+        # What the client chose may name a person.
+        return hmac.digest(self._secret, key.encode(), "sha256").hex()
 
 
 def _request(row: tuple[Any, ...]) -> IdempotentRequest:
-    key, fingerprint, status, response, created = row
-    answer = None if response is None else json.loads(response)
-    return IdempotentRequest(key, fingerprint, status, answer, created)
+    fingerprint, status, response = row
+    return IdempotentRequest(
+        fingerprint, status, None if response is None else json.loads(response)
+    )
 
 
 def gone() -> tuple[int, dict[str, object]]:
