@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import base64
 import contextlib
 import json
 from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -30,11 +29,10 @@ from modalmotion_service.http.gate import note_facts, note_ids
 from modalmotion_service.http.negotiation import (
     FHIR,
     JSON,
-    Preference,
     best_type,
     is_known,
     not_modified,
-    parse_preference,
+    preferred_wait,
     tag_of,
 )
 from modalmotion_service.schemas.from_core import JsonBody
@@ -58,12 +56,13 @@ class Asked:
     ----------
     state : State
     http : fastapi.Request
-    preference : Preference
+    wait : float or None, s
+        For which the client would wait; 0 for a job at once.
     """
 
     state: State
     http: HttpRequest
-    preference: Preference
+    wait: float | None
 
     @property
     def store(self) -> ResultStore:
@@ -116,9 +115,7 @@ class Asked:
         if tag is not None and (known := self.knows(tag)) is not None:
             return known
         self.note(getattr(request.query, "template", None))
-        done = await self.state.performance.perform(
-            self.state, self.preference, what, request, file
-        )
+        done = await self.state.performance.perform(self.state, self.wait, what, request, file)
         if not isinstance(done, Outcome):
             return accepted(done)
         note_facts(self.http, done.filled)
@@ -133,8 +130,7 @@ class Asked:
         self, what: Operation, request: Request, file: SpoolFile | None = None
     ) -> Response:
         """Answer 202 with a job."""
-        at_once = Preference(is_async=True, wait_seconds=None)
-        job = await self.state.performance.perform(self.state, at_once, what, request, file)
+        job = await self.state.performance.perform(self.state, 0.0, what, request, file)
         assert isinstance(job, Job)  # noqa: S101 (it was asked for)
         return accepted(job)
 
@@ -172,7 +168,7 @@ class Asked:
                     await asyncio.to_thread(keys.release, key)
                 raise
             response = {
-                "body": base64.b64encode(bytes(answer.body)).decode("ascii"),
+                "body": bytes(answer.body).decode(),
                 "headers": {n: v for n, v in answer.headers.items() if n in _KEPT_HEADERS},
             }
             await asyncio.to_thread(keys.complete, key, answer.status_code, response)
@@ -188,7 +184,7 @@ class Asked:
                 remedy="Wait a second and send it again.",
             )
         return Response(
-            base64.b64decode(known.response["body"]),
+            known.response["body"],
             status_code=known.status,
             headers={**known.response["headers"], "Idempotency-Replayed": "true"},
         )
@@ -224,7 +220,7 @@ async def get_state(request: HttpRequest) -> State:
 
 
 async def _asked(request: HttpRequest) -> Asked:
-    return Asked(await get_state(request), request, Preference(is_async=False, wait_seconds=None))
+    return Asked(await get_state(request), request, None)
 
 
 async def _waiting(
@@ -252,10 +248,10 @@ async def _waiting(
                 }
             ]
         )
-    preference = parse_preference(header)
-    if wait is not None:
-        preference = Preference(preference.is_async or wait == 0, wait)
-    return Asked(await get_state(request), request, preference)
+    stated = preferred_wait(header)
+    # Of both the sooner: a job at once is one, whatever else is said.
+    wait = stated if wait is None or stated == 0 else wait
+    return Asked(await get_state(request), request, wait)
 
 
 AskedNow = Annotated[Asked, Depends(_asked)]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any, Final
 
 from fastapi import Request
@@ -18,7 +17,6 @@ from modalmotion.errors import LimitError, MalformedFileError, ParameterError
 from modalmotion.mesh.fact_forms import column_of, facts_from_texts, is_fact
 from modalmotion.mesh.facts import NAMES, NO_FACTS, Facts
 from modalmotion.store.folder import require_name
-from modalmotion_service.access.scopes import principal_of
 from modalmotion_service.http.forms import (
     FILES,
     MANIFEST,
@@ -41,8 +39,6 @@ PARAMETERS: Final = "parameters"
 _MOST_BYTES: Final = 4_000_000
 # Bytes at a time when a form's part is copied.
 _PIECE: Final = 1 << 20
-# Longer queries state their own times, and are seldom repeated.
-_LONGEST_KEPT: Final = 2000
 
 
 @dataclass(frozen=True)
@@ -128,7 +124,7 @@ async def _receive(
     hashed = "idempotency-key" in request.headers
     kind = request.headers.get("content-type", "").lower()
     if not kind.startswith("multipart/form-data"):
-        query, facts = _of_query(request, model)
+        query, facts = statements(model, _texts(request.scope["query_string"], model))
         file = await state.spool.receive(request.stream(), hashed=hashed)
         return Sent(replace(file, facts=facts), query)
     # Before the form is received, not after.
@@ -148,25 +144,6 @@ async def _receive(
         if many is not None:
             many.discard()
         raise
-
-
-def _of_query(request: Request, model: type[JsonBody]) -> tuple[JsonBody, Facts]:
-    """Read the statements of a query, once for all requests of an owner that repeat it."""
-    text: bytes = request.scope["query_string"]
-    # Each owner's by itself: the time that it takes tells nobody what others ask.
-    principal = principal_of(request.scope)
-    owner = None if principal is None else principal.owner
-    read = _read_once if len(text) <= _LONGEST_KEPT else _read_once.__wrapped__
-    return read(owner, model, text)
-
-
-@lru_cache(maxsize=256)
-def _read_once(
-    owner: str | None,  # noqa: ARG001 (a part of the cache's key)
-    model: type[JsonBody],
-    text: bytes,
-) -> tuple[JsonBody, Facts]:
-    return statements(model, _texts(text, model))
 
 
 def _texts(query: bytes, model: type[JsonBody]) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, get_type_hints
 
 from pydantic import FailFast, Field, StringConstraints
@@ -97,13 +96,9 @@ class SequenceChange(Named):
 class Reading(JsonBody):
     """How to read a file, and statements that override its own."""
 
-    @cached_property
-    def _options(self) -> ReadOptions:
-        return value_of(self, ReadOptions, facts=NO_FACTS)
-
     def options(self, limits: ReadLimits, facts: Facts = NO_FACTS) -> ReadOptions:
-        """Translate to the reader's options; once but for limits and facts, for requests repeat."""
-        return replace(self._options, limits=limits, facts=facts)
+        """Translate to the reader's options."""
+        return value_of(self, ReadOptions, limits=limits, facts=facts)
 
 
 _GRID: Final = (
@@ -138,16 +133,12 @@ class SignatureRequest(JsonBody):
         description=descriptions(SignatureParameters)["amplitudes"],
     )
 
-    @cached_property
-    def _parameters(self) -> SignatureParameters:
+    def parameters(self) -> SignatureParameters:
+        """Translate to the library's parameters."""
         # Of a file landmarks are facts, which the fit reads itself.
         given = getattr(self, "landmarks", None)
         landmarks = given if isinstance(given, GivenLandmarks) else GivenLandmarks()
         return value_of(self, SignatureParameters, amplitudes=self.amplitudes, landmarks=landmarks)
-
-    def parameters(self) -> SignatureParameters:
-        """Translate to the library's parameters; once, for requests share what they repeat."""
-        return self._parameters
 
 
 _SIGNATURE: Final[dict[str, Any]] = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import hmac
 import json
 import secrets
@@ -443,7 +442,7 @@ def gone() -> tuple[int, dict[str, object]]:
             remedy="Send it with a new Idempotency-Key to have it again.",
         )
     )
-    text = base64.b64encode(json.dumps(body).encode()).decode("ascii")
     status = body["status"]
     assert isinstance(status, int)  # noqa: S101 (as `problem_body` makes it)
-    return status, {"body": text, "headers": {"content-type": "application/problem+json"}}
+    headers = {"content-type": "application/problem+json"}
+    return status, {"body": json.dumps(body), "headers": headers}
