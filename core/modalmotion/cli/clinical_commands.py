@@ -171,8 +171,7 @@ def score(truth: Path, answer: Path) -> Any:
     else:
         estimated = read_sequence(answer).sequence
         if answer.suffix.lower() == ".npz":
-            arrays, _ = read_arrays(answer.read_bytes(), ["deviations"], [])
-            deviations = arrays.get("deviations")
+            deviations = read_arrays(answer.read_bytes(), ["deviations"], [])[0].get("deviations")
     result = asdict(scored(read_sequence(truth).sequence, estimated, deviations))
     note = (
         f"Published end-point errors are {PUBLISHED} mm, of other recordings and landmarks; "
