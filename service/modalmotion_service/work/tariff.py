@@ -74,6 +74,7 @@ class Tariff:
     Parameters
     ----------
     owner : str
+        As `Terms` has it.
     factor : float
         Most processor time of a task, in multiples of its price.
     least_seconds : float, s

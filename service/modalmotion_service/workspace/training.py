@@ -30,7 +30,7 @@ from modalmotion.store.disk import cannot_write
 from modalmotion.store.folder import require_name
 from modalmotion_service.errors import CostError
 from modalmotion_service.schemas.queries import LabelledSequence
-from modalmotion_service.work.engine import Terms, work_of
+from modalmotion_service.work.engine import Terms
 from modalmotion_service.work.task_progress import followed
 from modalmotion_service.work.tasks.training import Cases, Unfitted, train_model
 from modalmotion_service.workspace.job_runner import Report
@@ -242,20 +242,19 @@ async def train(
                 offsets = _cases(
                     cases, [one if isinstance(one, LeftOut) else two for one, two in both]
                 )
-        with work_of(str(state.store.root)):
-            future = state.training_engine.run(
-                Terms(state.owner),
-                train_model,
-                _cases(cases, paths),
-                offsets,
-                name,
-                options.as_json(),
-                training,
-                image,
-                progress,
-                state.settings.scheduler,
-                state.settings.workers,
-            )
+        future = state.training_engine.run(
+            Terms(str(state.store.root)),
+            train_model,
+            _cases(cases, paths),
+            offsets,
+            name,
+            options.as_json(),
+            training,
+            image,
+            progress,
+            state.settings.scheduler,
+            state.settings.workers,
+        )
 
         def report_training(share: float, text: str) -> None:
             report(_FITTING + (1 - _FITTING) * share, text)

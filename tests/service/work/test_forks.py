@@ -30,9 +30,9 @@ def test_workers_have_every_part_of_scipy_that_the_library_uses() -> None:
 
 
 def test_it_is_begun_once() -> None:
-    FORKS.begin()
+    FORKS._begun()
     pid = FORKS.pid
-    FORKS.begin()
+    FORKS._begun()
     assert pid == FORKS.pid
 
 
@@ -54,7 +54,7 @@ def test_workers_take_one_thread_each_unless_the_environment_says_otherwise(
             os.environ.pop(name, None)
         os.environ.update(stated)
         forks = Forks()
-        forks.begin()
+        forks._begun()
         assert forks._control is not None
         forks._control.close()
     assert begun == [["1"] * len(THREADS), ["4", *[None] * (len(THREADS) - 1)]]
