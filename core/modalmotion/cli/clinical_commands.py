@@ -14,6 +14,8 @@ import numpy as np
 
 from modalmotion.cli.files import Waiting, sequence_argument
 from modalmotion.cli.options import (
+    EXISTING,
+    EXISTING_FILE,
     PICTURES,
     OutputFile,
     command,
@@ -150,8 +152,8 @@ def _curve(curve: VolumeCurve, factor: float) -> dict[str, object]:
 
 
 @command("score truth.npz answer.h5")
-@click.argument("truth", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.argument("answer", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("truth", type=EXISTING_FILE)
+@click.argument("answer", type=EXISTING_FILE)
 def score(truth: Path, answer: Path) -> Any:
     """Compare the motion in ANSWER with the true one in TRUTH: errors in mm and in points.
 
@@ -215,7 +217,7 @@ def train(
 
 
 @command("norm ask volunteers.h5 beat.npz", group=norm)
-@click.argument("norm_file", metavar="NORM", type=click.Path(exists=True, path_type=Path))
+@click.argument("norm_file", metavar="NORM", type=EXISTING)
 @labelled_sources
 @unit_option
 @click.option(
@@ -237,7 +239,6 @@ def ask(
     and FILES are as for training.
     """
     from modalmotion.norm import cohort_deviation, norm_from_hdf5
-    from modalmotion.norm.norm import FEWEST_RECORDINGS, others_than
 
     controls = norm_from_hdf5(norm_file)
 
@@ -245,16 +246,14 @@ def ask(
         return controls.read(case.motion, subject=case.subject, name=name)
 
     readings, left_out = _read(sources, unit, skip_unreadable, read)
-    together = None
-    if len(others_than(controls, readings)) >= FEWEST_RECORDINGS:
-        together = cohort_deviation(controls, readings, level=level)
-    answers = [(one.name, controls.deviation(one, level=level)) for one in readings]
+    together = cohort_deviation(controls, readings, level=level)
+    answers = [(r.name, one) for r, one in zip(readings, together.deviations, strict=True)]
     lines = [f"{name}\n{answer.lines}" for name, answer in answers]
-    if together is not None:
+    if together.p is not None:
         lines.append(f"together: p = {together.p:.3g} of {controls.n_controls} like controls")
         lines += [f"warning: {together.warning}"] * (together.warning is not None)
     found = {
-        "cohort": None if together is None else together.as_json(),
+        "cohort": None if together.p is None else together.as_json(),
         "deviations": [{"path": name, **answer.as_json()} for name, answer in answers],
         "left_out": left_out,
     }

@@ -32,7 +32,7 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import MESH, SPHERE
 from modalmotion.representation import csv_text
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
-from modalmotion.tracking.recording import sequence_of
+from modalmotion.tracking.parameters import sequence_of
 
 if TYPE_CHECKING:
     from modalmotion.store import ResultStore, SequenceRecord

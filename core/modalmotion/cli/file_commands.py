@@ -12,6 +12,8 @@ import click
 
 from modalmotion.cli.files import Waiting, counting, fitted, read, sequence_argument, stated_facts
 from modalmotion.cli.options import (
+    EXISTING,
+    EXISTING_FILE,
     OutputFile,
     command,
     fit_options,
@@ -75,7 +77,7 @@ def encode(source: Path, output: Path, **options: Any) -> Any:
 
 
 @command("decode beat.mms -o beat.npz")
-@click.argument("stream", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("stream", type=EXISTING_FILE)
 @output_option("File to write: .npz, .vtkhdf or .raw (float32).", *_WRITERS)
 @click.option("--first", type=int, help="First frame.")
 @click.option("--stop", type=int, help="Frame after the last.")
@@ -163,7 +165,7 @@ _SHOWN: Final = {
 
 
 @command("show beat.h5")
-@click.argument("file", metavar="FILE", type=click.Path(exists=True, path_type=Path))
+@click.argument("file", metavar="FILE", type=EXISTING)
 def show(file: Path) -> Any:
     """Show what is in FILE.
 
@@ -325,7 +327,7 @@ def _recording(
     from modalmotion.clinical import clinical_readouts
     from modalmotion.exports.tables import Recording
     from modalmotion.signature.making import modal_signature
-    from modalmotion.tracking.recording import sequence_of
+    from modalmotion.tracking.parameters import sequence_of
 
     options = ReadOptions(facts=stated_facts(stated).over(file.facts), **stated)
     sequence = sequence_of(file.path, options)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import sys
 import threading
 import time
@@ -98,7 +97,6 @@ class Waiting:
         has_bar = source.suffix.lower() == ".zip" or not source.is_file()
         self._shown = {"read"} if has_bar else set()
         self._began = time.perf_counter()
-        self._before = _seconds_of_this_command()
         self._stage: tuple[str, float] | None = None
         self._over = threading.Event()
         self._teller = threading.Thread(target=self._tell, daemon=True)
@@ -112,11 +110,10 @@ class Waiting:
         self._teller.join()
 
     def milliseconds(self) -> dict[str, float]:
-        """Give the time of each stage; `start` and `other` make it all that was waited for."""
+        """Give the time of each stage, and of the rest since this was made."""
         stages = dict(self.watch.milliseconds)
         since = 1e3 * (time.perf_counter() - self._began)
-        start = {"start": 1e3 * self._before} if self._before else {}
-        return {**start, **stages, "other": max(0.0, since - sum(stages.values()))}
+        return {**stages, "other": max(0.0, since - sum(stages.values()))}
 
     def _note(self, name: str) -> None:
         self._stage = (name, time.perf_counter()) if name else None
@@ -138,20 +135,6 @@ class Waiting:
                 self._shown.add(name)
         if width:
             click.echo(f"\r{'':<{width}}\r", nl=False, err=True)
-
-
-def _seconds_of_this_command() -> float:
-    """Seconds since this process began, with its imports; 0 where it is not a command of ours."""
-    program = Path(sys.argv[0])
-    if program.stem != "modalmotion" and program.parent.name != "modalmotion":
-        return 0.0
-    try:
-        # As proc(5) has it: the 22nd field, in ticks since the machine began.
-        ticks = Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19]
-        uptime = float(Path("/proc/uptime").read_text().split()[0])
-    except (OSError, ValueError, IndexError):
-        return 0.0
-    return max(0.0, uptime - int(ticks) / os.sysconf("SC_CLK_TCK"))
 
 
 def _one_path(_: click.Context, parameter: click.Parameter, paths: tuple[Path, ...]) -> Path:

@@ -128,6 +128,10 @@ def _obstacle_in(folder: Path) -> str:
     return ""
 
 
+EXISTING: Final = click.Path(exists=True, path_type=Path)
+EXISTING_FILE: Final = click.Path(exists=True, dir_okay=False, path_type=Path)
+EXISTING_FOLDER: Final = click.Path(exists=True, file_okay=False, path_type=Path)
+
 E = TypeVar("E", bound=Enum)
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 

@@ -13,6 +13,8 @@ import numpy as np
 
 from modalmotion.cli.files import Waiting, fitted, sequence_argument
 from modalmotion.cli.options import (
+    EXISTING,
+    EXISTING_FILE,
     OutputFolder,
     command,
     fit_options,
@@ -34,7 +36,7 @@ report_options = several(
     click.option(
         "--norm",
         "norm_file",
-        type=click.Path(exists=True, path_type=Path),
+        type=EXISTING,
         help="Norm of your own controls, a file.",
     ),
     click.option(
@@ -130,7 +132,7 @@ def quantity_lines(found: Report) -> Iterator[str]:
 @click.option(
     "--study",
     required=True,
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=EXISTING_FILE,
     help="Any instance of the patient's study: its header is copied, and its pixels are not read.",
 )
 def dicom(source: Path, out: Path, study: Path, **options: Any) -> Any:
@@ -161,7 +163,7 @@ def dicom(source: Path, out: Path, study: Path, **options: Any) -> Any:
 @click.option(
     "--with",
     "other",
-    type=click.Path(exists=True, path_type=Path),
+    type=EXISTING,
     help="A second file, shown beside the first with a common clock and camera.",
 )
 @click.option(

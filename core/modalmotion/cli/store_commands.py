@@ -10,11 +10,9 @@ from typing import Any, Final
 import click
 
 from modalmotion.cli.files import counting
-from modalmotion.cli.options import OutputFile, OutputFolder, command, described
+from modalmotion.cli.options import EXISTING_FOLDER, OutputFile, OutputFolder, command, described
 
-_FOLDER = click.argument(
-    "folder", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="FOLDER"
-)
+_FOLDER = click.argument("folder", type=EXISTING_FOLDER, metavar="FOLDER")
 _OWNER = click.option("--owner", help="Owner of the store, in a service's data folder FOLDER.")
 _OF_A_BACKUP: Final = "This is a backup: what was deleted since is in it."
 
@@ -132,13 +130,11 @@ def backup(folder: Path, copy: Path, accept_missing: bool) -> Any:
 
 
 @command("store restore copy results", group=store)
-@click.argument(
-    "copy", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="COPY"
-)
+@click.argument("copy", type=EXISTING_FOLDER, metavar="COPY")
 @click.argument("folder", type=OutputFolder(), metavar="FOLDER")
 @click.option(
     "--deletions",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    type=EXISTING_FOLDER,
     help="Remains of the old folder: what was deleted there is not restored.",
 )
 def restore(copy: Path, folder: Path, deletions: Path | None) -> Any:

@@ -11,6 +11,7 @@ import numpy as np
 
 from modalmotion.cli.files import Waiting, counting, read, stated_facts
 from modalmotion.cli.options import (
+    EXISTING,
     MOVING,
     PICTURES,
     TRACKING,
@@ -59,7 +60,7 @@ start_option = click.option(
     "--start",
     cls=Grouped,
     group=TRACKING,
-    type=click.Path(exists=True, path_type=Path),
+    type=EXISTING,
     help="A surface to start from.",
 )
 tracking_options = several(
@@ -123,7 +124,7 @@ def _followed(
 
 
 @command("track frames/ -o beat.npz --landmarks apex=1,2,3 --unit mm")
-@click.argument("source", metavar="IN", type=click.Path(exists=True, path_type=Path))
+@click.argument("source", metavar="IN", type=EXISTING)
 @output_option(
     "File to write: the sequence (.npz), or the whole track (.h5).", ".npz", ".h5", ".hdf5"
 )
@@ -255,7 +256,7 @@ _MM3_PER_ML = 1000.0
 
 
 @command("segment labels.nii.gz -o lv.ply")
-@click.argument("source", metavar="IN", type=click.Path(exists=True, path_type=Path))
+@click.argument("source", metavar="IN", type=EXISTING)
 @output_option(
     "File to write: the surface with its deviations (.ply), the surface (.npz), or all (.h5).",
     ".ply",

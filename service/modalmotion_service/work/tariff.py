@@ -11,6 +11,7 @@ from typing import Any, Final, TypeVar
 from modalmotion.errors import InputError
 from modalmotion.exports.signature_pack import SurfaceFormat
 from modalmotion.formats.detect import Format, detect_format
+from modalmotion.norm.norm import FEWEST_RECORDINGS
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.signature.predicted_time import (
     most_modes,
@@ -184,7 +185,7 @@ def _recordings(args: Sequence[Any]) -> float:
 
 
 def _asked_norm(args: Sequence[Any]) -> float:
-    many = len(args[0]) >= classification.LEAST_TOGETHER
+    many = len(args[0]) >= FEWEST_RECORDINGS
     return _recordings(args) + (_COMPARED_COHORT if many else _reading(args[1:]))
 
 

@@ -129,7 +129,7 @@ def test_a_weak_heart_is_told_from_controls(folder: Path) -> None:
     assert "deviates from the 19 controls of ours: p = 0.0500" in said
     assert "contraction: less than in controls" in said
     assert "ejection fraction" in said
-    assert "age is not stated" in said
+    assert "age is not accounted for: it is not stated" in said
 
 
 def test_json_says_the_same(folder: Path) -> None:

@@ -15,11 +15,10 @@ from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation, Track, of_surface, track
-from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.deformable import Deformable, rim_at
 from modalmotion.tracking.ends_of_data import Ending, with_endings
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.observation import Frame, observed_frames
-from modalmotion.tracking.rim import rim_at
 
 BASE = standard_surface(Lattice(CUP, (16, 28)))
 SHAPE = BASE.vertices[0] * np.array([25.0, 25.0, 40.0])

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from modalmotion.classification import (
     CaseFile,
@@ -33,7 +33,7 @@ from modalmotion.norm import (
     norm_to_hdf5,
     train_norm,
 )
-from modalmotion.norm.reading import Reading
+from modalmotion.norm.norm import Reading
 from modalmotion.norm.training import Control
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.store import model_from_hdf5, sequence_from_hdf5, signature_from_hdf5
@@ -42,7 +42,6 @@ from modalmotion_service.schemas.general import ReadingAnswer
 from modalmotion_service.schemas.models import (
     CohortDeviationAnswer,
     ComparisonAnswer,
-    DeviationAnswer,
     EvaluationAnswer,
     FeaturesAnswer,
 )
@@ -201,10 +200,6 @@ def tabulate_features(
     return len(table.left_out)
 
 
-LEAST_TOGETHER: Final = 5
-"""Recordings that are compared as a cohort."""
-
-
 @dataclass(frozen=True)
 class KeptRecording:
     """A kept sequence with its signature.
@@ -293,25 +288,8 @@ def ask_norm(
             imposed[number] = wanted
     if imposed:
         return b"", imposed
-    if len(readings) >= LEAST_TOGETHER:
-        answer = CohortDeviationAnswer(
-            **cohort_deviation(controls, readings, level=level).as_json()
-        )
-    else:
-        answer = CohortDeviationAnswer(
-            norm=controls.name,
-            norm_id=controls.id,
-            n_controls=controls.as_json()["n_controls"],
-            n_recordings=len(readings),
-            level=level,
-            p=None,
-            is_another=None,
-            warning=None,
-            deviations=[
-                DeviationAnswer(**controls.deviation(own, level=level).as_json())
-                for own in readings
-            ],
-        )
+    found = cohort_deviation(controls, readings, level=level)
+    answer = CohortDeviationAnswer(**found.as_json())
     return answer.model_dump_json().encode(), {}
 
 
