@@ -275,6 +275,7 @@ _TABLES_OF_KEYS: Final = (
 )
 
 
+_PLACE: Final = "json_extract(response, '$.headers.location')"
 _KNOWN: Final = "SELECT fingerprint, status, response FROM idempotency WHERE key = ?"
 
 
@@ -401,16 +402,31 @@ class IdempotencyKeys:
             Answers replaced. Their keys stay taken: what was deleted is not to come back by a
             request that is sent again.
         """
-        location = "json_extract(response, '$.headers.location')"
         self.settle()
         # Below a place is what comes between "-" or "/" and the character after them.
         below = (f"{place}-", f"{place}0")
         with self._database.write(erases=True) as connection:
             return connection.execute(
                 f"UPDATE idempotency SET status = ?, response = ? "  # noqa: S608 (of constants)
-                f"WHERE {location} = ? OR ({location} >= ? AND {location} < ?)",
+                f"WHERE {_PLACE} = ? OR ({_PLACE} >= ? AND {_PLACE} < ?)",
                 (status, json.dumps(response), place, *below),
             ).rowcount
+
+    def forget_names(self, *places: str) -> None:
+        """Have the answers of requests whose result is at these places name nobody any more."""
+        kept = "json_extract(response, '$.body')"
+        names = "".join(
+            f", '$.{of}{name}', NULL"
+            for of in ("", "sequence.")
+            for name in ("name", "subject", "label")
+        )
+        # As text again, for a value of SQLite's functions would be put in as an object.
+        statement = (
+            f"UPDATE idempotency SET response = json_replace(response, '$.body', "  # noqa: S608
+            f"json_replace({kept}{names}) || '') WHERE {_PLACE} = ?"
+        )
+        with self._database.write(erases=True) as connection:
+            connection.executemany(statement, [(place,) for place in places])
 
     def _secret_of_file(self) -> bytes:
         """Give the secret that digests are keyed with, made where it is missing."""
