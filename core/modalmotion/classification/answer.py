@@ -260,14 +260,13 @@ def unlike(signature: ModalSignature, readable: Readable) -> Flag | None:
             f"has {common_count(modes)}. Fit it with {n} "
             "modes, and send a finer mesh if it is too coarse",
         )
-    if (parameters.weights, parameters.remove_rotation, parameters.components) != (
-        required.weights,
+    if (parameters.remove_rotation, parameters.components) != (
         required.remove_rotation,
         required.components,
     ):
         return Flag(
             UNREADABLE,
-            f"the model reads signatures with {required.weights} weights, rotation "
+            f"the model reads signatures with the rotation "
             f"{'removed' if required.remove_rotation else 'kept'} and {required.components} "
             "components. Fit it with the model's signature parameters",
         )

@@ -349,7 +349,7 @@ def _lines_of_tradeoff(result: Tradeoff, verbose: bool) -> list[str]:
             f"{branch.counts[k]}: {numeral(float(branch.rms[k]), of=motion)}" for k in shown
         )
         lines.append(f"{branch.topology}, {branch.components}: RMS by modes {errors}")
-    for kind, error in result.scene.errors.items():
+    for kind, error in result.scene.items():
         text = (
             f"{numeral(error.rms, of=motion)} {unit} RMS, {numeral(error.max, of=motion)} at most"
         )
@@ -364,16 +364,13 @@ def _lines_of_tradeoff(result: Tradeoff, verbose: bool) -> list[str]:
         f"{numeral(price.max_error, of=motion)} (max) in the worst frame"
     )
     lines += price_lines(price) if verbose else []
-    if result.chosen.signature is not None:
-        lines += [f"note: {note}" for note in result.chosen.signature.notes]
+    lines += [f"note: {note}" for note in result.chosen.signature.notes]
     return lines + [f"note: {note}" for note in result.chosen.notes]
 
 
 def describe(result: Tradeoff) -> str:
     """Describe the choice in a line."""
     price, signature = result.chosen.price, result.chosen.signature
-    if signature is None:
-        return f"{result.chosen.kind} motion, {price.amplitudes_per_frame} numbers per frame"
     count = counted(len(signature.modes), "mode")
     text = f"{count}, {signature.surface}, {signature.parameters.components}"
     harmonics = signature.parameters.harmonics

@@ -12,7 +12,7 @@ from modalmotion.errors import ShapeError
 from modalmotion.images import PlaneSet
 from modalmotion.images.sequence import Image
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.numeric.products import gram, inverse_of_cholesky, product
+from modalmotion.numeric.scales import gram, inverse_of_cholesky
 from modalmotion.template import make_template
 from modalmotion.tracking.deformable import Deformable, require_unfolded
 from modalmotion.tracking.image_levels import renewed
@@ -71,10 +71,10 @@ def with_shifts(
     joint = _joint(surface, frame, view, a, prior, noise, sight)
     info, m, p = joint.info, len(surface), len(sight.shifts)
     now = a.ravel()
-    b = info.vector - product(info.matrix, now[:, None])[:, 0] - joint.stiffness * now
+    b = info.vector - (info.matrix @ now[:, None])[:, 0] - joint.stiffness * now
     inverse = inverse_of_cholesky(np.block([[joint.H, joint.C], [joint.C.T, joint.D]]))
     right = np.append(b, joint.pull)[:, None]
-    step = product(np.ascontiguousarray(inverse.T), product(inverse, right))
+    step = inverse.T @ (inverse @ right)
     new = a + step[: 3 * m, 0].reshape(-1, 3)
     covariance = gram(inverse)[: 3 * m, : 3 * m]
     settled = FrameEstimate(new, info, np.ascontiguousarray(covariance))
@@ -113,12 +113,12 @@ def left_by_shifts(
     """
     joint = _joint(surface, frame, view, a, prior, noise, sight)
     inverse = inverse_of_cholesky(joint.H)
-    half = product(inverse, joint.C)
-    S = gram(inverse_of_cholesky(joint.D - product(np.ascontiguousarray(half.T), half)))
-    moved = product(np.ascontiguousarray(inverse.T), half)
+    half = inverse @ joint.C
+    S = gram(inverse_of_cholesky(joint.D - (half.T @ half)))
+    moved = inverse.T @ half
     rows = (surface.shapes[:, :, None] * normals[:, None, :]).reshape(len(normals), -1)
-    seen = product(rows, moved)
-    deviations: Floats = np.sqrt(np.maximum((product(seen, S) * seen).sum(axis=1), 0.0))
+    seen = rows @ moved
+    deviations: Floats = np.sqrt(np.maximum(((seen @ S) * seen).sum(axis=1), 0.0))
     return deviations
 
 
@@ -150,7 +150,7 @@ def _joint(
         own = view.planes[k] == plane
         block = slice(3 * plane, 3 * plane + 3)
         rows_a = (phi[own][:, :, None] * n[own][:, None, :]).reshape(int(own.sum()), 3 * m)
-        C[:, block] = product(np.ascontiguousarray(rows_a.T), strength[own, None] * flat[own])
+        C[:, block] = rows_a.T @ (strength[own, None] * flat[own])
         D[block, block] += (strength[own, None] * flat[own]).T @ flat[own]
         g[block] += pull[own] @ flat[own]
     stiffness = np.repeat(1.0 / prior.variances(surface.wavenumbers), 3)

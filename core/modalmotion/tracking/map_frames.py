@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.numeric.products import gram, inverse_of_cholesky, product
+from modalmotion.numeric.scales import gram, inverse_of_cholesky
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.iterations import LEAST, Iteration
 from modalmotion.tracking.noise import Noise
@@ -76,7 +76,7 @@ def chain_precision(
     np.add.at(L, (end, start), -1.0 / gaps)
     L /= (2.0 * np.pi * h0) ** 2
     # (M + L) M^-1 (M + L) - M.
-    Q = 2.0 * L + product(L / share, L)
+    Q = 2.0 * L + ((L / share) @ L)
     Q = (Q + Q.T) / 2
     others = np.delete(np.arange(n), anchor)
     inverse = inverse_of_cholesky(Q[np.ix_(others, others)])
@@ -121,7 +121,7 @@ def most_likely_h0(
     for h0 in np.geomspace(_STIFFEST, n / 4.0, _N_TRIED) if n >= _FEW else [_USUAL]:
         Q = chain_precision(phases, float(h0), anchor, is_closed=is_closed)[np.ix_(free, free)]
         logarithm = -2.0 * float(np.log(np.diag(inverse_of_cholesky(Q))).sum())
-        energy = float((shares * (x * product(Q, x)).sum(axis=0)).sum()) / total / len(free)
+        energy = float((shares * (x * (Q @ x)).sum(axis=0)).sum()) / total / len(free)
         unlikely = len(free) * np.log(max(energy, 1e-300)) - logarithm
         if unlikely < least:
             best, variance, least = float(h0), energy, unlikely
@@ -173,7 +173,7 @@ def joined(
         if i:
             E = Q[np.ix_(block, blocks[i - 1])]
             D -= _framed(inverses[-1], E, stiffness)
-            b = b - _times(E, stiffness, product(inverses[-1], sums[-1][:, None])[:, 0])
+            b = b - _times(E, stiffness, (inverses[-1] @ sums[-1][:, None])[:, 0])
         inverses.append(gram(inverse_of_cholesky(D)))
         sums.append(b)
     a, C = np.zeros(0), np.zeros((0, 0))
@@ -185,7 +185,7 @@ def joined(
             E = Q[np.ix_(block, blocks[i + 1])]
             b = b - _times(E, stiffness, a)
             C = inverse + _between(inverse, E, stiffness, C)
-        a = product(inverse, b[:, None])[:, 0]
+        a = (inverse @ b[:, None])[:, 0]
         for k, frame in enumerate(block):
             rows = slice(k * n, (k + 1) * n)
             amplitudes[frame], covariances[frame] = a[rows], C[rows, rows]
@@ -232,8 +232,8 @@ def _between(
 ) -> NDArray[np.float64]:
     """S^-1 (E (x) K) C (E (x) K)' S^-1."""
     middle = _framed(C, E, stiffness)
-    half = product(inverse, middle)
-    full = product(half, inverse)
+    half = inverse @ middle
+    full = half @ inverse
     return (full + full.T) / 2
 
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.triangles import face_normals
-from modalmotion.numeric.products import product
 from modalmotion.tracking.closest import Matches, closest_points
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.ends_of_data import Ending, Lying, lies_evenly
@@ -75,7 +74,7 @@ def across_covariance(seen: NDArray[np.float64], info: NormalEquations) -> NDArr
     Across, what truncation does to the amplitudes is in the residuals already, from which T is
     taken: there only the share of the noise counts, C - (1 - q) C A C.
     """
-    return seen - product(product(seen, info.truncated), seen)
+    return seen - ((seen @ info.truncated) @ seen)
 
 
 def normal_equations(
@@ -113,7 +112,7 @@ def normal_equations(
         for own in (A, A + marks)
     )
     # (y - x(a)) is what b came from: the target is that much beyond a.
-    vector = b.ravel() + product(matrix, amplitudes.reshape(-1, 1))[:, 0]
+    vector = b.ravel() + (matrix @ amplitudes.reshape(-1, 1))[:, 0]
     points = [part.points for part in frame if not part.is_landmark and len(part)]
     return NormalEquations(
         matrix,
@@ -231,7 +230,7 @@ def _accumulate(
             q = s * (n[:, :, i] * n[:, :, j]).sum(axis=1)
             np.multiply(phi, q[:, None], out=sided[:, k * m : (k + 1) * m])
         sided[:, 6 * m :] = pull
-        sums = product(np.ascontiguousarray(phi.T), sided)
+        sums = phi.T @ sided
         for k, (i, j) in enumerate(_UPPER):
             block = sums[:, k * m : (k + 1) * m]
             A[i, j] += block
@@ -287,9 +286,9 @@ def _add_ending(
     rows, strength = there.rows(surface), found.shown / variances
     for i in range(3):
         left = np.ascontiguousarray(rows[:, :, i].T)
-        b[:, i] += product(left, (strength * found.beyond)[:, None])[:, 0]
+        b[:, i] += (left @ (strength * found.beyond)[:, None])[:, 0]
         for j in range(3):
-            A[i, j] += product(left, strength[:, None] * rows[:, :, j])
+            A[i, j] += left @ (strength[:, None] * rows[:, :, j])
 
 
 def _profile_feet(part: Observation, x: NDArray[np.float64]) -> Matches | None:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.triangles import grouped_edges
 from modalmotion.modes.topology import CLOSED, End
-from modalmotion.numeric.products import product
 from modalmotion.tracking.closest import closest_points
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.observation import Place
@@ -111,7 +110,7 @@ class RimThere:
         for i in range(3):
             own = self.outward[:, i] / self.totals[self.sectors]
             shares[self.sectors, np.arange(len(self.vertices))] = own
-            rows[:, :, i] = product(shares, shapes)
+            rows[:, :, i] = shares @ shapes
         return rows
 
     def alike(self, surface: Deformable, n_values: float) -> NDArray[np.float64]:
