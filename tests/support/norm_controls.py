@@ -8,7 +8,7 @@ import modalmotion as mm
 from modalmotion.classification.extractor import Extractor
 from modalmotion.classification.model import Readable
 from modalmotion.norm import Norm
-from modalmotion.norm.reading import Reading
+from modalmotion.norm.norm import Reading
 from modalmotion.simulate import MotionClass, draw_parameters
 
 WORDS = ("radial", "turning", "axial", "oval", "tilt")
@@ -36,9 +36,8 @@ def drawn(rng: np.random.Generator, number: int, *, has_covariates: bool = False
         values=x,
         quantities=np.array([rng.normal(60, 5), rng.normal(120, 20), rng.normal(50, 10)]),
         fraction=None,
-        conditions={"frames": 10, "vertices": 72},
+        conditions={"frames": 10, "vertices": 72, "tracking": "material"},
         covariates=covariates,
-        tracking="material",
         sequence_id=str(number),
     )
 

@@ -188,9 +188,16 @@ function chosenFile() {
   });
 }
 
-// A single file: everything stands in the page.
+// The page's own text is on the screen, or not seen at all.
+const painted = () =>
+  new Promise((done) => {
+    new PerformanceObserver(done).observe({ type: "largest-contentful-paint", buffered: true });
+    setTimeout(done, 500);
+  });
+
+// A single file: everything stands in the page, with a first view as text, which is seen at once.
 async function fromPage(root, holders) {
-  const payloads = await Promise.all([...holders].map(bufferOf));
+  const [payloads] = await Promise.all([Promise.all([...holders].map(bufferOf)), painted()]);
   let viewer = null;
   viewer = new Viewer(root, payloads, {
     frames: async (motion, add) => {

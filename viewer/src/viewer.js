@@ -41,7 +41,8 @@ export class Viewer {
     this.isPlaying = false;
     this.clouds = this.motions.map(() => null);
     this.root = root;
-    root.replaceChildren(this.sketch());
+    // A single file has its first view in its text.
+    if (!root.querySelector(":scope > .first")) root.replaceChildren(this.sketch());
     // What is read stands before anything is drawn, which takes longer.
     requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(() => this.start())));
   }

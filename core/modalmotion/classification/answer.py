@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,9 @@ _STRICT: Final = 0.995
 
 # Of the amplitudes: above it probabilities were too sure (docs/decisions/0039).
 _UNSURE: Final = 0.2
+
+# Parameters that signatures must share with those of the model.
+_SAME: Final = ("remove_rotation", "components")
 
 _REFERENCE_NOTE: Final = (
     "The signature is measured from one frame, so the answer depends on which it is; fitted with "
@@ -149,18 +153,13 @@ def classify(
     flags = model.outliers.flags(read)
     if flags:
         return _answer(signature, model, coverage, flags)
-    features = model.features(read)
-    probabilities = model.probabilities(features[None])[0]
-    share = volume_share(read)
-    ruled_out = model.contradicts(share)
+    features, share = model.features(read), volume_share(read)
+    probabilities, ruled_out = model.probabilities(features[None])[0], model.contradicts(share)
     if ruled_out.all():
-        words = (
-            f"it loses {share:.0%} of its volume, which no class of the model does. Look at the "
-            "recording"
-        )
+        words = f"it loses {share:.0%} of its volume, which no class of the model does. Look at it"
         return _answer(signature, model, coverage, (Flag(OUT_OF_DOMAIN, words),))
     likeliest = int(probabilities.argmax())
-    notes = []
+    notes = _notes(signature, model)
     if ruled_out[likeliest]:
         low, high = model.shares[likeliest]
         notes.append(
@@ -169,29 +168,39 @@ def classify(
         )
     probabilities = np.where(ruled_out, 0.0, probabilities)
     probabilities = probabilities / probabilities.sum()
-    found = _class_set(model, probabilities, coverage)
-    if found.is_strange:
-        return _answer(signature, model, coverage, (Flag(OUT_OF_DOMAIN, found.words),))
     label = model.classes[int(probabilities.argmax())]
-    notes += [found.words, *model.notes.get(label, ())]
-    return Classification(
-        sequence_id=signature.sequence_id,
-        model=model.name,
-        model_id=model.id,
+    held, strict = (
+        model.holds(probabilities[None], level)[0] & (probabilities > 0.0)
+        for level in (coverage, max(coverage, _STRICT))
+    )
+    if not strict.any():
+        words = (
+            f"it is unlike every class at {max(coverage, _STRICT):.1%}: none is as probable as in "
+            "nearly all cases that are of it. Look at the recording"
+        )
+        return _answer(signature, model, coverage, (Flag(OUT_OF_DOMAIN, words),))
+    if held.any():
+        # The label is in the set wherever another class is.
+        held[int(probabilities.argmax())] = True
+    else:
+        notes.append(
+            f"Unlike every class at {coverage:.0%}: {label} is the most probable, but less so than "
+            f"in {coverage:.0%} of the cases that are of it."
+        )
+    notes += [*model.notes.get(label, ()), *model.notes.get("", ())]
+    few = model.too_few(coverage)
+    if few:
+        notes.append(
+            f"Too few cases to rule out {', '.join(few)} at a coverage of {coverage:.3g}: every "
+            f"class set holds {'it' if len(few) == 1 else 'them'}."
+        )
+    return replace(
+        _answer(signature, model, coverage, ()),
         label=label,
-        classes=model.classes,
         probabilities=probabilities,
-        class_set=found.classes,
-        coverage=coverage,
-        flags=(),
+        class_set=tuple(c for c, keep in zip(model.classes, held, strict=True) if keep),
         explanation=explain(features, model, read, probabilities),
-        notes=(
-            *_notes(signature, model),
-            *filter(None, notes),
-            *model.notes.get("", ()),
-            *_few_cases(model, coverage),
-        ),
-        provenance=provenance(),
+        notes=tuple(notes),
     )
 
 
@@ -217,60 +226,49 @@ def fitted_in(readable: Readable, sequence: MeshSequence) -> ModalSignature:
             "many modes as they have.",
             details=error.details,
         ) from error
-    if imposed is None:
-        return signature
-    try:
-        return modal_signature(sequence, imposed)
-    except TopologyError:
-        return signature
+    with suppress(TopologyError):
+        return signature if imposed is None else modal_signature(sequence, imposed)
+    return signature
 
 
 def unlike(signature: ModalSignature, readable: Readable) -> Flag | None:
     """Say why a signature is not in modes that are readable; None where it is."""
-    parameters, required, modes = signature.parameters, readable.parameters, signature.modes
-    kind, n = required.kind, readable.n_modes
+    own, required, modes = signature.parameters, readable.parameters, signature.modes
+    n, n_own, what = readable.n_modes, common_count(modes), UNREADABLE
     if signature.n_frames < 2:
-        return Flag(UNREADABLE, "one frame shows no motion. Send at least two")
-    if signature.kind != kind:
-        return Flag(
-            UNREADABLE,
-            f"the model reads signatures of the kind {kind}, and this one is of the kind "
-            f"{signature.kind}, which do not compare. Fit it with kind={kind}",
+        words = "one frame shows no motion. Send at least two"
+    elif signature.kind != required.kind:
+        words = (
+            f"the model reads signatures of the kind {required.kind}, and this one is of the kind "
+            f"{signature.kind}, which do not compare. Fit it with kind={required.kind}"
         )
-    if signature.surface != readable.topology:
+    elif signature.surface != readable.topology:
         remedy = "State the topology if it is wrong"
         if readable.closes_apices and signature.surface == CYLINDER.name:
             remedy = "Fit it with topology=cup, as a cup of which the apex was cut off"
-        return Flag(
-            OUT_OF_DOMAIN,
+        what = OUT_OF_DOMAIN
+        words = (
             f"the model reads signatures of the topology {readable.topology}, this one's is "
-            f"{signature.surface}. {remedy}",
+            f"{signature.surface}. {remedy}"
         )
-    if modes.connectivity_id != readable.connectivity_id:
-        return Flag(
-            OUT_OF_DOMAIN,
-            "the model reads recordings of one mesh only, and this is another: spring "
-            "modes do not compare between meshes. Send it on that mesh, or train a model with a "
-            "topology that all surfaces have (topology)",
+    elif modes.connectivity_id != readable.connectivity_id:
+        what = OUT_OF_DOMAIN
+        words = (
+            "the model reads recordings of one mesh only, and this is another: spring modes do not "
+            "compare between meshes. Send it on that mesh, or train a model with a topology that "
+            "all surfaces have (topology)"
         )
-    if len(modes) < n or common_count(modes) < n:
-        return Flag(
-            UNREADABLE,
-            f"the model reads the first {n} modes of a {signature.surface}, and this signature "
-            f"has {common_count(modes)}. Fit it with {n} "
-            "modes, and send a finer mesh if it is too coarse",
+    elif n_own < n:
+        words = (
+            f"the model reads the first {n} modes of a {signature.surface}, and this signature has "
+            f"{n_own}. Fit it with {n} modes, and send a finer mesh if it is too coarse"
         )
-    if (parameters.remove_rotation, parameters.components) != (
-        required.remove_rotation,
-        required.components,
-    ):
-        return Flag(
-            UNREADABLE,
-            f"the model reads signatures with the rotation "
-            f"{'removed' if required.remove_rotation else 'kept'} and {required.components} "
-            "components. Fit it with the model's signature parameters",
-        )
-    return None
+    elif any(getattr(own, k) != getattr(required, k) for k in _SAME):
+        asked = ", ".join(f"{k} = {getattr(required, k)}" for k in _SAME)
+        words = f"the model reads signatures with {asked}. Fit it with the model's parameters"
+    else:
+        return None
+    return Flag(what, words)
 
 
 _NO_VOLUME: Final = Flag(
@@ -338,51 +336,3 @@ def _answer(
         notes=(*(f"No class: {flag.words}." for flag in flags), *model.notes.get("", ())),
         provenance=provenance(),
     )
-
-
-class _ClassSet(NamedTuple):
-    """Classes that cannot be ruled out; why there is none; whether the case is like no class."""
-
-    classes: tuple[str, ...]
-    words: str
-    is_strange: bool
-
-
-def _class_set(model: Model, probabilities: Array, coverage: float) -> _ClassSet:
-    """Find the classes that cannot be ruled out, those without any probability left out.
-
-    The label is in the set wherever another class is. A set may be empty: of cases like the
-    training ones up to 1 - coverage have no class in it. Such a case keeps its label, unless its
-    set is empty at a level of 99.5 %, too.
-    """
-    possible = probabilities > 0.0
-    likeliest = int(probabilities.argmax())
-    for level in (coverage, max(coverage, _STRICT)):
-        held = model.holds(probabilities[None], level)[0] & possible
-        if held.any() and level == coverage:
-            held[likeliest] = True
-            classes = tuple(c for c, keep in zip(model.classes, held, strict=True) if keep)
-            return _ClassSet(classes, "", False)
-        if held.any():
-            words = (
-                f"Unlike every class at {coverage:.0%}: {model.classes[likeliest]} is the most "
-                f"probable, but less so than in {coverage:.0%} of the cases that are of it."
-            )
-            return _ClassSet((), words, False)
-    words = (
-        f"it is unlike every class at {max(coverage, _STRICT):.1%}: none is as probable as in "
-        "nearly all cases that are of it. Look at the recording"
-    )
-    return _ClassSet((), words, True)
-
-
-def _few_cases(model: Model, coverage: float) -> tuple[str, ...]:
-    """Name classes that no set can rule out."""
-    few = model.too_few(coverage)
-    if not few:
-        return ()
-    note = (
-        f"Too few cases to rule out {', '.join(few)} at a coverage of {coverage:.3g}: every class "
-        f"set holds {'it' if len(few) == 1 else 'them'}."
-    )
-    return (note,)

@@ -101,16 +101,13 @@ class TrainingCase:
         """
         if not isinstance(self.motion, MeshSequence):
             return self
-        for n in (parameters.modes, *fewer):
+        tried = parameters, *(replace(parameters, modes=n) for n in fewer)
+        for one in tried:
             try:
-                return replace(
-                    self, motion=modal_signature(self.motion, replace(parameters, modes=n))
-                )
-            except ModeCountError as error:
-                if n == (parameters.modes, *fewer)[-1]:
-                    raise named(error, self.name) from error
+                return replace(self, motion=modal_signature(self.motion, one))
             except ModalMotionError as error:
-                raise named(error, self.name) from error
+                if one is tried[-1] or not isinstance(error, ModeCountError):
+                    raise named(error, self.name) from error
         raise AssertionError
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import difflib
 import math
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from operator import itemgetter
@@ -16,16 +14,7 @@ from numpy.typing import NDArray
 from modalmotion.classification.cases import TrainingCase, case_name
 from modalmotion.representation import counted
 
-# A class of one case is called misspelt beside a class of as many.
-_MANY: Final = 5
-
-# Least likeness of the two names: "weka" and "weak" have 0.75.
-_ALIKE: Final = 0.74
-
 _TIMES_LARGER: Final = 30.0
-
-# Share of subjects in several classes from which on their ids may be numbered by class.
-_RESTARTED: Final = 0.5
 
 # Cases that are named for one reason.
 _MOST_NAMED: Final = 5
@@ -57,7 +46,7 @@ Confound = dict[str, Any]
 
 
 def cohort_notes(rows: Sequence[TrainingCase], sizes: Sequence[float]) -> tuple[str, ...]:
-    """Name classes spelt alike, subjects unstated or in several classes, sizes far from others'.
+    """Name classes spelt alike, subjects unstated, and sizes far from others'.
 
     Parameters
     ----------
@@ -66,56 +55,24 @@ def cohort_notes(rows: Sequence[TrainingCase], sizes: Sequence[float]) -> tuple[
         Logs of the sizes of their surfaces.
     """
     unstated = () if any(row.subject for row in rows) else (SUBJECT_NOTE,)
-    return (*_spelling(rows), *unstated, *_restarted(rows), *_sizes(rows, sizes))
-
-
-def _restarted(rows: Sequence[TrainingCase]) -> Iterator[str]:
-    """Note ids of subjects that most classes share: their numbering may begin anew in each."""
-    classes: dict[str, set[str]] = {}
-    for row in rows:
-        if row.subject is not None:
-            classes.setdefault(row.subject, set()).add(row.label)
-    shared = [subject for subject, labels in classes.items() if len(labels) > 1]
-    if len(shared) >= 2 and len(shared) >= _RESTARTED * len(classes):
-        yield (
-            f"{len(shared)} of {len(classes)} subjects have recordings of several classes, and "
-            "count as one person each. If their numbering begins anew in each class, put the class "
-            "before the number, such as 'normal 1': else persons that have nothing to do with one "
-            "another are kept together."
-        )
+    return (*_spelling(rows), *unstated, *_sizes(rows, sizes))
 
 
 def _spelling(rows: Sequence[TrainingCase]) -> Iterator[str]:
-    counts = Counter(row.label for row in rows)
-    by_rarity = sorted(counts, key=lambda label: (counts[label], label))
-    for k, label in enumerate(by_rarity):
-        others = by_rarity[k + 1 :]
-        plain = _plain(label)
-        twin = next((one for one in reversed(others) if _plain(one) == plain), None)
-        cases = _named([_name(row) for row in rows if row.label == label])
-        if twin is not None:
-            what = "case" if label.split() != twin.split() else "blanks"
+    spelt: dict[str, list[str]] = {}
+    for label, _ in Counter(row.label for row in rows).most_common():
+        spelt.setdefault(_plain(label), []).append(label)
+    for usual, *others in spelt.values():
+        for label in others:
+            cases = _named([_name(row) for row in rows if row.label == label])
             yield (
-                f"The class {label[:80]!r} differs from {twin[:80]!r} in {what} alone: case "
+                f"The class {label[:80]!r} differs from {usual[:80]!r} in case or blanks alone: "
                 f"{cases}. If they are the same, spell them alike."
-            )
-            continue
-        many = [one for one in others if counts[one] >= _MANY and _words(one) != _words(label)]
-        close = difflib.get_close_matches(label, many, n=1, cutoff=_ALIKE)
-        if counts[label] == 1 and close:
-            yield (
-                f"The class {label[:80]!r} has one case, {cases}, and is spelt nearly as "
-                f"{close[0][:80]!r}. If it is a misspelling, correct it."
             )
 
 
 def _plain(label: str) -> str:
     return " ".join(label.casefold().split())
-
-
-def _words(label: str) -> str:
-    """Give a name without its numbers: "grade 1" and "grade 2" are no misspelling."""
-    return re.sub(r"\d+", "", label)
 
 
 def _sizes(rows: Sequence[TrainingCase], sizes: Sequence[float]) -> Iterator[str]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from modalmotion.classification.cases import (
@@ -20,6 +21,7 @@ from modalmotion.classification.cases import (
     left_out_notes,
 )
 from modalmotion.classification.caveats import cohort_notes
+from modalmotion.classification.extractor import states_walls
 from modalmotion.classification.model import Readable
 from modalmotion.classification.motion import Motion
 from modalmotion.classification.options import FEWER_MODES, OnError, TrainingOptions
@@ -134,8 +136,14 @@ def collect_cohorts(
     """
     # They may be read several times.
     cohort = list(cases) if iter(cases) is cases else cases
-    first = options.signature_parameters
-    cohorts = [_cohort(read, options) for read in _alike(cohort, options, first, progress)]
+    first, leaves_out = options.signature_parameters, options.on_error == OnError.LEAVE_OUT
+    fewer = FEWER_MODES if options.modes is None else ()
+
+    def in_each(of: Iterable[AnyCase], parameters: SignatureParameters) -> list[Cohort]:
+        found = alike(of, parameters, fewer, leaves_out=leaves_out, progress=progress)
+        return [_cohort(one, options) for one in found]
+
+    cohorts = in_each(cohort, first)
     trackings = {str(motion.signature.facts.tracking) for motion in cohorts[0].motions}
     others = cohort if offsets is None else offsets
     is_fitted = offsets is not None or any(
@@ -144,11 +152,10 @@ def collect_cohorts(
     if options.kind is not None or trackings == {"material"} or not is_fitted:
         return tuple(cohorts)
     try:
-        slid = replace(first, kind=SignatureKind.OFFSET)
-        reads = list(_alike(others, options, slid, progress))
+        second = in_each(others, replace(first, kind=SignatureKind.OFFSET))
     except ModalMotionError:
         return tuple(cohorts)
-    second = [_cohort(read, options) for read in reads if read.kind == SignatureKind.OFFSET]
+    second = [one for one in second if one.readable.parameters.kind == SignatureKind.OFFSET]
     if second and trackings == {"offset"}:
         return tuple(second)
     same = [one for one in second if np.array_equal(one.numbers, cohorts[0].numbers)]
@@ -197,8 +204,8 @@ def readable_of(signatures: Sequence[ModalSignature]) -> Readable:
     return Readable(first.surface, n, first.modes.connectivity_id, parameters)
 
 
-class _Read(NamedTuple):
-    """Cases with their signatures, the numbers they were given by, and those left out."""
+class Alike(NamedTuple):
+    """Cases whose signatures compare, the numbers they were given by, and those left out."""
 
     cases: tuple[TrainingCase, ...]
     numbers: tuple[int, ...]
@@ -206,157 +213,182 @@ class _Read(NamedTuple):
     notes: tuple[str, ...] = ()
 
     @property
-    def kind(self) -> SignatureKind:
-        return self.cases[0].signature.kind
+    def signatures(self) -> list[ModalSignature]:
+        """Signatures of the cases."""
+        return [case.signature for case in self.cases]
 
-    def surfaces(self) -> list[str]:
-        """Topologies, the commonest first."""
-        counts = Counter(case.signature.surface for case in self.cases)
-        return [surface for surface, _ in counts.most_common()]
-
-    def commonest(self) -> _Read:
+    def commonest(self) -> Alike:
         """Keep the cases of the commonest basis; leave the others out."""
-        values = [basis_of(case.signature) for case in self.cases]
-        most = Counter(values).most_common(1)[0][0] if values else None
-        kept = [k for k, value in enumerate(values) if value == most]
+        bases = list(map(basis_of, self.signatures))
+        most = Counter(bases).most_common(1)[0][0] if bases else None
+        rows = list(zip(self.cases, self.numbers, bases, strict=True))
         odd = [
             LeftOut(
                 case.name or f"case {number}",
                 f"Its {len(case.signature.modes)} modes of a {case.signature.surface} do not "
                 "compare with those of most.",
             )
-            for case, number, value in zip(self.cases, self.numbers, values, strict=True)
-            if value != most
+            for case, number, basis in rows
+            if basis != most
         ]
-        return self._replace(
-            cases=tuple(self.cases[k] for k in kept),
-            numbers=tuple(self.numbers[k] for k in kept),
-            left_out=(*self.left_out, *odd),
-        )
+        kept = [(case, number) for case, number, basis in rows if basis == most]
+        cases, numbers = zip(*kept, strict=True) if kept else ((), ())
+        return Alike(cases, numbers, (*self.left_out, *odd), self.notes)
 
 
-def _alike(
+def alike(
     cases: Iterable[AnyCase],
-    options: TrainingOptions,
     parameters: SignatureParameters,
-    progress: Progress | None,
-) -> Sequence[_Read]:
-    """Read the cases in each basis that they share; with "leave out" in that of most."""
-    leaves_out = options.on_error == OnError.LEAVE_OUT
-    read = _read(cases, options, parameters, progress)
+    fewer: Sequence[int] = (),
+    *,
+    leaves_out: bool = False,
+    progress: Progress | None = None,
+) -> list[Alike]:
+    """Read cases in each basis that they share.
+
+    Parameters
+    ----------
+    cases : iterable of TrainingCase or CaseSource
+        Sequences are fitted. They may be read several times.
+    parameters : SignatureParameters
+    fewer : sequence of int
+        As in `TrainingCase.fitted`.
+    leaves_out : bool
+        Whether to go on without cases that cannot be used, in the basis of most.
+    progress : callable, optional
+        Called with the number of readings that are done.
+
+    Raises
+    ------
+    UnlikeCasesError
+        If there is no such basis.
+    ParameterError
+        If a signature cannot be used.
+    ModalMotionError
+        If a case cannot be read or fitted.
+    """
+    cohort = list(cases) if iter(cases) is cases else cases
+
+    def read_in(basis: SignatureParameters) -> Alike:
+        return _read(cohort, basis, fewer, leaves_out=leaves_out, progress=progress)
+
+    read = read_in(parameters)
     kept = read.commonest()
     if len(kept.cases) == len(read.cases):
-        return (read,)
-    surfaces = read.surfaces()
-    others: list[_Read] = []
+        return [read]
+    counts = Counter(signature.surface for signature in read.signatures)
+    surfaces = [surface for surface, _ in counts.most_common()]
+    found = [kept] if leaves_out else []
     if parameters.topology is None and len(surfaces) > 1:
-        for basis in [
-            *(replace(parameters, topology=name) for name in surfaces if name != MESH),
-            replace(parameters, topology=MESH),
-        ]:
+        for name in (*(surface for surface in surfaces if surface != MESH), MESH):
             try:
-                other = _read(cases, options, basis, progress)
+                other = read_in(replace(parameters, topology=name))
             except ModalMotionError:
                 continue
             most = other.commonest()
             if leaves_out or len(most.cases) == len(other.cases):
-                note = f"Their shapes are {' or '.join(surfaces)}; all are read as"
-                others.append(most._replace(notes=(f"{note} {most.surfaces()[0]}.",)))
-    candidates = [*others, kept] if leaves_out else others
-    if not candidates:
-        raise _unlike(read, kept)
-    fewest = min(len(one.left_out) for one in candidates)
-    return [one for one in candidates if len(one.left_out) == fewest]
-
-
-def _unlike(read: _Read, kept: _Read) -> UnlikeCasesError:
-    odd = kept.left_out[len(read.left_out) :]
-    names = ", ".join(case.name for case in odd[:_MOST_NAMED])
-    names += ", and others" if len(odd) > _MOST_NAMED else ""
-    return UnlikeCasesError(
-        f"The training cases do not compare: {len(odd)} have other modes than most ({names}). "
-        f"{odd[0].reason}",
-        remedy="Leave them out (--skip-unreadable, on_error = 'leave out'), state one topology for "
-        "all, such as topology = sphere (--topology sphere), or give the sequences themselves, "
-        "which are then fitted in one basis.",
-        details={"left_out": [case.name for case in odd[:20]]},
-    )
+                basis = most.signatures[0].surface
+                note = f"Their shapes are {' or '.join(surfaces)}; all are read as {basis}."
+                found.append(most._replace(notes=(note,)))
+    if not found:
+        odd = kept.left_out
+        names = ", ".join(case.name for case in odd[:_MOST_NAMED])
+        names += ", and others" if len(odd) > _MOST_NAMED else ""
+        raise UnlikeCasesError(
+            f"The recordings do not compare: {len(odd)} have other modes than most ({names}). "
+            f"{odd[0].reason}",
+            remedy="Leave them out (--skip-unreadable, on_error = 'leave out'), state one topology "
+            "for all, such as topology = sphere (--topology sphere), or give the sequences "
+            "themselves, which are then fitted in one basis.",
+            details={"left_out": [case.name for case in odd[:20]]},
+        )
+    fewest = min(len(one.left_out) for one in found)
+    return [one for one in found if len(one.left_out) == fewest]
 
 
 def _read(
     cases: Iterable[AnyCase],
-    options: TrainingOptions,
     parameters: SignatureParameters,
+    fewer: Sequence[int],
+    *,
+    leaves_out: bool,
     progress: Progress | None,
-) -> _Read:
+) -> Alike:
     """Read cases wherever joblib works, in their order."""
     from joblib import Parallel, delayed
 
     numbered = enumerate(cases)
     pieces = iter(lambda: tuple(itertools.islice(numbered, _IN_ONE_PIECE)), ())
-    works = (delayed(_read_piece)(piece, options, parameters) for piece in pieces)
+    works = (delayed(_read_piece)(piece, parameters, fewer, leaves_out) for piece in pieces)
     results = Parallel(return_as="generator", batch_size=1)(works)
-    kept: list[tuple[int, TrainingCase]] = []
+    kept: dict[int, TrainingCase] = {}
     left_out: list[LeftOut] = []
     for number, case in enumerate(itertools.chain.from_iterable(results)):
         if isinstance(case, LeftOut):
             left_out.append(case)
         else:
-            kept.append((number, case))
+            kept[number] = case
         if progress is not None:
             progress(number + 1)
-    return _Read(tuple(case for _, case in kept), tuple(n for n, _ in kept), tuple(left_out))
+    return Alike(tuple(kept.values()), tuple(kept), tuple(left_out))
 
 
 def _read_piece(
     piece: tuple[tuple[int, AnyCase], ...],
-    options: TrainingOptions,
     parameters: SignatureParameters,
+    fewer: Sequence[int],
+    leaves_out: bool,
 ) -> list[TrainingCase | LeftOut]:
     results: list[TrainingCase | LeftOut] = []
     for number, source in piece:
+        called = source.name or f"case {number}"
         try:
             read = source if isinstance(source, TrainingCase) else source.read()
-            case = read.fitted(parameters, FEWER_MODES if options.modes is None else ())
-            _require_usable(case, number)
+            case = read.fitted(parameters, fewer)
+            _require_usable(case.signature, called)
         except UNUSABLE as error:
-            if options.on_error == OnError.RAISE:
+            if not leaves_out:
                 raise
-            results.append(LeftOut.of(error, source.name or f"case {number}"))
+            results.append(LeftOut.of(error, called))
         else:
             results.append(case)
     return results
 
 
-def _require_usable(case: TrainingCase, number: int) -> None:
-    signature, called = case.signature, f"The training case {case.name or number}"
-    faults = (
-        (not str(case.label or "").strip(), "has no label", "Give every case its class."),
-        (signature.n_frames < 2, "has one frame, which shows no motion", "Leave it out."),
-        (
-            signature.parameters.components != Components.CARTESIAN,
-            "has radial, tangential and axial amplitudes",
-            "Fit it with components = cartesian.",
-        ),
-        (
-            not signature.modes.length_of(signature.lengths, signature.angular_frequencies, 1.0)
-            > 0.0,
-            "has no extent in its reference frame",
-            "Choose another reference.",
-        ),
-    )
-    for is_faulty, what, remedy in faults:
-        if is_faulty:
+def _require_usable(signature: ModalSignature, called: str) -> None:
+    s, fault, remedy = signature, "", "Leave it out."
+    if s.n_frames < 2:
+        fault = "has one frame, which shows no motion"
+    elif s.parameters.components != Components.CARTESIAN:
+        fault, remedy = "has no Cartesian amplitudes", "Fit it with components = cartesian."
+    elif not s.modes.length_of(s.lengths, s.angular_frequencies, 1.0) > 0.0:
+        fault, remedy = "has no extent in its reference frame", "Choose another reference."
+    if fault:
+        raise ParameterError(
+            f"{called} {fault}.", remedy=remedy, details={"sequence_id": s.sequence_id}
+        )
+
+
+def _cohort(read: Alike, options: TrainingOptions) -> Cohort:
+    rows: dict[str, tuple[int, TrainingCase]] = {}
+    for number, case in zip(read.numbers, read.cases, strict=True):
+        called = case.name or f"case {number}"
+        if not str(case.label or "").strip():
             raise ParameterError(
-                f"{called} {what}.",
-                remedy=remedy,
-                details={"case": number, "sequence_id": signature.sequence_id},
+                f"{called} has no label.",
+                remedy="Give every case its class.",
+                details={"case": number},
             )
-
-
-def _cohort(read: _Read, options: TrainingOptions) -> Cohort:
-    rows, numbers = _distinct(read)
-    classes = tuple(sorted({case.label for case in rows}))
+        first = rows.setdefault(case.sequence_id, (number, case))[1]
+        if first.label != case.label:
+            raise ParameterError(
+                f"{called} has two classes, {first.label!r} and {case.label!r}"
+                + (f" (as {first.name})." if first.name not in ("", called) else "."),
+                remedy="Give each recording one class.",
+                details={"case": number, "sequence_id": case.sequence_id},
+            )
+    numbers, cases = zip(*rows.values(), strict=True) if rows else ((), ())
+    classes = tuple(sorted({case.label for case in cases}))
     if len(classes) < 2:
         without = f", without the {len(read.left_out)} that were left out" if read.left_out else ""
         raise ParameterError(
@@ -364,87 +396,56 @@ def _cohort(read: _Read, options: TrainingOptions) -> Cohort:
             remedy="Give cases of at least two classes.",
             details={"classes": list(classes), "left_out": [str(c) for c in read.left_out[:20]]},
         )
-    readable = readable_of([case.signature for case in rows])
-    signatures = [first_modes(case.signature, readable.n_modes) for case in rows]
-    subjects, groups = _grouped(rows, options.groups)
-    n_same, most = len(read.cases) - len(rows), options.signature_parameters.modes or 0
+    readable = readable_of([case.signature for case in cases])
+    signatures = [first_modes(case.signature, readable.n_modes) for case in cases]
+    motions = tuple(map(Motion, signatures))
+    subjects, groups = _grouped(cases, options.groups)
+    n_same, most = len(read.cases) - len(cases), options.signature_parameters.modes or 0
     notes = [*left_out_notes(read.left_out), *read.notes]
     if n_same:
         notes.append(f"{n_same} cases came twice and counted once.")
     if options.modes is None and readable.n_modes < most:
         notes.append(f"Not all have {most} modes: the first {readable.n_modes} are read of all.")
-    landmarks = [signature.landmarks for signature in signatures]
-    motions = tuple(map(Motion, signatures))
-    sizes = [motion.log_size for motion in motions]
-    notes += cohort_notes(rows, sizes)
     return Cohort(
         readable=readable,
         motions=motions,
         classes=classes,
-        y=np.array([classes.index(case.label) for case in rows]),
+        y=np.array([classes.index(case.label) for case in cases]),
         groups=groups,
         subjects=subjects,
-        sequence_ids=tuple(case.sequence_id for case in rows),
-        names=tuple(case.name for case in rows),
+        sequence_ids=tuple(case.sequence_id for case in cases),
+        names=tuple(case.name for case in cases),
         conditions=tuple(map(conditions_of, signatures)),
         numbers=np.array(numbers),
         n_given=len(read.cases) + len(read.left_out),
-        walls=all(one is not None and "theta_zero" in one.given for one in landmarks),
-        notes=tuple(notes),
+        walls=states_walls(motions),
+        notes=(*notes, *cohort_notes(cases, [motion.log_size for motion in motions])),
     )
-
-
-def _distinct(read: _Read) -> tuple[list[TrainingCase], list[int]]:
-    """Leave out what came twice; a recording of two classes is refused."""
-    known: dict[str, TrainingCase] = {}
-    rows, numbers = [], []
-    for number, case in zip(read.numbers, read.cases, strict=True):
-        first = known.get(case.sequence_id)
-        if first is None:
-            known[case.sequence_id] = case
-            rows.append(case)
-            numbers.append(number)
-        elif first.label != case.label:
-            names = {name for name in (first.name, case.name) if name}
-            what = " and ".join(sorted(names)) or f"The recording {case.sequence_id[:12]}"
-            raise ParameterError(
-                f"{what} has two classes, {first.label!r} and {case.label!r}.",
-                remedy="Give each recording one class.",
-                details={"case": number, "sequence_id": case.sequence_id},
-            )
-    return rows, numbers
 
 
 def _grouped(cases: Sequence[TrainingCase], by: str | None) -> tuple[tuple[str, ...], Groups]:
     """Subjects, and groups of cases that share a subject or a covariate."""
     subjects = tuple(case.subject or f"sequence {case.sequence_id}" for case in cases)
-    keys = [subjects]
-    if by is not None:
-        keys.append(tuple(f"\0{value}" for value in _values_of(by, cases)))
-    # Join what shares a key until nothing changes: chains of subjects and sites are short.
-    groups = np.arange(len(cases))
-    while True:
-        before = groups.copy()
-        for names in keys:
-            _, place = np.unique(np.array(names), return_inverse=True)
-            least = np.full(int(place.max()) + 1, len(cases))
-            np.minimum.at(least, place, groups)
-            groups = least[place]
-        if np.array_equal(before, groups):
-            break
+    keys = [*subjects, *(() if by is None else _values_of(by, cases))]
+    place = np.unique(keys, return_inverse=True)[1] + len(cases)
+    rows = np.arange(len(keys)) % len(cases)
+    n = len(cases) + len(keys)
+    links = scipy.sparse.coo_array((np.ones(len(keys)), (rows, place)), (n, n))
+    groups = scipy.sparse.csgraph.connected_components(links, directed=False)[1][: len(cases)]
     return subjects, np.unique(groups, return_inverse=True)[1]
 
 
 def _values_of(column: str, cases: Sequence[TrainingCase]) -> Iterator[str]:
     """Give a covariate of each case as text; what is unknown is of a value of its own."""
-    known = {name.casefold(): name for case in cases for name in case.covariates}
-    if column.casefold() not in known:
-        names = ", ".join(sorted(set(known.values()))) or "there is none"
+    stated = [{k.casefold(): v for k, v in case.covariates.items()} for case in cases]
+    known = sorted({name for case in cases for name in case.covariates})
+    if column.casefold() not in map(str.casefold, known):
         raise ParameterError(
             f"The option 'groups' names the covariate {column[:80]!r}, which no case has.",
-            remedy=f"Use a column of the manifest or a covariate of the cases: {names}.",
-            details={"option": "groups", "covariates": sorted(set(known.values()))},
+            remedy="Use a column of the manifest or a covariate of the cases: "
+            f"{', '.join(known) or 'there is none'}.",
+            details={"option": "groups", "covariates": known},
         )
-    for number, case in enumerate(cases):
-        folded = {name.casefold(): value for name, value in case.covariates.items()}
-        yield str(folded.get(column.casefold(), f"unknown {number}"))
+    for number, values in enumerate(stated):
+        # Other than any subject.
+        yield f"\0{values.get(column.casefold(), f'unknown {number}')}"

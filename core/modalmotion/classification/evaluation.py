@@ -13,11 +13,17 @@ from numpy.typing import NDArray
 from modalmotion.arguments.checking import Plotted
 from modalmotion.classification.answer import Classification, classify
 from modalmotion.classification.cases import UNUSABLE, AnyCase, LeftOut, TrainingCase
-from modalmotion.classification.intervals import Z, auc
+from modalmotion.classification.intervals import Z
 from modalmotion.classification.model import Model
-from modalmotion.classification.performance import METHODS, Answers, Performance, performance
+from modalmotion.classification.performance import (
+    METHODS,
+    Answers,
+    Performance,
+    macro_area,
+    performance,
+)
 from modalmotion.errors import ParameterError
-from modalmotion.representation import csv_text, shown
+from modalmotion.representation import counted, csv_text, shown
 
 
 @shown("truth", "answer", "probabilities", "flags", "sequence_id")
@@ -186,8 +192,15 @@ def answers_of(
     for number, source in enumerate(cases):
         try:
             case = source if isinstance(source, TrainingCase) else source.read()
+            called = case.name or f"case {number}"
             for model in models:
-                require_known(model, case.label, number, case.name)
+                if case.label not in model.classes:
+                    raise ParameterError(
+                        f"{called} has the class {str(case.label)[:80]!r}, which the model "
+                        f"{model.name!r} does not know.",
+                        remedy=f"Give cases of its classes: {', '.join(model.classes)}.",
+                        details={"case": number},
+                    )
             results = [classify(case.motion, model, coverage) for model in models]
         except UNUSABLE as error:
             if left_out is None:
@@ -199,23 +212,6 @@ def answers_of(
         if progress is not None:
             progress(float(number + 1), "classified")
     return answers
-
-
-def require_known(model: Model, label: str, number: int, name: str = "") -> None:
-    """Check that a model knows the class of a case.
-
-    Raises
-    ------
-    ParameterError
-        If it does not.
-    """
-    if label not in model.classes:
-        raise ParameterError(
-            f"The case {name or number} has the class {str(label)[:80]!r}, which the model "
-            f"{model.name!r} does not know.",
-            remedy=f"Give cases of its classes: {', '.join(model.classes)}.",
-            details={"case": number},
-        )
 
 
 def evaluation_of(model: Model, answers: Sequence[CaseAnswer], coverage: float) -> Evaluation:
@@ -269,16 +265,13 @@ def _figures_of(classes: tuple[str, ...], answers: Sequence[CaseAnswer]) -> Answ
 def _notes(model: Model, answers: Sequence[CaseAnswer]) -> tuple[str, ...]:
     """Say which cases the model knows from its training."""
     known = model.cross_validation
-    trained = set() if known is None else set(known.sequence_ids)
-    n = sum(case.sequence_id in trained for case in answers)
-    if not n:
-        return ()
+    trained = () if known is None else known.sequence_ids
+    n = len({case.sequence_id for case in answers} & {*trained})
     note = (
         f"{n} of the {len(answers)} cases are in the training set: the figures are too "
-        "optimistic. Test on "
-        "other subjects, or read the card, whose figures are of held-out cases."
+        "optimistic. Test on other subjects, or read the card, whose figures are of held-out cases."
     )
-    return (note,)
+    return (note,) if n else ()
 
 
 COMPARISON_METHODS: Final = (
@@ -353,11 +346,8 @@ class Comparison:
 
     def as_json(self) -> dict[str, Any]:
         """Return it as JSON-able values."""
-        values = asdict(self)
-        for name in ("accuracy", "auc", "log_loss", "brier"):
-            figure = getattr(self, name)
-            values[name] = None if figure is None else figure._asdict()
-        return values
+        figures = {k: v._asdict() for k, v in vars(self).items() if isinstance(v, Difference)}
+        return {**asdict(self), **figures}
 
 
 def compare_models(
@@ -417,59 +407,45 @@ def comparison_of(first: Evaluation, second: Evaluation) -> Comparison:
             f"{second.n_cases}), in another order, or with other labels.",
             remedy="Test both on the same cases.",
         )
-    _, place = np.unique([case.subject for case in first.cases], return_inverse=True)
-    one, other = (each.answers for each in (first, second))
-    right = [answers.right[0].astype(np.float64) for answers in (one, other)]
-    gains = np.bincount(place, right[1] - right[0])
+    one, other = first.answers, second.answers
+    place = np.unique(one.subjects, return_inverse=True)[1]
+    right = other.right[0].astype(np.float64) - one.right[0]
+    gains = np.bincount(place, right)
     won, lost = int((gains > 0).sum()), int((gains < 0).sum())
-    p = min(1.0, 2.0 * float(scipy.special.bdtr(min(won, lost), won + lost, 0.5)))
-    n_subjects = len(gains)
-    notes = []
+    p = float(scipy.stats.binomtest(won, won + lost).pvalue) if won + lost else 1.0
+    notes, n_subjects = [], len(gains)
     if n_subjects < 10:
         notes.append(
-            f"{n_subjects} subject{'s' if n_subjects > 1 else ''}: so few understate how uncertain "
-            "the differences are."
+            f"{counted(n_subjects, 'subject')}: so few understate how uncertain the differences "
+            "are."
         )
     notes += [f"{each.model}: {note}" for each in (first, second) for note in each.notes]
+
+    def difference(figure: str, per_case: Array) -> Difference:
+        apart = per_case / len(per_case)
+        a, b = getattr(first, figure), getattr(second, figure)
+        return _with_interval(a, b, apart - apart.mean(), place)
+
+    areas = [macro_area(each)[0] for each in (one, other)]
     return Comparison(
         models=(first.model, second.model),
         model_ids=(first.model_id, second.model_id),
         n_cases=first.n_cases,
         n_subjects=n_subjects,
-        accuracy=_difference(right[0], right[1], place)._replace(p=p),
-        auc=_auc_difference(one, other, place),
-        log_loss=_difference(one.log_losses[0], other.log_losses[0], place),
-        brier=_difference(one.briers[0], other.briers[0], place),
-        only_first=int(((right[0] == 1) & (right[1] == 0)).sum()),
-        only_second=int(((right[1] == 1) & (right[0] == 0)).sum()),
+        accuracy=difference("accuracy", right)._replace(p=p),
+        auc=None
+        if areas[0] is None or areas[1] is None
+        else _with_interval(
+            areas[0].value, areas[1].value, areas[1].influences - areas[0].influences, place
+        ),
+        log_loss=difference("log_loss", other.log_losses[0] - one.log_losses[0]),
+        brier=difference("brier", other.briers[0] - one.briers[0]),
+        only_first=int((right < 0).sum()),
+        only_second=int((right > 0).sum()),
         evaluations=(first, second),
         methods=COMPARISON_METHODS,
         notes=tuple(notes),
     )
-
-
-def _difference(first: Array, second: Array, place: NDArray[np.int64]) -> Difference:
-    """Difference of two means over cases, which belong to subjects."""
-    apart = (second - first) / len(first)
-    return _with_interval(float(first.mean()), float(second.mean()), apart - apart.mean(), place)
-
-
-def _auc_difference(first: Answers, second: Answers, place: NDArray[np.int64]) -> Difference | None:
-    """Difference of the macro areas over the classes that occur."""
-    names = [first.classes[k] for k in np.unique(first.y)]
-    sides = []
-    for answers in (first, second):
-        found = [
-            auc(answers.probabilities[0, :, k], answers.y == k)
-            for k in map(answers.classes.index, names)
-        ]
-        areas = [area for area in found if area is not None]
-        if not areas:
-            return None
-        influences = np.mean([area.influences for area in areas], axis=0)
-        sides.append((float(np.mean([area.value for area in areas])), influences))
-    (a, own), (b, other) = sides
-    return _with_interval(a, b, other - own, place)
 
 
 def _with_interval(
@@ -481,5 +457,4 @@ def _with_interval(
     error = float(np.sqrt((of_subjects**2).sum() * m / (m - 1))) if m > 1 else np.inf
     apart = second - first
     p = 2.0 * float(scipy.special.ndtr(-abs(apart) / error)) if error > 0 else float(apart == 0)
-    half = Z * error
-    return Difference(first, second, apart, apart - half, apart + half, p)
+    return Difference(first, second, apart, apart - Z * error, apart + Z * error, p)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.motion import Column, Motion
+from modalmotion.classification.motion_features import waves_of
 from modalmotion.errors import ParameterError
 from modalmotion.modes import Modes
 from modalmotion.representation import shown
@@ -76,20 +77,15 @@ def _groups(
     columns: tuple[Column, ...], modes: Modes
 ) -> tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]:
     """Modes, cosine and sine of one wave together, and the features that are read from them."""
-    pairs = {
-        k: column.modes
-        for column in columns
-        if len(column.modes) == 2 and len({modes.labels[k][0] for k in column.modes}) == 1
-        for k in column.modes
-    }
-    groups: dict[tuple[int, ...], list[int]] = {}
-    for place, column in enumerate(columns):
-        group = pairs.get(column.modes[0], column.modes) if column.modes else ()
-        if group and set(column.modes) <= set(group) and len(group) <= 2:
-            is_one = len(group) == 1 or group in pairs.values()
-            if is_one:
-                groups.setdefault(group, []).append(place)
-    return tuple((group, tuple(places)) for group, places in groups.items())
+    read = [
+        (group, tuple(k for k, column in enumerate(columns) if _is_of(column, group)))
+        for group in waves_of(modes, walls=False).modes
+    ]
+    return tuple((group, places) for group, places in read if places)
+
+
+def _is_of(column: Column, group: tuple[int, ...]) -> bool:
+    return bool(column.modes) and set(column.modes) <= set(group)
 
 
 def only_modes(signature: ModalSignature, modes: Iterable[str]) -> ModalSignature:

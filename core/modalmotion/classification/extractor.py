@@ -1,10 +1,10 @@
-"""Tables of features: what is read of a motion, and what beside it."""
+"""Tables of features: what is read of a motion, and of the volume of its cavity."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -17,10 +17,12 @@ from modalmotion.classification.motion_features import (
     has_axis,
     summary,
     summary_columns,
+    theta_is_free,
     wave_columns,
     wave_features,
     waves_of,
 )
+from modalmotion.classification.options import Timing
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.modes import Modes
 from modalmotion.representation import shown
@@ -30,8 +32,6 @@ SUMMARY: Final = "summary"
 WAVES: Final = "modes"
 TERMS: Final = "terms"
 
-SIZE: Final = "size"
-SHAPE: Final = "rest shape"
 VOLUME: Final = "volume"
 
 _IN_WORDS: Final = {
@@ -39,8 +39,11 @@ _IN_WORDS: Final = {
     SUMMARY: "a few numbers of the modes",
     WAVES: "modes and their products",
     TERMS: "modes, their products and terms",
+    VOLUME: "volume",
 }
 
+# A cycle whose next frame would be the first closes within this many usual steps.
+_CLOSED: Final = 2.5
 # Percent of the size: less motion than this counts as rest.
 _LEAST_TOTAL: Final = 1e-2
 # Starts that are tried where a cycle is begun like the typical one, and rounds of its mean.
@@ -58,15 +61,13 @@ class Extractor:
     Parameters
     ----------
     what : str
-        AXIS, SUMMARY, WAVES or TERMS of the motion; empty if only what is beside it is read.
+        AXIS, SUMMARY, WAVES or TERMS of the motion, or VOLUME of a cavity.
     is_cycle : bool
         Whether a recording is one turn of a cycle, which may start anywhere, or a transient.
     n_modes : int
         First modes that are read.
     walls : bool
         Whether the zero of theta is a known place on the body.
-    beside : tuple of str
-        SIZE, SHAPE and VOLUME.
     typical : (harmonics, modes, n) complex128 or None
         Cycle that others are begun like, before their terms are features.
     """
@@ -75,23 +76,30 @@ class Extractor:
     is_cycle: bool = True
     n_modes: int = 0
     walls: bool = False
-    beside: tuple[str, ...] = ()
     typical: Complex | None = None
 
     @property
     def description(self) -> str:
         """The features, in words."""
-        beside = ", ".join(self.beside)
-        if not self.what:
-            return beside
         time = "a cycle" if self.is_cycle else "a transient"
-        text = f"{_IN_WORDS[self.what]} of {self.n_modes} modes over {time}"
-        return f"{text}; {beside}" if beside else text
+        of_motion = f"{_IN_WORDS[self.what]} of {self.n_modes} modes over {time}"
+        return of_motion if self.reads_motion else self.what
+
+    @property
+    def reads_motion(self) -> bool:
+        """Whether it reads the motion itself, and not the volume of its cavity."""
+        return self.what != VOLUME
 
     @property
     def learns(self) -> bool:
         """Whether it depends on a typical motion, which training cases give."""
         return self.what == TERMS and self.is_cycle
+
+    def fitted(self, motions: Iterable[Motion]) -> Extractor:
+        """Learn what is learnt, from some motions."""
+        if not self.learns:
+            return self
+        return replace(self, typical=typical_motion([self.terms(motion) for motion in motions]))
 
     def values(self, motion: Motion) -> Array:
         """Features of a motion, (features,) float64.
@@ -100,23 +108,21 @@ class Extractor:
         the log of how much moves, and what share of it moves how.
         """
         modes = first(motion.modes, self.n_modes)
-        parts: list[Any] = []
+        if self.what == VOLUME:
+            return _volume(motion)
         if self.what == AXIS:
-            parts = [axis_parts(motion.harmonics[:, : self.n_modes], modes, walls=self.walls)]
-        elif self.what:
-            terms = self.terms(motion)
-            total = math.sqrt(float((np.abs(terms) ** 2).sum()))
-            shares: NDArray[Any] = terms / total if total > 0.0 else terms
-            waves = waves_of(modes, walls=self.walls)
-            read = summary if self.what == SUMMARY else wave_features
-            parts = [[math.log(max(total, _LEAST_TOTAL))], read(shares, waves)]
-            if self.typical is not None:
-                begun = begun_like(shares[None], self.typical)[0]
-                parts += [begun.real.ravel(), begun.imag.ravel()]
-            elif self.what == TERMS:
-                parts.append(np.real(shares).ravel())
-        for kind in self.beside:
-            parts.append(_beside(kind, motion, modes, walls=self.walls))
+            return axis_parts(motion.harmonics[:, : self.n_modes], modes, walls=self.walls)
+        terms = self.terms(motion)
+        total = math.sqrt(float((np.abs(terms) ** 2).sum()))
+        shares: NDArray[Any] = terms / total if total > 0.0 else terms
+        waves = waves_of(modes, walls=self.walls)
+        read = summary if self.what == SUMMARY else wave_features
+        parts: list[Any] = [[math.log(max(total, _LEAST_TOTAL))], read(shares, waves)]
+        if self.typical is not None:
+            begun = begun_like(shares[None], self.typical)[0]
+            parts += [begun.real.ravel(), begun.imag.ravel()]
+        elif self.what == TERMS:
+            parts.append(np.real(shares).ravel())
         return np.concatenate(parts)
 
     def terms(self, motion: Motion) -> NDArray[Any]:
@@ -129,15 +135,15 @@ class Extractor:
         waves = waves_of(modes, walls=self.walls)
         n_terms = N_HARMONICS if self.is_cycle else N_COSINES
         n = motion.amplitudes.shape[2]
-        columns: list[Column] = []
+        if self.what == VOLUME:
+            return Column("log largest volume / 3"), Column("share of volume lost")
         if self.what == AXIS:
-            columns += axis_columns(modes, n_terms, is_offset=n == 1, walls=self.walls)
-        elif self.what:
-            columns.append(Column("log motion", tuple(range(self.n_modes))))
-            if self.what == SUMMARY:
-                columns += summary_columns(waves, n_terms, n, is_cycle=self.is_cycle)
-            else:
-                columns += wave_columns(waves, n_terms, n)
+            return axis_columns(modes, n_terms, is_offset=n == 1, walls=self.walls)
+        columns = [Column("log motion", tuple(range(self.n_modes)))]
+        if self.what == SUMMARY:
+            columns += summary_columns(waves, n_terms, n, is_cycle=self.is_cycle)
+        else:
+            columns += wave_columns(waves, n_terms, n)
         if self.what == TERMS:
             columns += [
                 Column(f"{part}term {h + 1} {modes.labels[k]} {'xyz'[i]}", (k,))
@@ -146,14 +152,6 @@ class Extractor:
                 for k in range(len(modes))
                 for i in range(n)
             ]
-        for kind in self.beside:
-            if kind == SIZE:
-                columns.append(Column("log size"))
-            elif kind == SHAPE:
-                still = wave_columns(waves, 1, 3, ahead=False)
-                columns += [Column(f"rest shape: {column.name}") for column in still]
-            else:
-                columns += [Column("log largest volume / 3"), Column("share of volume lost")]
         return tuple(columns)
 
     def as_json(self) -> dict[str, Any]:
@@ -170,21 +168,13 @@ class Extractor:
         ValueError
             If it reads what there is not.
         """
-        what, beside = str(values["what"]), tuple(map(str, values["beside"]))
-        if what not in ("", *_IN_WORDS) or not set(beside) <= {SIZE, SHAPE, VOLUME}:
+        if values["what"] not in _IN_WORDS:
             raise ValueError("it reads what no model reads")
         motion = None
         if values["typical"] is not None:
             real, imaginary = typical.reshape(2, *map(int, values["typical"]))
             motion = real + 1j * imaginary
-        return Extractor(
-            what=what,
-            is_cycle=bool(values["is_cycle"]),
-            n_modes=int(values["n_modes"]),
-            walls=bool(values["walls"]),
-            beside=beside,
-            typical=motion,
-        )
+        return Extractor(**{**values, "typical": motion})
 
 
 def first(modes: Modes, n: int) -> Modes:
@@ -195,6 +185,30 @@ def first(modes: Modes, n: int) -> Modes:
 def reads_about_axis(motion: Motion, n_modes: int) -> bool:
     """Whether parts about an axis can be read of a motion."""
     return motion.signature.landmarks is not None and has_axis(first(motion.modes, n_modes))
+
+
+def kinds_of(
+    motions: Sequence[Motion], n_modes: int, *, is_cycle: bool, walls: bool
+) -> tuple[str, ...]:
+    """Give the kinds of features of the motion that all recordings have, the simplest first."""
+    has_axis = is_cycle and all(reads_about_axis(motion, n_modes) for motion in motions)
+    # Terms as they are mean nothing where theta may start anywhere.
+    is_free = theta_is_free(first(motions[0].modes, n_modes), walls=walls)
+    return (*((AXIS,) if has_axis else ()), SUMMARY, WAVES, *(() if is_free else (TERMS,)))
+
+
+def states_walls(motions: Sequence[Motion]) -> bool:
+    """Whether every recording states the zero of theta."""
+    landmarks = [motion.signature.landmarks for motion in motions]
+    return all(one is not None and "theta_zero" in one.given for one in landmarks)
+
+
+def timings_of(motions: Sequence[Motion], timing: Timing | str) -> tuple[bool, ...]:
+    """Give whether recordings may be cycles, and transients: (True, False) where both may be."""
+    if timing != Timing.AUTO:
+        return (timing == Timing.CYCLE,)
+    gaps = [motion.signature.closure_gap for motion in motions]
+    return (True, False) if float(np.median(gaps)) < _CLOSED else (False,)
 
 
 def volume_share(motion: Motion) -> float:
@@ -232,16 +246,7 @@ def typical_motion(motions: Sequence[Complex]) -> Complex:
     return np.asarray(mean)
 
 
-def _beside(kind: str, motion: Motion, modes: Modes, *, walls: bool) -> Array:
-    if kind == SIZE:
-        return np.array([motion.log_size])
-    if kind == SHAPE:
-        shape = motion.shape[: len(modes)].copy()
-        # The first mode moves the whole.
-        shape[0] = 0.0
-        size = float(np.linalg.norm(shape))
-        waves = waves_of(modes, walls=walls)
-        return wave_features(shape[None] / (size or 1.0), waves, ahead=False)
+def _volume(motion: Motion) -> Array:
     volumes = motion.volumes
     assert volumes is not None  # noqa: S101 (asked for only of motions that have one)
     unit = math.log(MM_PER_UNIT.get(motion.signature.unit or "", 1.0))

@@ -3,28 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.cases import (
-    UNUSABLE,
-    AnyCase,
-    LeftOut,
-    TrainingCase,
-    case_name,
-    named,
-)
-from modalmotion.classification.cohort import basis_of
+from modalmotion.classification.cases import AnyCase, LeftOut, TrainingCase
+from modalmotion.classification.cohort import alike
 from modalmotion.classification.options import OnError
-from modalmotion.errors import ParameterError, UnlikeCasesError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import csv_text, shown
-from modalmotion.signature.making import ModalSignature, SignatureParameters
+from modalmotion.signature.making import ModalSignature
 
 if TYPE_CHECKING:
     from modalmotion.classification.scikit_learn import SignatureFeatures
@@ -139,76 +130,23 @@ def feature_table(
     from modalmotion.classification.scikit_learn import SignatureFeatures
 
     transformer = SignatureFeatures() if features is None else features
-    leaves_out = OnError(on_error) == OnError.LEAVE_OUT
-    own = _read(cases, transformer.signature_parameters, leaves_out, progress)
-    try:
-        return _table(own, transformer)
-    except UnlikeCasesError as error:
-        number = error.details.get("case")
-        if not leaves_out:
-            name = own.cases[number].name if isinstance(number, int) else ""
-            raise named(error, name) from error
-    bases = [basis_of(case.signature) for case in own.cases]
-    most = Counter(bases).most_common(1)[0][0]
-    kept = [case for case, basis in zip(own.cases, bases, strict=True) if basis == most]
-    odd = [
-        LeftOut(case.name or case_name(case.sequence_id), "Its modes are other than most have.")
-        for case, basis in zip(own.cases, bases, strict=True)
-        if basis != most
+    sources = [
+        TrainingCase(one, "") if isinstance(one, MeshSequence | ModalSignature) else one
+        for one in cases
     ]
-    return _table(_Cohort(kept, [*own.left_out, *odd]), transformer)
-
-
-class _Cohort(NamedTuple):
-    """Cases with their signatures, and those left out."""
-
-    cases: list[TrainingCase]
-    left_out: list[LeftOut]
-
-
-def _read(
-    sources: Iterable[AnyCase | MeshSequence | ModalSignature],
-    parameters: SignatureParameters,
-    leaves_out: bool,
-    progress: Callable[[int], None] | None,
-) -> _Cohort:
-    """Read cases; their sequences are kept, for several topologies may have to be tried."""
-    cohort = _Cohort([], [])
-    for number, source in enumerate(sources):
-        called = str(getattr(source, "name", "") or f"case {number}")
-        try:
-            if isinstance(source, MeshSequence | ModalSignature):
-                case = TrainingCase(source, "")
-            else:
-                case = source if isinstance(source, TrainingCase) else source.read()
-            if leaves_out:
-                # Only then what cannot be fitted is to be known one by one.
-                case = case.fitted(parameters)
-            n_frames = case.motion.n_frames
-            if n_frames < 2:
-                raise ParameterError(
-                    f"{called} has one frame, which shows no motion.", remedy="Leave it out."
-                )
-        except UNUSABLE as error:
-            if not leaves_out:
-                raise
-            cohort.left_out.append(LeftOut.of(error, called))
-        else:
-            cohort.cases.append(case)
-        if progress is not None:
-            progress(number + 1)
-    return cohort
-
-
-def _table(cohort: _Cohort, transformer: SignatureFeatures) -> FeatureTable:
-    cases = cohort.cases
-    values = transformer.fit_transform([case.motion for case in cases])
+    read = alike(
+        sources,
+        transformer.signature_parameters,
+        leaves_out=OnError(on_error) == OnError.LEAVE_OUT,
+        progress=progress,
+    )[0]
+    values = transformer.fit_transform(read.cases)
     return FeatureTable(
-        names=tuple(case.name for case in cases),
-        sequence_ids=tuple(case.sequence_id for case in cases),
-        labels=tuple(case.label or None for case in cases),
-        subjects=tuple(case.subject for case in cases),
+        names=tuple(case.name for case in read.cases),
+        sequence_ids=tuple(case.sequence_id for case in read.cases),
+        labels=tuple(case.label or None for case in read.cases),
+        subjects=tuple(case.subject for case in read.cases),
         columns=tuple(transformer.get_feature_names_out().tolist()),
         values=values,
-        left_out=tuple(cohort.left_out),
+        left_out=read.left_out,
     )

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
+from operator import index
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
@@ -14,16 +15,13 @@ from numpy.typing import NDArray
 from modalmotion.classification.cohort import Cohort
 from modalmotion.classification.extractor import (
     AXIS,
-    SHAPE,
-    SIZE,
     SUMMARY,
     TERMS,
     VOLUME,
     WAVES,
     Extractor,
-    first,
-    reads_about_axis,
-    typical_motion,
+    kinds_of,
+    timings_of,
 )
 from modalmotion.classification.linear import (
     Linear,
@@ -32,17 +30,13 @@ from modalmotion.classification.linear import (
     log_losses,
     temperature_of,
 )
-from modalmotion.classification.motion_features import waves_of
-from modalmotion.classification.options import MODE_COUNTS, Timing, TrainingOptions
+from modalmotion.classification.options import MODE_COUNTS, TrainingOptions
 from modalmotion.errors import ParameterError
 from modalmotion.signature.value import whole_count
 
-# A cycle whose next frame would be the first closes within this many usual steps.
-_CLOSED: Final = 2.5
-
 # Logs of the prior where a cavity is read: few hearts are told apart by the parts about the axis
 # first, then by the volume. Of other surfaces all tables are as likely.
-_PRIOR: Final = {AXIS: 0.0, "": -0.7, SUMMARY: -2.0, WAVES: -2.0, TERMS: -2.0}
+_PRIOR: Final = {AXIS: 0.0, VOLUME: -0.7, SUMMARY: -2.0, WAVES: -2.0, TERMS: -2.0}
 
 # Tables of a model, and the least weight of one.
 _MOST_TABLES: Final = 5
@@ -113,68 +107,48 @@ class Tables:
     def __init__(self, cohort: Cohort, options: TrainingOptions) -> None:
         self.cohort = cohort
         self._options = options
-        self._read: dict[tuple[object, ...], Array] = {}
+        self._values: dict[tuple[object, ...], Array] = {}
 
     @cached_property
-    def of_motion(self) -> tuple[Extractor, ...]:
-        """Tables of the motion, the simplest first."""
+    def read(self) -> tuple[Extractor, ...]:
+        """Tables of the motion, the simplest first, then of cavities that of their volume."""
         cohort = self.cohort
         motions, walls = cohort.motions, cohort.walls
         modes, most = motions[0].modes, cohort.readable.n_modes
-        gaps = [motion.signature.closure_gap for motion in motions]
-        closes = float(np.median(gaps)) < _CLOSED
-        timings = {Timing.CYCLE: (True,), Timing.TRANSIENT: (False,)}.get(
-            Timing(self._options.timing), (True, False) if closes else (False,)
-        )
         usual = {whole_count(modes, n) for n in MODE_COUNTS if n <= most}
         found = []
         for n in sorted({n for n in usual if n <= most} | {most}):
-            waves = waves_of(first(modes, n), walls=walls)
-            has_axis = all(reads_about_axis(motion, n) for motion in motions)
-            for is_cycle in timings:
-                kinds = [AXIS] if has_axis and is_cycle else []
-                kinds += [SUMMARY, WAVES]
-                # Terms as they are mean nothing where theta may start anywhere.
-                if all(len(group) == 1 for group in waves.modes):
-                    kinds.append(TERMS)
+            for is_cycle in timings_of(motions, self._options.timing):
+                kinds = kinds_of(motions, n, is_cycle=is_cycle, walls=walls)
                 found += [Extractor(kind, is_cycle, n, walls) for kind in kinds]
+        if all(motion.volumes is not None for motion in motions):
+            found.append(Extractor(VOLUME, found[0].is_cycle, found[0].n_modes, walls))
         return tuple(found)
-
-    @cached_property
-    def beside(self) -> tuple[Extractor, ...]:
-        """Tables of what is beside the motion: of cavities alone their volume."""
-        still = (SIZE, SHAPE)
-        has_volume = all(motion.volumes is not None for motion in self.cohort.motions)
-        sets = ((VOLUME,), (*still, VOLUME)) if has_volume else ((SIZE,), still)
-        return tuple(replace(self.of_motion[0], what="", beside=beside) for beside in sets)
 
     def values(self, extractor: Extractor) -> Array:
         """Features of all cases, (cases, features)."""
         if extractor.learns:
             return np.stack([extractor.values(motion) for motion in self.cohort.motions])
-        key = (extractor.what, extractor.is_cycle, extractor.n_modes, extractor.beside)
-        if key not in self._read:
+        key = (extractor.what, extractor.is_cycle, extractor.n_modes)
+        if key not in self._values:
             values = [extractor.values(motion) for motion in self.cohort.motions]
-            self._read[key] = np.stack(values)
-        return self._read[key]
+            self._values[key] = np.stack(values)
+        return self._values[key]
 
     def fitted(self, extractor: Extractor, rows: Rows) -> Extractor:
         """Give a table what it learns from some cases."""
-        if not extractor.learns:
-            return extractor
-        terms = [extractor.terms(self.cohort.motions[k]) for k in rows.tolist()]
-        return replace(extractor, typical=typical_motion(terms))
+        return extractor.fitted(self.cohort.motions[k] for k in rows.tolist())
 
 
 def fit_rows(tables: Tables, rows: Rows) -> Fit:
     """Fit to some cases with at most five tables, weighed by how well they predict cases left out.
 
-    The motion is read in several tables, and what is beside it in others: evidence of both adds up.
+    The motion is read in several tables, and the volume in another: evidence of both adds up.
     """
     cohort = tables.cohort
     compared = _some(cohort, rows)
     y, n_classes, groups = cohort.y[compared], len(cohort.classes), cohort.groups[compared]
-    tried = [_Tried.of(tables, one, compared) for one in (*tables.of_motion, *tables.beside)]
+    tried = [_Tried.of(tables, one, compared) for one in tables.read]
     known = _weights(tried, groups)
     order = np.argsort(-known, kind="stable")[:_MOST_TABLES]
     order = order[known[order] >= min(_LEAST_WEIGHT, known[order[0]])]
@@ -247,7 +221,7 @@ def _weights(tried: Sequence[_Tried], groups: Rows) -> Array:
         np.add.at(losses[k], place, np.minimum(one.losses, 30.0))
     rng = np.random.default_rng(0)
     draws = rng.dirichlet(np.ones(len(counts)), _N_DRAWS) * len(counts)
-    reads_cavity = any(VOLUME in one.extractor.beside for one in tried)
+    reads_cavity = any(one.extractor.what == VOLUME for one in tried)
     prior = np.array([_PRIOR[one.extractor.what] * reads_cavity for one in tried])
     logs = prior - _POWER * draws @ losses.T
     shares = np.exp(logs - logs.max(axis=1, keepdims=True))
@@ -304,7 +278,7 @@ def split_cases(cohort: Cohort, options: TrainingOptions, cv: Folds | None = Non
     """
     if cv is not None:
         own = _own_folds(cv, cohort)
-        return Splits([own], not _n_torn(own, cohort), _notes_on_own(own, cohort))
+        return Splits([own], not _torn(own, cohort.groups), _notes_on_own(own, cohort))
     first, is_grouped, notes = _drawn(cohort, options, 0)
     repetitions = [first] if first else []
     for number in range(1, options.repetitions):
@@ -376,83 +350,61 @@ def _held_out(folds: Sequence[Fold]) -> set[tuple[int, ...]]:
 
 def _own_folds(cv: Folds, cohort: Cohort) -> list[Fold]:
     """Take the user's own folds of the cases that count."""
-    numbers, pairs = cohort.numbers, cv
-    split = getattr(cv, "split", None)
-    labels = [cohort.classes[k] for k in cohort.y]
+    n, pairs, split = cohort.n_given, cv, getattr(cv, "split", None)
+    rows = np.full(n, -1)
+    rows[cohort.numbers] = np.arange(len(cohort))
     try:
         with warnings.catch_warnings():
             # A splitter that does not look at groups says so.
             warnings.simplefilter("ignore", UserWarning)
             if split is not None:
-                pairs = split(np.arange(len(numbers))[:, None], np.array(labels), cohort.groups)
-            found = [(_indices(inner), _indices(outer)) for inner, outer in pairs]  # type: ignore[union-attr]
+                labels = np.array([cohort.classes[k] for k in cohort.y])
+                pairs = split(np.arange(len(cohort))[:, None], labels, cohort.groups)
+                rows = np.arange(len(cohort))
+            found = [[[index(k) for k in part] for part in pair] for pair in pairs]  # type: ignore[union-attr]
     except (TypeError, ValueError) as error:
-        raise ParameterError(f"'cv' gives no folds: {error}", remedy=_HOW) from error
-    if split is None:
-        rows = {number: row for row, number in enumerate(numbers.tolist())}
-        for k, pair in enumerate(found):
-            for index in np.concatenate(pair).tolist():
-                if not 0 <= index < cohort.n_given:
-                    raise ParameterError(
-                        f"Fold {k + 1} of 'cv' names the case {index}, but cases are numbered 0 "
-                        f"to {cohort.n_given - 1}.",
-                        remedy=_HOW,
-                        details={"fold": k + 1, "case": index},
-                    )
-        # Cases that came twice or were left out are missing.
-        found = [
-            (
-                np.array([rows[i] for i in inner.tolist() if i in rows], dtype=np.int64),
-                np.array([rows[i] for i in outer.tolist() if i in rows], dtype=np.int64),
-            )
-            for inner, outer in found
-        ]
-    folds = [(inner, outer) for inner, outer in found if len(outer)]
-    _require_partition(folds, cohort)
+        raise ParameterError(f"'cv' gives no folds: {error}.", remedy=_HOW) from error
+    if wrong := [k for pair in found for part in pair for k in part if not 0 <= k < n]:
+        raise ParameterError(
+            f"A fold of 'cv' names the case {wrong[0]}, but cases are numbered 0 to {n - 1}.",
+            remedy=_HOW,
+            details={"case": wrong[0]},
+        )
+    sides = [(rows[inner], rows[outer]) for inner, outer in found]
+    # Cases that came twice or were left out are missing.
+    folds = [(inner[inner >= 0], outer[outer >= 0]) for inner, outer in sides]
+    folds = [(inner, outer) for inner, outer in folds if len(outer)]
+    for k, (inner, outer) in enumerate(folds):
+        both = np.intersect1d(inner, outer)
+        if len(both) or len(np.unique(cohort.y[inner])) < 2:
+            fault = "leaves fewer than two classes to fit to"
+            if len(both):
+                fault = f"both fits to and predicts the case {cohort.numbers[both[0]]}"
+            raise ParameterError(f"Fold {k + 1} of 'cv' {fault}.", remedy=_HOW)
+    counts = np.zeros(len(cohort), dtype=np.int64)
+    for _, outer in folds:
+        np.add.at(counts, outer, 1)
+    if (counts != 1).any():
+        row = int(np.argmax(counts != 1))
+        case = int(cohort.numbers[row])
+        raise ParameterError(
+            f"The folds of 'cv' predict the case {case} {counts[row]} times.",
+            remedy=_HOW,
+            details={"case": case},
+        )
     return folds
 
 
-def _indices(part: Any) -> NDArray[np.int64]:
-    indices = np.asarray(part)
-    if indices.ndim != 1 or (len(indices) and indices.dtype.kind not in "iu"):
-        raise TypeError(f"{str(part)[:40]} are not indices of cases")
-    return indices.astype(np.int64)
-
-
-def _require_partition(folds: Sequence[Fold], cohort: Cohort) -> None:
-    counts = np.zeros(len(cohort), dtype=np.int64)
-    for k, (inner, outer) in enumerate(folds):
-        np.add.at(counts, outer, 1)
-        both = np.intersect1d(inner, outer)
-        n_seen = len(np.unique(cohort.y[inner]))
-        fault = ""
-        if len(both):
-            fault = f"both fits to and predicts the case {cohort.numbers[both[0]]}"
-        elif n_seen < 2:
-            fault = f"leaves {n_seen} class(es) to fit to"
-        if fault:
-            raise ParameterError(f"Fold {k + 1} of 'cv' {fault}.", remedy=_HOW)
-    wrong = np.flatnonzero(counts != 1)
-    if len(wrong):
-        case = cohort.numbers[wrong[0]]
-        raise ParameterError(
-            f"The folds of 'cv' predict the case {case} {counts[wrong[0]]} times.",
-            remedy=_HOW,
-            details={"case": int(case)},
-        )
-
-
-def _n_torn(folds: Sequence[Fold], cohort: Cohort) -> int:
-    """Count the groups on both sides of a split."""
-    groups = cohort.groups
-    return len({g for inner, outer in folds for g in np.intersect1d(groups[inner], groups[outer])})
+def _torn(folds: Sequence[Fold], groups: Rows) -> set[int]:
+    """Give the groups on both sides of a split."""
+    return {g for inner, outer in folds for g in np.intersect1d(groups[inner], groups[outer])}
 
 
 def _notes_on_own(folds: Sequence[Fold], cohort: Cohort) -> list[str]:
-    notes, n_torn = ["The folds are the user's own."], _n_torn(folds, cohort)
-    if n_torn:
+    notes, torn = ["The folds are the user's own."], _torn(folds, cohort.groups)
+    if torn:
         notes.append(
-            f"Subjects or groups on both sides of a split: {n_torn}. Cross-validation is too "
+            f"Subjects or groups on both sides of a split: {len(torn)}. Cross-validation is too "
             "optimistic."
         )
     for k, (inner, outer) in enumerate(folds):

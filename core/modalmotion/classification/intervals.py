@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 Interval = tuple[float, float]
@@ -124,8 +125,8 @@ class Auc(NamedTuple):
     influences: NDArray[np.float64]
 
 
-def auc(scores: NDArray[np.float64], is_class: NDArray[np.bool_]) -> Auc | None:
-    """Area under the curve of a score; None if the class, or the rest, has no case.
+def auc(scores: NDArray[np.float64], is_class: NDArray[np.bool_]) -> Auc:
+    """Area under the curve of a score; the class has cases, and so has the rest.
 
     Notes
     -----
@@ -133,24 +134,12 @@ def auc(scores: NDArray[np.float64], is_class: NDArray[np.bool_]) -> Auc | None:
     areas under two or more correlated receiver operating characteristic curves, Biometrics, 1988.
     """
     m, n = int(is_class.sum()), int((~is_class).sum())
-    if not m or not n:
-        return None
-    ranks = _ranks(scores)
-    influences = np.empty(len(scores))
+    ranks, shares = scipy.stats.rankdata(scores), np.empty(len(scores))
     # Share of the rest below each case of the class, and of the class above each of the rest.
-    influences[is_class] = (ranks[is_class] - _ranks(scores[is_class])) / n
-    value = float(influences[is_class].mean())
-    influences[~is_class] = 1.0 - (ranks[~is_class] - _ranks(scores[~is_class])) / m
-    influences[is_class] = (influences[is_class] - value) / m
-    influences[~is_class] = (influences[~is_class] - value) / n
-    return Auc(value, influences)
-
-
-def _ranks(scores: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Ranks from 1; those that are equal share their mean."""
-    _, place, counts = np.unique(scores, return_inverse=True, return_counts=True)
-    ranks: NDArray[np.float64] = (np.cumsum(counts) - (counts - 1) / 2)[place]
-    return ranks
+    shares[is_class] = (ranks[is_class] - scipy.stats.rankdata(scores[is_class])) / n
+    shares[~is_class] = 1.0 - (ranks[~is_class] - scipy.stats.rankdata(scores[~is_class])) / m
+    value = float(shares[is_class].mean())
+    return Auc(value, (shares - value) / np.where(is_class, m, n))
 
 
 def auc_interval(
@@ -188,15 +177,13 @@ def auc_interval(
         # Of a mean: as if the areas were one, which is the widest.
         return float(np.mean(parts))
 
+    def beyond(area: float) -> float:
+        return abs(value - area) - Z * float(np.sqrt(variance(area)))
+
     def bound(end: float) -> float:
-        near, far = value, end
-        for _ in range(50):
-            middle = (near + far) / 2
-            if abs(value - middle) < Z * np.sqrt(variance(middle)):
-                near = middle
-            else:
-                far = middle
-        return near
+        # At an area of 1 the variance is 0, and just below it is not.
+        near = value + 1e-9 * (end - value)
+        return value if value == end else float(scipy.optimize.brentq(beyond, near, end))
 
     return bound(0.0), bound(1.0)
 

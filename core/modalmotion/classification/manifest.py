@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import io
+import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +17,11 @@ from modalmotion.formats import ReadOptions
 from modalmotion.mesh import NO_FACTS, Facts, column_of, facts_in, states_fact
 from modalmotion.tracking.recording import sequence_of
 
-_COLUMNS: Final = ("path", "label", "subject")
+COLUMNS: Final = ("path", "label", "subject")
+"""Of a manifest; further ones are facts and covariates."""
+
+# As spreadsheets state the separator that their language uses.
+_STATED_SEPARATOR: Final = re.compile(r"sep=(.)\r?\n")
 
 _HOW: Final = (
     "Give a table with the columns path, label and, if known, subject and facts; or files in "
@@ -91,30 +97,110 @@ def read_manifest(
     MalformedFileError
         If it is not such a table, or a row lacks something; it names the line.
     """
-    text = _text_of(manifest)
-    lines = text.splitlines()
-    first = lines[0] if lines else ""
-    delimiter = max(",;\t", key=first.count)
-    rows = csv.DictReader(lines, delimiter=delimiter, skipinitialspace=True)
-    names = [column_of(name or "") for name in rows.fieldnames or []]
-    needed = _COLUMNS[: 2 if needs_label else 1]
-    missing = [name for name in needed if name not in names]
-    if missing:
+    needed = COLUMNS[: 2 if needs_label else 1]
+    return [
+        _labelled(manifest, row, skip_unreadable)
+        for row in manifest_rows(_text_of(manifest), manifest.name, needed)
+    ]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a manifest.
+
+    Parameters
+    ----------
+    line : int
+        Of the file, counted from 1.
+    path : str
+        As it is written.
+    label, subject : str or None
+    facts : Facts
+    """
+
+    line: int
+    path: str
+    label: str | None
+    subject: str | None
+    facts: Facts
+
+
+def manifest_rows(text: str, name: str, needed: Sequence[str] = COLUMNS[:1]) -> Iterator[Row]:
+    """Read a table as spreadsheets write it: columns separated by commas, semicolons or tabs.
+
+    Parameters
+    ----------
+    text : str
+    name : str
+        Of the file, for errors.
+    needed : sequence of str
+        Columns in which no cell may be empty.
+
+    Raises
+    ------
+    MalformedFileError
+        If it is not such a table; it names the line.
+    """
+    text = text.removeprefix("\ufeff")
+    stated = _STATED_SEPARATOR.match(text)
+    line = 1 if stated else 0
+    text = text[stated.end() if stated else 0 :]
+    first = text.partition("\n")[0]
+    # A column's name may contain one of the others.
+    separator = stated[1] if stated else max(",;\t", key=first.count)
+    rows = csv.reader(
+        io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True, strict=True
+    )
+    heading: list[str] = []
+    try:
+        for cells in rows:
+            at = line + rows.line_num
+            if not heading:
+                heading = _heading(cells, needed, f"Line {at} of '{name}'", at)
+            # Spreadsheets write the rows below a table, and the columns beside it, as empty.
+            elif any(cell.strip() for cell in cells):
+                if any(cell.strip() for cell in cells[len(heading) :]):
+                    raise _wrong(f"Line {at} of '{name}' has more columns than headings.", at)
+                row = dict(zip(heading, cells, strict=False))
+                yield _row(row, needed, separator != ",", name, at)
+    except csv.Error as error:
+        at = line + rows.line_num
+        raise _wrong(f"Line {at} of '{name}': {error}.", at) from error
+    if not heading:
+        _heading([], needed, f"'{name}'", 1)
+
+
+def _heading(cells: list[str], needed: Sequence[str], where: str, line: int) -> list[str]:
+    names = [column_of(name) for name in cells]
+    if missing := [name for name in needed if name not in names]:
+        found = ", ".join(map(repr, names[:5]))[:80]
+        raise _wrong(f"{where} has no column '{missing[0]}', only {found or 'nothing'}.", line)
+    known = (name for name in names if name in COLUMNS or states_fact(name))
+    if twice := next((name for name in known if names.count(name) > 1), None):
+        raise _wrong(f"{where} has two columns '{twice[:80]}'.", line)
+    return names
+
+
+def _row(
+    cells: dict[str, str], needed: Sequence[str], decimal_comma: bool, name: str, line: int
+) -> Row:
+    path, label, subject = (cells.get(column, "").strip() or None for column in COLUMNS)
+    for column, value in zip(needed, (path, label), strict=False):
+        if not value or "\0" in value:
+            raise _wrong(f"Line {line} of '{name}' has no {column}.", line)
+    try:
+        facts = facts_in(cells, decimal_comma=decimal_comma)
+    except ParameterError as error:
         raise MalformedFileError(
-            f"The manifest '{manifest}' has no column {' and no column '.join(missing)}; its "
-            f"first line is {first[:80]!r}.",
-            remedy=_HOW,
-        )
-    twice = [name for name, n in Counter(names).items() if n > 1 and states_fact(name)]
-    if twice:
-        raise MalformedFileError(
-            f"The manifest '{manifest}' has {names.count(twice[0])} columns '{twice[0][:80]}'.",
-            remedy="Keep one of them.",
-        )
-    rows.fieldnames = names
-    has_commas = delimiter != ","
-    settings = needed, has_commas, skip_unreadable
-    return [_row(manifest, rows.line_num, row, *settings) for row in rows]
+            f"Line {line} of '{name}': {error.message}",
+            remedy=error.remedy,
+            details={**error.details, "line": line},
+        ) from error
+    return Row(line, path or "", label, subject, facts)
+
+
+def _wrong(message: str, line: int) -> MalformedFileError:
+    return MalformedFileError(message, remedy=_HOW, details={"line": line})
 
 
 def _text_of(manifest: Path) -> str:
@@ -204,38 +290,15 @@ def _by_folder(path: Path, skip_unreadable: bool) -> LabelledFile:
     return LabelledFile(path, label, None)
 
 
-def _row(
-    manifest: Path,
-    line: int,
-    row: dict[str, Any],
-    needed: Sequence[str],
-    decimal_comma: bool,
-    skip_unreadable: bool,
-) -> LabelledFile:
-    values = {name: (row.get(name) or "").strip() for name in _COLUMNS}
-    for name in needed:
-        if not values[name]:
-            raise MalformedFileError(
-                f"Line {line} of '{manifest.name}' has no {name}.",
-                remedy=f"Fill it in, or remove the line. {_HOW}",
-                details={"line": line},
-            )
-    url = values["path"] if "://" in values["path"] else None
-    path = Path(values["path"].partition("?")[0]) if url else manifest.parent / values["path"]
+def _labelled(manifest: Path, row: Row, skip_unreadable: bool) -> LabelledFile:
+    is_url = "://" in row.path
+    path = Path(row.path.partition("?")[0]) if is_url else manifest.parent / row.path
     if not (path.exists() or skip_unreadable):
         raise MalformedFileError(
-            f"Line {line} of '{manifest.name}' names '{values['path']}', and there is no such "
-            "file.",
+            f"Line {row.line} of '{manifest.name}' names '{row.path}', and there is no such file.",
             remedy="Paths are relative to the folder of the manifest. To continue without such "
             "files use --skip-unreadable.",
-            details={"line": line},
+            details={"line": row.line},
         )
-    try:
-        facts = facts_in(row, decimal_comma=decimal_comma)
-    except ParameterError as error:
-        raise MalformedFileError(
-            f"Line {line} of '{manifest.name}': {error.message}",
-            remedy=error.remedy,
-            details={**error.details, "line": line},
-        ) from error
-    return LabelledFile(path, values["label"], values["subject"] or None, facts, url)
+    url = row.path if is_url else None
+    return LabelledFile(path, row.label or "", row.subject, row.facts, url)

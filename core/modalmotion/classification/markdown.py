@@ -6,10 +6,11 @@ import html
 import json
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from modalmotion.classification.card import ModelCard
+from modalmotion.classification.intervals import Interval
 from modalmotion.classification.model_files import DEFAULT_MODEL, OFFSET_MODEL
 
 # What would be read as Markdown or as a table, in texts of others.
@@ -59,12 +60,12 @@ def card_markdown(
         *_evaluation(card),
         "## Class sets",
         _sets(card),
-        *_confounds(card),
+        _list("## Conditions that separate the classes", (one["text"] for one in card.confounds)),
         "## Training",
         f"Reads: {_plain(card.reads)}" if card.reads else "",
         _table(("option", "value"), sorted(card.options.items())),
         _table(("library", "version"), sorted(card.versions.items())),
-        *_notes(card),
+        _list("## Caveats", card.notes),
         "## How to use it",
         *_use(name, version, file),
     ]
@@ -85,21 +86,19 @@ def _use(name: str, version: int | None, file: str | None) -> list[str]:
     return [f"```sh\nmodalmotion classify beat.npz --model {shlex.quote(place)}\n```", words]
 
 
-def _head(name: str, card: ModelCard) -> str:
+def _head(model: str, card: ModelCard) -> str:
     """Facts for machines; JSON is YAML too, so that no text can break out of its place."""
     facts: dict[str, Any] = {
         "library_name": "modalmotion",
         "tags": ["modalmotion", "motion", "mesh", "medical", "not-a-medical-device"],
     }
     measured = [
-        {"type": kind, "name": said, "value": value}
-        for kind, said, value in _metrics(card)
-        if value is not None
+        {"type": kind, "name": name, "value": value} for kind, name, value, _ in _metrics(card)
     ]
     if measured:
         facts["model-index"] = [
             {
-                "name": name,
+                "name": model,
                 "results": [
                     {
                         "task": {"type": "other", "name": "Motion classification"},
@@ -116,67 +115,44 @@ def _head(name: str, card: ModelCard) -> str:
     return "\n".join(["---", *lines, "---"])
 
 
-def _metrics(card: ModelCard) -> list[tuple[str, str, float | None]]:
-    return [
-        ("accuracy", "Accuracy", card.accuracy),
-        ("balanced_accuracy", "Balanced accuracy", card.balanced_accuracy),
-        ("roc_auc", "AUC, macro", card.auc),
-        ("log_loss", "Log loss", card.log_loss),
-        ("brier_score", "Brier score", card.brier),
-        ("calibration_error", "Expected calibration error", card.calibration_error),
+def _metrics(card: ModelCard) -> list[tuple[str, str, float, Interval | None]]:
+    """Kinds of figures, as registries call them, with their names, values and intervals."""
+    every = [
+        ("accuracy", "Accuracy", card.accuracy, card.accuracy_interval),
+        ("balanced_accuracy", "Balanced accuracy", card.balanced_accuracy, None),
+        ("roc_auc", "AUC, macro", card.auc, card.auc_interval),
+        ("log_loss", "Log loss", card.log_loss, card.log_loss_interval),
+        ("brier_score", "Brier score", card.brier, card.brier_interval),
+        ("calibration_error", "Expected calibration error", card.calibration_error, None),
     ]
+    return [(kind, name, value, ends) for kind, name, value, ends in every if value is not None]
 
 
 def _evaluation(card: ModelCard) -> list[str]:
     if card.accuracy is None:
         return ["There was no cross-validation: its accuracy is unknown."]
-    intervals = {
-        "Accuracy": card.accuracy_interval,
-        "AUC, macro": card.auc_interval,
-        "Log loss": card.log_loss_interval,
-        "Brier score": card.brier_interval,
-    }
-    rows = [
-        (said, f"{value:.3f}", _interval(intervals.get(said)))
-        for _, said, value in _metrics(card)
-        if value is not None
-    ]
-    how = (
-        "No subject was on both sides."
-        if card.is_grouped
-        else "Cases were separated, not subjects."
+    apart = (
+        "No subject was on both sides" if card.is_grouped else "Cases were kept apart, subjects not"
     )
-    parts = [
-        f"Cross-validation, {max(len(card.repetitions), 1)} times. {how}",
+    rows = [(name, *_figure((value, *(ends or ())))) for _, name, value, ends in _metrics(card)]
+    by_class = (card.sensitivity, card.specificity, card.class_auc)
+    return [
+        f"Cross-validation, {max(len(card.repetitions), 1)} times. {apart}.",
         _table(("figure", "value", "95 % interval"), rows),
-    ]
-    if card.sensitivity:
-        parts.append(
-            _table(
-                ("class", "sensitivity", "specificity", "AUC"),
-                [
-                    (
-                        label,
-                        *(
-                            _figure(each.get(label))
-                            for each in (card.sensitivity, card.specificity, card.class_auc)
-                        ),
-                    )
-                    for label in card.classes
-                ],
-            )
-        )
-    if card.confusion:
+        _table(
+            ("class", "sensitivity", "specificity", "AUC"),
+            [
+                (label, *(" ".join(_figure(each.get(label, ()))) for each in by_class))
+                for label in card.classes
+            ],
+        ),
         # An extra last column counts answers without a class.
-        names = [*card.classes, "no class"][: len(card.confusion[0])]
-        rows_of = zip(card.classes, card.confusion, strict=True)
-        parts.append(
-            _table(
-                ("true class, and answers", *names),
-                [(label, *counts) for label, counts in rows_of],
-            )
-        )
-    return [*parts, _plain(card.methods)]
+        _table(
+            ("true class, and answers", *[*card.classes, "no class"][: len(card.confusion[0])]),
+            [(label, *n) for label, n in zip(card.classes, card.confusion, strict=True)],
+        ),
+        _plain(card.methods),
+    ]
 
 
 def _sets(card: ModelCard) -> str:
@@ -190,17 +166,9 @@ def _sets(card: ModelCard) -> str:
     )
 
 
-def _confounds(card: ModelCard) -> list[str]:
-    if not card.confounds:
-        return []
-    lines = [f"- {_plain(str(one.get('text', one)))}" for one in card.confounds]
-    return ["## Conditions that separate the classes", "\n".join(lines)]
-
-
-def _notes(card: ModelCard) -> list[str]:
-    if not card.notes:
-        return []
-    return ["## Caveats", "\n".join(f"- {_plain(note)}" for note in card.notes)]
+def _list(heading: str, texts: Iterable[str]) -> str:
+    lines = [f"- {_plain(text)}" for text in texts]
+    return "\n\n".join([heading, "\n".join(lines)]) if lines else ""
 
 
 def _table(names: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
@@ -219,15 +187,10 @@ def _cell(value: object) -> str:
     return _plain(text)
 
 
-def _figure(measured: Sequence[float] | None) -> str:
-    if measured is None:
-        return ""
-    value, low, high = measured
-    return f"{value:.3f} ({low:.3f} to {high:.3f})"
-
-
-def _interval(ends: Sequence[float] | None) -> str:
-    return "" if ends is None else f"{ends[0]:.3f} to {ends[1]:.3f}"
+def _figure(measured: Sequence[float]) -> tuple[str, str]:
+    """Write a value, and the interval that may follow it."""
+    value, *ends = [f"{number:.3f}" for number in measured] or [""]
+    return value, f"({' to '.join(ends)})" if ends else ""
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -32,10 +32,18 @@ _ROUNDING: Final = 1e-9
 _NOISE_OF_SHARES: Final = 0.01
 _FEWEST_OF_RANGE: Final = 20
 
-_OF_DETECTOR: Final = (
-    *("means", "whitening", "points", "scales", "directions", "centres", "signs"),
-    *("limits", "bounds"),
+OF_MODEL: Final = ("weights", "intercepts", "centre", "shares")
+OF_DETECTOR: Final = (
+    "means",
+    "whitening",
+    "points",
+    "scales",
+    "directions",
+    "signs",
+    "limits",
+    "bounds",
 )
+"""Arrays that answers depend on."""
 
 Array = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
@@ -186,17 +194,17 @@ class Model(FrozenArrays, Saved, Plotted):
     @property
     def walls(self) -> bool:
         """Whether walls are told apart, so that the zero of theta must be known."""
-        return any(table.walls and table.what for table in self.tables)
+        return any(table.walls and table.reads_motion for table in self.tables)
 
     @property
     def reads_volume(self) -> bool:
         """Whether a cavity must be enclosed."""
-        return any(VOLUME in table.beside for table in self.tables)
+        return any(table.what == VOLUME for table in self.tables)
 
     @property
     def reads_motion(self) -> bool:
-        """Whether a table reads the motion itself, and not only what is beside it."""
-        return any(table.what for table in self.tables)
+        """Whether a table reads the motion itself, and not only the volume."""
+        return any(table.reads_motion for table in self.tables)
 
     def features(self, motion: Motion) -> Array:
         """Features of a motion, of all tables, (features,)."""
@@ -285,11 +293,11 @@ def answering_parts(model: Model) -> tuple[Arrays, dict[str, Any]]:
     detector, readable = model.outliers, model.readable
     typical = [one.typical.ravel() for one in model.tables if one.typical is not None]
     arrays: Arrays = {
-        **{name: getattr(model, name) for name in ("weights", "intercepts", "centre", "shares")},
+        **{name: getattr(model, name) for name in OF_MODEL},
         "typical": np.concatenate([np.zeros(0), *(p for z in typical for p in (z.real, z.imag))]),
         "n_strangeness": np.array([len(own) for own in model.strangeness], dtype=np.int64),
         "strangeness": np.concatenate(model.strangeness),
-        **{name: getattr(detector, name) for name in _OF_DETECTOR},
+        **{name: getattr(detector, name) for name in OF_DETECTOR},
     }
     texts = {
         "name": model.name,

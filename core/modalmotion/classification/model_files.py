@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
@@ -10,10 +9,18 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalmotion.classification.card import ModelCard, ModelRecord, require_model_name
 from modalmotion.classification.extractor import Extractor
-from modalmotion.classification.model import Arrays, Model, Readable, answering_parts
+from modalmotion.classification.model import (
+    OF_DETECTOR,
+    OF_MODEL,
+    Arrays,
+    Model,
+    Readable,
+    answering_parts,
+)
 from modalmotion.classification.motion import Column
 from modalmotion.classification.outliers import CHECKS, PLACE, OutlierDetector
 from modalmotion.classification.performance import CrossValidation
@@ -24,7 +31,7 @@ from modalmotion.mesh import Facts
 from modalmotion.representation import shown
 from modalmotion.signature.parameters import parameters_from_json
 
-FORM: Final = Form("model", 8)
+FORM: Final = Form("model", 9)
 
 _LARGEST: Final = 512 * 2**20
 
@@ -40,7 +47,7 @@ RULE: Final = (
 )
 """Which of the two answers; it stands in their cards."""
 
-# Datasets of a model, with their axes.
+# Datasets of a model, with their axes: those of one name have one length.
 _AXES: Final = {
     "weights": "feature, class",
     "intercepts": "class",
@@ -48,13 +55,12 @@ _AXES: Final = {
     "typical": "value",
     "shares": "class, end",
     "n_strangeness": "class",
-    "strangeness": "case",
+    "strangeness": "score",
     "means": "class, kind",
-    "whitening": "kind, direction",
-    "points": "case, place",
+    "whitening": "kind, kind",
+    "points": "point, place",
     "scales": "place",
     "directions": "symmetry, kind",
-    "centres": "class, symmetry",
     "signs": "symmetry, kind",
     "limits": "check",
     "bounds": "bound",
@@ -209,59 +215,47 @@ def _require_size(source: bytes | Path) -> None:
 
 def _model(kept: KeptModel, contents: Contents) -> Model:
     classes, texts = kept.record.classes, kept.texts
-    n = len(classes)
     readable = Readable.from_json(texts["readable"])
     columns = tuple(Column(str(name), tuple(map(int, modes))) for name, modes in texts["columns"])
     modes = {k for column in columns for k in column.modes}
-    if len(set(classes)) < max(n, 2) or (
-        modes and not 0 <= min(modes) <= max(modes) < readable.n_modes
-    ):
+    if len(set(classes)) < max(len(classes), 2) or not modes <= set(range(readable.n_modes)):
         raise ValueError("the parts of the model do not fit together")
-    d = len(columns)
-    typical, tables = contents.array("typical", (None,)), []
+    sizes = {"class": len(classes), "feature": len(columns), "end": 2, "symmetry": 2, "bound": 3}
+    sizes |= {"place": len(PLACE), "check": len(CHECKS)}
+    arrays = {name: _array(contents, name, sizes) for name in _AXES if name in contents.arrays}
+    typical, tables = arrays["typical"], []
     for values in texts["tables"]:
         size = 0 if values["typical"] is None else 2 * int(np.prod(values["typical"]))
         tables.append(Extractor.from_json(values, typical[:size]))
         typical = typical[size:]
-    counts = contents.array("n_strangeness", (n,)).astype(np.int64)
-    strangeness = contents.array("strangeness", (int(counts.sum()),))
+    ends = np.cumsum(arrays["n_strangeness"].astype(np.int64))
+    detector = texts["detector"]
     return Model(
         name=kept.record.name,
         classes=classes,
         readable=readable,
         tables=tuple(tables),
         columns=columns,
-        weights=contents.array("weights", (d, n)),
-        intercepts=contents.array("intercepts", (n,)),
-        centre=contents.array("centre", (d,)),
-        outliers=_detector(texts["detector"], contents, n),
-        shares=contents.array("shares", (n, 2)),
-        strangeness=tuple(np.split(strangeness, np.cumsum(counts)[:-1])),
+        outliers=OutlierDetector(
+            reader=Extractor.from_json(detector["reader"], np.zeros(0)),
+            knows_size=bool(detector["knows_size"]),
+            has_unit=bool(detector["has_unit"]),
+            **{name: arrays[name] for name in OF_DETECTOR},
+        ),
+        strangeness=tuple(np.split(arrays["strangeness"], ends[:-1])),
         notes={str(label): tuple(map(str, said)) for label, said in texts["notes"].items()},
         card=ModelCard.from_json(kept.card),
-        cross_validation=_held_out(classes, contents),
+        cross_validation=_held_out(classes, arrays),
+        **{name: arrays[name] for name in OF_MODEL},
     )
 
 
-def _detector(values: Mapping[str, Any], contents: Contents, n: int) -> OutlierDetector:
-    d = contents.array("means", (n, None)).shape[1]
-    shapes: dict[str, tuple[int | None, ...]] = {
-        "means": (n, d),
-        "whitening": (d, d),
-        "points": (None, len(PLACE)),
-        "scales": (len(PLACE),),
-        "directions": (2, d),
-        "centres": (n, 2),
-        "signs": (2, d),
-        "limits": (len(CHECKS),),
-        "bounds": (3,),
-    }
-    return OutlierDetector(
-        reader=Extractor.from_json(values["reader"], np.zeros(0)),
-        knows_size=bool(values["knows_size"]),
-        has_unit=bool(values["has_unit"]),
-        **{name: contents.array(name, shape) for name, shape in shapes.items()},
-    )
+def _array(contents: Contents, name: str, sizes: dict[str, int]) -> NDArray[Any]:
+    """Read an array whose axes are as long as those of the same name that were read before."""
+    axes = _AXES[name].split(", ")
+    array = contents.array(name, tuple(sizes.get(axis) for axis in axes))
+    sizes.update(zip(axes, array.shape, strict=True))
+    return array
 
 
 def _held_out_arrays(validation: CrossValidation) -> Arrays:
@@ -277,26 +271,20 @@ def _held_out_arrays(validation: CrossValidation) -> Arrays:
     }
 
 
-def _held_out(classes: tuple[str, ...], contents: Contents) -> CrossValidation | None:
-    if "held_out_classes" not in contents.arrays:
+def _held_out(classes: tuple[str, ...], arrays: Arrays) -> CrossValidation | None:
+    if "held_out_classes" not in arrays:
         return None
-    y = contents.array("held_out_classes", (None,)).astype(np.int64)
-    n = len(y)
-    shares = contents.array("held_out_probabilities", (None, n, len(classes)))
-    folds = contents.array("held_out_folds", (len(shares), n)).astype(np.int64)
-    if not n or y.min() < 0 or y.max() >= len(classes):
+    y, ids = arrays["held_out_classes"].astype(np.int64), arrays["held_out_ids"]
+    if not len(y) or y.min() < 0 or y.max() >= len(classes):
         raise ValueError("a held-out case is of no class of the model")
-    subjects = contents.array("held_out_subjects", (n,)).tolist()
     return CrossValidation(
         classes=classes,
-        sequence_ids=tuple(
-            row.tobytes().hex() for row in contents.array("held_out_ids", (n, None))
-        ),
-        names=("",) * n,
-        subjects=tuple(f"subject {int(number) + 1}" for number in subjects),
+        sequence_ids=tuple(row.tobytes().hex() for row in ids),
+        names=("",) * len(y),
+        subjects=tuple(f"subject {int(k) + 1}" for k in arrays["held_out_subjects"]),
         y=y,
-        probabilities=shares,
-        folds=folds,
+        probabilities=arrays["held_out_probabilities"],
+        folds=arrays["held_out_folds"].astype(np.int64),
     )
 
 

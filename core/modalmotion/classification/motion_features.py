@@ -216,7 +216,7 @@ def theta_is_free(modes: Modes, *, walls: bool) -> bool:
     return any(len(group) > 1 for group in waves_of(modes, walls=walls).modes)
 
 
-def wave_features(terms: NDArray[Any], waves: Waves, *, ahead: bool = True) -> Array:
+def wave_features(terms: NDArray[Any], waves: Waves) -> Array:
     """Roots of products of modes over all terms, (features,) float64; see `wave_columns`.
 
     Parameters
@@ -224,8 +224,6 @@ def wave_features(terms: NDArray[Any], waves: Waves, *, ahead: bool = True) -> A
     terms : (terms, modes, n)
         Complex harmonics of a cycle, or real cosine terms of a transient.
     waves : Waves
-    ahead : bool
-        Whether to read which mode moves first; a shape at rest has no order.
     """
     is_cycle = np.iscomplexobj(terms)
     parts = np.concatenate([terms.real, terms.imag]) if is_cycle else terms
@@ -246,23 +244,20 @@ def wave_features(terms: NDArray[Any], waves: Waves, *, ahead: bool = True) -> A
     paired = s < zero
     turned = paired[i] & paired[j]
     products.append((both[c[i], s[j]] - both[s[i], c[j]])[turned])
-    if ahead:
-        if is_cycle:
-            led = own @ _flat(np.concatenate([terms.imag, -terms.real])).T
-        else:
-            led = own @ _flat(np.tensordot(_areas(len(terms)), terms, axes=1)).T
-        products += [
-            led[c[i], c[j]] + led[s[i], s[j]],
-            led[c, s][paired],
-            (led[c[i], s[j]] - led[s[i], c[j]])[turned],
-        ]
+    if is_cycle:
+        led = own @ _flat(np.concatenate([terms.imag, -terms.real])).T
+    else:
+        led = own @ _flat(np.tensordot(_areas(len(terms)), terms, axes=1)).T
+    products += [
+        led[c[i], c[j]] + led[s[i], s[j]],
+        led[c, s][paired],
+        (led[c[i], s[j]] - led[s[i], c[j]])[turned],
+    ]
     flat = np.concatenate(products)
     return np.concatenate([*found, np.copysign(np.sqrt(np.abs(flat)), flat)])
 
 
-def wave_columns(
-    waves: Waves, n_terms: int, n_directions: int, *, ahead: bool = True
-) -> tuple[Column, ...]:
+def wave_columns(waves: Waves, n_terms: int, n_directions: int) -> tuple[Column, ...]:
     """Columns of the values of `wave_features`: sizes, what moves together, what moves first."""
     every = tuple(k for group in waves.modes for k in group)
     paired = [len(group) > 1 for group in waves.modes]
@@ -281,14 +276,13 @@ def wave_columns(
     ]
     columns += [Column(f"spread {k}", every) for k in range(1, n_directions + 1)]
     columns += of_pairs("together", False) + of_pairs("beside", True)
-    if ahead:
-        columns += of_pairs("ahead", False)
-        columns += [
-            Column(f"runs {name}", group)
-            for name, group, has in zip(waves.names, waves.modes, paired, strict=True)
-            if has
-        ]
-        columns += of_pairs("ahead beside", True)
+    columns += of_pairs("ahead", False)
+    columns += [
+        Column(f"runs {name}", group)
+        for name, group, has in zip(waves.names, waves.modes, paired, strict=True)
+        if has
+    ]
+    columns += of_pairs("ahead beside", True)
     return tuple(columns)
 
 

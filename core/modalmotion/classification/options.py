@@ -16,6 +16,13 @@ from modalmotion.signature.making import MOST_MODES, SignatureKind, SignaturePar
 MODE_COUNTS: Final = (7, 12, 18)
 """Numbers of modes that training weighs, where none is stated."""
 
+_RANGES: Final = {
+    "modes": (1, MOST_MODES),
+    "folds": (2, 20),
+    "repetitions": (1, 20),
+    "seed": (0, 2**32 - 1),
+}
+
 FEWER_MODES: Final = (12, 10, 7)
 """Numbers of modes that are tried where a recording has too few vertices for the largest."""
 
@@ -81,35 +88,21 @@ class TrainingOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        kinds: tuple[tuple[str, type[StrEnum]], ...] = (
-            ("kind", SignatureKind),
-            ("timing", Timing),
-            ("on_error", OnError),
-        )
-        for name, kind in kinds:
+        for name, kind in (("kind", SignatureKind), ("timing", Timing), ("on_error", OnError)):
             value = getattr(self, name)
-            if value is not None or name != "kind":
-                object.__setattr__(self, name, _member(kind, name, value))
-        for name, least, most in (
-            ("modes", 1, MOST_MODES),
-            ("folds", 2, 20),
-            ("repetitions", 1, 20),
-            ("seed", 0, 2**32 - 1),
-        ):
+            if value is None and name == "kind":
+                continue
+            try:
+                object.__setattr__(self, name, kind(str(value)))
+            except ValueError:
+                raise _wrong(name, value, f"one of: {', '.join(kind)}") from None
+        for name, (least, most) in _RANGES.items():
             value = getattr(self, name)
             is_whole = isinstance(value, int) and not isinstance(value, bool)
             if (value is not None or name != "modes") and not (is_whole and least <= value <= most):
-                raise ParameterError(
-                    f"The option '{name}' is {value!r}.",
-                    remedy=f"Use a whole number from {least} to {most:,}.",
-                    details={"option": name, "least": least, "most": most},
-                )
+                raise _wrong(name, value, f"a whole number from {least} to {most:,}")
         if self.groups is not None and not str(self.groups).strip():
-            raise ParameterError(
-                f"The option 'groups' is {str(self.groups)[:80]!r}.",
-                remedy="Use the name of a covariate, such as site, or leave it out.",
-                details={"option": "groups"},
-            )
+            raise _wrong("groups", self.groups, "the name of a covariate, such as site")
         if self.topology not in (None, MESH):
             object.__setattr__(self, "topology", Topology.parse(str(self.topology)).name)
 
@@ -140,13 +133,13 @@ class TrainingOptions:
         ParameterError
             If there is no such option, or one is out of range.
         """
-        known = {f.name for f in fields(TrainingOptions)}
-        unknown = sorted(set(map(str, values)) - known)
-        if unknown:
-            raise ParameterError(
-                f"There is no training option {unknown[0][:80]!r}.",
-                remedy=f"Use: {', '.join(sorted(known))}.",
-            )
+        known = sorted(f.name for f in fields(TrainingOptions))
+        for name in values:
+            if name not in known:
+                raise ParameterError(
+                    f"There is no training option {str(name)[:80]!r}.",
+                    remedy=f"Use: {', '.join(known)}.",
+                )
         return TrainingOptions(**values)
 
 
@@ -168,12 +161,9 @@ def require_coverage(coverage: float) -> None:
         )
 
 
-def _member(kind: type[StrEnum], name: str, value: object) -> StrEnum:
-    try:
-        return kind(str(value))
-    except ValueError:
-        raise ParameterError(
-            f"The option '{name}' is {str(value)[:80]!r}.",
-            remedy=f"Use one of: {', '.join(kind)}.",
-            details={"option": name},
-        ) from None
+def _wrong(name: str, value: object, use: str) -> ParameterError:
+    return ParameterError(
+        f"The option '{name}' is {str(value)[:80]!r}.",
+        remedy=f"Use {use}.",
+        details={"option": name},
+    )

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from modalmotion.classification.extractor import Extractor, first, reads_about_axis
+from modalmotion.classification.extractor import AXIS, Extractor, first
 from modalmotion.classification.linear import class_means
 from modalmotion.classification.motion import Motion
 from modalmotion.classification.motion_features import (
@@ -45,8 +47,6 @@ _LARGEST_STEP: Final = 0.6
 _IMAGE: Final = 1.0 / 3.0
 # A motion so small has no kind; its logarithm is still a number.
 _NO_MOTION: Final = 1e-12
-# Pairs of a case and a training case that are compared at once.
-_MOST_PAIRS: Final = 250_000
 
 KNOWN_SHARE: Final = 0.99
 """Share of recordings like the training cases that are within all limits."""
@@ -101,23 +101,19 @@ class Inputs(NamedTuple):
         return Inputs(self.kinds[rows], self.places[rows])
 
 
-def inputs_of(motion: Motion, reader: Extractor, *, knows_size: bool) -> Inputs:
-    """Read one recording."""
-    terms, modes = reader.terms(motion), first(motion.modes, reader.n_modes)
-    amount = max(motion.amount, _NO_MOTION)
-    if reads_about_axis(motion, reader.n_modes) and reader.is_cycle:
-        kinds = axis_parts(terms / (100.0 * amount), modes, walls=reader.walls)  # type: ignore[arg-type]
-    else:
-        kinds = wave_features(terms / (100.0 * amount), waves_of(modes, walls=reader.walls))
-    size = motion.log_size if knows_size else 0.0
-    place = [math.log(amount), size, motion.log_elongation]
-    return Inputs(kinds[None], np.array([place]))
-
-
-def inputs_of_all(motions: tuple[Motion, ...], reader: Extractor, *, knows_size: bool) -> Inputs:
-    """Read many recordings."""
-    each = [inputs_of(motion, reader, knows_size=knows_size) for motion in motions]
-    return Inputs(*(np.concatenate(parts) for parts in zip(*each, strict=True)))
+def inputs_of(motions: Iterable[Motion], reader: Extractor) -> Inputs:
+    """Read recordings."""
+    kinds, places = [], []
+    for motion in motions:
+        modes = first(motion.modes, reader.n_modes)
+        amount = max(motion.amount, _NO_MOTION)
+        terms = reader.terms(motion) / (100.0 * amount)
+        if reader.what == AXIS:
+            kinds.append(axis_parts(np.asarray(terms, dtype=complex), modes, walls=reader.walls))
+        else:
+            kinds.append(wave_features(terms, waves_of(modes, walls=reader.walls)))
+        places.append((math.log(amount), motion.log_size, motion.log_elongation))
+    return Inputs(np.array(kinds), np.array(places))
 
 
 def symmetry_signs(motion: Motion, reader: Extractor) -> Array:
@@ -131,7 +127,7 @@ def symmetry_signs(motion: Motion, reader: Extractor) -> Array:
     modes = first(motion.modes, reader.n_modes)
     n = motion.amplitudes.shape[2]
     signs: list[tuple[float, float]] = []
-    if reads_about_axis(motion, reader.n_modes) and reader.is_cycle:
+    if reader.what == AXIS:
         for column in axis_columns(modes, 2, is_offset=n == 1, walls=reader.walls):
             words = column.name.split()
             is_signed = words[0] in ("radial", "turning", "axial") or words[-3] == "zero"
@@ -174,8 +170,6 @@ class OutlierDetector:
     directions : (2, columns) float64
         Along which motions differ most from their mirror images and from themselves backwards,
         of unit variance within a class.
-    centres : (classes, 2) float64
-        Mean of each class along these.
     signs : (2, columns) float64
         See `symmetry_signs`.
     limits : (checks,) float64
@@ -194,16 +188,14 @@ class OutlierDetector:
     points: Array
     scales: Array
     directions: Array
-    centres: Array
     signs: Array
     limits: Array
     bounds: Array
 
     def read(self, motion: Motion) -> Inputs:
         """Read one recording."""
-        knows = self.knows_size and self.has_unit == (motion.signature.unit is not None)
-        inputs = inputs_of(motion, self.reader, knows_size=knows)
-        if not knows:
+        inputs = inputs_of((motion,), self.reader)
+        if not self.knows_size or self.has_unit != (motion.signature.unit is not None):
             # In a unit that does not compare the size is as usual.
             inputs.places[0, 1] = np.median(self.points[:, 1])
         return inputs
@@ -216,8 +208,7 @@ class OutlierDetector:
     def scores(self, inputs: Inputs) -> Array:
         """Scores of `CHECKS`, (cases, checks): the larger, the stranger."""
         nearest = self.distances(inputs.kinds).min(axis=1)
-        along = inputs.kinds @ self.directions.T
-        apart = along[:, None] - self.centres
+        apart = (inputs.kinds[:, None] - self.means) @ self.directions.T
         beside = np.take_along_axis(apart, np.abs(apart).argmin(axis=1)[:, None], axis=1)[:, 0]
         # What is no nearer to a class turned round is as it should be.
         for k, signs in enumerate(self.signs):
@@ -266,12 +257,8 @@ class OutlierDetector:
     def _from_places(self, places: Array) -> Array:
         """Distance from the fifth neighbour among the training cases, (cases,)."""
         n = min(_N_NEIGHBOURS, len(self.points))
-        found, step = np.empty(len(places)), max(1, _MOST_PAIRS // len(self.points))
-        for k in range(0, len(places), step):
-            apart = (places[k : k + step, None] - self.points) / self.scales
-            squares = np.einsum("ijk,ijk->ij", apart, apart)
-            found[k : k + step] = np.partition(squares, n - 1, axis=1)[:, n - 1]
-        return np.sqrt(found)
+        apart = scipy.spatial.distance.cdist(places / self.scales, self.points / self.scales)
+        return np.asarray(np.partition(apart, n - 1, axis=1)[:, n - 1])
 
     def _of_place(self, place: Array) -> Flag:
         """Say in what the size, shape or amount of motion is unlike those of the training cases."""
@@ -281,25 +268,25 @@ class OutlierDetector:
         if farthest == "size":
             least, most, own = (math.exp(value[1]) for value in (low, high, place))
             unit = " mm" if self.has_unit else ""
-            return Flag(
-                OTHER_SIZE,
+            words = (
                 f"its size is {own:.3g}{unit}, and those of the training cases are {least:.3g} to "
-                f"{most:.3g}{unit}. Check the unit, or train with surfaces of this size",
+                f"{most:.3g}{unit}. Check the unit, or train with surfaces of this size"
             )
+            return Flag(OTHER_SIZE, words)
         if farthest == "elongation":
-            return Flag(
-                OUT_OF_DOMAIN,
+            words = (
                 "its surface is longer or shorter for its width than that of any training case. "
-                "Check that it is the surface that the model is for",
+                "Check that it is the surface that the model is for"
             )
+            return Flag(OUT_OF_DOMAIN, words)
         apart = (self.points - place) / self.scales
         near = np.argsort((apart[:, 1:] ** 2).sum(axis=1), kind="stable")[:_N_NEIGHBOURS]
         times = math.exp(place[0] - float(np.median(self.points[near, 0])))
-        return Flag(
-            OTHER_AMOUNT,
+        words = (
             f"its motion ({math.exp(place[0]):.1%} of its size) is {times:.2g} times that of "
-            "training cases of about its size and shape. Check the scale of the displacements",
+            "training cases of about its size and shape. Check the scale of the displacements"
         )
+        return Flag(OTHER_AMOUNT, words)
 
 
 _OF_CHECKS: Final = {
@@ -317,68 +304,65 @@ _OF_CHECKS: Final = {
 }
 
 
-def fit_outliers(
-    inputs: Inputs, y: Labels, n_classes: int, like: OutlierDetector
+def detector_for(
+    motions: Sequence[Motion],
+    y: Labels,
+    reader: Extractor,
+    folds: Iterable[tuple[Labels, Labels]],
+    groups: Labels,
 ) -> OutlierDetector:
-    """Fit a detector to some cases; nothing is beyond its limits yet.
+    """Fit a detector to training cases, with limits that cases held out stay within.
 
     Parameters
     ----------
-    inputs : Inputs
-        Of these cases.
+    motions : sequence of Motion
     y : (cases,) int64
-    n_classes : int
-    like : OutlierDetector
-        Whose reader, signs and units it has.
+        Classes from 0.
+    reader : Extractor
+    folds : iterable of ((n,) int64, (m,) int64)
+        Each case is held out once; without any folds nothing is beyond the limits.
+    groups : (cases,) int64
+        As in `with_limits`.
     """
-    kinds, places = inputs.kinds, inputs.places
-    spread = kinds.std(axis=0)
-    spread = np.where(spread > 1e-12 * np.abs(kinds).max(axis=0), spread, np.inf)
-    means = class_means(kinds, y, n_classes)
-    absent = np.bincount(y, minlength=n_classes) == 0
-    means[absent] = kinds.mean(axis=0)
-    whitening = _whitening((kinds - means[y]) / spread) / spread[:, None]
-    directions = np.stack([_direction(kinds, means, y, signs < 0) for signs in like.signs])
-    of_classes = class_means(places, y, n_classes)
-    scales = np.sqrt(((places - of_classes[y]) ** 2).mean(axis=0))
-    return replace(
-        like,
-        means=means,
-        whitening=whitening,
-        points=places,
-        scales=np.where(scales > 1e-9 * np.abs(places).max(axis=0), scales, np.inf),
-        directions=directions,
-        centres=means @ directions.T,
-        limits=np.full(len(CHECKS), np.inf),
-    )
-
-
-def empty_detector(motions: tuple[Motion, ...], reader: Extractor) -> OutlierDetector:
-    """Prepare a detector for some motions, with what does not depend on their classes."""
     units = {motion.signature.unit is not None for motion in motions}
     smooth = min(motion.smooth_share(reader.is_cycle) for motion in motions)
     amount = min(motion.amount for motion in motions)
-    nothing = np.zeros((0, 0))
-    return OutlierDetector(
-        reader=reader,
-        knows_size=len(units) == 1,
-        has_unit=True in units,
-        means=nothing,
-        whitening=nothing,
-        points=nothing,
-        scales=nothing,
-        directions=nothing,
-        centres=nothing,
-        signs=symmetry_signs(motions[0], reader),
-        limits=nothing,
-        bounds=np.array(
-            [
-                min(_LEAST_MOTION, _SHARE_OF_LEAST * amount),
-                min(_LEAST_SMOOTH, _SHARE_OF_LEAST * smooth),
-                max(_LARGEST_STEP, *(motion.largest_step for motion in motions)),
-            ]
-        ),
+    bounds = (
+        min(_LEAST_MOTION, _SHARE_OF_LEAST * amount),
+        min(_LEAST_SMOOTH, _SHARE_OF_LEAST * smooth),
+        max(_LARGEST_STEP, *(motion.largest_step for motion in motions)),
     )
+    inputs = inputs_of(motions, reader)
+    if len(units) > 1:
+        inputs.places[:, 1] = 0.0
+    signs, n_classes = symmetry_signs(motions[0], reader), int(y.max()) + 1
+
+    def fitted(rows: Labels) -> OutlierDetector:
+        (kinds, places), own = inputs.of(rows), y[rows]
+        spread = kinds.std(axis=0)
+        spread = np.where(spread > 1e-12 * np.abs(kinds).max(axis=0), spread, np.inf)
+        means = class_means(kinds, own, n_classes)
+        means[np.bincount(own, minlength=n_classes) == 0] = kinds.mean(axis=0)
+        scales = (places - class_means(places, own, n_classes)[own]).std(axis=0)
+        return OutlierDetector(
+            reader=reader,
+            knows_size=len(units) == 1,
+            has_unit=True in units,
+            means=means,
+            whitening=_whitening((kinds - means[own]) / spread) / spread[:, None],
+            points=places,
+            scales=np.where(scales > 1e-9 * np.abs(places).max(axis=0), scales, np.inf),
+            directions=np.stack([_direction(kinds, means, own, one < 0) for one in signs]),
+            signs=signs,
+            limits=np.full(len(CHECKS), np.inf),
+            bounds=np.array(bounds),
+        )
+
+    scores = np.full((len(y), len(CHECKS)), np.nan)
+    for inner, outer in folds:
+        scores[outer] = fitted(inner).scores(inputs.of(outer))
+    detector = fitted(np.arange(len(y)))
+    return detector if np.isnan(scores).any() else with_limits(detector, scores, groups)
 
 
 def with_limits(detector: OutlierDetector, scores: Array, groups: Labels) -> OutlierDetector:

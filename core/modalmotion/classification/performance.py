@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.intervals import (
+    Auc,
     Curve,
     Interval,
     RocCurve,
@@ -124,23 +125,20 @@ class Answers:
     @property
     def right(self) -> NDArray[np.bool_]:
         """Whether each label is right, (repetitions, cases)."""
-        right: NDArray[np.bool_] = self.labels == self.y
-        return right
+        return np.asarray(self.labels == self.y)
 
     @property
     def log_losses(self) -> NDArray[np.float64]:
         """Log loss of each answer, (repetitions, cases), nats."""
         shares = self.probabilities[:, np.arange(len(self.y)), self.y]
-        losses: NDArray[np.float64] = -np.log(np.maximum(shares, _LEAST))
-        return losses
+        return np.asarray(-np.log(np.maximum(shares, _LEAST)))
 
     @property
     def briers(self) -> NDArray[np.float64]:
         """Brier score of each answer, (repetitions, cases)."""
-        scores: NDArray[np.float64] = (
-            (self.probabilities - np.eye(len(self.classes))[self.y]) ** 2
-        ).sum(axis=2)
-        return scores
+        return np.asarray(
+            ((self.probabilities - np.eye(len(self.classes))[self.y]) ** 2).sum(axis=2)
+        )
 
 
 def performance(answers: Answers, *, abstains: bool = False) -> Performance:
@@ -160,9 +158,9 @@ def performance(answers: Answers, *, abstains: bool = False) -> Performance:
         np.add.at(confusion, (y, labels), 1)
     confidence = answers.probabilities.max(axis=2)
     losses, briers = answers.log_losses.mean(axis=0), answers.briers.mean(axis=0)
-    sensitivity = _by_class(answers, lambda k: (y == k, (answers.labels == k)))
-    specificity = _by_class(answers, lambda k: (y != k, (answers.labels != k)))
-    area, area_interval, by_class = _areas(answers)
+    sensitivity = _by_class(answers, lambda k: answers.labels == k, is_class=True)
+    specificity = _by_class(answers, lambda k: answers.labels != k, is_class=False)
+    area, area_interval, by_class = macro_area(answers)
     curves = [
         calibration_curve(c[has], hit[has])
         for c, hit, has in zip(confidence, right, labelled, strict=True)
@@ -171,7 +169,7 @@ def performance(answers: Answers, *, abstains: bool = False) -> Performance:
         accuracy=float(right.mean()),
         accuracy_interval=share_interval(right.mean(axis=0), answers.subjects),
         balanced_accuracy=float(np.mean([value for value, _, _ in sensitivity.values()])),
-        auc=area,
+        auc=area and area.value,
         auc_interval=area_interval,
         class_auc=by_class,
         log_loss=float(losses.mean()),
@@ -195,12 +193,12 @@ def spread(answers: Answers) -> tuple[dict[str, float | None], ...]:
     """Give the figures of each repetition alone: accuracy, AUC, log loss, Brier score, ECE."""
     figures = []
     for shares, labels in zip(answers.probabilities, answers.labels, strict=True):
-        alone = Answers(answers.classes, answers.y, answers.subjects, shares[None], labels[None])
-        curve = calibration_curve(shares.max(axis=1), labels == answers.y)
+        alone = replace(answers, probabilities=shares[None], labels=labels[None])
+        curve, area = calibration_curve(shares.max(axis=1), alone.right[0]), macro_area(alone)[0]
         figures.append(
             {
                 "accuracy": float(alone.right.mean()),
-                "auc": _areas(alone)[0],
+                "auc": area and area.value,
                 "log_loss": float(alone.log_losses.mean()),
                 "brier": float(alone.briers.mean()),
                 "calibration_error": calibration_error(curve),
@@ -209,43 +207,41 @@ def spread(answers: Answers) -> tuple[dict[str, float | None], ...]:
     return tuple(figures)
 
 
-def _by_class(answers: Answers, cases_and_hits: Callable[[int], Any]) -> dict[str, Measured]:
-    """Share of some cases for which something holds, for each class that has such cases."""
-    shares = {}
+def _by_class(
+    answers: Answers, hits: Callable[[int], NDArray[np.bool_]], *, is_class: bool
+) -> dict[str, Measured]:
+    """Share of the cases of each class, or of no such class, for which something holds."""
+    shares, subjects = {}, np.array(answers.subjects)
     for k, label in enumerate(answers.classes):
-        rows, hits = cases_and_hits(k)
-        if not rows.any():
-            continue
-        mine = hits[:, rows].mean(axis=0)
-        subjects = [s for s, keep in zip(answers.subjects, rows, strict=True) if keep]
-        shares[label] = (float(mine.mean()), *share_interval(mine, subjects))
+        rows = (answers.y == k) == is_class
+        if rows.any():
+            mine = hits(k)[:, rows].mean(axis=0)
+            shares[label] = (float(mine.mean()), *share_interval(mine, subjects[rows]))
     return shares
 
 
-def _areas(
-    answers: Answers,
-) -> tuple[float | None, Interval | None, dict[str, Measured]]:
-    """Macro area with its interval, and the area of each class."""
+def macro_area(answers: Answers) -> tuple[Auc | None, Interval | None, dict[str, Measured]]:
+    """Mean area over the classes that occur, its interval, and the area of each with its own."""
     areas: dict[str, Measured] = {}
-    values, influences, counts = [], [], []
+    found, counts = [], []
     for k, label in enumerate(answers.classes):
         is_class = answers.y == k
-        repeated = [auc(scores, is_class) for scores in answers.probabilities[:, :, k]]
-        parts = [area for area in repeated if area is not None]
-        if not parts:
+        count = int(is_class.sum()), int((~is_class).sum())
+        if 0 in count:
             continue
-        value = float(np.mean([area.value for area in parts]))
-        influence = np.mean([area.influences for area in parts], axis=0)
-        count = (int(is_class.sum()), int((~is_class).sum()))
-        areas[label] = (value, *auc_interval(value, influence, [count], answers.subjects))
-        values.append(value)
-        influences.append(influence)
+        own = _mean_area([auc(shares, is_class) for shares in answers.probabilities[:, :, k]])
+        areas[label] = own.value, *auc_interval(*own, [count], answers.subjects)
+        found.append(own)
         counts.append(count)
-    if not values:
+    if not found:
         return None, None, {}
-    macro = float(np.mean(values))
-    whole = np.mean(influences, axis=0)
-    return macro, auc_interval(macro, whole, counts, answers.subjects), areas
+    macro = _mean_area(found)
+    return macro, auc_interval(*macro, counts, answers.subjects), areas
+
+
+def _mean_area(areas: Sequence[Auc]) -> Auc:
+    values, influences = zip(*areas, strict=True)
+    return Auc(float(np.mean(values)), np.mean(influences, axis=0))
 
 
 def _roc(answers: Answers) -> dict[str, RocCurve]:

@@ -14,32 +14,28 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from modalmotion.classification.answer import fitted_in, unlike
 from modalmotion.classification.cases import TrainingCase, named
-from modalmotion.classification.cohort import basis_of, readable_of
+from modalmotion.classification.cohort import alike, readable_of
 from modalmotion.classification.extractor import (
     AXIS,
     SUMMARY,
     TERMS,
     WAVES,
     Extractor,
-    first,
-    reads_about_axis,
-    typical_motion,
+    kinds_of,
+    states_walls,
+    timings_of,
 )
 from modalmotion.classification.linear import discriminant, left_out_scores, softmax, temperature_of
 from modalmotion.classification.model import Readable
 from modalmotion.classification.motion import Motion
-from modalmotion.classification.motion_features import waves_of
-from modalmotion.classification.options import Timing, TrainingOptions
+from modalmotion.classification.options import TrainingOptions
 from modalmotion.errors import (
     ModalMotionError,
-    ModeCountError,
     ParameterError,
-    TopologyError,
     UnlikeCasesError,
 )
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes.topology import MESH
-from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.signature.value import first_modes
 
 KINDS: Final = ("auto", AXIS, SUMMARY, WAVES, TERMS)
@@ -50,11 +46,7 @@ ALL: Final = "all"
 # A covariate of more words is a name or a remark.
 _MOST_WORDS: Final = 20
 
-# A cycle whose next frame would be the first closes within this many usual steps.
-_CLOSED: Final = 2.5
-
 Array = NDArray[np.float64]
-Recording = MeshSequence | ModalSignature
 
 
 class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
@@ -150,8 +142,7 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
             If the modes of one do not compare with those of `fit`.
         """
         check_is_fitted(self)
-        readings = recordings_of(X)
-        return self._table([in_basis(k, one, self.readable_) for k, one in enumerate(readings)])
+        return self._table([_in_basis(case, self.readable_) for case in _cases(X)])
 
     def get_feature_names_out(self, input_features: Any = None) -> NDArray[np.object_]:
         """Names of the columns, (features,) object."""
@@ -179,7 +170,7 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
                 remedy=f"Use one of: {', '.join(KINDS)}.",
                 details={"option": "kind"},
             )
-        signatures = in_one_basis(recordings_of(X), self.signature_parameters)
+        signatures = alike(_cases(X), self.signature_parameters)[0].signatures
         self.readable_ = readable_of(signatures)
         motions = [Motion(first_modes(one, self.readable_.n_modes)) for one in signatures]
         self.extractor_ = self._chosen(motions)
@@ -189,18 +180,11 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         return signatures
 
     def _chosen(self, motions: list[Motion]) -> Extractor:
-        n = self.readable_.n_modes
-        landmarks = [motion.signature.landmarks for motion in motions]
-        walls = all(one is not None and "theta_zero" in one.given for one in landmarks)
-        gaps = [motion.signature.closure_gap for motion in motions]
-        is_cycle = self.timing == Timing.CYCLE or (
-            self.timing == Timing.AUTO and float(np.median(gaps)) < _CLOSED
-        )
-        has_axis = is_cycle and all(reads_about_axis(motion, n) for motion in motions)
-        kind = (AXIS if has_axis else WAVES) if self.kind == "auto" else self.kind
-        waves = waves_of(first(motions[0].modes, n), walls=walls)
-        is_free = any(len(group) > 1 for group in waves.modes)
-        if (kind == AXIS and not has_axis) or (kind == TERMS and is_free):
+        n, walls = self.readable_.n_modes, states_walls(motions)
+        is_cycle = timings_of(motions, self.timing)[0]
+        kinds = kinds_of(motions, n, is_cycle=is_cycle, walls=walls)
+        kind = (AXIS if AXIS in kinds else WAVES) if self.kind == "auto" else self.kind
+        if kind not in kinds:
             reason = "a recording is no cycle about an axis" if kind == AXIS else "theta is free"
             raise ParameterError(
                 f"The features {kind!r} cannot be read: {reason}.",
@@ -208,11 +192,7 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
                 "the landmark theta_zero.",
                 details={"option": "kind"},
             )
-        extractor = Extractor(kind, is_cycle, n, walls)
-        if extractor.learns:
-            typical = typical_motion([extractor.terms(motion) for motion in motions])
-            return Extractor(kind, is_cycle, n, walls, typical=typical)
-        return extractor
+        return Extractor(kind, is_cycle, n, walls).fitted(motions)
 
     def _table(self, signatures: list[ModalSignature]) -> Array:
         n, rows = self.readable_.n_modes, []
@@ -275,104 +255,39 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         return np.asarray(self.classes_[self.predict_proba(X).argmax(axis=1)])
 
 
-def recordings_of(X: Iterable[Any]) -> list[Recording]:
-    """Take the recordings out of cases, sources and the like.
-
-    Raises
-    ------
-    ParameterError
-        If there is none, or one is none of these; it is named by its number.
-    """
-    recordings: list[Recording] = []
+def _cases(X: Iterable[Any]) -> list[TrainingCase]:
+    """Take recordings for cases; what has no name is called by its number."""
+    cases: list[TrainingCase] = []
     for number, item in enumerate(X):
-        is_source = not isinstance(item, Recording | TrainingCase) and hasattr(item, "read")
-        one = item.read() if is_source else item
-        one = one.motion if isinstance(one, TrainingCase) else one
-        if not isinstance(one, Recording):
+        one = item.read() if hasattr(item, "read") else item
+        if isinstance(one, MeshSequence | ModalSignature):
+            one = TrainingCase(one, "")
+        if not isinstance(one, TrainingCase):
             raise ParameterError(
                 f"Item {number} is a {type(one).__name__}, which is no recording.",
                 remedy="Give ModalSignatures, MeshSequences or TrainingCases.",
                 details={"case": number},
             )
-        recordings.append(one)
-    if not recordings:
-        raise ParameterError("There is no recording.", remedy="Give at least one.")
-    return recordings
+        cases.append(one if one.name else replace(one, name=f"Item {number}"))
+    if not cases:
+        raise ParameterError("There is no recording to read.", remedy="Give at least one.")
+    return cases
 
 
-def in_one_basis(
-    recordings: Sequence[Recording], parameters: SignatureParameters
-) -> list[ModalSignature]:
-    """Fit sequences in modes in which all recordings compare.
-
-    As their own shapes say; where that gives modes that do not compare, with the spring modes of
-    their mesh, unless the parameters state a topology.
-
-    Raises
-    ------
-    UnlikeCasesError
-        If they do not compare.
-    ModalMotionError
-        If one cannot be fitted; it is named by its number.
-    """
-    signatures = [_fitted(k, one, parameters) for k, one in enumerate(recordings)]
-    if len({basis_of(one) for one in signatures}) == 1:
-        return signatures
-    if parameters.topology is None:
-        springs = replace(parameters, topology=MESH)
-        try:
-            again = [_fitted(k, one, springs) for k, one in enumerate(recordings)]
-        except (TopologyError, ModeCountError):
-            again = signatures
-        if len({basis_of(one) for one in again}) == 1:
-            return again
-    bases = [basis_of(one) for one in signatures]
-    odd = next(k for k, basis in enumerate(bases) if basis != bases[0])
-    raise UnlikeCasesError(
-        f"Item {odd} has {len(signatures[odd].modes)} modes of a {signatures[odd].surface}, which "
-        "do not compare with those of the others.",
-        remedy="Leave it out, state one topology for all, or give the sequences themselves: they "
-        "are fitted in one basis.",
-        details={"case": odd, "sequence_id": signatures[odd].sequence_id},
-    )
-
-
-def in_basis(number: int, one: Recording, readable: Readable) -> ModalSignature:
-    """Fit a sequence in modes that are known, or check that a signature is in them.
-
-    Raises
-    ------
-    UnlikeCasesError
-        If it does not compare with them; it is named by its number.
-    ModalMotionError
-        If it cannot be fitted.
-    """
+def _in_basis(case: TrainingCase, readable: Readable) -> ModalSignature:
+    """Fit a sequence in modes that are known, or check that a signature is in them."""
+    signature = case.motion
     try:
-        signature = fitted_in(readable, one) if isinstance(one, MeshSequence) else one
+        if isinstance(signature, MeshSequence):
+            signature = fitted_in(readable, signature)
     except ModalMotionError as error:
-        raise named(error, f"Item {number}") from error
+        raise named(error, case.name) from error
     reason = unlike(signature, readable)
     if reason is not None:
         raise UnlikeCasesError(
-            f"Item {number} does not compare with those that were fitted to: {reason.words}.",
+            f"{case.name} does not compare with those that were fitted to: {reason.words}.",
             remedy="Give the sequence itself, which is then fitted as the others were.",
-            details={"case": number, "sequence_id": signature.sequence_id},
-        )
-    return signature
-
-
-def _fitted(number: int, one: Recording, parameters: SignatureParameters) -> ModalSignature:
-    signature = one
-    if isinstance(signature, MeshSequence):
-        try:
-            signature = modal_signature(signature, parameters)
-        except ModalMotionError as error:
-            raise named(error, f"Item {number}") from error
-    if signature.n_frames < 2:
-        raise ParameterError(
-            f"Item {number} has one frame, which shows no motion.",
-            remedy="Leave it out.",
-            details={"case": number, "sequence_id": signature.sequence_id},
+            details={"sequence_id": signature.sequence_id},
         )
     return signature
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib.metadata import version
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from modalmotion.classification.card import ModelCard
 from modalmotion.classification.cases import AnyCase
 from modalmotion.classification.caveats import confound_notes, confounds
 from modalmotion.classification.cohort import Cohort, collect_cohorts
-from modalmotion.classification.extractor import AXIS, WAVES, Extractor, volume_share
+from modalmotion.classification.extractor import AXIS, WAVES, volume_share
 from modalmotion.classification.fitting import (
     Fit,
     Fold,
@@ -30,14 +30,7 @@ from modalmotion.classification.fitting import (
 from modalmotion.classification.linear import softmax
 from modalmotion.classification.model import Model, holds, share_ranges, strangeness_of
 from modalmotion.classification.options import TrainingOptions
-from modalmotion.classification.outliers import (
-    CHECKS,
-    OutlierDetector,
-    empty_detector,
-    fit_outliers,
-    inputs_of_all,
-    with_limits,
-)
+from modalmotion.classification.outliers import OutlierDetector, detector_for
 from modalmotion.classification.performance import METHODS, CrossValidation, performance, spread
 from modalmotion.errors import ParameterError, needs_extra
 from modalmotion.hdf5.image import INTENDED_USE
@@ -57,6 +50,7 @@ _FEW_OF_A_CLASS: Final = 5
 _DIGITS: Final = 9
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 
 def train(
@@ -122,13 +116,13 @@ def train(
     final = better([result.final for result in results])
     held_out = _held_out(results, splits, cohorts[final])
     cohort, fit = cohorts[final], results[final].final
-    model = _model(cohort, fit, name, results[final], held_out)
     card, doubt = _card(cohort, chosen, splits, held_out, fit)
     weighed = _weighed_note(cohorts, results, final)
-    notes = (*cohort.notes, *weighed, *splits.notes, *card.notes, *doubt)
-    report(1.0, "trained")
+    card = replace(card, notes=(*cohort.notes, *weighed, *splits.notes, *card.notes, *doubt))
     always = (*doubt, *_always(cohort, fit))
-    return replace(model, card=replace(card, notes=notes), notes={"": always})
+    model = _model(cohort, name, results[final], held_out, card, always)
+    report(1.0, "trained")
+    return model
 
 
 @contextmanager
@@ -214,35 +208,20 @@ def _fitted(cohort: Cohort, splits: Splits, options: TrainingOptions) -> _Result
         # The features of a fold's tables are not kept.
         slim = tuple(table._replace(X=np.zeros((0, 0))) for table in fit.tables)
         folds.append((replace(fit, tables=slim), fit.scores(outer)))
-    return _Result(fit_rows(tables, np.arange(len(cohort))), folds, _detector(tables, splits))
+    simplest = tables.read[0]
+    what = AXIS if simplest.what == AXIS else WAVES
+    detector = detector_for(
+        cohort.motions,
+        cohort.y,
+        replace(simplest, what=what),
+        splits.repetitions[0] if splits.repetitions else (),
+        cohort.groups if splits.is_grouped else np.arange(len(cohort)),
+    )
+    return _Result(fit_rows(tables, np.arange(len(cohort))), folds, detector)
 
 
 def _all_folds(splits: Splits) -> list[Fold]:
     return [fold for repetition in splits.repetitions for fold in repetition]
-
-
-def _detector(tables: Tables, splits: Splits) -> OutlierDetector:
-    """Fit a detector to all cases, with limits from the first repetition."""
-    cohort = tables.cohort
-    y, n_classes = cohort.y, len(cohort.classes)
-    simplest = tables.of_motion[0]
-    reader = Extractor(
-        AXIS if simplest.what == AXIS else WAVES,
-        simplest.is_cycle,
-        simplest.n_modes,
-        simplest.walls,
-    )
-    empty = empty_detector(cohort.motions, reader)
-    inputs = inputs_of_all(cohort.motions, reader, knows_size=empty.knows_size)
-    detector = fit_outliers(inputs, y, n_classes, empty)
-    if not splits.repetitions:
-        return detector
-    scores = np.zeros((len(cohort), len(CHECKS)))
-    for inner, outer in splits.repetitions[0]:
-        own = fit_outliers(inputs.of(inner), y[inner], n_classes, empty)
-        scores[outer] = own.scores(inputs.of(outer))
-    groups = cohort.groups if splits.is_grouped else np.arange(len(cohort))
-    return with_limits(detector, scores, groups)
 
 
 def _held_out(results: Sequence[_Result], splits: Splits, cohort: Cohort) -> CrossValidation | None:
@@ -272,63 +251,73 @@ def _held_out(results: Sequence[_Result], splits: Splits, cohort: Cohort) -> Cro
 
 
 def _model(
-    cohort: Cohort, fit: Fit, name: str, result: _Result, held_out: CrossValidation | None
+    cohort: Cohort,
+    name: str,
+    result: _Result,
+    held_out: CrossValidation | None,
+    card: ModelCard,
+    notes: tuple[str, ...],
 ) -> Model:
-    X = np.concatenate([table.X for table in fit.tables], axis=1)
+    tables, example, n = result.final.tables, cohort.motions[0], len(cohort.classes)
+    X = np.concatenate([table.X for table in tables], axis=1)
     shares = np.array([volume_share(motion) for motion in cohort.motions])
-    n_classes = len(cohort.classes)
     strangeness: tuple[Array, ...] = tuple(np.zeros(0) for _ in cohort.classes)
     if held_out is not None:
         strangeness = strangeness_of(held_out.probabilities[0], cohort.y)
-    example, detector = cohort.motions[0], result.detector
-    extractors = [table.extractor for table in fit.tables]
-    kept: dict[str, Any] = {
-        name: _rounded(value)
-        for name, value in vars(detector).items()
-        if isinstance(value, np.ndarray)
-    }
+    extractors = tuple(_rounded_arrays(table.extractor) for table in tables)
     return Model(
         name=name,
         classes=cohort.classes,
         readable=cohort.readable,
-        tables=tuple(
-            one if one.typical is None else replace(one, typical=_rounded_complex(one.typical))
-            for one in extractors
-        ),
+        tables=extractors,
         columns=tuple(column for one in extractors for column in one.columns(example)),
-        weights=_rounded(np.concatenate([table.linear.weights for table in fit.tables])),
-        intercepts=_rounded(np.sum([table.linear.intercepts for table in fit.tables], axis=0)),
+        weights=_rounded(np.concatenate([table.linear.weights for table in tables])),
+        intercepts=_rounded(np.sum([table.linear.intercepts for table in tables], axis=0)),
         centre=_rounded(X.mean(axis=0)),
-        outliers=replace(detector, **kept),
-        shares=_rounded(share_ranges(shares, cohort.y, n_classes)),
+        outliers=_rounded_arrays(result.detector),
+        shares=_rounded(share_ranges(shares, cohort.y, n)),
         strangeness=strangeness,
-        notes={},
-        card=_empty_card(cohort),
+        notes={"": notes},
+        card=card,
         cross_validation=held_out,
     )
 
 
-def _rounded(values: Array) -> Array:
-    numbers = [float(f"{value:.{_DIGITS}g}") for value in np.ravel(values)]
-    return np.array(numbers).reshape(np.shape(values))
+def _rounded(values: NDArray[Any]) -> NDArray[Any]:
+    numbers = [float(f"{x:.{_DIGITS}g}") for x in np.ravel(values).view(np.float64)]
+    return np.array(numbers).view(values.dtype).reshape(values.shape)
 
 
-def _rounded_complex(values: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    return np.asarray(_rounded(values.real) + 1j * _rounded(values.imag))
+def _rounded_arrays(value: T) -> T:
+    """Round all arrays of a value."""
+    arrays = {k: _rounded(v) for k, v in vars(value).items() if isinstance(v, np.ndarray)}
+    return replace(value, **arrays)  # type: ignore[type-var]
 
 
-def _empty_card(cohort: Cohort) -> ModelCard:
+def _card(
+    cohort: Cohort,
+    options: TrainingOptions,
+    splits: Splits,
+    held_out: CrossValidation | None,
+    fit: Fit,
+) -> tuple[ModelCard, tuple[str, ...]]:
+    """Card of a trained model, and a doubt that every answer says, where there is one."""
     labels = [cohort.classes[k] for k in cohort.y]
     people = dict.fromkeys(zip(labels, cohort.subjects, strict=True))
     counts = Counter(labels), Counter(label for label, _ in people)
     n_cases, n_subjects = (dict(sorted(count.items())) for count in counts)
-    return ModelCard(
+    features = tuple((name, round(weight, 3)) for name, weight in fit.choices)
+    card = ModelCard(
         classes=cohort.classes,
         training_set=cohort.hash,
         n_cases=n_cases,
         n_subjects=n_subjects,
         coverage=_COVERAGE,
-        options={},
+        options={
+            **options.as_json(),
+            "kind": cohort.readable.parameters.kind,
+            "features": features,
+        },
         versions={p: version(p) for p in ("modalmotion", "numpy", "scipy", "scikit-learn")},
         intended_use=INTENDED_USE,
         has_seen=(
@@ -340,45 +329,22 @@ def _empty_card(cohort: Cohort) -> ModelCard:
             "Any other class, subject, device or way to segment: the figures are valid for "
             "recordings like these only."
         ),
-    )
-
-
-def _card(
-    cohort: Cohort,
-    options: TrainingOptions,
-    splits: Splits,
-    held_out: CrossValidation | None,
-    fit: Fit,
-) -> tuple[ModelCard, tuple[str, ...]]:
-    """Card of a trained model, and a doubt that every answer says, where there is one."""
-    card = _empty_card(cohort)
-    features = tuple((name, round(weight, 3)) for name, weight in fit.choices)
-    card = replace(
-        card,
         is_grouped=splits.is_grouped,
-        options={
-            **options.as_json(),
-            "kind": cohort.readable.parameters.kind,
-            "features": features,
-        },
-        notes=_notes_on_few(card.n_cases),
+        notes=_notes_on_few(n_cases),
     )
     if held_out is None:
         return card, ()
     answers = held_out.answers()
     figures = performance(answers)
-    people = np.unique(cohort.subjects, return_inverse=True)[1]
-    tests = confounds(cohort.conditions, cohort.y, people, options.seed)
+    persons = np.unique(cohort.subjects, return_inverse=True)[1]
+    tests = confounds(cohort.conditions, cohort.y, persons, options.seed)
     held, sizes = _cross_sets(cohort, splits.repetitions[0], held_out.probabilities[0])
     doubt: tuple[str, ...] = ()
-    if figures.auc is not None and figures.auc_interval is not None:
+    if figures.auc_interval is not None and figures.auc_interval[0] <= 0.5:
         low, high = figures.auc_interval
-        if low <= 0.5:
-            text = (
-                f"Its answers to cases left out are no better than chance (AUC {figures.auc:.2f}, "
-                f"95 % interval {low:.2f} to {high:.2f}): do not rely on this model."
-            )
-            doubt = (text,)
+        text = f"AUC {figures.auc:.2f}, 95 % interval {low:.2f} to {high:.2f}"
+        text = f"Its answers to cases left out are no better than chance ({text}): "
+        doubt = (f"{text}do not rely on this model.",)
     return replace(
         card,
         **vars(figures),
@@ -408,14 +374,11 @@ def _cross_sets(
 
 
 def _notes_on_few(n_cases: dict[str, int]) -> tuple[str, ...]:
-    notes = []
-    n, least = sum(n_cases.values()), min(n_cases.values())
-    if n < _FEW_IN_ALL or least < _FEW_OF_A_CLASS:
-        rare = min(n_cases, key=lambda k: n_cases[k])
-        of = "" if n < _FEW_IN_ALL else f", {least} of {rare},"
+    notes, n = [], sum(n_cases.values())
+    if n < _FEW_IN_ALL or min(n_cases.values()) < _FEW_OF_A_CLASS:
         notes.append(
-            f"Figures of {n} cases{of} are uncertain, even if all of them are right or a loss is "
-            "0. See the intervals, and train or test on more."
+            f"Figures of so few cases ({n}) are uncertain, even if all of them are right or a loss "
+            "is 0. See the intervals, and train or test on more."
         )
     few = [label for label, count in n_cases.items() if count < _FEW]
     if few:
@@ -428,12 +391,9 @@ def _notes_on_few(n_cases: dict[str, int]) -> tuple[str, ...]:
 
 def _always(cohort: Cohort, fit: Fit) -> tuple[str, ...]:
     """Say in every answer what a user must know of what is read."""
-    readers = [table.extractor for table in fit.tables]
-    if not any(one.what for one in readers):
-        kinds = dict.fromkeys(kind for one in readers for kind in one.beside)
-        return (f"The model reads {', '.join(kinds)} alone, not the motion of the surface.",)
-    modes = cohort.motions[0].modes
-    topology = modes.topology
+    if not any(table.extractor.reads_motion for table in fit.tables):
+        return ("The model reads the volume alone, not the motion of the surface.",)
+    topology = cohort.motions[0].modes.topology
     if topology is not None and topology.closed_axes and not cohort.walls:
         return (
             "No anterior landmark (theta_zero) was given, so the class is not assigned to a wall.",

@@ -2,34 +2,36 @@
 
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
-from modalmotion.cli.files import Waiting, fitted, sequence_argument
+from modalmotion.cli.files import Waiting, sequence_argument
 from modalmotion.cli.options import (
+    EXISTING,
+    EXISTING_FILE,
     PICTURES,
     OutputFile,
     command,
-    example,
+    described,
     fit_options,
-    json_option,
     labelled_sources,
     picture_option,
-    tell,
     unit_option,
     write_picture,
 )
-from modalmotion.clinical import ClinicalReadouts, VolumeCurve, clinical_readouts
+from modalmotion.cli.report_commands import quantity_lines
+from modalmotion.cli.track_commands import fitted_recording, tracking_options
+from modalmotion.clinical import VolumeCurve, clinical_readouts
 from modalmotion.clinical.plain import ventricle_json
 from modalmotion.clinical.strain import DEFINITIONS
-from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_readouts
+from modalmotion.clinical.ventricle import ventricle_readouts
 from modalmotion.errors import TopologyError
 from modalmotion.exports.tables import direction_names
 from modalmotion.hdf5.image import INTENDED_USE
@@ -38,6 +40,7 @@ from modalmotion.representation import counted, numeral
 
 if TYPE_CHECKING:
     from modalmotion.classification.manifest import LabelledFile
+    from modalmotion.reports import Report
 
 
 @command("readouts beat.npz --modes 18 -o volumes.png")
@@ -48,18 +51,18 @@ if TYPE_CHECKING:
     type=OutputFile(*PICTURES),
     help="Picture of inward motion by segment to write (.png, .svg, .pdf).",
 )
-@json_option
+@tracking_options
 @fit_options
-def readouts(
-    source: Path, plot: Path | None, bulls_eye: Path | None, as_json: bool, **options: Any
-) -> None:
+def readouts(source: Path, plot: Path | None, bulls_eye: Path | None, **options: Any) -> Any:
     """Compute volume, ejection fraction and strain of the cavity in FILE, with intervals.
 
     The relative change of volume is an ejection fraction if --cavity is given or the surface is a
-    cup, otherwise a volume change.
+    cup, otherwise a volume change. A label map is tracked first, as by `modalmotion report`.
     """
+    from modalmotion.reports import Report
+
     with Waiting(source) as waiting:
-        sequence, signature = fitted(source, waiting, options)
+        sequence, signature = fitted_recording(source, waiting, options)
         with waiting.watch.stage("volume"):
             result = clinical_readouts(signature, sequence)
             ventricle = ventricle_readouts(signature, sequence, result)
@@ -72,129 +75,76 @@ def readouts(
                 remedy="Leave --bulls-eye out: segments are those of a cup, a ventricle's wall.",
             )
         write_picture(bulls_eye_figure(ventricle.regions), bulls_eye)
-    lines = [
-        *_lines(result),
-        *_further(ventricle, result.volume_unit, direction_names(signature)),
-        *(f"note: {note}" for note in (*result.notes, *ventricle.reasons)),
-    ]
-    numbers = {**_numbers(result), **ventricle_json(ventricle)}
-    tell(numbers, lines, plot, bulls_eye, as_json=as_json)
+    answer = {
+        "sequence_id": result.sequence_id,
+        "amplitudes_per_frame": result.n_amplitudes,
+        "n_openings": result.n_openings,
+        "volume_unit": result.volume_unit,
+        "times": None if result.times is None else result.times.tolist(),
+        "from_signature": _curve(result.curve, result.shown_in),
+        "of_mesh": _curve(result.mesh_curve, result.shown_in),
+        "notes": list(result.notes),
+        "intended_use": INTENDED_USE,
+        **ventricle_json(ventricle),
+    }
+    found = Report(signature, sequence, result, ventricle, None, None, datetime.now(UTC), ())
+    return answer, _lines(found)
 
 
-def _lines(readouts: ClinicalReadouts) -> list[str]:
-    unit = readouts.volume_unit
-    names, mesh = ("signature", "mesh"), readouts.mesh_curve
-    if readouts.stated is mesh:
-        names, mesh = ("surface", "signature"), readouts.curve
-    lines = [
-        (
-            f"{readouts.n_amplitudes} amplitudes per frame; "
-            f"{counted(readouts.n_openings, 'opening')}{', capped' if readouts.n_openings else ''}"
-        ),
-        f"{'':>24}{names[0]:>12}{'low':>10}{'high':>10}{names[1]:>10}",
-    ]
-    curve, factor = readouts.stated, readouts.shown_in
-    intervals = (curve.end_diastolic_range, curve.end_systolic_range, curve.stroke_range)
-    largest = abs(curve.end_diastolic_volume) * factor
-    rows = zip(
-        ("end-diastolic volume", "end-systolic volume", "stroke volume"),
-        _volumes(curve, factor),
-        intervals,
-        _volumes(mesh, factor),
-        strict=True,
-    )
-    for name, value, (low, high), own in rows:
-        shown = (numeral(v, 2, of=largest) for v in (low * factor, high * factor, own))
-        lines.append(
-            f"{name:<24}{numeral(value, 2, of=largest):>12}"
-            f"{''.join(f'{text:>10}' for text in shown)} {unit}"
-        )
-    if curve.fraction is not None and curve.share_range is not None:
-        low, high = curve.share_range
-        lines.append(
-            f"{curve.fraction.words:<24}{curve.share:12.2f}{low:10.2f}{high:10.2f}"
-            f"{mesh.share:10.2f} %"
-        )
-    lines.append(f"end diastole in frame {curve.end_diastole}, end systole in {curve.end_systole}")
-    return lines
-
-
-def _further(ventricle: VentricleReadouts, unit: str, directions: tuple[str, ...]) -> list[str]:
-    lines = []
+def _lines(report: Report) -> Iterator[str]:
+    readouts, ventricle = report.readouts, report.ventricle
+    assert readouts is not None  # noqa: S101
+    assert ventricle is not None  # noqa: S101
+    unit, curve = readouts.volume_unit, readouts.stated
+    capped = ", capped" if readouts.n_openings else ""
+    yield f"{counted(readouts.n_openings, 'opening')}{capped}"
+    yield from quantity_lines(report)
+    yield f"end diastole in frame {curve.end_diastole}, end systole in {curve.end_systole}"
+    said: dict[str, dict[str, str]] = {}
     if (rates := ventricle.rates) is not None:
+        of_rates = said["rates"] = {}
         for name, value, bound in (
-            ("peak ejection rate", rates.peak_ejection_rate, rates.ejection_bound),
-            ("peak filling rate", rates.peak_filling_rate, rates.filling_bound),
+            ("peak_ejection_rate", rates.peak_ejection_rate, rates.ejection_bound),
+            ("peak_filling_rate", rates.peak_filling_rate, rates.filling_bound),
         ):
-            lines.append(f"{name:<24}{numeral(value, 1):>12} +- {numeral(bound, 1)} {unit}/s")
+            of_rates[name] = f"{numeral(value, 1)} +- {numeral(bound, 1)} {unit}/s"
         if rates.heart_rate is not None and rates.cardiac_output is not None:
-            lines.append(f"{'heart rate':<24}{rates.heart_rate:12.1f} /min")
-            lines.append(f"{'cardiac output':<24}{numeral(rates.cardiac_output, 1):>12} {unit}/min")
+            of_rates["heart_rate"] = f"{rates.heart_rate:.1f} /min"
+            of_rates["cardiac_output"] = f"{numeral(rates.cardiac_output, 1)} {unit}/min"
     if (strain := ventricle.strain) is not None:
-        for name, figure in strain.end_systolic.items():
-            lines.append(f"{name:<24}{figure.value:12.1f}{figure.low:10.1f}{figure.high:10.1f} %")
-        if (index := strain.dyssynchrony) is not None:
-            lines.append(
-                f"{'SDI':<24}{index.value:12.1f}{index.low:10.1f}{index.high:10.1f} % of the cycle"
-            )
-        lines.append(
-            f"strain in frame {strain.end_systole}, since frame {strain.end_diastole}, of "
-            f"{strain.source}, {strain.layer}:"
-        )
-        lines += [f"  {name} is the change of the {what}" for name, what in DEFINITIONS.items()]
+        key = f"strain in frame {strain.end_systole} of {strain.source}, {strain.layer}"
+        changes = {name: f"change of the {what}" for name, what in DEFINITIONS.items()}
+        said[key] = {name: str(one) for name, one in strain.end_systolic.items()} | changes
     if (turning := ventricle.torsion) is not None:
-        for name, values, deviations in (
-            ("twist", turning.twist, turning.twist_deviations),
-            ("shear", turning.shear, turning.shear_deviations),
-        ):
-            value, reach = values[turning.end_systole], 2.0 * deviations[turning.end_systole]
-            lines.append(f"{name:<24}{value:12.1f}{value - reach:10.1f}{value + reach:10.1f} deg")
+        k = turning.end_systole
+        said["torsion, degrees"] = {
+            "twist": f"{turning.twist[k]:.1f} +- {2.0 * turning.twist_deviations[k]:.1f}",
+            "shear": f"{turning.shear[k]:.1f} +- {2.0 * turning.shear_deviations[k]:.1f}",
+        }
     if (per_mode := ventricle.per_mode) is not None:
-        lines += ["largest effect of an amplitude, for each length unit of it:"]
+        directions, largest = direction_names(report.signature), {}
         for name, what, values in zip(per_mode.names, per_mode.units, per_mode.values, strict=True):
-            mode, direction = np.unravel_index(np.abs(values).argmax(), values.shape)
-            lines.append(
-                f"  {name.replace('_', ' '):<22}{values[mode, direction]:12.2f} {what}, mode "
-                f"{per_mode.labels[mode]}, {directions[direction]}"
-            )
+            mode, way = np.unravel_index(np.abs(values).argmax(), values.shape)
+            place = f"mode {per_mode.labels[mode]}, {directions[way]}"
+            largest[name] = f"{values[mode, way]:.2f} {what}, {place}"
+        said["largest effect of one length unit of an amplitude"] = largest
     if (regions := ventricle.regions) is not None:
         frame = most_moved(regions)
-        lines.append(f"inward motion over the radius at end diastole, frame {frame}, %:")
-        for name, share in zip(regions.names, regions.shares[frame], strict=True):
-            lines.append(f"  {name:<22}{share:12.1f}")
-    return lines
-
-
-def _volumes(curve: VolumeCurve, factor: float) -> tuple[float, float, float]:
-    volumes = (curve.end_diastolic_volume, curve.end_systolic_volume, curve.stroke_volume)
-    large, small, stroke = (v * factor for v in volumes)
-    return large, small, stroke
-
-
-def _numbers(readouts: ClinicalReadouts) -> dict[str, object]:
-    return {
-        "sequence_id": readouts.sequence_id,
-        "amplitudes_per_frame": readouts.n_amplitudes,
-        "n_openings": readouts.n_openings,
-        "volume_unit": readouts.volume_unit,
-        "times": None if readouts.times is None else readouts.times.tolist(),
-        "from_signature": _curve(readouts.curve, readouts.shown_in),
-        "of_mesh": _curve(readouts.mesh_curve, readouts.shown_in),
-        "notes": list(readouts.notes),
-        "intended_use": INTENDED_USE,
-    }
+        shares = zip(regions.names, regions.shares[frame], strict=True)
+        key = f"inward motion over the radius at end diastole, frame {frame}, %"
+        said[key] = {name: f"{share:.1f}" for name, share in shares}
+    yield from described({**said, "notes": (*readouts.notes, *ventricle.reasons)})
 
 
 def _curve(curve: VolumeCurve, factor: float) -> dict[str, object]:
-    large, small, stroke = _volumes(curve, factor)
     return {
         "volumes": (curve.volumes * factor).tolist(),
         "bounds": (curve.bounds * factor).tolist(),
         "end_diastole": curve.end_diastole,
         "end_systole": curve.end_systole,
-        "end_diastolic_volume": large,
-        "end_systolic_volume": small,
-        "stroke_volume": stroke,
+        "end_diastolic_volume": curve.end_diastolic_volume * factor,
+        "end_systolic_volume": curve.end_systolic_volume * factor,
+        "stroke_volume": curve.stroke_volume * factor,
         "ejection_fraction": curve.ejection_fraction,
         "volume_change": curve.volume_change,
         "share_range": curve.share_range,
@@ -202,11 +152,10 @@ def _curve(curve: VolumeCurve, factor: float) -> dict[str, object]:
 
 
 @command("score truth.npz answer.h5")
-@click.argument("truth", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.argument("answer", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@json_option
-def score(truth: Path, answer: Path, as_json: bool) -> None:
-    """Compare the motion in ANSWER with the true one in TRUTH.
+@click.argument("truth", type=EXISTING_FILE)
+@click.argument("answer", type=EXISTING_FILE)
+def score(truth: Path, answer: Path) -> Any:
+    """Compare the motion in ANSWER with the true one in TRUTH: errors in mm and in points.
 
     ANSWER is a track (.h5), with its deviations, or a sequence in any format; .npz may contain
     `deviations` (frames, vertices), mm.
@@ -224,26 +173,13 @@ def score(truth: Path, answer: Path, as_json: bool) -> None:
     else:
         estimated = read_sequence(answer).sequence
         if answer.suffix.lower() == ".npz":
-            arrays, _ = read_arrays(answer.read_bytes(), ["deviations"], [])
-            deviations = arrays.get("deviations")
-    result = scored(read_sequence(truth).sequence, estimated, deviations)
-    if as_json:
-        click.echo(json.dumps(asdict(result), indent=2))
-        return
-    inside = "not stated"
-    if result.inside is not None:
-        inside = f"{100 * result.inside:.0f} % (mean stated deviation {result.stated:.2f} mm)"
-    click.echo(
-        f"end-point error of 12 landmarks: {result.end_point_end_systole:.2f} mm at end systole, "
-        f"{result.end_point:.2f} mm over all frames\n"
-        f"distance along the normal: {result.along_normal:.2f} mm\n"
-        f"error of EF {result.ejection_fraction:+.1f}, GLS {result.gls:+.1f}, "
-        f"GCS {result.gcs:+.1f} percentage points\n"
-        f"within 1.96 stated deviations: {inside}\n"
-        f"Published end-point errors: {PUBLISHED} mm. They are of other recordings and landmarks, "
-        "and compare with end-point errors only: distances along the normal do not see motion "
-        "within the surface and are smaller."
+            deviations = read_arrays(answer.read_bytes(), ["deviations"], [])[0].get("deviations")
+    result = asdict(scored(read_sequence(truth).sequence, estimated, deviations))
+    note = (
+        f"Published end-point errors are {PUBLISHED} mm, of other recordings and landmarks; "
+        "distances along the normal do not see motion within the surface and are smaller."
     )
+    return result, described({**result, "notes": [note]})
 
 
 @click.group()
@@ -251,7 +187,7 @@ def norm() -> None:
     """Compare recordings with your own controls."""
 
 
-@norm.command(epilog=example("norm train controls.csv --name volunteers -o volunteers.h5"))
+@command("norm train controls.csv --name volunteers -o volunteers.h5", group=norm)
 @labelled_sources
 @unit_option
 @click.option("--name", required=True, help="Of the norm: lower-case letters, digits, '._-'.")
@@ -263,44 +199,25 @@ def norm() -> None:
     "--topology",
     help="cup, sphere, ..., or mesh for spring modes; found from all controls by default.",
 )
-@json_option
 def train(
-    sources: tuple[Path, ...],
-    name: str,
-    out: Path,
-    modes: int,
-    topology: str | None,
-    as_json: bool,
-    unit: str | None,
-    skip_unreadable: bool,
-) -> None:
+    sources: tuple[Path, ...], unit: str | None, skip_unreadable: bool, out: Path, **options: Any
+) -> Any:
     """Make a norm of recordings of controls, one of each person.
 
     MANIFEST is a table with the column path and, if known, subject and facts; labels are ignored.
     FILES are files of sequences.
     """
-    from modalmotion.classification.manifest import labelled_files
     from modalmotion.norm import norm_to_hdf5, train_norm
     from modalmotion.store import write_atomic
 
-    files = labelled_files(sources, skip_unreadable=skip_unreadable, needs_label=False)
-    cases, left_out = _read(files, unit, lambda case, _: case, skip_unreadable=skip_unreadable)
-    result = train_norm(cases, name, modes=modes, topology=topology)
+    cases, left_out = _read(sources, unit, skip_unreadable, lambda case, _: case)
+    result = train_norm(cases, **options)
     write_atomic(out, norm_to_hdf5(result))
-    said = result.as_json()
-    lines = [
-        f"{result.name} (id {result.id[:12]}): {result.n_controls} controls",
-        f"{said['topology']}, {said['n_modes']} modes",
-        f"groups: {', '.join(said['groups'])}",
-        f"smallest level: {said['smallest_level']:.3g}",
-        *(f"note: {note}" for note in result.notes),
-        *left_out,
-    ]
-    tell({**said, "left_out": left_out}, lines, out, as_json=as_json)
+    return {**result.as_json(), "left_out": left_out}
 
 
-@norm.command(epilog=example("norm ask volunteers.h5 beat.npz"))
-@click.argument("norm_file", metavar="NORM", type=click.Path(exists=True, path_type=Path))
+@command("norm ask volunteers.h5 beat.npz", group=norm)
+@click.argument("norm_file", metavar="NORM", type=EXISTING)
 @labelled_sources
 @unit_option
 @click.option(
@@ -309,60 +226,55 @@ def train(
     show_default=True,
     help="Level: share of recordings like the controls that are called a deviation.",
 )
-@json_option
 def ask(
     norm_file: Path,
     sources: tuple[Path, ...],
     level: float,
-    as_json: bool,
     unit: str | None,
     skip_unreadable: bool,
-) -> None:
+) -> Any:
     """Compare recordings with the controls of NORM, a file.
 
     Five or more are also compared together, with a warning if machine or protocol differ. MANIFEST
     and FILES are as for training.
     """
-    from modalmotion.classification.manifest import labelled_files
     from modalmotion.norm import cohort_deviation, norm_from_hdf5
-    from modalmotion.norm.norm import FEWEST_RECORDINGS, others_than
 
     controls = norm_from_hdf5(norm_file)
-    files = labelled_files(sources, skip_unreadable=skip_unreadable, needs_label=False)
 
     def read(case: Any, name: str) -> Any:
         return controls.read(case.motion, subject=case.subject, name=name)
 
-    readings, left_out = _read(files, unit, read, skip_unreadable=skip_unreadable)
-    together = None
-    if len(others_than(controls, readings)) >= FEWEST_RECORDINGS:
-        together = cohort_deviation(controls, readings, level=level)
-    answers = [controls.deviation(one, level=level) for one in readings]
-    pairs = list(zip(readings, answers, strict=True))
-    lines = [f"{one.name}\n{answer.lines}" for one, answer in pairs]
-    if together is not None:
+    readings, left_out = _read(sources, unit, skip_unreadable, read)
+    together = cohort_deviation(controls, readings, level=level)
+    answers = [(r.name, one) for r, one in zip(readings, together.deviations, strict=True)]
+    lines = [f"{name}\n{answer.lines}" for name, answer in answers]
+    if together.p is not None:
         lines.append(f"together: p = {together.p:.3g} of {controls.n_controls} like controls")
-        if together.warning is not None:
-            lines.append(f"warning: {together.warning}")
-    shown = [{"path": one.name, **answer.as_json()} for one, answer in pairs]
-    whole = None if together is None else together.as_json()
-    found = {"cohort": whole, "deviations": shown, "left_out": left_out}
-    tell(found, [*lines, *left_out], as_json=as_json)
+        lines += [f"warning: {together.warning}"] * (together.warning is not None)
+    found = {
+        "cohort": None if together.p is None else together.as_json(),
+        "deviations": [{"path": name, **answer.as_json()} for name, answer in answers],
+        "left_out": left_out,
+    }
+    return found, [*lines, *left_out]
 
 
 def _read(
-    files: list[LabelledFile],
+    sources: tuple[Path, ...],
     unit: str | None,
-    use: Callable[[Any, str], Any],
-    *,
     skip_unreadable: bool,
+    use: Callable[[Any, str], Any],
 ) -> tuple[list[Any], list[str]]:
     """Read files, each for a use; those that cannot be used may be left out, and are named."""
     from modalmotion.classification.cases import UNUSABLE, LeftOut, left_out_notes
-    from modalmotion.classification.manifest import LabelledSequence
+    from modalmotion.classification.manifest import LabelledSequence, labelled_files
 
     used: list[Any] = []
     left_out: list[LeftOut] = []
+    files: list[LabelledFile] = labelled_files(
+        sources, skip_unreadable=skip_unreadable, needs_label=False
+    )
     with click.progressbar(files, label="recordings", file=sys.stderr) as bar:
         for file in bar:
             source = LabelledSequence(file, {"unit": unit})

@@ -22,10 +22,9 @@ from modalmotion.cli.files import sequence_argument, stated_facts
 from modalmotion.cli.options import (
     OutputFolder,
     command,
+    described,
     fit_options,
-    json_option,
     signature_parameters,
-    tell,
 )
 from modalmotion.errors import ModalMotionError, ParameterError, needs_extra
 from modalmotion.formats import ReadOptions
@@ -75,7 +74,6 @@ class _Signed:
 @click.option(
     "--skip-unreadable", is_flag=True, help="Files that fail do not make the command fail."
 )
-@json_option
 @fit_options
 def cohort(
     source: Path,
@@ -84,9 +82,8 @@ def cohort(
     scheduler: str | None,
     keep_vertices: bool,
     skip_unreadable: bool,
-    as_json: bool,
     **options: Any,
-) -> None:
+) -> Any:
     """Fit a signature to every recording of a manifest, and store the results.
 
     FILE is a manifest (.csv; path and, if known, label, subject and facts) or a folder. A path in a
@@ -118,23 +115,13 @@ def cohort(
                 rows[number] = row
     table = csv_text([_COLUMNS, *([row[name] for name in _COLUMNS] for row in rows)])
     write_atomic(output / _TABLE, table.encode())
-    failures = [row for row in rows if row["error"]]
-    said = (
-        f"{work.n_made} signatures made, {work.n_known} known before, {len(failures)} files "
-        f"failed: {output}"
-    )
-    answer = {
-        "n_made": work.n_made,
-        "n_known": work.n_known,
-        "failures": [[row["path"], row["error"]] for row in failures],
-    }
-    tell(answer, [said], as_json=as_json)
-    for row in failures[:_MOST_PRINTED]:
-        click.echo(f"{row['path']}: {row['error']}", err=True)
-    if len(failures) > _MOST_PRINTED:
-        click.echo(f"... all of them stand in {output / _TABLE}", err=True)
-    if failures and not skip_unreadable:
-        raise click.exceptions.Exit(1)
+    failures = [[row["path"], row["error"]] for row in rows if row["error"]]
+    answer = {"n_made": work.n_made, "n_known": work.n_known, "failures": failures}
+    for path, error in failures[:_MOST_PRINTED]:
+        click.echo(f"{path}: {error}", err=True)
+    fails = failures and not skip_unreadable
+    said = described({**answer, "failures": len(failures), "table": output / _TABLE})
+    return answer, said, click.exceptions.Exit(1) if fails else None
 
 
 class _Work:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import sys
 from operator import attrgetter
 from pathlib import Path
@@ -11,16 +10,16 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from modalmotion.cli.files import Waiting, fitted, read, sequence_argument, stated_facts
+from modalmotion.cli.files import Waiting, counting, fitted, read, sequence_argument, stated_facts
 from modalmotion.cli.options import (
+    EXISTING,
+    EXISTING_FILE,
     OutputFile,
     command,
     fit_options,
-    json_option,
-    list_written,
     output_option,
+    sequence_numbers,
     signature_parameters,
-    tell,
 )
 from modalmotion.codec.container import MAGIC
 from modalmotion.errors import InputError, ModalMotionError, ParameterError, StoreError
@@ -54,41 +53,19 @@ _WRITERS = {".npz": write_npz, ".vtkhdf": write_vtkhdf, ".raw": write_raw}
     show_default=True,
     help="Number of transforms tried: fast takes a third of the time and more bits.",
 )
-@json_option
-def encode(
-    source: Path,
-    output: Path,
-    rms: float | None,
-    max_error: float | None,
-    n_bytes: int | None,
-    effort: str,
-    as_json: bool,
-    **options: Any,
-) -> None:
+def encode(source: Path, output: Path, **options: Any) -> Any:
     """Compress the sequence in FILE at a given error (in its unit) or size.
 
     Without either, the largest error is 0.3 % of the diagonal of its bounding box.
     """
     from modalmotion.codec import encode as compress
 
+    bounds = {name: options.pop(name) for name in ("rms", "max_error", "n_bytes", "effort")}
     sequence = read(source, **options)
-    with click.progressbar(length=100, label="encode", file=sys.stderr) as bar:
-        stream = compress(
-            sequence,
-            rms=rms,
-            max_error=max_error,
-            n_bytes=n_bytes,
-            effort=effort,
-            progress=lambda share: bar.update(round(100 * share) - bar.pos),
-        )
+    with counting("encode") as show:
+        stream = compress(sequence, **bounds, progress=lambda share: show(round(100 * share), 100))
     write_atomic(output, stream.data)
-    unit = sequence.unit or "length units"
-    said = (
-        f"{stream.n_bytes} bytes, {stream.bits_per_vertex_and_frame:.3f} bits per vertex and "
-        f"frame; error {stream.rms:.4g} {unit} RMS, {stream.max_error:.4g} {unit} at most at a "
-        f"vertex, KG {stream.kg_error:.3g} %; {stream.transform}"
-    )
-    found = {
+    return {
         "n_bytes": stream.n_bytes,
         "bits_per_vertex_and_frame": stream.bits_per_vertex_and_frame,
         "rms": stream.rms,
@@ -97,11 +74,10 @@ def encode(
         "unit": sequence.unit,
         "transform": stream.transform,
     }
-    tell(found, [said], output, as_json=as_json)
 
 
 @command("decode beat.mms -o beat.npz")
-@click.argument("stream", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("stream", type=EXISTING_FILE)
 @output_option("File to write: .npz, .vtkhdf or .raw (float32).", *_WRITERS)
 @click.option("--first", type=int, help="First frame.")
 @click.option("--stop", type=int, help="Frame after the last.")
@@ -115,7 +91,6 @@ def encode(
     show_default=True,
     help="Number of patches of a mesh that are solved in parallel.",
 )
-@json_option
 def decode(
     stream: Path,
     output: Path,
@@ -124,8 +99,7 @@ def decode(
     first_vertex: int | None,
     stop_vertex: int | None,
     n_threads: int,
-    as_json: bool,
-) -> None:
+) -> Any:
     """Decode a compressed STREAM, or some of its frames and vertices.
 
     Selected vertices come with the triangles between them.
@@ -140,9 +114,7 @@ def decode(
     vertices = _span(first_vertex, stop_vertex, header.n_vertices)
     sequence = expand(data, frames=frames, vertices=vertices, n_threads=n_threads)
     write_atomic(output, write(sequence))
-    found = {"n_frames": sequence.n_frames, "n_vertices": sequence.n_vertices}
-    said = f"{sequence.n_frames} frames of {sequence.n_vertices} vertices"
-    tell({**found, "unit": sequence.unit}, [said], output, as_json=as_json)
+    return sequence_numbers(sequence)
 
 
 def _span(first: int | None, stop: int | None, n: int) -> range | None:
@@ -155,8 +127,7 @@ def _span(first: int | None, stop: int | None, n: int) -> range | None:
 @command("convert frames/ beat.vtkhdf --unit mm")
 @sequence_argument
 @click.argument("output", metavar="OUT", type=OutputFile(*SURFACES))
-@json_option
-def convert(source: Path, output: Path, as_json: bool, **options: Any) -> None:
+def convert(source: Path, output: Path, **options: Any) -> Any:
     """Write the sequence in FILE in another format.
 
     The suffix chooses it: .npz, .h5, .vtkhdf, .glb, .zip (PLY) or .raw.
@@ -165,13 +136,8 @@ def convert(source: Path, output: Path, as_json: bool, **options: Any) -> None:
     """
     sequence = read(source, **options)
     save(sequence, output)
-    found = {"n_frames": sequence.n_frames, "n_vertices": sequence.n_vertices, "id": sequence.id}
-    said = f"{sequence.n_frames} frames of {sequence.n_vertices} vertices"
-    tell({**found, "unit": sequence.unit}, [said], output, as_json=as_json)
+    return sequence_numbers(sequence)
 
-
-# Of texts of which a file may have any number.
-_MOST_NOTES: Final = 5
 
 _SEQUENCE: Final = (
     "n_frames as frames",
@@ -199,28 +165,13 @@ _SHOWN: Final = {
 
 
 @command("show beat.h5")
-@click.argument("file", metavar="FILE", type=click.Path(exists=True, path_type=Path))
-@json_option
-def show(file: Path, as_json: bool) -> None:
+@click.argument("file", metavar="FILE", type=EXISTING)
+def show(file: Path) -> Any:
     """Show what is in FILE.
 
     FILE is a signature, sequence, track, template, class, model or stream of modalmotion; a moving
     surface in any known format, as a file or a folder of frames; or images.
     """
-    content = _content(file)
-    if as_json:
-        click.echo(json.dumps(content, indent=2))
-        return
-    width = max(map(len, content))
-    for name, value in content.items():
-        many = value[:_MOST_NOTES] if name in ("notes", "ignored") else [value]
-        for one in many:
-            if one is not None:
-                text = ", ".join(map(str, one)) if isinstance(one, list) else one
-                click.echo(f"{name:>{width}}  {text}")
-
-
-def _content(file: Path) -> dict[str, Any]:
     head = b""
     if file.is_file():
         with file.open("rb") as opened:
@@ -231,7 +182,10 @@ def _content(file: Path) -> dict[str, Any]:
         header = inspect(file.read_bytes())
         return {**_shown("compressed sequence", header), "bytes": file.stat().st_size}
     if head == SIGNATURE:
-        kind = _kind(file)
+        kind = ""
+        # HDF5 of other programs has none.
+        with contextlib.suppress(StoreError):
+            kind = form_of(file).kind
         if kind in _SHOWN:
             from modalmotion.exports.files import load
 
@@ -276,14 +230,6 @@ def _images(file: Path) -> dict[str, Any]:
     return content | {"notes": list(images.notes)}
 
 
-def _kind(file: Path) -> str:
-    try:
-        return form_of(file).kind
-    except StoreError:
-        # HDF5 of other programs.
-        return ""
-
-
 def _shown(kind: str, value: Any) -> dict[str, Any]:
     content: dict[str, Any] = {"holds": kind}
     for one in _SHOWN[kind]:
@@ -303,7 +249,7 @@ def _plain(value: Any) -> Any:
     return len(value) if hasattr(value, "__len__") else str(value)
 
 
-@command("table beat.npz --frames -o frames.csv")
+@command("table beat.npz --frames -o frames.csv", prints_json=False)
 @sequence_argument
 @output_option("CSV file to write; printed by default.", ".csv", required=False)
 @click.option(
@@ -343,13 +289,10 @@ def table(
 
 
 def _write(text: str, output: Path | None) -> None:
-    from modalmotion.store import write_atomic
-
     if output is None:
         click.echo(text, nl=False)
     else:
         write_atomic(output, text.encode())
-        list_written(output)
 
 
 def _cohort(

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -26,7 +26,7 @@ from modalmotion.formats.named_arrays import RAW_TYPES
 from modalmotion.mesh import WORDS, Facts, facts_from_texts
 from modalmotion.mesh.facts import stated_twice
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.progress import Stopwatch
+from modalmotion.progress import Progress, Stopwatch
 from modalmotion.signature.making import ModalSignature, modal_signature
 
 _MANY: Final = {
@@ -97,7 +97,6 @@ class Waiting:
         has_bar = source.suffix.lower() == ".zip" or not source.is_file()
         self._shown = {"read"} if has_bar else set()
         self._began = time.perf_counter()
-        self._before = _seconds_of_this_command()
         self._stage: tuple[str, float] | None = None
         self._over = threading.Event()
         self._teller = threading.Thread(target=self._tell, daemon=True)
@@ -111,11 +110,10 @@ class Waiting:
         self._teller.join()
 
     def milliseconds(self) -> dict[str, float]:
-        """Give the time of each stage; `start` and `other` make it all that was waited for."""
+        """Give the time of each stage, and of the rest since this was made."""
         stages = dict(self.watch.milliseconds)
         since = 1e3 * (time.perf_counter() - self._began)
-        start = {"start": 1e3 * self._before} if self._before else {}
-        return {**start, **stages, "other": max(0.0, since - sum(stages.values()))}
+        return {**stages, "other": max(0.0, since - sum(stages.values()))}
 
     def _note(self, name: str) -> None:
         self._stage = (name, time.perf_counter()) if name else None
@@ -137,20 +135,6 @@ class Waiting:
                 self._shown.add(name)
         if width:
             click.echo(f"\r{'':<{width}}\r", nl=False, err=True)
-
-
-def _seconds_of_this_command() -> float:
-    """Seconds since this process began, with its imports; 0 where it is not a command of ours."""
-    program = Path(sys.argv[0])
-    if program.stem != "modalmotion" and program.parent.name != "modalmotion":
-        return 0.0
-    try:
-        # As proc(5) has it: the 22nd field, in ticks since the machine began.
-        ticks = Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19]
-        uptime = float(Path("/proc/uptime").read_text().split()[0])
-    except (OSError, ValueError, IndexError):
-        return 0.0
-    return max(0.0, uptime - int(ticks) / os.sysconf("SC_CLK_TCK"))
 
 
 def _one_path(_: click.Context, parameter: click.Parameter, paths: tuple[Path, ...]) -> Path:
@@ -198,7 +182,7 @@ def read(source: Path, **stated: Any) -> MeshSequence:
         Fields of `ReadOptions`, and options that state facts.
     """
     options = ReadOptions(facts=stated_facts(stated), **stated)
-    with _FrameBar() as bar:
+    with counting("frames") as bar:
         result = read_recording(source, options, progress=bar)
     if result.ignored:
         click.echo(f"not used: {', '.join(result.ignored)}", err=True)
@@ -217,21 +201,18 @@ def fitted(
     return sequence, modal_signature(sequence, parameters, watch=waiting.watch)
 
 
-class _FrameBar:
-    """A bar that appears when there are frames to count."""
+@contextlib.contextmanager
+def counting(label: str) -> Iterator[Progress]:
+    """Show a bar; gives a function that takes the number done and, once it is known, of all."""
+    with contextlib.ExitStack() as open_bar:
+        bar: Any = None
 
-    def __init__(self) -> None:
-        self._bar: Any = None
-        self._open = contextlib.ExitStack()
+        def show(done: int, total: int) -> None:
+            nonlocal bar
+            if bar is None:
+                made = click.progressbar(length=total, label=label, file=sys.stderr)
+                bar = open_bar.enter_context(made)
+            bar.length = total
+            bar.update(done - bar.pos)
 
-    def __call__(self, done: int, total: int) -> None:
-        if self._bar is None:
-            bar = click.progressbar(length=total, label="frames", file=sys.stderr)
-            self._bar = self._open.enter_context(bar)
-        self._bar.update(done - self._bar.pos)
-
-    def __enter__(self) -> _FrameBar:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._open.close()
+        yield show

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import sys
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,27 +13,18 @@ import click
 
 from modalmotion.classification.manifest import LabelledSequence, labelled_files
 from modalmotion.classification.options import OnError, TrainingOptions
-from modalmotion.cli.files import read, sequence_argument
-from modalmotion.cli.model_texts import (
-    answer_json,
-    answer_lines,
-    card_lines,
-    comparison_lines,
-    evaluation_lines,
-    model_json,
-)
+from modalmotion.cli.files import counting, read, sequence_argument
+from modalmotion.cli.model_texts import answer_json, answer_lines, card_text, confusion
 from modalmotion.cli.options import (
     OutputFile,
     cases_option,
     command,
     coverage_option,
-    json_option,
+    described,
     labelled_sources,
-    list_written,
     options_of,
     plot_option,
     surface_options,
-    tell,
     unit_option,
     write_picture,
 )
@@ -42,6 +34,20 @@ if TYPE_CHECKING:
     from modalmotion.classification.cases import LeftOut
 
 
+_HELP: Final = {
+    "modes": "Modes of the signatures; 3 amplitudes per frame each.",
+    "topology": "cup, sphere, ..., or mesh for spring modes; found from all cases by default.",
+    "kind": "material: points follow the tissue; offset: normal displacement, for points that may "
+    "slide over it; by default what all recordings state, and else the better of both.",
+    "timing": "cycle: one turn of a cycle; transient: a movement with a beginning and an end.",
+    "folds": "Folds of the grouped cross-validation.",
+    "repetitions": "Repetitions of the cross-validation, each with folds of its own.",
+    "groups": "Column of the manifest, such as site, whose cases are never divided by a split.",
+    "seed": "Seed of all random numbers.",
+}
+_OWN: Final[dict[str, Any]] = {name: {"help": text} for name, text in _HELP.items()}
+
+
 @command("evaluate mine.h5 others.csv")
 @click.argument("model", metavar="MODEL")
 @labelled_sources
@@ -49,41 +55,47 @@ if TYPE_CHECKING:
 @coverage_option
 @plot_option
 @cases_option
-@json_option
 def evaluate(
     model: str,
     sources: tuple[Path, ...],
     coverage: float,
     plot: Path | None,
     cases_file: Path | None,
-    as_json: bool,
-    unit: str | None,
-    skip_unreadable: bool,
-) -> None:
+    **stated: Any,
+) -> Any:
     """Test MODEL, a file or a name, on labelled sequences that it was not trained on.
 
     MANIFEST and FILES are as for training. The interval of the accuracy counts sequences of one
     subject as fewer than they are.
     """
     from modalmotion.classification import evaluate as test
-    from modalmotion.classification.cases import left_out_notes
     from modalmotion.store import write_atomic
 
-    stored_model = model_named(model)
-    files = labelled_files(sources, skip_unreadable=skip_unreadable)
-    sources_ = [LabelledSequence(file, {"unit": unit}) for file in files]
-    left_out: list[LeftOut] = []
-    with click.progressbar(sources_, label="cases", file=sys.stderr) as bar:
-        result = test(stored_model, bar, coverage, left_out=left_out if skip_unreadable else None)
+    result, notes = _asked(sources, stated, partial(test, model_named(model)), coverage)
     if plot is not None:
         from modalmotion.pictures.classification import evaluation_figure
 
         write_picture(evaluation_figure(result), plot)
     if cases_file is not None:
         write_atomic(cases_file, result.as_csv().encode())
-    notes = list(left_out_notes(left_out))
-    found = {**result.as_json(), "left_out": notes}
-    tell(found, [evaluation_lines(result), *notes], plot, cases_file, as_json=as_json)
+    answer = result.as_json()
+    said = {**answer, "cases": None, "confusion": confusion(result.classes, result.confusion)}
+    return {**answer, "left_out": notes}, described({**said, "left_out": notes})
+
+
+def _asked(
+    sources: tuple[Path, ...], stated: dict[str, Any], ask: Callable[..., Any], coverage: float
+) -> tuple[Any, list[str]]:
+    """Put labelled sequences to models; gives what was left out on request, too."""
+    from modalmotion.classification.cases import left_out_notes
+
+    skips = stated["skip_unreadable"]
+    files = labelled_files(sources, skip_unreadable=skips)
+    cases = [LabelledSequence(file, {"unit": stated["unit"]}) for file in files]
+    left_out: list[LeftOut] = []
+    with click.progressbar(cases, label="cases", file=sys.stderr) as bar:
+        result = ask(bar, coverage, left_out=left_out if skips else None)
+    return result, list(left_out_notes(left_out))
 
 
 @command("compare-models mine.h5 other.h5 cases.csv")
@@ -92,33 +104,20 @@ def evaluate(
 @labelled_sources
 @unit_option
 @coverage_option
-@json_option
 def compare_models(
-    first: str,
-    second: str,
-    sources: tuple[Path, ...],
-    coverage: float,
-    as_json: bool,
-    unit: str | None,
-    skip_unreadable: bool,
-) -> None:
+    first: str, second: str, sources: tuple[Path, ...], coverage: float, **stated: Any
+) -> Any:
     """Compare two models on the same labelled sequences.
 
     MODEL and OTHER are each a file or a name. MANIFEST and FILES are as for training, of subjects
     that neither model was trained on. Cases of one subject count together.
     """
     from modalmotion.classification import compare_models as compare
-    from modalmotion.classification.cases import left_out_notes
 
     models = model_named(first), model_named(second)
-    files = labelled_files(sources, skip_unreadable=skip_unreadable)
-    cases = [LabelledSequence(file, {"unit": unit}) for file in files]
-    left_out: list[LeftOut] = []
-    with click.progressbar(cases, label="cases", file=sys.stderr) as bar:
-        result = compare(*models, bar, coverage, left_out=left_out if skip_unreadable else None)
-    click.echo(json.dumps(result.as_json(), indent=2) if as_json else comparison_lines(result))
-    for note in left_out_notes(left_out):
-        click.echo(note, err=as_json)
+    result, notes = _asked(sources, stated, partial(compare, *models), coverage)
+    answer = {**result.as_json(), "left_out": notes}
+    return answer, described({**answer, "evaluations": None})
 
 
 @command("classify beat.npz --model mine.h5")
@@ -133,15 +132,7 @@ def compare_models(
 @coverage_option
 @surface_options
 @plot_option
-@json_option
-def classify(
-    source: Path,
-    model: str,
-    coverage: float,
-    plot: Path | None,
-    as_json: bool,
-    **stated: Any,
-) -> None:
+def classify(source: Path, model: str, coverage: float, plot: Path | None, **stated: Any) -> Any:
     """Classify the motion of the sequence in FILE."""
     from modalmotion.classification import classify as ask
     from modalmotion.classification import shipped_for
@@ -162,7 +153,7 @@ def classify(
         from modalmotion.pictures.classification import answer_figure
 
         write_picture(answer_figure(result), plot)
-    tell(answer_json(result), [answer_lines(result)], plot, as_json=as_json)
+    return answer_json(result), answer_lines(result)
 
 
 @command("card mine.h5 --markdown -o README.md")
@@ -171,30 +162,18 @@ def classify(
     "--markdown", is_flag=True, help="As Markdown with a YAML head, as the Hugging Face Hub has it."
 )
 @click.option("-o", "--out", type=OutputFile(), help="File to write.")
-@json_option
-def card(model: str, markdown: bool, out: Path | None, as_json: bool) -> None:
+def card(model: str, markdown: bool, out: Path | None) -> Any:
     """Show the training and the performance of MODEL.
 
     MODEL is a file, or the name of an included model.
     """
-    from modalmotion.classification import card_markdown
     from modalmotion.store import write_atomic
 
-    if markdown and as_json:
-        raise click.UsageError("--markdown and --json exclude each other.")
     stored = model_named(model)
-    if markdown:
-        file = model if Path(model).is_file() else None
-        text = card_markdown(stored.name, stored.id, stored.card, file=file)
-    elif as_json:
-        text = json.dumps(stored.card.as_json(), indent=2) + "\n"
-    else:
-        text = card_lines(stored.name, stored.id, stored.card) + "\n"
-    if out is None:
-        click.echo(text, nl=False)
-        return
-    write_atomic(out, text.encode())
-    list_written(out, as_json=as_json)
+    text = card_text(stored, markdown=markdown, file=model if Path(model).is_file() else None)
+    if out is not None:
+        write_atomic(out, text.encode())
+    return stored.card.as_json(), [text.rstrip()] if out is None else []
 
 
 def model_named(which: str) -> Model:
@@ -213,33 +192,25 @@ def model_named(which: str) -> Model:
     return load_model(path if path.is_file() else which)
 
 
-_HELP_OF_FEATURES: Final = {
-    "modes": "Modes of the signatures; 3 amplitudes per frame each.",
-    "topology": "cup, sphere, ..., or mesh for spring modes; found from all cases by default.",
-    "kind": "axis: parts about the axis; modes: modes and their products; summary: the same "
-    "in few numbers; terms: modes and their terms.",
-    "timing": "cycle: one turn of a cycle; transient: a movement with a beginning and an end.",
-}
-
-
 @command("features cases.csv -o features.csv --covariate age")
 @labelled_sources
 @click.option("-o", "--out", required=True, type=OutputFile(".csv"), help="Table to write (.csv).")
-@click.option("--modes", type=int, default=7, show_default=True, help=_HELP_OF_FEATURES["modes"])
-@click.option("--topology", help=_HELP_OF_FEATURES["topology"])
+@click.option("--modes", type=int, default=7, show_default=True, help=_HELP["modes"])
+@click.option("--topology", help=_HELP["topology"])
 @click.option(
     "--kind",
     type=click.Choice(["auto", "axis", "summary", "modes", "terms"]),
     default="auto",
     show_default=True,
-    help=_HELP_OF_FEATURES["kind"],
+    help="axis: parts about the axis; modes: modes and their products; summary: the same in few "
+    "numbers; terms: modes and their terms.",
 )
 @click.option(
     "--timing",
     type=click.Choice(["auto", "cycle", "transient"]),
     default="auto",
     show_default=True,
-    help=_HELP_OF_FEATURES["timing"],
+    help=_HELP["timing"],
 )
 @click.option(
     "--covariate",
@@ -249,15 +220,13 @@ _HELP_OF_FEATURES: Final = {
     help="Column of the manifest to add; repeat for more. all: every one, long lists of words "
     "apart.",
 )
-@json_option
 def features(
     sources: tuple[Path, ...],
     out: Path,
     skip_unreadable: bool,
     covariates: tuple[str, ...],
-    as_json: bool,
     **options: Any,
-) -> None:
+) -> Any:
     """Write the features of labelled or unlabelled sequences as a table.
 
     MANIFEST is a table (.csv) with the column path and, if known, label, subject and covariates; or
@@ -271,36 +240,18 @@ def features(
     wanted: Any = "all" if "all" in covariates else list(covariates) or None
     transformer = SignatureFeatures(covariates=wanted, **options)
     files = labelled_files(sources, skip_unreadable=skip_unreadable, needs_label=False)
-    with click.progressbar(length=len(files), label="cases", file=sys.stderr) as bar:
+    with counting("cases") as show:
         table = feature_table(
             [LabelledSequence(file, {}) for file in files],
             transformer,
             on_error="leave out" if skip_unreadable else "raise",
-            progress=lambda done: bar.update(done - bar.pos),
+            progress=lambda done: show(done, len(files)),
         )
     write_atomic(out, table.as_csv().encode())
     n, m = table.values.shape
-    said = (
-        f"{n} sequences, {m} features: {transformer.extractor_.description}; "
-        f"{transformer.readable_.topology}, {transformer.readable_.n_modes} modes"
-    )
     notes = list(left_out_notes(table.left_out))
-    found = {"n_cases": n, "n_features": m, "reads": transformer.extractor_.description}
-    tell({**found, "notes": notes}, [said, *notes], out, as_json=as_json)
-
-
-_HELP: Final = {
-    "modes": "Modes of the signatures; 3 amplitudes per frame each.",
-    "topology": "cup, sphere, ..., or mesh for spring modes; found from all cases by default.",
-    "kind": "material: points follow the tissue; offset: normal displacement, for points that may "
-    "slide over it; by default what all recordings state, and else the better of both.",
-    "timing": "cycle: one turn of a cycle; transient: a movement with a beginning and an end.",
-    "folds": "Folds of the grouped cross-validation.",
-    "repetitions": "Repetitions of the cross-validation, each with folds of its own.",
-    "groups": "Column of the manifest, such as site, whose cases are never divided by a split.",
-    "seed": "Seed of all random numbers.",
-}
-_OWN: Final[dict[str, Any]] = {name: {"help": text} for name, text in _HELP.items()}
+    reads = transformer.extractor_.description
+    return {"n_cases": n, "n_features": m, "reads": reads, "notes": notes}
 
 
 @command("train cases.csv --name mine -o mine.h5")
@@ -310,7 +261,6 @@ _OWN: Final[dict[str, Any]] = {name: {"help": text} for name, text in _HELP.item
 @click.option("-o", "--out", required=True, type=OutputFile(), help="File to write (HDF5).")
 @plot_option
 @cases_option
-@json_option
 @options_of(TrainingOptions, *_HELP, **_OWN)
 def train(
     sources: tuple[Path, ...],
@@ -320,9 +270,8 @@ def train(
     cases_file: Path | None,
     unit: str | None,
     skip_unreadable: bool,
-    as_json: bool,
     **options: Any,
-) -> None:
+) -> Any:
     """Train a model on labelled sequences.
 
     MANIFEST is a table (.csv) with the columns path, label and, if known, subject: sequences of one
@@ -336,37 +285,20 @@ def train(
     on_error = OnError.LEAVE_OUT if skip_unreadable else OnError.RAISE
     training_options = TrainingOptions.from_json({**options, "on_error": on_error})
     files = labelled_files(sources, skip_unreadable=skip_unreadable)
-    with _TrainingBar() as bar:
+    with counting("training") as show:
         cases = [LabelledSequence(file, {"unit": unit}) for file in files]
-        model = fit(cases, name, training_options, bar)
+        model = fit(cases, name, training_options, lambda share, _: show(round(1000 * share), 1000))
     write_atomic(out, model_to_hdf5(model))
     if plot is not None:
         from modalmotion.pictures.classification import card_figure
 
         write_picture(card_figure(model.card, name), plot)
-    said = [card_lines(model.name, model.id, model.card)]
+    said = [card_text(model, file=str(out))]
     if cases_file is not None and model.cross_validation is not None:
         write_atomic(cases_file, model.cross_validation.as_csv().encode())
     elif cases_file is not None:
         said.append("note: without a cross-validation there is no table of held-out cases")
         cases_file = None
-    tell(model_json(model), said, out, plot, cases_file, as_json=as_json)
-
-
-class _TrainingBar:
-    """A bar for the reading of the files and the training."""
-
-    def __init__(self) -> None:
-        self._bar: Any = click.progressbar(length=1000, label="training", file=sys.stderr)
-
-    def __call__(self, share: float, text: str) -> None:
-        self._bar.label = text[:40]
-        # Files are read twice where the first fit of some does not compare with the others'.
-        self._bar.update(max(0, round(1000 * share) - self._bar.pos))
-
-    def __enter__(self) -> _TrainingBar:
-        self._bar.__enter__()
-        return self
-
-    def __exit__(self, *details: Any) -> None:
-        self._bar.__exit__(*details)
+    written = [path for path in (out, plot, cases_file) if path is not None]
+    answer = {"name": model.name, "id": model.id, "card": model.card.as_json()}
+    return {**answer, "written": written}, said

@@ -17,11 +17,9 @@ from modalmotion.cli.options import (
     OutputFile,
     OutputFolder,
     command,
-    json_option,
     output_option,
     require_matplotlib,
     surface_options,
-    tell,
     write_picture,
 )
 from modalmotion.errors import ParameterError, TopologyError
@@ -30,7 +28,6 @@ from modalmotion.modes import ModeLabel
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.order import parse_label
 from modalmotion.modes.topology import MESH, Topology
-from modalmotion.representation import counted, numeral
 from modalmotion.signature.making import (
     SignatureParameters,
     resolve_parameters,
@@ -99,7 +96,6 @@ class _Surface(NamedTuple):
     *_MODE_FILES,
     required=False,
 )
-@json_option
 def modes(
     source: Path,
     modes: int,
@@ -107,9 +103,8 @@ def modes(
     topology: str | None,
     direction: Direction,
     output: Path | None,
-    as_json: bool,
     **stated: Any,
-) -> None:
+) -> Any:
     """List the vibration modes of a lattice or of the surface in FILE.
 
     FILE may be the name of a topology: curve, plane, cylinder, torus, cup, sphere or the ends of
@@ -120,7 +115,16 @@ def modes(
     vibration_modes = _lowest(surface, modes)
     if output is not None:
         _write_modes(output, surface, vibration_modes, direction)
-    tell(_numbers(vibration_modes), _table(vibration_modes), output, as_json=as_json)
+    frequencies = vibration_modes.angular_frequencies.tolist()
+    return {
+        "surface": vibration_modes.surface,
+        "frequency_unit": vibration_modes.frequency_unit,
+        "modes": [
+            {"label": str(label), "angular_frequency": w}
+            for label, w in zip(vibration_modes.labels, frequencies, strict=True)
+        ],
+        "notes": list(vibration_modes.notes),
+    }
 
 
 @command("animate beat.npz --mode 1,1,cos=5 --mode 0,2,sin=3 -o swing.glb")
@@ -147,7 +151,6 @@ def modes(
     "--damping", default=0.0, show_default=True, help="Share of each mode's critical damping."
 )
 @click.option("--together", is_flag=True, help="All modes oscillate with the same period.")
-@json_option
 @surface_options
 def animate(
     source: Path,
@@ -158,11 +161,10 @@ def animate(
     seconds: float,
     damping: float,
     together: bool,
-    as_json: bool,
     grid: tuple[int, ...] | None,
     topology: str | None,
     **stated: Any,
-) -> None:
+) -> Any:
     """Animate vibration modes of the surface in FILE.
 
     Frame 0 is the surface displaced by all modes; then it is released, and each mode oscillates as
@@ -190,12 +192,8 @@ def animate(
         unit=surface.unit,
     )
     _write_animation(output, template, motion, seconds / frames)
-    said = (
-        f"{counted(frames, 'frame')} of {counted(len(labels), 'mode')} over "
-        f"{counted(template.n_vertices, 'vertex', 'vertices')}"
-    )
-    found = {"n_frames": frames, "modes": list(map(str, labels)), "n_vertices": template.n_vertices}
-    tell(found, [said], output, as_json=as_json)
+    names = list(map(str, labels))
+    return {"n_frames": frames, "modes": names, "n_vertices": template.n_vertices}
 
 
 def _surface(
@@ -249,36 +247,6 @@ def _terms(terms: tuple[str, ...]) -> tuple[list[ModeLabel], list[float]]:
                 remedy="Write LABEL=AMPLITUDE, such as 1,1,cos=5.",
             ) from None
     return labels, amplitudes
-
-
-def _table(vibration_modes: VibrationModes) -> list[str]:
-    lines = [
-        (
-            f"{vibration_modes.surface}: {counted(len(vibration_modes), 'mode')}; "
-            f"w in {vibration_modes.frequency_unit}"
-        ),
-        f"  {'label':>20} {'w':>12}",
-    ]
-    largest = float(vibration_modes.angular_frequencies.max())
-    for label, w in zip(
-        vibration_modes.labels, vibration_modes.angular_frequencies.tolist(), strict=True
-    ):
-        lines.append(f"  {label!s:>20} {numeral(w, 4, of=largest):>12}")
-    return lines + [f"note: {note}" for note in vibration_modes.notes]
-
-
-def _numbers(vibration_modes: VibrationModes) -> dict[str, object]:
-    return {
-        "surface": vibration_modes.surface,
-        "frequency_unit": vibration_modes.frequency_unit,
-        "modes": [
-            {"label": str(label), "angular_frequency": w}
-            for label, w in zip(
-                vibration_modes.labels, vibration_modes.angular_frequencies.tolist(), strict=True
-            )
-        ],
-        "notes": list(vibration_modes.notes),
-    }
 
 
 def _write_modes(

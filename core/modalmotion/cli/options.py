@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import json
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields
 from enum import Enum
 from functools import reduce
@@ -16,11 +17,13 @@ from types import NoneType, UnionType
 from typing import Any, Final, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import click
+import numpy as np
 
 from modalmotion.errors import needs_extra
 from modalmotion.exports.picture_files import PICTURES as PICTURES
 from modalmotion.exports.picture_files import write_picture as write_picture
-from modalmotion.mesh.sequence import MEAN, Reference
+from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
+from modalmotion.representation import numeral
 from modalmotion.signature.parameters import USUAL_MODES, SignatureParameters
 
 MOVING: Final = ".gif"
@@ -125,6 +128,10 @@ def _obstacle_in(folder: Path) -> str:
     return ""
 
 
+EXISTING: Final = click.Path(exists=True, path_type=Path)
+EXISTING_FILE: Final = click.Path(exists=True, dir_okay=False, path_type=Path)
+EXISTING_FOLDER: Final = click.Path(exists=True, file_okay=False, path_type=Path)
+
 E = TypeVar("E", bound=Enum)
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -204,9 +211,46 @@ _GROUPS: Final = ("", FIT, TRACKING, READING, FACTS, VENTRICLE)
 """Headings of options, in their order."""
 
 
-def command(line: str, name: str | None = None) -> Callable[[Callable[..., Any]], click.Command]:
-    """Make a command with this example at the end of its help."""
-    return click.command(name, cls=Command, epilog=example(line))
+def command(
+    line: str, *, group: click.Group | None = None, prints_json: bool = True
+) -> Callable[[Callable[..., Any]], click.Command]:
+    """Make a command with this example at the end of its help, which prints what is returned.
+
+    That is the members of a JSON object, which `described` writes in words; or these and lines in
+    words, made only where they are printed; or both and what is raised after they are printed. The
+    files of all options are listed, unless the member `written` lists others.
+
+    Parameters
+    ----------
+    line : str
+    group : click.Group, optional
+        Of the command; otherwise it is one of modalmotion itself.
+    prints_json : bool
+        Whether there is an option --json.
+    """
+
+    def decorate(function: Callable[..., Any]) -> click.Command:
+        @functools.wraps(function)
+        def printed(*, as_json: bool = False, **options: Any) -> None:
+            found = function(**options)
+            answer, *rest = found if isinstance(found, tuple) else (found or {},)
+            written = answer.pop("written", None)
+            if written is None:
+                context = click.get_current_context()
+                written = [path for name, path in options.items() if _is_output(context, name)]
+            lines = rest[0] if rest else described(answer)
+            tell(answer, lines, *written, as_json=as_json)
+            if len(rest) > 1 and rest[1] is not None:
+                raise rest[1]
+
+        # Options of the function come before --json in the help: lists of click are reversed.
+        own, printed.__click_params__ = getattr(function, "__click_params__", []), []  # type: ignore[attr-defined]
+        made = json_option(printed) if prints_json else printed
+        made.__click_params__ += own  # type: ignore[attr-defined]
+        add = click.command if group is None else group.command
+        return add(cls=Command, epilog=example(line))(made)
+
+    return decorate
 
 
 def several(*options: Decorator) -> Decorator:
@@ -352,9 +396,56 @@ def aligned(rows: Sequence[Sequence[object]]) -> str:
     )
 
 
+def sequence_numbers(sequence: MeshSequence) -> dict[str, object]:
+    """Give what is said of a sequence that was written."""
+    return {
+        "n_frames": sequence.n_frames,
+        "n_vertices": sequence.n_vertices,
+        "unit": sequence.unit,
+        "id": sequence.id,
+    }
+
+
 def example(line: str) -> str:
     """Write the last line of a command's help."""
     return f"Example: modalmotion {line}"
+
+
+_NOTES: Final = ("notes", "flags", "left_out")
+_FEW: Final = 8
+
+
+def described(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
+    """Write an answer in words: a line for each member, a table of several objects, notes."""
+    for name, value in answer.items():
+        label = f"{indent}{name.replace('_', ' ').removeprefix('n ')}"
+        if name in _NOTES and isinstance(value, list | tuple):
+            yield from (f"{indent}{'flag' if name == 'flags' else 'note'}: {one}" for one in value)
+        elif isinstance(value, Mapping) and value:
+            yield f"{label}:"
+            yield from described(value, f"{indent}  ")
+        elif isinstance(value, list | tuple) and value and isinstance(value[0], Mapping):
+            columns = [key for key, one in value[0].items() if not isinstance(one, Mapping)]
+            rows = [[_text(one[key]) for key in columns] for one in value]
+            yield f"{label}:"
+            yield from (f"{indent}  {row}" for row in aligned([columns, *rows]).splitlines())
+        elif value is not None and value != "" and not (np.ndim(value) and not len(value)):
+            yield f"{label:<26} {_text(value)}"
+
+
+def _text(value: Any) -> str:
+    """Write a value in words: an interval, the size of a matrix, the range of many numbers."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return numeral(value)
+    if not isinstance(value, list | tuple):
+        return str(value)
+    if all(isinstance(one, int | float) for one in value) and len(value) > _FEW:
+        return f"{_text(min(value))} to {_text(max(value))} ({len(value)} values)"
+    if any(isinstance(one, list | tuple) for one in value):
+        return f"{len(value)} x {len(value[0])} values"
+    return ", ".join(map(_text, value))
 
 
 def tell(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,8 @@ from modalmotion.cli.files import Waiting, fitted, read, sequence_argument
 from modalmotion.cli.options import (
     PICTURES,
     command,
+    described,
     fit_options,
-    json_option,
     mode_options,
     options_of,
     output_option,
@@ -21,7 +22,6 @@ from modalmotion.cli.options import (
     plot_option,
     signature_parameters,
     surface_options,
-    tell,
     verbose_option,
     write_picture,
 )
@@ -58,35 +58,24 @@ from modalmotion.template.body_frame import Components
     required=False,
 )
 @plot_option
-@json_option
 @verbose_option
 @fit_options
 def signature(
-    source: Path,
-    output: Path | None,
-    plot: Path | None,
-    as_json: bool,
-    verbose: bool,
-    **options: Any,
-) -> None:
+    source: Path, output: Path | None, plot: Path | None, verbose: bool, **options: Any
+) -> Any:
     """Fit the modal signature of the sequence in FILE.
 
     FILE is a file of any known format, a folder of frames, or a pattern of their
     names such as 'scan_*.ply'.
     """
     with Waiting(source) as waiting:
-        watch, volume = waiting.watch, []
+        watch = waiting.watch
         sequence, result = fitted(source, waiting, options)
-        if not as_json:
-            with watch.stage("volume"):
-                volume = _volume_lines(result, sequence)
         for path in filter(None, (output, plot)):
             with watch.stage("picture" if path.suffix.lower() in PICTURES else "write"):
                 _write(path, sequence, result)
     price = price_of(result, waiting.milliseconds())
-    lines = [*_lines(result), *(price_lines(price) if verbose else []), *volume]
-    lines += [f"note: {note}" for note in result.notes]
-    tell(summary(result, price), lines, output, plot, as_json=as_json)
+    return summary(result, price), _lines(result, sequence, price if verbose else None)
 
 
 def _write(path: Path, sequence: MeshSequence, result: ModalSignature) -> None:
@@ -94,10 +83,6 @@ def _write(path: Path, sequence: MeshSequence, result: ModalSignature) -> None:
         from modalmotion.pictures.signature import signature_figure
 
         write_picture(signature_figure(sequence, result), path)
-    elif path.suffix.lower() == ".h5":
-        from modalmotion.store import signature_to_hdf5, write_atomic
-
-        write_atomic(path, signature_to_hdf5(result))
     else:
         result.save(path)
 
@@ -108,30 +93,19 @@ def _write(path: Path, sequence: MeshSequence, result: ModalSignature) -> None:
 @click.option(
     "--max-targets", type=int, help="For GLB: largest number of morph targets, by energy."
 )
-@json_option
 @fit_options
-def reconstruct(
-    source: Path, output: Path, max_targets: int | None, as_json: bool, **options: Any
-) -> None:
+def reconstruct(source: Path, output: Path, max_targets: int | None, **options: Any) -> Any:
     """Write the surfaces superposed from a few modes of the sequence in FILE."""
-    from modalmotion.store import write_atomic
-
     kind = SUFFIXES[output.suffix.lower()]
     with Waiting(source) as waiting:
         sequence, result = fitted(source, waiting, options)
         with waiting.watch.stage("write"):
             write_atomic(output, write_superposed(result, sequence, kind, max_targets=max_targets))
-    motion = float(result.motion_rms.max())
-    said = (
-        f"{counted(result.n_frames, 'frame')}, error {numeral(result.rms_error, of=motion)} "
-        f"{result.unit or 'length units'} RMS"
-    )
-    found = {"n_frames": result.n_frames, "rms_error": result.rms_error, "unit": result.unit}
-    tell(found, [said], output, as_json=as_json)
+    return {"n_frames": result.n_frames, "rms_error": result.rms_error, "unit": result.unit}
 
 
 def _volume_lines(signature: ModalSignature, sequence: MeshSequence) -> list[str]:
-    """Print volume and ejection fraction; nothing if the surface encloses nothing."""
+    """Write volume and ejection fraction; nothing if the surface encloses nothing."""
     from modalmotion.clinical import clinical_readouts
 
     try:
@@ -179,61 +153,40 @@ def summary(result: ModalSignature, price: Price) -> dict[str, object]:
     }
 
 
-def _lines(result: ModalSignature) -> list[str]:
-    unit = result.unit or "length units"
-    motion = float(result.motion_rms.max())
-    lines = [
-        (
-            f"{result.surface}, {counted(result.n_frames, 'frame')}, "
-            f"{counted(result.n_vertices, 'vertex', 'vertices')}"
-        ),
-        *([f"facts: {repr(result.facts)[6:-1]}"] if result.facts.stated else []),
-        _amount(result),
-        f"motion {numeral(motion)} {unit} RMS in the frame with most motion",
-        (
-            f"error {numeral(result.rms_error, of=motion)} {unit} RMS over all vertices and frames "
-            f"({numeral(result.weighted_rms_error, of=motion)} weighted); "
-            f"in the worst frame {numeral(float(result.p95_errors.max()), of=motion)} (p95) and "
-            f"{numeral(result.max_error, of=motion)} (max)"
-        ),
-        *_deviation_lines(result),
-        "deformation spectrum:",
-    ]
-    spectrum = result.deformation_spectrum
-    largest = max(float(spectrum.max()), 1e-300)
-    for label, value in zip(result.modes.labels[:20], spectrum, strict=False):
-        bar = "#" * round(30 * float(value) / largest)
-        lines.append(f"  {label!s:>14} {numeral(float(value), of=motion):>9}  {bar}")
-    return lines + ([f"  ... and {len(spectrum) - 20} more"] if len(spectrum) > 20 else [])
-
-
-def _amount(result: ModalSignature) -> str:
-    count = counted(len(result.modes), "mode")
-    if result.kind == SignatureKind.OFFSET:
-        return f"{count} = {result.n_amplitudes} offsets per frame"
-    return f"{count} x 3 directions = {result.n_amplitudes} amplitudes per frame"
-
-
-def _deviation_lines(result: ModalSignature) -> list[str]:
+def _lines(result: ModalSignature, sequence: MeshSequence, price: Price | None) -> Iterator[str]:
+    unit, motion = result.unit or "length units", float(result.motion_rms.max())
+    yield (
+        f"{result.surface}, {counted(result.n_frames, 'frame')}, "
+        f"{counted(result.n_vertices, 'vertex', 'vertices')}"
+    )
+    if result.facts.stated:
+        yield f"facts: {repr(result.facts)[6:-1]}"
+    each = "offset" if result.kind == SignatureKind.OFFSET else "amplitude"
+    modes = counted(len(result.modes), "mode")
+    yield f"{modes}, {counted(result.n_amplitudes, each)} per frame"
+    yield f"motion {numeral(motion)} {unit} RMS in the frame with most motion"
+    yield (
+        f"error {numeral(result.rms_error, of=motion)} {unit} RMS over all vertices and frames "
+        f"({numeral(result.weighted_rms_error, of=motion)} weighted); "
+        f"in the worst frame {numeral(float(result.p95_errors.max()), of=motion)} (p95) and "
+        f"{numeral(result.max_error, of=motion)} (max)"
+    )
     deviations, share = result.amplitude_deviations, result.deviation_share
-    if deviations is None or share is None:
-        return []
-    largest = numeral(float(deviations.max(initial=0.0)))
-    unit = result.unit or "length units"
-    return [f"standard deviations of the amplitudes up to {largest} {unit}, {share:.1%} of them"]
-
-
-def price_lines(price: Price) -> list[str]:
-    """Write the sizes and times of a description."""
-    times = ", ".join(f"{name} {spent:.1f} ms" for name, spent in price.milliseconds.items())
-    total = sum(price.milliseconds.values()) / 1e3
-    return [
-        (
-            f"{price.numbers} numbers: {price.bytes} bytes as float64, {price.bytes_float32} as "
-            f"float32; compression {price.compression:.1f}:1; condition {price.condition:.3g}"
-        ),
-        *([f"time: {times}; {total:.1f} s in all"] if times else []),
-    ]
+    if deviations is not None and share is not None:
+        largest = numeral(float(deviations.max(initial=0.0)))
+        yield f"standard deviations of the amplitudes up to {largest} {unit}, {share:.1%} of them"
+    yield "deformation spectrum:"
+    spectrum = result.deformation_spectrum
+    top = max(float(spectrum.max()), 1e-300)
+    for label, value in zip(result.modes.labels[:20], spectrum, strict=False):
+        bar = "#" * round(30 * float(value) / top)
+        yield f"  {label!s:>14} {numeral(float(value), of=motion):>9}  {bar}"
+    if len(spectrum) > 20:
+        yield f"  ... and {len(spectrum) - 20} more"
+    if price is not None:
+        yield from described({"price": asdict(price)})
+    yield from _volume_lines(result, sequence)
+    yield from (f"note: {note}" for note in result.notes)
 
 
 _SUFFIXES = {suffix: kind for suffix, kind in SUFFIXES.items() if kind != SurfaceFormat.GLB}
@@ -244,15 +197,9 @@ _SUFFIXES = {suffix: kind for suffix, kind in SUFFIXES.items() if kind != Surfac
 @output_option("File to write: .npz, .vtkhdf or .zip (of PLY).", *_SUFFIXES)
 @click.option("--phase", "phases", type=float, multiple=True, help="Share of the cycle, 0 to 1.")
 @click.option("--frames", type=click.IntRange(2), help="Instead of phases: number of even steps.")
-@json_option
 def resample(
-    source: Path,
-    output: Path,
-    phases: tuple[float, ...],
-    frames: int | None,
-    as_json: bool,
-    **options: Any,
-) -> None:
+    source: Path, output: Path, phases: tuple[float, ...], frames: int | None, **options: Any
+) -> Any:
     """Write the surface in FILE at any phase of its cycle, with its deviation."""
     if bool(phases) == (frames is not None):
         raise click.UsageError("Give one of --phase and --frames.")
@@ -267,17 +214,13 @@ def resample(
             kind = _SUFFIXES[output.suffix.lower()]
             fields = {"deviation": result.deviations} if kind == SurfaceFormat.VTKHDF else None
             write_atomic(output, write_surfaces(result.sequence, kind, fields))
-    found = {
+    return {
         "phases": result.phases.tolist(),
         "rms_deviations": result.rms_deviations.tolist(),
         "course": result.course,
         "unit": sequence.unit,
+        "notes": [reconstruction.note_on(result)],
     }
-    said = [
-        f"{counted(len(result.phases), 'frame')}, {result.course} in time",
-        reconstruction.note_on(result),
-    ]
-    tell(found, said, output, as_json=as_json)
 
 
 @command("tradeoff beat.npz --tolerance 1 -o tradeoff.png")
@@ -295,7 +238,6 @@ def resample(
     help="Largest number of modes on the front.",
 )
 @picture_option
-@json_option
 @verbose_option
 @mode_options
 @surface_options
@@ -304,10 +246,9 @@ def tradeoff(
     components: Components | None,
     front_modes: int,
     plot: Path | None,
-    as_json: bool,
     verbose: bool,
     **options: Any,
-) -> None:
+) -> Any:
     """Measure error, size and time of each number of modes for the sequence in FILE.
 
     Choose a point of the front by --modes, --tolerance or --auto.
@@ -330,42 +271,40 @@ def tradeoff(
                 write_picture(tradeoff_figure(result), plot)
     price = replace(result.chosen.price, milliseconds=waiting.milliseconds())
     result = replace(result, chosen=replace(result.chosen, price=price))
-    tell(as_plain(result), _lines_of_tradeoff(result, verbose), plot, as_json=as_json)
+    return as_plain(result), _lines_of_tradeoff(result, verbose)
 
 
-def _lines_of_tradeoff(result: Tradeoff, verbose: bool) -> list[str]:
-    front, price = result.front, result.chosen.price
-    unit, motion = front.unit or "length units", front.motion_rms
-    lines = [
-        (
-            f"{counted(front.n_frames, 'frame')}, "
-            f"{counted(front.n_vertices, 'vertex', 'vertices')}, "
-            f"motion {numeral(motion)} {unit} RMS"
-        )
-    ]
+def _lines_of_tradeoff(result: Tradeoff, verbose: bool) -> Iterator[str]:
+    front, chosen = result.front, result.chosen
+    errors: dict[str, object] = {}
     for branch in front.branches:
         shown = [k for k, n in enumerate(branch.counts) if n in (1, 7, 18, 37, branch.counts[-1])]
-        errors = ", ".join(
-            f"{branch.counts[k]}: {numeral(float(branch.rms[k]), of=motion)}" for k in shown
+        errors[f"{branch.topology}, {branch.components}, by modes"] = ", ".join(
+            f"{branch.counts[k]}: {numeral(float(branch.rms[k]), of=front.motion_rms)}"
+            for k in shown
         )
-        lines.append(f"{branch.topology}, {branch.components}: RMS by modes {errors}")
     for kind, error in result.scene.items():
-        text = (
-            f"{numeral(error.rms, of=motion)} {unit} RMS, {numeral(error.max, of=motion)} at most"
-        )
-        lines.append(f"as {with_article(kind)} motion: {text}")
-    if result.noise is not None:
-        lines.append(result.noise.note(front.unit))
-    lines.append(f"chosen: {describe(result)}")
-    lines.append(
-        f"error {numeral(price.rms_error, of=motion)} {unit} RMS "
-        f"({numeral(price.weighted_rms_error, of=motion)} weighted), "
-        f"{numeral(price.p95_error, of=motion)} (p95) and "
-        f"{numeral(price.max_error, of=motion)} (max) in the worst frame"
+        errors[f"as {with_article(kind)} motion"] = error.rms
+    price = chosen.price
+    yield from described(
+        {
+            "n_frames": front.n_frames,
+            "n_vertices": front.n_vertices,
+            "unit": front.unit,
+            "motion_rms": front.motion_rms,
+            "rms_errors": errors,
+            "chosen": describe(result),
+            "errors of the choice": {
+                "RMS": price.rms_error,
+                "weighted RMS": price.weighted_rms_error,
+                "95th percentile of the worst frame": price.p95_error,
+                "largest": price.max_error,
+            },
+            "price": asdict(price) if verbose else {},
+        }
     )
-    lines += price_lines(price) if verbose else []
-    lines += [f"note: {note}" for note in result.chosen.signature.notes]
-    return lines + [f"note: {note}" for note in result.chosen.notes]
+    notes = [] if result.noise is None else [result.noise.note(front.unit)]
+    yield from described({"notes": (*notes, *chosen.signature.notes, *chosen.notes)})
 
 
 def describe(result: Tradeoff) -> str:

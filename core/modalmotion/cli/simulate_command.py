@@ -16,11 +16,9 @@ from modalmotion.cli.options import (
     GridShape,
     OutputFolder,
     command,
-    example,
-    json_option,
     options_of,
     output_option,
-    tell,
+    sequence_numbers,
 )
 from modalmotion.formats import write_npz
 from modalmotion.formats.volumes import write_nifti_zip
@@ -54,7 +52,6 @@ _STATED: Final = ("tracking", "handedness", "period", "cavity", "modality")
     type=click.Choice([kind.value for kind in ImageKind]),
     help="Images instead of a surface: a zip of NIfTI, with the true surface and landmarks.",
 )
-@json_option
 @options_of(
     VentricleParameters, *(one.name for one in fields(VentricleParameters)), group=VENTRICLE
 )
@@ -66,9 +63,8 @@ def simulate(
     vertices: int | None,
     seed: int,
     image: str | None,
-    as_json: bool,
     **parameters: Any,
-) -> None:
+) -> Any:
     """Simulate one heartbeat of a left ventricle.
 
     The motion is kinematic: ejection fraction, shortening, torsion and timing follow known
@@ -78,9 +74,7 @@ def simulate(
         raise click.BadParameter("A ventricle's lattice has two axes.", param_hint="--grid")
     if image is not None:
         parts = _write_images(output, image, VentricleParameters(**parameters), frames, seed)
-        said = f"{frames} frames of {image} images, LPS mm"
-        tell({"n_frames": frames, "image": image}, [said], *parts, as_json=as_json)
-        return
+        return {"n_frames": frames, "image": image, "unit": "mm", "written": parts}
     sequence = simulate_ventricle(
         VentricleParameters(**parameters),
         grid=(grid[0], grid[1]),
@@ -89,9 +83,7 @@ def simulate(
         rng=np.random.default_rng(seed),
     )
     write_atomic(output, write_npz(sequence))
-    found = {"n_frames": sequence.n_frames, "n_vertices": sequence.n_vertices, "unit": "mm"}
-    said = f"{sequence.n_frames} frames of {sequence.n_vertices} vertices, in mm"
-    tell({**found, "id": sequence.id}, [said], output, as_json=as_json)
+    return sequence_numbers(sequence)
 
 
 def _write_images(
@@ -114,7 +106,7 @@ def _write_images(
     return output, truth, places
 
 
-@click.command("simulate-cohort", epilog=example("simulate-cohort -o cohort --per-class 50"))
+@command("simulate-cohort -o cohort --per-class 50")
 @output_option(
     "Folder to write: files, and cases.csv with path, label, subject and facts.",
     type=OutputFolder(),
@@ -130,8 +122,7 @@ def _write_images(
     "--noise", default=0.6, show_default=True, help="Standard deviation of coordinates, mm."
 )
 @click.option("--seed", default=0, show_default=True, help="Seed of all random numbers.")
-@json_option
-def simulate_cohort(output: Path, per_class: int, noise: float, seed: int, as_json: bool) -> None:
+def simulate_cohort(output: Path, per_class: int, noise: float, seed: int) -> Any:
     """Simulate labelled ventricles that differ in motion, shape, mesh, frames and pose."""
     output.mkdir(parents=True, exist_ok=True)
     rows: list[list[object]] = [["path", "label", "subject", *_STATED]]
@@ -144,6 +135,5 @@ def simulate_cohort(output: Path, per_class: int, noise: float, seed: int, as_js
             facts = [getattr(case.sequence.facts, fact) for fact in _STATED]
             rows.append([f"{name}.npz", case.label, name, *facts])
     write_atomic(output / "cases.csv", csv_text(rows).encode())
-    found = {"n_cases": total, "classes": [one.value for one in MotionClass]}
-    said = f"{total} ventricles of {len(MotionClass)} classes"
-    tell(found, [said], output / "cases.csv", as_json=as_json)
+    classes = [one.value for one in MotionClass]
+    return {"n_cases": total, "classes": classes, "written": [output / "cases.csv"]}

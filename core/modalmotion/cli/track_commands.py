@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -10,26 +9,29 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 import numpy as np
 
+from modalmotion.cli.files import Waiting, counting, read, stated_facts
 from modalmotion.cli.options import (
+    EXISTING,
     MOVING,
     PICTURES,
     TRACKING,
     Grouped,
     OutputFile,
     command,
-    json_option,
     options_of,
     output_option,
     plot_option,
     several,
-    tell,
+    signature_parameters,
     write_picture,
 )
 from modalmotion.errors import ParameterError
 from modalmotion.formats import read_sequence, write_npz
 from modalmotion.formats.ply import write_ply
 from modalmotion.formats.volumes import read_images
+from modalmotion.formats.volumes.reading import holds_images
 from modalmotion.images import ImageSequence
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.pictures.track import (
     data_figure,
     determined_figure,
@@ -38,20 +40,28 @@ from modalmotion.pictures.track import (
     overlay_gif,
     usual_frame,
 )
-from modalmotion.representation import numeral
+from modalmotion.progress import Progress
+from modalmotion.signature.making import ModalSignature, modal_signature
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
 from modalmotion.tracking.landmarks import read_landmark_file
 from modalmotion.tracking.making import segment as segment_image
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
-from modalmotion.tracking.reading import Recorded, read_observed, recorded_images
+from modalmotion.tracking.reading import Recorded, holds_contours, read_observed, recorded_images
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 label_options = options_of(
     TrackParameters, "labels", "wall", "papillary", group=TRACKING, labels={"flag": "label"}
+)
+start_option = click.option(
+    "--start",
+    cls=Grouped,
+    group=TRACKING,
+    type=EXISTING,
+    help="A surface to start from.",
 )
 tracking_options = several(
     click.option(
@@ -65,27 +75,61 @@ tracking_options = several(
         "more. Label maps need none.",
     ),
     label_options,
-    options_of(TrackParameters, "contours", group=TRACKING),
+    start_option,
+    options_of(TrackParameters, "contours", "time", group=TRACKING),
 )
 """How what has no corresponding vertices is tracked."""
 
-TRACKING_OPTIONS: Final = ("landmarks", "labels", "wall", "papillary", "contours")
-"""Names of these options."""
-
-
+_TRACKING: Final = ("landmarks", "labels", "wall", "papillary", "start", "contours", "time")
 _PICTURES: Final = ("data", "deviations", "determined")
 
 
+def fitted_recording(
+    source: Path, waiting: Waiting, options: dict[str, Any]
+) -> tuple[MeshSequence, ModalSignature]:
+    """Read a sequence, or track one through images, points or contours; and fit its signature.
+
+    Parameters
+    ----------
+    source : Path
+    waiting : Waiting
+    options : dict
+        Of `tracking_options`, `sequence_argument` and `fit_options`.
+    """
+    named = {name: options.pop(name) for name in _TRACKING}
+    parameters = signature_parameters(options)
+    with waiting.watch.stage("read"):
+        is_stated = named["landmarks"] or named["labels"]
+        is_tracked = is_stated or holds_images(source) or holds_contours(source)
+        if is_tracked:
+            recorded = read_observed(source, contours=named["contours"])
+        else:
+            sequence = read(source, **options)
+    if is_tracked:
+        with waiting.watch.stage("track"):
+            stated = {"unit": options["unit"], "times": options["frame_interval"]}
+            facts = stated_facts(options)
+            sequence = _followed(recorded, named, **stated, facts=facts).sequence
+    return sequence, modal_signature(sequence, parameters, watch=waiting.watch)
+
+
+def _followed(
+    recorded: Recorded, named: dict[str, Any], progress: Progress | None = None, **stated: Any
+) -> Track:
+    landmarks, start = named.pop("landmarks"), named.pop("start")
+    marks = stated_landmarks(landmarks, recorded, stated["unit"], stated.get("reference", 0))
+    surface = None if start is None else read_sequence(start).sequence
+    parameters = TrackParameters(landmarks=marks, **named, **stated)
+    return parameters.follow(recorded, start=surface, progress=progress)
+
+
 @command("track frames/ -o beat.npz --landmarks apex=1,2,3 --unit mm")
-@click.argument("source", metavar="IN", type=click.Path(exists=True, path_type=Path))
+@click.argument("source", metavar="IN", type=EXISTING)
 @output_option(
     "File to write: the sequence (.npz), or the whole track (.h5).", ".npz", ".h5", ".hdf5"
 )
 @tracking_options
-@click.option(
-    "--start", type=click.Path(exists=True, path_type=Path), help="A surface to start from."
-)
-@options_of(TrackParameters, "topology", "modes", "time", "reference", "unit")
+@options_of(TrackParameters, "topology", "modes", "reference", "unit")
 @click.option("--frame-interval", "times", type=float, help="Seconds from frame to frame.")
 @click.option(
     "--plot",
@@ -100,46 +144,26 @@ _PICTURES: Final = ("data", "deviations", "determined")
     help="Of --plot: data over the surface by frame, the stated error on it, or what the data have "
     "set.",
 )
-@json_option
-def track(
-    source: Path,
-    output: Path,
-    landmarks: tuple[str, ...],
-    start: Path | None,
-    contours: tuple[str, ...],
-    plot: Path | None,
-    picture: str,
-    as_json: bool,
-    **options: Any,
-) -> None:
+def track(source: Path, output: Path, plot: Path | None, picture: str, **options: Any) -> Any:
     """Track a surface through the frames in IN, without correspondence between them.
 
     IN is a folder or zip with one mesh, cloud or set of contours per frame, an npz of points and
     offsets, or images: NIfTI, NRRD, MetaImage, or a folder or zip of DICOM. The motion follows the
     data along the surface's normals.
     """
-    with click.progressbar(length=1, label="frames", file=sys.stderr) as bar:
-
-        def shown(done: int, total: int) -> None:
-            bar.length = total
-            bar.update(done - bar.pos)
-
-        recorded = read_observed(source, contours=contours)
+    named = {name: options.pop(name) for name in _TRACKING}
+    with counting("frames") as progress:
+        recorded = read_observed(source, contours=named["contours"])
         if plot is not None and plot.suffix.lower() == MOVING:
             _require_images(recorded, picture)
-        marks = stated_landmarks(landmarks, recorded, options["unit"], options["reference"])
-        parameters = TrackParameters(contours=contours, landmarks=marks, **options)
-        surface = None if start is None else read_sequence(start).sequence
-        result = parameters.follow(recorded, start=surface, progress=shown)
+        result = _followed(recorded, named, progress, **options)
     is_npz = output.suffix.lower() == ".npz"
-    data = write_npz(result.sequence) if is_npz else track_to_hdf5(result)
-    write_atomic(output, data)
+    write_atomic(output, write_npz(result.sequence) if is_npz else track_to_hdf5(result))
     if plot is not None and plot.suffix.lower() == MOVING and recorded.images is not None:
         write_atomic(plot, overlay_gif(result, recorded.images))
     elif plot is not None:
         write_picture(_figure(result, recorded, picture), plot)
-    notes = [f"note: {note}" for note in result.notes]
-    tell(_numbers(result), [*_lines(result), *notes], output, plot, as_json=as_json)
+    return _numbers(result)
 
 
 def _require_images(recorded: Recorded, picture: str) -> None:
@@ -203,31 +227,6 @@ def stated_landmarks(
     return marks
 
 
-def _lines(result: Track) -> list[str]:
-    unit = result.sequence.unit or "length units"
-    seen = result.residuals[np.isfinite(result.residuals[:, 0]), 0]
-    across, along = np.median(result.deviations, axis=(0, 1))
-    lines = [
-        (
-            f"{result.n_frames} frames in {len(result.modes)} modes of a "
-            f"{result.template.topology.name}; {len(result.unseen)} without points"
-        ),
-        f"residual RMS {numeral(float(seen.mean()), 2)} {unit}, noise {result.noise.sd:.3g} {unit}",
-        f"stated error {across:.2g} {unit} across the surface, {along:.2g} {unit} along it",
-    ]
-    if result.ejection_fraction is not None and result.ejection_fraction_bound is not None:
-        bound = result.ejection_fraction_bound
-        lines.append(f"volume change {result.ejection_fraction:.1f} % +- {bound:.1f}")
-    if result.images is not None:
-        both = ", ".join(
-            f"{value:.1f} % ({name})" for name, value in result.ejection_fractions.items()
-        )
-        lines.append(f"papillary muscles counted as {result.images.papillary}: {both}")
-    if result.gap is not None:
-        lines.append(f"forward and backward tracking agree to {result.gap:.2g} {unit}")
-    return lines
-
-
 def _numbers(result: Track) -> dict[str, object]:
     return {
         "sequence_id": result.sequence.id,
@@ -236,6 +235,8 @@ def _numbers(result: Track) -> dict[str, object]:
         "topology": result.template.topology.name,
         "unit": result.sequence.unit,
         "noise": result.noise.sd,
+        "deviation_across": float(np.median(result.deviations[:, :, 0])),
+        "deviation_along": float(np.median(result.deviations[:, :, 1])),
         "residual_rms": [None if np.isnan(r) else r for r in result.residuals[:, 0].tolist()],
         "inliers": result.inliers.tolist(),
         "coverage": result.coverage.tolist(),
@@ -255,7 +256,7 @@ _MM3_PER_ML = 1000.0
 
 
 @command("segment labels.nii.gz -o lv.ply")
-@click.argument("source", metavar="IN", type=click.Path(exists=True, path_type=Path))
+@click.argument("source", metavar="IN", type=EXISTING)
 @output_option(
     "File to write: the surface with its deviations (.ply), the surface (.npz), or all (.h5).",
     ".ply",
@@ -271,21 +272,17 @@ _MM3_PER_ML = 1000.0
 )
 @label_options
 @click.option("--frame", default=0, show_default=True, help="Of images over time.")
-@click.option(
-    "--start", type=click.Path(exists=True, path_type=Path), help="A surface to start from."
-)
+@start_option
 @click.option("--modes", default=USUAL_MODES, show_default=True, help="Three amplitudes each.")
 @plot_option
-@json_option
 def segment(
     source: Path,
     output: Path,
     landmarks: tuple[str, ...],
     start: Path | None,
     plot: Path | None,
-    as_json: bool,
     **options: Any,
-) -> None:
+) -> Any:
     """Segment one image of IN by a surface, with its standard deviation.
 
     IN is NIfTI, NRRD, MetaImage, or a folder or zip of DICOM. The surface is fitted to the edge
@@ -299,15 +296,20 @@ def segment(
     if plot is not None:
         shown = ImageSequence((images.frames[options["frame"]],))
         write_picture(overlay_figure(result, shown), plot)
-    numbers = _numbers_of_segment(result)
-    bound = 2 * numbers["volume_deviation_ml"]
-    muscles = f"papillary muscles counted as {options['papillary']}"
-    lines = [
-        f"volume {numbers['volume_ml']:.1f} ml +- {bound:.1f}, {muscles}",
-        f"stated error {numbers['deviation_across']:.2g} mm across the surface",
-        *(f"note: {note}" for note in result.notes),
-    ]
-    tell(numbers, lines, output, plot, as_json=as_json)
+    volumes, deviations, found = result.volumes, result.volume_deviations, result.images
+    # An image is segmented by a surface that encloses a volume.
+    assert volumes is not None  # noqa: S101
+    assert deviations is not None  # noqa: S101
+    assert found is not None  # noqa: S101
+    return {
+        "volume_ml": float(volumes[0]) / _MM3_PER_ML,
+        "volume_deviation_ml": float(deviations[0]) / _MM3_PER_ML,
+        "deviation_across": float((result.deviations[0, :, 0] ** 2).mean() ** 0.5),
+        "found": found.found[0],
+        "papillary": found.papillary,
+        "papillary_volume_ml": found.papillary_volume / _MM3_PER_ML,
+        "notes": list(result.notes),
+    }
 
 
 def _written(result: Track, suffix: str) -> bytes:
@@ -321,20 +323,3 @@ def _written(result: Track, suffix: str) -> bytes:
             result.sequence.vertices[0].astype("f8"), result.template.faces, states, deviations
         )
     return write_npz(result.sequence) if suffix == ".npz" else track_to_hdf5(result)
-
-
-def _numbers_of_segment(result: Track) -> dict[str, Any]:
-    volumes, deviations, images = result.volumes, result.volume_deviations, result.images
-    # An image is segmented by a surface that encloses a volume.
-    assert volumes is not None  # noqa: S101
-    assert deviations is not None  # noqa: S101
-    assert images is not None  # noqa: S101
-    return {
-        "volume_ml": float(volumes[0]) / _MM3_PER_ML,
-        "volume_deviation_ml": float(deviations[0]) / _MM3_PER_ML,
-        "deviation_across": float((result.deviations[0, :, 0] ** 2).mean() ** 0.5),
-        "found": images.found[0],
-        "papillary": images.papillary,
-        "papillary_volume_ml": images.papillary_volume / _MM3_PER_ML,
-        "notes": list(result.notes),
-    }

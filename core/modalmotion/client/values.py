@@ -283,35 +283,11 @@ def require_place(path: Path) -> None:
     StoreError
         If there is no such folder, or a folder of that name.
     """
-    reason = None
-    if not path.parent.is_dir():
-        reason = f"there is no folder '{path.parent}'"
-    elif path.is_dir():
-        reason = "it is a folder"
-    elif not os.access(path.parent, os.W_OK):
-        reason = f"the folder '{path.parent}' may not be written to"
-    if reason is not None:
+    if not path.parent.is_dir() or path.is_dir() or not os.access(path.parent, os.W_OK):
+        reason = f"there is no folder '{path.parent}' that may be written to"
+        if path.is_dir():
+            reason = "it is a folder"
         raise StoreError(
             f"'{path.name}' cannot be written: {reason}.",
             remedy="Make the folder, or name a file in another one.",
         )
-
-
-def write(content: bytes, path: Path) -> None:
-    """Write a file, all of it or none.
-
-    Raises
-    ------
-    StoreError
-        If it cannot be written.
-    """
-    part = path.with_name(f"{path.name}.part")
-    try:
-        part.write_bytes(content)
-        part.replace(path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise StoreError(
-            f"'{path.name}' cannot be written: {error.strerror}.",
-            remedy="Check its folder, and the room on its disk.",
-        ) from error

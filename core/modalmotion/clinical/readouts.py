@@ -94,6 +94,11 @@ class ClinicalReadouts(Plotted):
         return self.mesh_curve if self.is_tracked else self.curve
 
     @property
+    def ejection_fraction(self) -> float | None:
+        """Percent; None if it is not known that the surface is a cavity: see `stated.share`."""
+        return self.stated.ejection_fraction
+
+    @property
     def stroke_volume(self) -> float:
         """Largest minus smallest volume, in `volume_unit`."""
         return self.stated.stroke_volume * self.shown_in

@@ -130,5 +130,5 @@ def _figures(sequence: MeshSequence) -> tuple[float, float, float, int]:
     volumes = np.abs(cavity.volume(sequence.vertices.astype(np.float64)))
     start, end = int(volumes.argmax()), int(volumes.argmin())
     strain = wall_strain(sequence, template, start, end).end_systolic
-    ejected = 100.0 * (1.0 - volumes[end] / volumes[start])
-    return float(ejected), strain["GLS"].value, strain["GCS"].value, end
+    ejected = 100.0 * float(1.0 - volumes[end] / volumes[start])
+    return ejected, strain["GLS"].value, strain["GCS"].value, end

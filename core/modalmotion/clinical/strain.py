@@ -134,6 +134,21 @@ class Strain(Plotted):
         return {name: self.at(name, self.end_systole) for name in self.names}
 
     @property
+    def gls(self) -> Figure:
+        """Global longitudinal strain at end systole."""
+        return self.end_systolic["GLS"]
+
+    @property
+    def gcs(self) -> Figure:
+        """Global circumferential strain at end systole."""
+        return self.end_systolic["GCS"]
+
+    @property
+    def gas(self) -> Figure:
+        """Global area strain at end systole."""
+        return self.end_systolic["GAS"]
+
+    @property
     def peak(self) -> dict[str, Figure]:
         """Each strain where it is most negative."""
         frames = self.curves.argmin(axis=0)

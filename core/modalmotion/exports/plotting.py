@@ -40,7 +40,8 @@ def plot(value: Any, path: str | Path | None = None) -> Figure:
     ----------
     value : object
         A sequence (with the superposition of its first 7 modes), a signature, read-outs, a strain,
-        a track, a class, a model, its card or its test, a trade-off or a template.
+        a track, a class, a model, its card or its test, a trade-off or a template; or the file of
+        one.
     path : str or Path, optional
         File to write as well: .png, .svg or .pdf.
 
@@ -64,6 +65,10 @@ def plot(value: Any, path: str | Path | None = None) -> Figure:
 
 def _drawn(value: Any) -> Figure:
     match value:
+        case str() | Path():
+            import modalmotion
+
+            return _drawn(modalmotion.load(value))
         case MeshSequence():
             return signature_figure(value, modal_signature(value))
         case ModalSignature():

@@ -32,7 +32,7 @@ from modalmotion.progress import Progress
 from modalmotion.signature.hdf5 import mode_datasets
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import at_times, reconstruct, resample
-from modalmotion.store.disk import cannot_write, sync_folder, temporary_beside
+from modalmotion.store.disk import cannot_write, sync_paths, temporary_beside
 from modalmotion.template import Template
 
 if TYPE_CHECKING:
@@ -171,7 +171,7 @@ def export(
             with temporary.open("rb") as written:
                 os.fsync(written.fileno())
             temporary.replace(out)
-            sync_folder(out.parent)
+            sync_paths([out.parent])
         finally:
             temporary.unlink(missing_ok=True)
     except (OSError, RuntimeError) as error:

@@ -238,6 +238,11 @@ class MeshSequence(FrozenArrays, Recorded):
         """From the first time to the last, in s; None if times are unknown."""
         return None if self.times is None else float(self.times[-1] - self.times[0])
 
+    @property
+    def volumes(self) -> NDArray[np.float64]:
+        """Volume enclosed in each frame, openings capped: (frames,) float64, length unit cubed."""
+        return self.readouts().mesh_curve.volumes
+
     @cached_property
     def id(self) -> str:
         """Identity of the content: sha256 in hex.

@@ -15,9 +15,9 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from modalmotion.arguments.checking import real
 from modalmotion.errors import ParameterError
 from modalmotion.representation import numeral, shown
 
@@ -147,20 +147,16 @@ class Deviation:
     @property
     def lines(self) -> str:
         """The answer in words, line by line."""
-        return "\n".join([*self.findings, *self.remarks])
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Warnings and notes, as lines."""
         warnings = [f"warning: {words}" for words in self.warnings]
-        return (*warnings, *(f"note: {words}" for words in self.notes))
+        return "\n".join([*self.findings, *warnings, *(f"note: {words}" for words in self.notes)])
 
     @property
     def findings(self) -> tuple[str, ...]:
         """What was found, as lines."""
         verdict = "deviates from" if self.deviates else "lies within"
+        covariates = ", ".join(self.covariates)
         share = f"{100 * self.attainable:.1f} % of recordings like the controls"
-        lines = [
+        return (
             f"{verdict} the {self.n_controls} controls of {self.norm}: p = {numeral(self.p)}",
             f"  {share} would be called a deviation (level {self.level:g})",
             *(f"  {group.words}" for group in self.groups),
@@ -169,10 +165,8 @@ class Deviation:
                 f"{100 * one.share_less:.0f} % of the controls have a smaller one"
                 for one in self.quantities
             ),
-        ]
-        if self.covariates:
-            lines.append(f"  accounted for: {', '.join(self.covariates)}")
-        return tuple(lines)
+            *([f"  accounted for: {covariates}"] if covariates else []),
+        )
 
     def as_json(self) -> dict[str, Any]:
         """Every field as JSON values, and each group in words."""
@@ -190,9 +184,10 @@ class CohortDeviation:
     norm, norm_id : str
     n_controls, n_recordings : int
     level : float
-    p : float
-        That exchanging controls and recordings sets them as far apart, by chance.
-    is_another : bool
+    p : float or None
+        That exchanging controls and recordings sets them as far apart, by chance; None of fewer
+        than five recordings.
+    is_another : bool or None
         Whether it is at most the level: then single p-values speak of the cohort, and not of
         the people in it.
     warning : str or None
@@ -205,8 +200,8 @@ class CohortDeviation:
     n_controls: int
     n_recordings: int
     level: float
-    p: float
-    is_another: bool
+    p: float | None
+    is_another: bool | None
     warning: str | None
     deviations: tuple[Deviation, ...]
 
@@ -249,7 +244,7 @@ LEVEL: Final = 0.05
 """Level at which something is called a deviation, unless one is stated."""
 
 
-def require_level(level: float) -> float:
+def require_level(level: float) -> None:
     """Check a level.
 
     Raises
@@ -257,14 +252,12 @@ def require_level(level: float) -> float:
     ParameterError
         If it is no number between 0 and 1/2.
     """
-    value = real("level", level)
-    if not 0.0 < value <= 0.5:
+    if not 0.0 < level <= 0.5:
         raise ParameterError(
-            f"The level is {numeral(value)}.",
+            f"The level is {numeral(level)}.",
             remedy="Use a share of false alarms between 0 and 0.5, such as 0.05.",
             details={"option": "level"},
         )
-    return value
 
 
 def fewest_controls(level: float) -> int:
@@ -283,63 +276,41 @@ def attainable(level: float, n: int) -> float:
     return math.floor(level * (n + 1) + 1e-9) / (n + 1)
 
 
-def p_values(scores: Array) -> Array:
-    """Share of a bag that is at least as strange as each of it, (members,) float64."""
-    ordered = np.sort(scores)
-    p: Array = 1.0 - np.searchsorted(ordered, scores, side="left") / len(scores)
-    return p
+def as_strange(scores: Array, own: float) -> float:
+    """Share of a bag, (members,), that is at least as strange as its member of that score."""
+    return float((scores >= own).mean())
 
 
-def strangeness(table: Array) -> Array:
-    """Squared distance of each member of a bag from its centre, (members,) float64.
+def strangeness(table: Array, groups: Sequence[list[int]]) -> Array:
+    """Strangeness of each member of a bag in each group of columns, over its mean in the bag.
 
     Parameters
     ----------
     table : (members, columns) float64
-        Columns of one unit: they are not scaled, so that those in which hardly anything moves
-        count as little as they move.
+        Columns of a group are of one unit and are not scaled, so that those in which hardly
+        anything moves count as little as they move.
+    groups : sequence of list of int
+        Columns of each.
+
+    Returns
+    -------
+    (groups, members) float64
+        The sum over the groups is that of the whole. The share of the bag whose greatest value in
+        any group is at least that of the member in one is its corrected p-value: at most a share
+        `attainable` of recordings like the controls has any that is at most the level (Westfall
+        and Young, 1993, in one step).
     """
-    squares: Array = ((table - table.mean(axis=0)) ** 2).sum(axis=1)
-    return squares
-
-
-def whole(scores: Sequence[Array]) -> Array:
-    """Several kinds of strangeness together, each over its mean in the bag, (members,) float64."""
-    together: Array = _over_mean(scores).sum(axis=0)
-    return together
-
-
-def family_p_values(scores: Sequence[Array]) -> Array:
-    """Corrected p-values of several kinds of strangeness, (kinds, members) float64.
-
-    The share of the bag whose greatest strangeness of any kind, each over its mean in the bag, is
-    at least that of the member in this kind. At most a share `attainable` of recordings like the
-    controls has any that is at most the level (Westfall and Young, 1993, in one step).
-
-    Parameters
-    ----------
-    scores : sequence of (members,) float64
-        One a kind.
-    """
-    scaled = _over_mean(scores)
-    greatest = np.sort(scaled.max(axis=0))
-    p: Array = 1.0 - np.searchsorted(greatest, scaled, side="left") / len(greatest)
-    return p
-
-
-def _over_mean(scores: Sequence[Array]) -> Array:
-    table = np.array(scores)
-    mean = table.mean(axis=1, keepdims=True)
-    scaled: Array = table / np.where(mean > 0.0, mean, 1.0)
-    return scaled
+    squares = (table - table.mean(axis=0)) ** 2
+    scores = np.array([squares[:, columns].sum(axis=1) for columns in groups])
+    mean = scores.mean(axis=1, keepdims=True)
+    return np.asarray(scores / np.where(mean > 0.0, mean, 1.0))
 
 
 def standardised(table: Array) -> Array:
     """Columns about their mean over their deviation; those that do not vary are left out."""
     spread = table.std(axis=0)
     varies = spread > _ROUNDING * np.maximum(np.abs(table).max(axis=0), np.finfo(float).tiny)
-    z: Array = (table[:, varies] - table[:, varies].mean(axis=0)) / spread[varies]
-    return z
+    return np.asarray((table[:, varies] - table[:, varies].mean(axis=0)) / spread[varies])
 
 
 def without_covariates(table: Array, covariates: Array) -> Array:
@@ -352,13 +323,10 @@ def without_covariates(table: Array, covariates: Array) -> Array:
     """
     if not covariates.shape[1]:
         return table
-    design = np.column_stack([np.ones(len(table)), standardised(covariates)])
-    coefficients, *_ = np.linalg.lstsq(design, table, rcond=None)
+    span = scipy.linalg.orth(np.column_stack([np.ones(len(table)), standardised(covariates)]))
     # A member far out among the covariates bends the line towards itself: the others' scale.
-    q, _ = np.linalg.qr(design)
-    leverage = np.minimum((q**2).sum(axis=1), 0.99)
-    rest: Array = (table - design @ coefficients) / np.sqrt(1.0 - leverage)[:, None]
-    return rest
+    leverage = np.minimum((span**2).sum(axis=1), 0.99)
+    return np.asarray((table - span @ (span.T @ table)) / np.sqrt(1.0 - leverage)[:, None])
 
 
 def exchange_p(table: Array, n: int, n_exchanges: int = 1999) -> float:
@@ -374,17 +342,10 @@ def exchange_p(table: Array, n: int, n_exchanges: int = 1999) -> float:
     n : int
     n_exchanges : int
     """
-    squares = (table**2).sum(axis=1)
-    apart = np.sqrt(np.maximum(squares[:, None] + squares - 2.0 * table @ table.T, 0.0))
-    rng = np.random.default_rng(0)
-    first = np.zeros((n_exchanges + 1, len(table)))
-    first[0, :n] = 1.0
-    for row in first[1:]:
-        row[rng.permutation(len(table))[:n]] = 1.0
-    second, m = 1.0 - first, len(table) - n
-    from_first = first @ apart
-    across = (from_first * second).sum(axis=1) / (n * m)
-    within = (from_first * first).sum(axis=1) / n**2
-    other = ((second @ apart) * second).sum(axis=1) / m**2
-    energies = 2.0 * across - within - other
+    apart = scipy.spatial.distance.cdist(table, table)
+    first = np.tile(np.arange(len(table)) < n, (n_exchanges + 1, 1)).astype(np.float64)
+    first[1:] = np.random.default_rng(0).permuted(first[1:], axis=1)
+    weights = first / n - (1.0 - first) / (len(table) - n)
+    # Twice the mean distance across less those within is the square form of the weights.
+    energies = -((weights @ apart) * weights).sum(axis=1)
     return float((energies >= energies[0] * (1.0 - 1e-12)).mean())

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -17,12 +16,14 @@ from numpy.typing import NDArray
 from modalmotion.arguments.checking import Saved
 from modalmotion.classification.answer import fitted_in, unlike
 from modalmotion.classification.card import require_model_name
+from modalmotion.classification.cohort import conditions_of
 from modalmotion.classification.extractor import Extractor
 from modalmotion.classification.model import Readable
-from modalmotion.clinical import Fraction
-from modalmotion.errors import ParameterError, UnlikeCasesError
+from modalmotion.classification.motion import Motion
+from modalmotion.clinical import Fraction, clinical_readouts
+from modalmotion.errors import ParameterError, TopologyError, UnlikeCasesError
 from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import Contents, Dataset, json_text
+from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm.deviation import (
@@ -31,29 +32,24 @@ from modalmotion.norm.deviation import (
     Deviation,
     GroupDeviation,
     QuantityDeviation,
+    as_strange,
     attainable,
     exchange_p,
-    family_p_values,
     fewest_controls,
     groups_of,
-    p_values,
     require_level,
     standardised,
     strangeness,
-    whole,
     without_covariates,
-)
-from modalmotion.norm.reading import (
-    QUANTITIES,
-    Reading,
-    covariate_table,
-    reading_of,
-    warnings_of,
 )
 from modalmotion.representation import counted, numeral, shown
 from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.value import first_modes
 
-FORM: Final = Form("norm", 2)
+FORM: Final = Form("norm", 3)
+
+QUANTITIES: Final = ("share", "end_diastolic_volume", "end_systolic_volume")
+"""Share of the volume that is lost, percent; volumes, ml, NaN where the unit is unknown."""
 
 FEWEST_RECORDINGS: Final = 5
 """Fewer are no cohort."""
@@ -64,10 +60,39 @@ _PER_COLUMN: Final = 10
 # Conditions that are numbers: where they differ, another machine or protocol stands behind.
 _CONDITIONS: Final = ("frames", "frame rate", "vertices")
 
-# Of each control, in JSON.
-_TEXTS: Final = ("conditions", "covariates", "tracking", "sequence_id", "subject")
-
 Array = NDArray[np.float64]
+
+
+@shown("sequence_id", "subject")
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What is read of one recording.
+
+    Parameters
+    ----------
+    values : (features,) float64
+        Features of the motion.
+    quantities : (3,) float64
+        See `QUANTITIES`; NaN where there is none.
+    fraction : Fraction or None
+        What the share is called.
+    conditions : mapping of str to (float or str)
+        How it was recorded: frames, vertices, frame rate, modality, and what its points follow.
+    covariates : mapping of str to (float or str)
+    sequence_id : str
+    subject : str or None
+    name : str
+        What errors call it.
+    """
+
+    values: Array
+    quantities: Array
+    fraction: Fraction | None
+    conditions: Mapping[str, float | str]
+    covariates: Mapping[str, float | str]
+    sequence_id: str
+    subject: str | None = None
+    name: str = ""
 
 
 @shown("name", "n_controls", "readable.topology", "readable.n_modes", "id")
@@ -102,19 +127,9 @@ class Norm(Saved):
     @cached_property
     def id(self) -> str:
         """sha256 of all that answers depend on, in hex."""
-        values = [
-            self.readable.as_json(),
-            self.extractor.as_json(),
-            self.columns,
-            [
-                [own.conditions, own.covariates, own.tracking, own.sequence_id, own.subject]
-                for own in self.controls
-            ],
-        ]
-        digest = hashlib.sha256(json.dumps(values, sort_keys=True).encode())
-        for own in self.controls:
-            digest.update(own.values.tobytes())
-            digest.update(own.quantities.tobytes())
+        digest = hashlib.sha256()
+        for one in _datasets(self):
+            digest.update(one.name.encode() + one.values.tobytes())
         return digest.hexdigest()
 
     def read(
@@ -144,11 +159,9 @@ class Norm(Saved):
         ModalMotionError
             If it cannot be fitted, or has other modes.
         """
-        if isinstance(recording, MeshSequence):
-            sequence = recording
         signature = recording
         if isinstance(signature, MeshSequence):
-            signature = fitted_in(self.readable, signature)
+            sequence, signature = signature, fitted_in(self.readable, signature)
         reason = unlike(signature, self.readable)
         if reason is not None:
             raise UnlikeCasesError(
@@ -157,20 +170,21 @@ class Norm(Saved):
                 details={"sequence_id": signature.sequence_id},
             )
         reading = reading_of(signature, sequence, self.extractor, subject=subject, name=name)
-        theirs = {own.tracking for own in self.controls}
-        if UNKNOWN not in {*theirs, reading.tracking} and reading.tracking not in theirs:
+        own = reading.conditions["tracking"]
+        theirs = {str(one.conditions["tracking"]) for one in self.controls}
+        if UNKNOWN not in {*theirs, own} and own not in theirs:
             raise ParameterError(
-                f"The points of this recording follow {reading.tracking}, those of the controls "
+                f"The points of this recording follow {own}, those of the controls "
                 f"{' and '.join(sorted(theirs))}.",
                 remedy="Compare it with controls that were made in the same way.",
-                details={"tracking": reading.tracking},
+                details={"tracking": own},
             )
         return reading
 
     def deviation(
         self, recording: MeshSequence | ModalSignature | Reading, *, level: float = LEVEL
     ) -> Deviation:
-        """Tell how far a recording lies from the controls.
+        """Compare a recording with the controls.
 
         Parameters
         ----------
@@ -190,70 +204,10 @@ class Norm(Saved):
         ParameterError
             If there are too few controls for the level, or it does not compare.
         """
-        level = require_level(level)
+        require_level(level)
         own = recording if isinstance(recording, Reading) else self.read(recording)
         controls = [one for one in self.controls if not _same(one, own)]
-        self._require_enough(len(controls), level)
-        notes = list(self.notes)
-        if len(controls) < self.n_controls:
-            notes.append("It is one of the controls, and is compared with the others.")
-        bag = [*controls, own]
-        covariates, remarks = self._covariates(bag)
-        table = covariate_table([one.covariates for one in bag], covariates)
-        features = np.array([one.values for one in bag])
-        adjusted = without_covariates(features, table)
-        groups = groups_of(self.columns)
-        scores = [strangeness(adjusted[:, k]) for k in groups.values()]
-        p = float(p_values(whole(scores))[-1])
-        return Deviation(
-            norm=self.name,
-            norm_id=self.id,
-            sequence_id=own.sequence_id,
-            n_controls=len(controls),
-            level=level,
-            attainable=attainable(level, len(controls)),
-            p=p,
-            deviates=_at_most(p, level),
-            groups=_groups(groups, scores, features, level),
-            quantities=_quantities(bag, table),
-            covariates=tuple(covariates),
-            warnings=warnings_of(controls, own),
-            notes=(*notes, *remarks),
-        )
-
-    def _covariates(self, bag: Sequence[Reading]) -> tuple[list[str], list[str]]:
-        """Covariates that are accounted for, and why others are not."""
-        *controls, own = bag
-        stated = sorted(set.intersection(*(set(one.covariates) for one in controls)))
-        names, remarks = [], []
-        for name in stated:
-            theirs = {one.covariates[name] for one in controls}
-            if len({*theirs}) < 2:
-                continue
-            if name not in own.covariates:
-                remarks.append(f"{name} is not stated, so it is not accounted for.")
-            elif isinstance(own.covariates[name], str) and own.covariates[name] not in theirs:
-                remarks.append(
-                    f"No control has {name} = {own.covariates[name]}, so {name} is not accounted "
-                    "for."
-                )
-            elif any(isinstance(one, str) for one in {*theirs, own.covariates[name]}) != all(
-                isinstance(one, str) for one in {*theirs, own.covariates[name]}
-            ):
-                remarks.append(f"{name} is a word here and a number there: not accounted for.")
-            else:
-                names.append(name)
-        most = len(controls) // _PER_COLUMN - 1
-        while names and covariate_table([one.covariates for one in bag], names).shape[1] > most:
-            left = names.pop()
-            remarks.append(
-                f"{left} is not accounted for: {counted(len(controls), 'control')} are enough for "
-                f"{max(most, 0)} columns of covariates."
-            )
-        return names, remarks
-
-    def _require_enough(self, n: int, level: float) -> None:
-        fewest = fewest_controls(level)
+        n, fewest = len(controls), fewest_controls(level)
         if n < fewest:
             raise ParameterError(
                 f"The norm has {counted(n, 'control')} for this recording; a level of {level:g} "
@@ -262,6 +216,43 @@ class Norm(Saved):
                 f"{math.ceil(1000.0 / (n + 1)) / 1000.0:g}.",
                 details={"n_controls": n, "needed": fewest},
             )
+        is_control = "It is one of the controls, and is compared with the others."
+        bag = [*controls, own]
+        names, remarks = _accounted_for(controls, own)
+        covariates = covariate_table([one.covariates for one in bag], names)
+        features, groups = np.array([one.values for one in bag]), groups_of(self.columns)
+        adjusted = without_covariates(features, covariates)
+        scores = strangeness(adjusted, list(groups.values()))
+        together, greatest = scores.sum(axis=0), scores.max(axis=0)
+        p = as_strange(together, together[-1])
+        found = []
+        for (name, columns), score in zip(groups.items(), scores, strict=True):
+            amounts = np.linalg.norm(features[:, columns], axis=1)
+            corrected = as_strange(greatest, score[-1])
+            found.append(
+                GroupDeviation(
+                    name=name,
+                    p=corrected,
+                    p_alone=as_strange(score, score[-1]),
+                    share_less=float((amounts[:-1] < amounts[-1]).mean()),
+                    deviates=_at_most(corrected, level),
+                )
+            )
+        return Deviation(
+            norm=self.name,
+            norm_id=self.id,
+            sequence_id=own.sequence_id,
+            n_controls=n,
+            level=level,
+            attainable=attainable(level, n),
+            p=p,
+            deviates=_at_most(p, level),
+            groups=tuple(found),
+            quantities=_quantities(bag, covariates),
+            covariates=tuple(names),
+            warnings=_warnings(controls, own),
+            notes=(*self.notes, *[is_control] * (n < self.n_controls), *remarks),
+        )
 
     def as_json(self) -> dict[str, Any]:
         """Say what it is, as JSON values, without any control's features."""
@@ -274,11 +265,135 @@ class Norm(Saved):
             "n_modes": self.readable.n_modes,
             "features": self.extractor.description,
             "groups": list(groups_of(self.columns)),
-            "covariates": sorted(set.intersection(*stated)) if stated else [],
+            "covariates": sorted(set.intersection(*stated)),
             "smallest_level": 1.0 / (self.n_controls + 1),
             "has_volumes": bool(np.isfinite([own.quantities[0] for own in self.controls]).all()),
             "notes": list(self.notes),
         }
+
+
+def reading_of(
+    signature: ModalSignature,
+    sequence: MeshSequence | None,
+    extractor: Extractor,
+    *,
+    subject: str | None = None,
+    name: str = "",
+) -> Reading:
+    """Read a recording.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    sequence : MeshSequence or None
+        The one it was made from, for its volumes.
+    extractor : Extractor
+    subject : str or None
+    name : str
+    """
+    facts, quantities, fraction = signature.facts, np.full(len(QUANTITIES), math.nan), None
+    try:
+        readouts = None if sequence is None else clinical_readouts(signature, sequence)
+    except (TopologyError, ParameterError):
+        readouts = None
+    if readouts is not None and readouts.stated.share is not None:
+        curve, ml = readouts.stated, math.nan if readouts.unit is None else readouts.millilitres
+        volumes = ml * curve.end_diastolic_volume, ml * curve.end_systolic_volume
+        quantities, fraction = np.array([curve.share, *volumes]), curve.fraction
+    conditions = {k: v for k, v in conditions_of(signature).items() if k not in facts.covariates}
+    return Reading(
+        values=extractor.values(Motion(first_modes(signature, extractor.n_modes))),
+        quantities=quantities,
+        fraction=fraction,
+        conditions={**conditions, "tracking": str(facts.tracking)},
+        covariates=dict(facts.covariates),
+        sequence_id=signature.sequence_id,
+        subject=subject,
+        name=name,
+    )
+
+
+def covariate_table(covariates: Sequence[Mapping[str, float | str]], names: Sequence[str]) -> Array:
+    """Covariates as numbers, a word as columns of its own, (members, columns) float64."""
+    columns = []
+    for name in names:
+        values = [one[name] for one in covariates]
+        words = sorted({str(value) for value in values})
+        if any(isinstance(value, str) for value in values):
+            # The last word is what the others are not.
+            columns += [[float(str(value) == word) for value in values] for word in words[:-1]]
+        else:
+            columns.append([float(value) for value in values])
+    return np.array(columns, dtype=np.float64).reshape(-1, len(covariates)).T
+
+
+def _accounted_for(controls: Sequence[Reading], own: Reading) -> tuple[list[str], list[str]]:
+    """Covariates that all controls state and that are accounted for, and why others are not."""
+    names, reasons = [], {}
+    for name in sorted(set.intersection(*(set(one.covariates) for one in controls))):
+        theirs, mine = {one.covariates[name] for one in controls}, own.covariates.get(name)
+        if len(theirs) < 2:
+            continue
+        if mine is None:
+            reasons[name] = "it is not stated"
+        elif len({isinstance(one, str) for one in {*theirs, mine}}) > 1:
+            reasons[name] = "it is a word here and a number there"
+        elif isinstance(mine, str) and mine not in theirs:
+            reasons[name] = f"no control has {name} = {mine}"
+        else:
+            names.append(name)
+    most = max(len(controls) // _PER_COLUMN - 1, 0)
+    bag = [one.covariates for one in (*controls, own)]
+    while covariate_table(bag, names).shape[1] > most:
+        enough = f"{counted(len(controls), 'control')} are enough for {most} columns of covariates"
+        reasons[names.pop()] = enough
+    return names, [f"{name} is not accounted for: {why}." for name, why in reasons.items()]
+
+
+def _quantities(bag: Sequence[Reading], covariates: Array) -> tuple[QuantityDeviation, ...]:
+    found, table = [], np.array([one.quantities for one in bag])
+    for name, values in zip(QUANTITIES, table.T, strict=True):
+        if not np.isfinite(values).all():
+            continue
+        rest = without_covariates(values[:, None], covariates)[:, 0]
+        apart = np.abs(rest - rest.mean())
+        found.append(
+            QuantityDeviation(
+                name=str(bag[-1].fraction) if name == "share" else name,
+                value=float(values[-1]),
+                unit="%" if name == "share" else "ml",
+                p=as_strange(apart, apart[-1]),
+                share_less=float((values[:-1] < values[-1]).mean()),
+            )
+        )
+    return tuple(found)
+
+
+def _warnings(controls: Sequence[Reading], own: Reading) -> tuple[str, ...]:
+    """Compare the conditions and covariates of a recording with those of controls.
+
+    A number is unlike theirs where it lies farther beyond them than they lie apart, so that a
+    recording like them is hardly ever warned of; who is older than all controls always is.
+    """
+    warnings = []
+    for what in ("conditions", "covariates"):
+        stated = [getattr(one, what) for one in controls]
+        for name, value in getattr(own, what).items():
+            known = {one[name] for one in stated if name in one}
+            numbers = [float(one) for one in known if not isinstance(one, str)]
+            if isinstance(value, str) and known and value not in known:
+                theirs, mine = ", ".join(sorted(map(str, known))[:5]), value
+            elif not isinstance(value, str) and numbers:
+                low, high = min(numbers), max(numbers)
+                margin = (high - low) if what == "conditions" else 0.0
+                if low - margin <= value <= high + margin:
+                    continue
+                theirs, mine = f"{low:g}" + f" to {high:g}" * (low < high), f"{float(value):g}"
+            else:
+                continue
+            called = f"number of {name}" if name in ("frames", "vertices") else name
+            warnings.append(f"{called}: {mine}; of the controls {theirs}.")
+    return tuple(warnings)
 
 
 def _same(control: Reading, own: Reading) -> bool:
@@ -292,53 +407,13 @@ def _at_most(p: float, level: float) -> bool:
     return p <= level * (1.0 + 1e-9)
 
 
-def _groups(
-    groups: dict[str, list[int]], scores: Sequence[Array], features: Array, level: float
-) -> tuple[GroupDeviation, ...]:
-    found = []
-    corrected = family_p_values(scores)[:, -1]
-    for (name, k), score, p in zip(groups.items(), scores, corrected, strict=True):
-        amounts = np.linalg.norm(features[:, k], axis=1)
-        found.append(
-            GroupDeviation(
-                name=name,
-                p=float(p),
-                p_alone=float(p_values(score)[-1]),
-                share_less=float((amounts[:-1] < amounts[-1]).mean()),
-                deviates=_at_most(float(p), level),
-            )
-        )
-    return tuple(found)
-
-
-def _quantities(bag: Sequence[Reading], covariates: Array) -> tuple[QuantityDeviation, ...]:
-    table = np.array([one.quantities for one in bag])
-    fraction = bag[-1].fraction or Fraction.VOLUME_CHANGE
-    found = []
-    for k, name in enumerate(QUANTITIES):
-        values = table[:, k]
-        if not np.isfinite(values).all():
-            continue
-        rest = without_covariates(values[:, None], covariates)[:, 0]
-        found.append(
-            QuantityDeviation(
-                name=str(fraction) if name == "share" else name,
-                value=float(values[-1]),
-                unit="%" if name == "share" else "ml",
-                p=float(p_values(np.abs(rest - rest.mean()))[-1]),
-                share_less=float((values[:-1] < values[-1]).mean()),
-            )
-        )
-    return tuple(found)
-
-
 def cohort_deviation(
     norm: Norm,
     recordings: Iterable[MeshSequence | ModalSignature | Reading],
     *,
     level: float = LEVEL,
 ) -> CohortDeviation:
-    """Compare several recordings with the controls, each and together.
+    """Compare recordings with the controls, each, and five or more together.
 
     Together by the energy distance (Szekely and Rizzo, 2004) of features, volumes and conditions
     between recordings and controls, beside those of 1,999 exchanges of the two.
@@ -347,36 +422,35 @@ def cohort_deviation(
     ----------
     norm : Norm
     recordings : iterable of MeshSequence, ModalSignature or Reading
-        At least five that are no controls.
+        Those that are controls are not among those that are compared together.
     level : float
         Of each, and of the warning.
 
     Raises
     ------
     ParameterError
-        If there are too few.
+        If there are too few controls for the level.
     ModalMotionError
         If one does not compare.
     """
-    level = require_level(level)
     readings = [one if isinstance(one, Reading) else norm.read(one) for one in recordings]
-    others = others_than(norm, readings)
-    if len(others) < FEWEST_RECORDINGS:
-        raise ParameterError(
-            f"Without the controls {counted(len(others), 'recording')} came.",
-            remedy=f"Give at least {FEWEST_RECORDINGS} to compare a cohort, or compare each alone.",
-            details={"n": len(others), "needed": FEWEST_RECORDINGS},
-        )
+    theirs, p, warning = {one.sequence_id for one in norm.controls}, None, None
+    others = [one for one in readings if one.sequence_id not in theirs]
     deviations = tuple(norm.deviation(one, level=level) for one in readings)
-    bag = [*norm.controls, *others]
-    features = standardised(np.array([one.values for one in bag]))
-    more = np.array([_numbers(one) for one in bag])
-    beside = standardised(more[:, np.isfinite(more).all(axis=0)])
-    weighed = [features / np.sqrt(max(1, features.shape[1])), beside / 2.0]
-    p = exchange_p(np.concatenate(weighed, axis=1), norm.n_controls)
-    is_another = p <= level
-    warning = None
-    if is_another:
+    if len(others) >= FEWEST_RECORDINGS:
+        bag = [*norm.controls, *others]
+        features = standardised(np.array([one.values for one in bag]))
+        more = np.array(
+            [
+                [*(one.conditions.get(k, np.nan) for k in _CONDITIONS), *one.quantities]
+                for one in bag
+            ]
+        )
+        beside = standardised(more[:, np.isfinite(more).all(axis=0)])
+        weighed = [features / np.sqrt(max(1, features.shape[1])), beside / 2.0]
+        p = exchange_p(np.concatenate(weighed, axis=1), norm.n_controls)
+    is_another = None if p is None else p <= level
+    if p is not None and is_another:
         warning = (
             f"These {len(readings)} recordings as a whole are unlike the controls (p = "
             f"{numeral(p, 4)}): another machine, protocol or group of people. Their p-values say "
@@ -395,16 +469,24 @@ def cohort_deviation(
     )
 
 
-def others_than(norm: Norm, readings: Sequence[Reading]) -> list[Reading]:
-    """Leave out readings of the controls themselves."""
-    theirs = {one.sequence_id for one in norm.controls}
-    return [one for one in readings if one.sequence_id not in theirs]
+# Of each control, in JSON.
+_TEXTS: Final = [
+    one.name for one in fields(Reading) if one.name not in ("values", "quantities", "name")
+]
 
 
-def _numbers(one: Reading) -> list[float]:
-    conditions = [one.conditions.get(name, np.nan) for name in _CONDITIONS]
-    numbers = [c if isinstance(c, int | float) else np.nan for c in conditions]
-    return [*map(float, numbers), *one.quantities.tolist()]
+def _datasets(norm: Norm) -> list[Dataset]:
+    controls = norm.controls
+    values, quantities = ([getattr(c, k) for c in controls] for k in ("values", "quantities"))
+    return [
+        Dataset("values", np.array(values), "1", "control, feature"),
+        Dataset("quantities", np.array(quantities), "%, ml", "control, quantity"),
+        json_text("readable", norm.readable.as_json()),
+        json_text("extractor", norm.extractor.as_json()),
+        json_text("columns", norm.columns),
+        json_text("controls", [{k: getattr(c, k) for k in _TEXTS} for c in controls]),
+        json_text("notes", norm.notes),
+    ]
 
 
 def norm_to_hdf5(norm: Norm) -> bytes:
@@ -421,19 +503,7 @@ def norm_to_hdf5(norm: Norm) -> bytes:
     bytes
         The same for the same norm.
     """
-    controls = norm.controls
-    datasets = [
-        Dataset("values", np.array([c.values for c in controls]), "1", "control, feature"),
-        Dataset(
-            "quantities", np.array([c.quantities for c in controls]), "%, ml", "control, quantity"
-        ),
-        json_text("readable", norm.readable.as_json()),
-        json_text("extractor", norm.extractor.as_json()),
-        json_text("columns", norm.columns),
-        json_text("controls", [_texts(one) for one in controls]),
-        json_text("notes", norm.notes),
-    ]
-    return FORM.image({"norm_id": norm.id}, datasets, name=norm.name)
+    return FORM.image({"norm_id": norm.id}, _datasets(norm), name=norm.name)
 
 
 def norm_from_hdf5(source: bytes | Path) -> Norm:
@@ -451,40 +521,25 @@ def norm_from_hdf5(source: bytes | Path) -> Norm:
         If it is damaged, or is no norm.
     """
     with FORM.read(source) as contents:
-        norm = _norm(contents)
+        texts = contents.json("controls", list)
+        columns = tuple(map(str, contents.json("columns", list)))
+        values = contents.array("values", (len(texts), len(columns)))
+        quantities = contents.array("quantities", (len(texts), len(QUANTITIES)))
+        norm = Norm(
+            name=require_model_name(contents.text("name")),
+            readable=Readable.from_json(contents.json("readable", dict)),
+            extractor=Extractor.from_json(contents.json("extractor", dict), np.zeros(0)),
+            columns=columns,
+            controls=tuple(
+                Reading(
+                    values=own,
+                    quantities=numbers,
+                    **{**text, "fraction": text["fraction"] and Fraction(text["fraction"])},
+                )
+                for text, own, numbers in zip(texts, values, quantities, strict=True)
+            ),
+            notes=tuple(map(str, contents.json("notes", list))),
+        )
         if norm.id != contents.text("norm_id"):
             raise ValueError("its contents are not those that its id names")
     return norm
-
-
-def _norm(contents: Contents) -> Norm:
-    texts = contents.json("controls", list)
-    columns = tuple(map(str, contents.json("columns", list)))
-    values = contents.array("values", (len(texts), len(columns)))
-    quantities = contents.array("quantities", (len(texts), len(QUANTITIES)))
-    return Norm(
-        name=require_model_name(contents.text("name")),
-        readable=Readable.from_json(contents.json("readable", dict)),
-        extractor=Extractor.from_json(contents.json("extractor", dict), np.zeros(0)),
-        columns=columns,
-        controls=tuple(
-            _control_of(text, own, numbers)
-            for text, own, numbers in zip(texts, values, quantities, strict=True)
-        ),
-        notes=tuple(map(str, contents.json("notes", list))),
-    )
-
-
-def _texts(one: Reading) -> dict[str, Any]:
-    texts = {name: getattr(one, name) for name in _TEXTS}
-    return {**texts, "fraction": None if one.fraction is None else str(one.fraction)}
-
-
-def _control_of(text: Mapping[str, Any], values: Any, quantities: Any) -> Reading:
-    fraction = text["fraction"]
-    return Reading(
-        values=values,
-        quantities=quantities,
-        fraction=None if fraction is None else Fraction(fraction),
-        **{name: text[name] for name in _TEXTS},
-    )

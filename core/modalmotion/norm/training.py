@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from modalmotion.classification.card import require_model_name
-from modalmotion.classification.cases import TrainingCase, with_covariates
+from modalmotion.classification.cases import TrainingCase
+from modalmotion.classification.cohort import alike
 from modalmotion.errors import ParameterError
-from modalmotion.mesh import Facts, Named
+from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.norm.deviation import (
-    LEVEL,
-    fewest_controls,
-)
-from modalmotion.norm.norm import Norm
-from modalmotion.norm.reading import reading_of
+from modalmotion.norm.deviation import LEVEL, fewest_controls
+from modalmotion.norm.norm import Norm, reading_of
 from modalmotion.progress import Progress
 from modalmotion.representation import counted, shown
 from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
@@ -38,8 +35,6 @@ class Control:
         Who was recorded: a norm takes one recording of each.
     name : str
         What errors call it, such as the path of its file.
-    covariates : mapping of str to (float or str)
-        Over those of the recording's facts.
     sequence : function, optional
         Reads the recording that a signature was made from, for its volumes; None where its
         vertices are not kept.
@@ -48,12 +43,7 @@ class Control:
     motion: MeshSequence | ModalSignature
     subject: str | None = None
     name: str = ""
-    covariates: Mapping[str, float | str] = field(default_factory=Named)
     sequence: Callable[[], MeshSequence | None] | None = None
-
-    def __post_init__(self) -> None:
-        if self.covariates:
-            object.__setattr__(self, "motion", with_covariates(self.motion, self.covariates))
 
     def read_sequence(self) -> MeshSequence | None:
         """Give the recording itself, where it is known."""
@@ -101,7 +91,7 @@ def train_norm(
         If one cannot be fitted; it is named.
     """
     # Here, for scikit-learn takes a second, and whoever reads a norm needs none of it.
-    from modalmotion.classification.scikit_learn import SignatureFeatures, in_one_basis
+    from modalmotion.classification.scikit_learn import SignatureFeatures
 
     require_model_name(name)
     cases = [_control(number, one) for number, one in enumerate(controls)]
@@ -110,7 +100,8 @@ def train_norm(
     parameters = parameters_of_controls(
         transformer.signature_parameters, (case.motion.facts for case in cases)
     )
-    signatures = in_one_basis([case.motion for case in cases], parameters)
+    recordings = [TrainingCase(case.motion, "", name=case.name) for case in cases]
+    signatures = alike(recordings, parameters)[0].signatures
     transformer.fit(signatures)
     readings = []
     for number, (case, signature) in enumerate(zip(cases, signatures, strict=True)):
@@ -146,15 +137,11 @@ def parameters_of_controls(
 
 
 def _control(number: int, item: Any) -> Control:
-    one = item
-    if not isinstance(one, Control | TrainingCase | MeshSequence | ModalSignature) and hasattr(
-        one, "read"
-    ):
-        one = one.read()
+    one = item.read() if hasattr(item, "read") else item
     if isinstance(one, TrainingCase):
-        return Control(one.motion, one.subject, one.name or f"control {number}")
+        one = Control(one.motion, one.subject, one.name)
     if isinstance(one, MeshSequence | ModalSignature):
-        return Control(one, name=f"control {number}")
+        one = Control(one)
     if not isinstance(one, Control):
         raise ParameterError(
             f"Item {number} is a {type(one).__name__}, which is no recording.",

@@ -220,6 +220,7 @@ def choose_fit(fitter: Fitter) -> tuple[Fit, ModelChoice, list[str]]:
             smallest,
             amplitudes=np.zeros_like(smallest.amplitudes),
             rotations=Rotations.none(sequence.n_frames),
+            translations=np.zeros_like(smallest.translations),
             errors=motions[kind],
         )
     elif found is None:

@@ -19,17 +19,16 @@ from typing import Final
 
 from modalmotion.classification.card import ModelRecord, ModelReference
 from modalmotion.errors import StoreError
-from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
 from modalmotion.store.disk import (
     JsonForm,
     cannot_write,
     make_folder,
     remove_durably,
-    sync_folder,
+    sync_paths,
     write_atomic,
 )
 from modalmotion.store.folder import Folder
-from modalmotion.store.index import Index, now, to_text
+from modalmotion.store.index import Index, model_from, model_values, now, to_text
 
 TOMBSTONES: Final = "deleted"
 """Folder of a store that they are in."""
@@ -182,7 +181,7 @@ def begin_deletion(folder: Folder, sequence_id: str) -> None:
     try:
         record.replace(mark)
         try:
-            sync_folder(mark.parent)
+            sync_paths([mark.parent])
         except BaseException:
             mark.replace(record)
             raise
@@ -202,7 +201,7 @@ def finish_deletion(folder: Folder, index: Index, sequence_id: str) -> None:
     files = [folder.upload(sequence_id), folder.record(sequence_id)]
     try:
         remove_durably(*files, *folder.derived(sequence_id))
-        index.remove(sequence_id)
+        index.change(without=sequence_id)
         # Before the mark goes: without either, a backup would take the files for lost.
         bury(folder.root, sequence_id)
         remove_durably(folder.deletion(sequence_id))
@@ -233,17 +232,7 @@ def begin_model_deletion(folder: Folder, record: ModelRecord) -> ModelRecord:
         If that fails; nothing is changed then.
     """
     gone = replace(record, deleted=now())
-    fields = {
-        "name": gone.name,
-        "version": gone.version,
-        "id": gone.id,
-        "classes": list(gone.classes),
-        "parameters": parameters_as_json(gone.parameters),
-        "created": gone.created,
-        "training": gone.training,
-        "deleted": gone.deleted,
-    }
-    write_atomic(folder.deleted_model(record.reference), FORM.write(fields))
+    write_atomic(folder.deleted_model(record.reference), FORM.write(model_values(gone)))
     return gone
 
 
@@ -268,14 +257,7 @@ def deleted_record(path: Path, reference: ModelReference) -> ModelRecord:
     StoreError
         If it was written by another version.
     """
-    values = FORM.read(path)
-    record = ModelRecord(
-        **{
-            **values,
-            "classes": tuple(values["classes"]),
-            "parameters": parameters_from_json(values["parameters"]),
-        }
-    )
+    record = model_from(FORM.read(path))
     if record.reference != reference:
         raise FORM.damaged(path, "it is another version's")
     return record

@@ -65,7 +65,7 @@ def write_atomic(path: Path, data: bytes | memoryview) -> None:
             temporary.unlink(missing_ok=True)
             raise
         try:
-            sync_folder(path.parent)
+            sync_paths([path.parent])
         except BaseException:
             put_back(path, previous)
             raise
@@ -118,9 +118,7 @@ def remove_durably(*paths: Path) -> None:
     try:
         for path in paths:
             path.unlink(missing_ok=True)
-        for folder in folders:
-            if folder.is_dir():
-                sync_folder(folder)
+        sync_paths(folder for folder in folders if folder.is_dir())
     except OSError as error:
         raise StoreError(
             f"A file could not be removed: {error.strerror}.",
@@ -141,18 +139,9 @@ def make_folder(folder: Path) -> None:
         make_folder(folder.parent)
     try:
         folder.mkdir(exist_ok=True)
-        sync_folder(folder.parent)
+        sync_paths([folder.parent])
     except OSError as error:
         raise cannot_write(folder, error) from error
-
-
-def sync_folder(folder: Path) -> None:
-    """Make the names in a folder durable; may raise OSError."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def is_temporary(name: str) -> bool:
@@ -327,14 +316,13 @@ class JsonForm:
     version: int
     remedy: str
 
-    @property
-    def schema(self) -> str:
-        """Name of the schema in the file."""
-        return f"modalmotion.{self.kind}"
-
     def write(self, record: dict[str, Any]) -> bytes:
         """Write a file in memory, the same bytes for the same record."""
-        content = {"schema": self.schema, "schema_version": self.version, "record": record}
+        content = {
+            "schema": f"modalmotion.{self.kind}",
+            "schema_version": self.version,
+            "record": record,
+        }
         return json.dumps({**content, "sha256": _digest(content)}, indent=1).encode()
 
     def read(self, path: Path) -> dict[str, Any]:
@@ -361,11 +349,12 @@ class JsonForm:
         if not is_whole:
             raise self.damaged(path, "its fields do not have the sha256 that it states")
         # Not called damaged from here on, for what is damaged may be written anew.
-        if (schema, version) != (self.schema, self.version):
-            is_older = schema == self.schema and version < self.version
+        own = f"modalmotion.{self.kind}"
+        if (schema, version) != (own, self.version):
+            is_older = schema == own and version < self.version
             raise (OlderFileError if is_older else StoreError)(
                 f"'{path.name}' has the schema {str(schema)[:40]!r}, version {str(version)[:10]}, "
-                f"not {self.schema!r}, version {self.version}.",
+                f"not {own!r}, version {self.version}.",
                 remedy="Read it with the modalmotion that wrote it.",
             )
         return record

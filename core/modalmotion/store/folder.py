@@ -33,7 +33,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
-from modalmotion.classification.card import VERSION_PATTERN, ModelReference, is_model_name
+from modalmotion.classification.card import NAME_PATTERN, VERSION_PATTERN, ModelReference
 from modalmotion.errors import ParameterError, StoreError
 from modalmotion.mesh import NO_FACTS, Facts, facts_as_json, facts_from_json
 from modalmotion.mesh.sequence import MeshSequence
@@ -42,9 +42,27 @@ from modalmotion.store.disk import JsonForm, is_temporary
 
 _ID: Final = "[0-9a-f]{64}"
 _KEY: Final = "[0-9a-f]{16}"
-_SEQUENCE: Final = re.compile(rf"({_ID})\.(json|h5|deleted)")
-_RESULT: Final = re.compile(rf"({_ID})-(?:({_ID})-)?({_KEY})\.h5")
-_MODEL: Final = re.compile(rf"({VERSION_PATTERN})\.(h5|deleted)")
+# A folder, and an id that begins with its name.
+_IN_SHARD: Final = r"(?P<shard>[0-9a-f]{2})/(?P<id>(?P=shard)[0-9a-f]{62})"
+_KIND: Final = r"(?P<kind>(?P<has_model>classification)|signature|track)"
+_MODEL: Final = rf"models/(?P<name>{NAME_PATTERN})/(?P<version>{VERSION_PATTERN})"
+_PLACES: Final = {
+    place: re.compile(pattern)
+    for place, pattern in (
+        ("records", rf"sequences/{_IN_SHARD}\.json"),
+        ("uploads", rf"sequences/{_IN_SHARD}\.h5"),
+        ("deletions", rf"sequences/{_IN_SHARD}\.deleted"),
+        ("results", rf"{_KIND}s/{_IN_SHARD}-(?(has_model)(?P<model>{_ID})-)(?P<key>{_KEY})\.h5"),
+        ("rendered", rf"signatures/{_IN_SHARD}-{_KEY}\.json"),
+        ("templates", rf"templates/{_IN_SHARD}\.h5"),
+        ("image_records", rf"images/{_IN_SHARD}\.json"),
+        ("images", rf"images/{_IN_SHARD}\.h5"),
+        ("norms", rf"norms/(?P<id>{NAME_PATTERN})\.h5"),
+        ("models", rf"{_MODEL}\.h5"),
+        ("deleted_models", rf"{_MODEL}\.deleted"),
+    )
+}
+"""Paths of the files of a store, by the field of `Scan` that their names are in."""
 # A cohort's own list of finished work, and its table.
 _COHORT_FILES: Final = ("cohort.jsonl", "cohort.csv")
 _INDEX_FILES: Final = ("index.sqlite", "index.sqlite-wal", "index.sqlite-shm")
@@ -87,6 +105,7 @@ class Scan:
     uploads: set[str] = field(default_factory=set)
     deletions: set[str] = field(default_factory=set)
     results: set[ResultName] = field(default_factory=set)
+    rendered: set[str] = field(default_factory=set)
     templates: set[str] = field(default_factory=set)
     image_records: set[str] = field(default_factory=set)
     images: set[str] = field(default_factory=set)
@@ -146,12 +165,6 @@ class Folder:
         """File of a template."""
         return self.root / "templates" / template_id[:2] / f"{template_id}.h5"
 
-    def templates(self) -> list[str]:
-        """Ids of all templates, sorted."""
-        names = [path.name for path in _files(self.root / "templates")]
-        ids = [name.removesuffix(".h5") for name in names if name.endswith(".h5")]
-        return sorted(filter(is_id, ids))
-
     def images(self, images_id: str) -> Path:
         """File of the samples of images."""
         return self.root / "images" / images_id[:2] / f"{images_id}.h5"
@@ -160,20 +173,9 @@ class Folder:
         """Record of images."""
         return self.images(images_id).with_suffix(".json")
 
-    def image_ids(self) -> list[str]:
-        """Ids of all images that have a record, sorted."""
-        names = [path.name for path in _files(self.root / "images")]
-        ids = [name.removesuffix(".json") for name in names if name.endswith(".json")]
-        return sorted(filter(is_id, ids))
-
     def norm(self, name: str) -> Path:
         """File of a norm."""
         return self.root / "norms" / f"{name}.h5"
-
-    def norms(self) -> list[str]:
-        """Names of all norms, sorted."""
-        paths = _files(self.root / "norms")
-        return sorted(path.stem for path in paths if _is_norm(path))
 
     def model(self, reference: ModelReference) -> Path:
         """File of a version of a model."""
@@ -185,10 +187,8 @@ class Folder:
 
     def last_version(self, name: str) -> int:
         """Highest version of a model that was ever used, deleted or not; 0 for none."""
-        folder = self.root / "models" / name
-        names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
-        matches = map(_MODEL.fullmatch, names)
-        return max((int(match[1]) for match in matches if match is not None), default=0)
+        used = self.names("models") + self.names("deleted_models")
+        return max((one.version for one in used if one.name == name), default=0)
 
     def derived(self, sequence_id: str) -> list[Path]:
         """All files of results of a sequence, as they are there."""
@@ -220,7 +220,7 @@ class Folder:
                     scan.foreign.append(path)
             for name in FOLDERS:
                 for path in _files(self.root / name):
-                    self._sort(path, name, scan)
+                    self._sort(path, scan)
         except OSError as error:
             raise StoreError(
                 f"The folder of the store cannot be read: {error.strerror}.",
@@ -228,49 +228,22 @@ class Folder:
             ) from error
         return scan
 
-    def _sort(self, path: Path, folder: str, scan: Scan) -> None:
-        name = path.name
-        if is_temporary(name):
+    def names(self, place: str) -> list[Any]:
+        """Names of all files of a place, a field of `Scan`, sorted."""
+        pattern = _PLACES[place]
+        paths = _files(self.root / pattern.pattern.partition("/")[0])
+        matches = (pattern.fullmatch(self.short(path)) for path in paths)
+        return sorted(_name(match) for match in matches if match is not None)
+
+    def _sort(self, path: Path, scan: Scan) -> None:
+        name = self.short(path)
+        if is_temporary(path.name):
             scan.temporaries.append(path)
             return
-        if folder == "models":
-            match = _MODEL.fullmatch(name)
-            if match is not None and is_model_name(path.parent.name):
-                references = scan.models if match[2] == "h5" else scan.deleted_models
-                references.add(ModelReference(path.parent.name, int(match[1])))
+        for place, pattern in _PLACES.items():
+            if (match := pattern.fullmatch(name)) is not None:
+                getattr(scan, place).add(_name(match))
                 return
-        elif folder == "norms":
-            if _is_norm(path):
-                scan.norms.add(path.stem)
-                return
-        elif name[:2] == path.parent.name:
-            if folder == "sequences":
-                match = _SEQUENCE.fullmatch(name)
-                if match is not None:
-                    kinds = {
-                        "json": scan.records,
-                        "h5": scan.uploads,
-                        "deleted": scan.deletions,
-                    }
-                    kinds[match[2]].add(match[1])
-                    return
-            elif folder == "templates":
-                if is_id(name.removesuffix(".h5")):
-                    scan.templates.add(name.removesuffix(".h5"))
-                    return
-            elif folder == "images":
-                images_id, _, suffix = name.partition(".")
-                if is_id(images_id) and suffix in ("json", "h5"):
-                    (scan.images if suffix == "h5" else scan.image_records).add(images_id)
-                    return
-            else:
-                kind = RESULT_FOLDERS[folder]
-                if kind == "signature" and name.endswith(RENDERED):
-                    return
-                match = _RESULT.fullmatch(name)
-                if match is not None and (match[2] is not None) == (kind == "classification"):
-                    scan.results.add(ResultName(kind, match[1], match[2] or "", match[3]))
-                    return
         scan.foreign.append(path)
 
     def _of_sequence(self, sequence_id: str, suffix: str) -> Path:
@@ -299,8 +272,15 @@ def is_key(text: object) -> bool:
     return isinstance(text, str) and re.fullmatch(_KEY, text) is not None
 
 
-def _is_norm(path: Path) -> bool:
-    return path.parent.name == "norms" and path.suffix == ".h5" and is_model_name(path.stem)
+def _name(match: re.Match[str]) -> Any:
+    """Give what a file is of: an id or a name, a result, or a version of a model."""
+    parts = match.groupdict()
+    if "kind" in parts:
+        kind: Any = parts["kind"]
+        return ResultName(kind, parts["id"], parts["model"] or "", parts["key"])
+    if "version" in parts:
+        return ModelReference(parts["name"], int(parts["version"]))
+    return parts["id"]
 
 
 def _files(folder: Path) -> Iterator[Path]:

@@ -335,7 +335,7 @@ class ImageStore(SequenceStore):
 
     def _records(self) -> Iterator[ImagesRecord]:
         self._open_index()
-        for images_id in self._folder.image_ids():
+        for images_id in self._folder.names("image_records"):
             # One that is damaged costs the others nothing, nor one that is deleted meanwhile.
             with contextlib.suppress(StoreError):
                 yield read_images_record(self._folder.images_record(images_id))

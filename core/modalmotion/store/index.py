@@ -7,9 +7,10 @@ import binascii
 import json
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from functools import lru_cache
+from types import MappingProxyType
 from typing import Any, Final
 
 from modalmotion.classification.card import ModelRecord
@@ -97,7 +98,7 @@ class SequencePage:
 
 
 class Index:
-    """Queries on the tables `sequences` and `results`.
+    """Queries on the tables `sequences`, `results` and `models`.
 
     Parameters
     ----------
@@ -193,15 +194,31 @@ class Index:
             )
         )
 
-    def put(self, record: SequenceRecord, *, erases: bool = False) -> None:
-        """Add a record, or write it over the one with its id, of which nothing is left if so."""
-        with self.database.write(erases=erases) as connection:
-            put_records(connection, [record])
+    def change(
+        self,
+        records: Iterable[SequenceRecord] = (),
+        results: Mapping[ResultName, str] = MappingProxyType({}),
+        *,
+        without: str | None = None,
+        erases: bool = False,
+    ) -> None:
+        """Write records over those with their ids, and results, in one transaction.
 
-    def remove(self, sequence_id: str) -> None:
-        """Remove a sequence with its results."""
-        with self.database.write(erases=True) as connection:
-            connection.execute("DELETE FROM sequences WHERE id = ?", (sequence_id,))
+        Parameters
+        ----------
+        records : iterable of SequenceRecord
+        results : mapping of ResultName to str
+            sha256 of their files.
+        without : str, optional
+            Id of a sequence that is removed with its results.
+        erases : bool
+            Whether nothing of what is written over is left, as of what is removed.
+        """
+        with self.database.write(erases=erases or without is not None) as connection:
+            if without is not None:
+                connection.execute("DELETE FROM sequences WHERE id = ?", (without,))
+            put_records(connection, records)
+            put_results(connection, results.items())
 
     def digest(self, name: ResultName) -> str | None:
         """sha256 of a result's file, None if there is no such result."""
@@ -234,11 +251,6 @@ class Index:
                 yield ResultName(kind, sequence_id, model_id, key)
             last = rows[-1]
 
-    def put_result(self, name: ResultName, digest: str) -> None:
-        """Add a result."""
-        with self.database.write() as connection:
-            put_results(connection, [(name, digest)])
-
     def remove_result(self, name: ResultName) -> None:
         """Remove a result."""
         with self.database.write(erases=True) as connection:
@@ -247,21 +259,6 @@ class Index:
                 "WHERE kind = ? AND sequence_id = ? AND model_id = ? AND key = ?",
                 name,
             )
-
-    def put_all(self, records: Iterable[SequenceRecord], results: Mapping[ResultName, str]) -> None:
-        """Add records, and results with the sha256 of their files, in one transaction."""
-        with self.database.write() as connection:
-            put_records(connection, records)
-            put_results(connection, results.items())
-
-    def replace(
-        self, old_id: str, record: SequenceRecord, results: Mapping[ResultName, str]
-    ) -> None:
-        """Put a record with results in the place of another sequence, in one transaction."""
-        with self.database.write(erases=True) as connection:
-            connection.execute("DELETE FROM sequences WHERE id = ?", (old_id,))
-            put_records(connection, [record])
-            put_results(connection, results.items())
 
     @property
     def is_clean(self) -> bool:
@@ -272,6 +269,24 @@ class Index:
         """Note whether the store is closed in order."""
         with self.database.write() as connection:
             connection.execute("INSERT OR REPLACE INTO state VALUES ('clean', ?)", (int(clean),))
+
+    def versions(self, name: str) -> list[ModelRecord]:
+        """All versions of a model of that name, deleted ones too, from the first to the newest."""
+        return self.models("WHERE name = ? ORDER BY version", name)
+
+    def models(self, condition: str = "ORDER BY name, version", *values: str) -> list[ModelRecord]:
+        """Versions of models, deleted ones too; by default all of them."""
+        rows = self.database.read(
+            f"SELECT {', '.join(_COLUMNS)} FROM models {condition}",  # noqa: S608 (constants)
+            values,
+        )
+        found = (dict(zip(_COLUMNS, row, strict=True)) for row in rows)
+        return [model_from(one | {k: json.loads(one[k]) for k in _AS_JSON}) for one in found]
+
+    def put_model(self, record: ModelRecord) -> None:
+        """Add a version of a model, or write it over the one of its number."""
+        with self.database.write() as connection:
+            put_models(connection, [record])
 
     def _record(self, row: tuple[Any, ...]) -> SequenceRecord:
         values = list(row)
@@ -311,78 +326,28 @@ def _row(record: SequenceRecord) -> tuple[Any, ...]:
     return tuple(values.values())
 
 
-_COLUMNS: Final = "name, version, id, classes, parameters, created, training, deleted"
+_COLUMNS: Final = tuple(field.name for field in fields(ModelRecord))
+_AS_JSON: Final = ("classes", "parameters")
 
 
-class ModelIndex:
-    """Queries on the table `models`.
+def model_values(record: ModelRecord) -> dict[str, Any]:
+    """Values of a version of a model by name, as JSON has them."""
+    values = {name: getattr(record, name) for name in _COLUMNS}
+    parameters = parameters_as_json(record.parameters)
+    return {**values, "classes": list(record.classes), "parameters": parameters}
 
-    Parameters
-    ----------
-    database : Database
-    """
 
-    def __init__(self, database: Database) -> None:
-        self._database = database
-
-    def versions(self, name: str) -> list[ModelRecord]:
-        """All versions of that name, deleted ones too, from the first to the newest."""
-        return self._find("WHERE name = ? ORDER BY version", (name,))
-
-    def with_id(self, model_id: str) -> list[ModelRecord]:
-        """All versions that are the model of that id, deleted ones too."""
-        return self._find("WHERE id = ? ORDER BY name, version", (model_id,))
-
-    def of_training(self, training: str) -> ModelRecord | None:
-        """Find the version that a training has made."""
-        rows = self._find("WHERE training = ?", (training,))
-        return rows[0] if rows else None
-
-    def all(self) -> list[ModelRecord]:
-        """All versions of all models, deleted ones too."""
-        return self._find("ORDER BY name, version", ())
-
-    def put(self, record: ModelRecord) -> None:
-        """Add a version, or write it over the one of its number."""
-        with self._database.write() as connection:
-            put_models(connection, [record])
-
-    def _find(self, condition: str, values: tuple[Any, ...]) -> list[ModelRecord]:
-        rows = self._database.read(
-            f"SELECT {_COLUMNS} FROM models {condition}",  # noqa: S608 (constants)
-            values,
-        )
-        return [
-            ModelRecord(
-                name=row[0],
-                version=row[1],
-                id=row[2],
-                classes=tuple(json.loads(row[3])),
-                parameters=parameters_from_json(json.loads(row[4])),
-                created=row[5],
-                training=row[6],
-                deleted=row[7],
-            )
-            for row in rows
-        ]
+def model_from(values: Mapping[str, Any]) -> ModelRecord:
+    """Make a record of `model_values`."""
+    parameters = parameters_from_json(values["parameters"])
+    return ModelRecord(**{**values, "classes": tuple(values["classes"]), "parameters": parameters})
 
 
 def put_models(connection: sqlite3.Connection, records: Iterable[ModelRecord]) -> None:
     """Write models inside a transaction."""
+    rows = (model_values(record) for record in records)
+    names, places = ", ".join(_COLUMNS), ", ".join(f":{name}" for name in _COLUMNS)
     connection.executemany(
-        f"INSERT OR REPLACE INTO models ({_COLUMNS}) "  # noqa: S608 (constants)
-        "VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
-        (
-            (
-                record.name,
-                record.version,
-                record.id,
-                json.dumps(record.classes),
-                json.dumps(parameters_as_json(record.parameters)),
-                record.created,
-                record.training,
-                record.deleted,
-            )
-            for record in records
-        ),
+        f"INSERT OR REPLACE INTO models ({names}) VALUES ({places})",  # noqa: S608 (constants)
+        (row | {name: json.dumps(row[name]) for name in _AS_JSON} for row in rows),
     )

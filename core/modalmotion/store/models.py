@@ -31,7 +31,7 @@ from modalmotion.store.deletion import (
     finish_model_deletion,
 )
 from modalmotion.store.folder import is_id
-from modalmotion.store.index import ModelIndex, now
+from modalmotion.store.index import now
 from modalmotion.store.opening import Opening, lost_file
 from modalmotion.store.sequences import SequenceStore
 
@@ -68,10 +68,10 @@ class ModelStore(Opening):
         """
         stored_model = kept_model(model) if isinstance(model, Model) else model
         name = require_model_name(stored_model.record.name)
-        index = self._models()
+        index = self._open_index()
         with self._changing(_lock_of(name)):
             training = stored_model.record.training
-            known = None if training is None else index.of_training(training)
+            known = None if training is None else self.model_of_training(training)
             if known is not None:
                 return known
             # By the files, for one that is damaged has no row, and keeps its number.
@@ -79,7 +79,9 @@ class ModelStore(Opening):
             version = 1 + max(self._folder.last_version(name), *versions, 0)
             new_version = numbered(stored_model, version, now())
             path = self._folder.model(new_version.record.reference)
-            self._write([(path, model_to_hdf5(new_version))], lambda: index.put(new_version.record))
+            self._write(
+                [(path, model_to_hdf5(new_version))], lambda: index.put_model(new_version.record)
+            )
             return new_version.record
 
     def put_model_image(self, image: Path) -> ModelRecord:
@@ -107,7 +109,7 @@ class ModelStore(Opening):
         NotFoundError
             If there is none, or it was deleted.
         """
-        versions = self._models().versions(name) if is_model_name(name) else []
+        versions = self._open_index().versions(name) if is_model_name(name) else []
         remaining = [record for record in versions if record.deleted is None]
         matches = [record for record in versions if version in (None, record.version)]
         for record in reversed(matches):
@@ -136,19 +138,20 @@ class ModelStore(Opening):
             If there are none.
         """
         self.model_record(name)
-        return tuple(r for r in self._models().versions(name) if r.deleted is None)
+        return tuple(r for r in self._open_index().versions(name) if r.deleted is None)
 
     def models(self) -> tuple[ModelRecord, ...]:
         """All versions of all models by name and number, without deleted ones."""
-        return tuple(record for record in self._models().all() if record.deleted is None)
+        return tuple(record for record in self._open_index().models() if record.deleted is None)
 
     def models_with_id(self, model_id: str) -> tuple[ModelRecord, ...]:
         """All versions that are the model of that id, deleted ones too."""
-        return tuple(self._models().with_id(model_id))
+        return tuple(self._open_index().models("WHERE id = ? ORDER BY name, version", model_id))
 
     def model_of_training(self, training: str) -> ModelRecord | None:
         """Find the version that a training has made, None if it has made none yet."""
-        return self._models().of_training(training)
+        made = self._open_index().models("WHERE training = ?", training)
+        return made[0] if made else None
 
     def model_path(self, name: str, version: int) -> Path:
         """HDF5 file of a version of a model.
@@ -211,16 +214,13 @@ class ModelStore(Opening):
             If it could not be begun, and nothing is changed; or not be finished, which the
             next `open` does.
         """
-        index = self._models()
+        index = self._open_index()
         with self._changing(_lock_of(name)):
             record = self.model_record(name, version)
             gone = begin_model_deletion(self._folder, record)
             # From here on it is deleted, whatever happens.
-            index.put(gone)
+            index.put_model(gone)
             finish_model_deletion(self._folder, ModelReference(name, version))
-
-    def _models(self) -> ModelIndex:
-        return ModelIndex(self._open_index().database)
 
 
 def _lock_of(name: str) -> str:
@@ -287,7 +287,7 @@ class TemplateStore(SequenceStore):
     def templates(self) -> tuple[str, ...]:
         """Ids of all templates, sorted."""
         self._open_index()
-        return tuple(self._folder.templates())
+        return tuple(self._folder.names("templates"))
 
     def delete_template(self, template_id: str) -> None:
         """Delete a template; signatures that were fitted on it stay.
@@ -385,7 +385,7 @@ class NormStore(Opening):
     def norms(self) -> tuple[str, ...]:
         """Names of all norms, sorted."""
         self._open_index()
-        return tuple(self._folder.norms())
+        return tuple(self._folder.names("norms"))
 
     def delete_norm(self, name: str) -> None:
         """Delete a norm; its name is free again.

@@ -371,7 +371,7 @@ class SequenceRecords(Opening):
             record = replace(known, facts=facts, **stated)
             if record != known:
                 file = (self._folder.record(sequence_id), record_to_json(record))
-                self._write([file], lambda: index.put(record, erases=True))
+                self._write([file], lambda: index.change([record], erases=True))
         return record
 
     def complete_sequence(
@@ -441,6 +441,6 @@ class SequenceRecords(Opening):
             )
             if record != known:
                 file = (self._folder.record(sequence_id), record_to_json(record))
-                self._write([file], lambda: index.put(record))
+                self._write([file], lambda: index.change([record]))
         filled = [name for name in new if getattr(known, name) is None]
         return record, (*filled, *completed.changed(known.facts))

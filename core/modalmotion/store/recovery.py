@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from modalmotion.classification import answer_hdf5 as classification_hdf5
 from modalmotion.classification.card import ModelRecord
@@ -40,7 +40,7 @@ from modalmotion.store.folder import (
     record_of,
     record_to_json,
 )
-from modalmotion.store.index import Index, ModelIndex, put_models, put_records, put_results, to_text
+from modalmotion.store.index import Index, put_models, put_records, put_results, to_text
 from modalmotion.tracking import hdf5 as track_hdf5
 
 _FORMS: Final[dict[ResultKind, Form]] = {
@@ -250,37 +250,33 @@ def _returned(folder: Folder, scan: Scan) -> Iterator[str]:
             time = buried(folder.root, sequence_id)
             if time is not None and read_record(folder.record(sequence_id)).created <= time:
                 yield sequence_id
-    without_rows = [
-        *((scan.templates, name, folder.template(name), name) for name in scan.templates),
-        *((scan.norms, name, folder.norm(name), digest_of_norm(name)) for name in scan.norms),
+    by_time: list[tuple[set[Any], Any, str, tuple[Path, ...]]] = [
+        *((scan.templates, one, one, (folder.template(one),)) for one in scan.templates),
+        *((scan.norms, one, digest_of_norm(one), (folder.norm(one),)) for one in scan.norms),
     ]
-    for names, name, path, digest in without_rows:
-        time = buried(folder.root, digest)
-        if time is not None and is_older(path.stat().st_mtime, time):
-            remove_durably(path)
-            names.remove(name)
-    for result in [one for one in scan.results if one.kind == "signature"]:
-        path = folder.result(result)
-        time = buried(folder.root, path.stem)
-        if time is not None and is_older(path.stat().st_mtime, time):
-            remove_durably(path, path.with_suffix(RENDERED))
-            scan.results.remove(result)
+    for name in scan.results:
+        if name.kind == "signature":
+            path = folder.result(name)
+            by_time.append((scan.results, name, path.stem, (path, path.with_suffix(RENDERED))))
     for images_id in scan.images | scan.image_records:
         files = (folder.images_record(images_id), folder.images(images_id))
-        time = buried(folder.root, images_id)
+        by_time.append((scan.images, images_id, images_id, files))
+    for names, thing, digest, paths in by_time:
+        time = buried(folder.root, digest)
         is_back = time is not None and any(
-            path.exists() and is_older(path.stat().st_mtime, time) for path in files
+            path.exists() and is_older(path.stat().st_mtime, time) for path in paths
         )
         # Samples without a record: putting them was cut short, and never confirmed.
-        if is_back or images_id not in scan.image_records:
-            remove_durably(*files)
+        if is_back or (names is scan.images and thing not in scan.image_records):
+            remove_durably(*paths)
+            names.discard(thing)
 
 
 def _models(
     folder: Folder, index: Index, scan: Scan, damaged: list[str], *, thorough: bool
 ) -> list[ModelRecord]:
     """Read the records of all versions of models, which are few, from their files."""
-    known = {record.reference: record for record in ModelIndex(index.database).all()}
+    known = {record.reference: record for record in index.models()}
     records = []
     for reference in sorted(scan.models - scan.deleted_models):
         path = folder.model(reference)

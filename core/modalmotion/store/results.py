@@ -411,7 +411,7 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
         with self._changing(name.sequence_id):
             self.sequence_record(name.sequence_id)
             if index.digest(name) is None or not is_sound(path):
-                self._write([(path, data)], lambda: index.put_result(name, digest_of(data)))
+                self._write([(path, data)], lambda: index.change((), {name: digest_of(data)}))
         return path
 
     def _result_path(self, name: ResultName) -> Path:

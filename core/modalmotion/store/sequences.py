@@ -136,7 +136,7 @@ class SequenceStore(SequenceRecords):
             # The record first: vertices alone would come back from a crash without a subject.
             if record != known:
                 files.insert(0, (self._folder.record(record.id), record_to_json(record)))
-            self._write(files, lambda: index.put_all([record], digests))
+            self._write(files, lambda: index.change([record], digests))
             return record, is_new
 
     def _missing(
@@ -221,7 +221,7 @@ class SequenceStore(SequenceRecords):
             )
             files.insert(0, (folder.record(record.id), record_to_json(record)))
             if known is not None:
-                self._write(files, lambda: index.put_all([record], digests))
+                self._write(files, lambda: index.change([record], digests))
                 begin_deletion(folder, sequence_id)
             else:
                 self._exchange(sequence_id, record, files, digests)
@@ -252,7 +252,7 @@ class SequenceStore(SequenceRecords):
                 write_atomic(path, data)
             _rename(mark, of_old)
             try:
-                index.replace(old_id, record, digests)
+                index.change([record], digests, without=old_id)
             except BaseException:
                 _rename(of_old, mark)
                 raise

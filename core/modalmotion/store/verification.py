@@ -25,7 +25,7 @@ from modalmotion.store.deletion import deleted_record
 from modalmotion.store.disk import folder_lock
 from modalmotion.store.folder import Folder, ResultName, Scan, read_record
 from modalmotion.store.images import read_images_record
-from modalmotion.store.index import Index, ModelIndex
+from modalmotion.store.index import Index
 from modalmotion.store.recovery import existing_store
 from modalmotion.template.hdf5 import read_template
 from modalmotion.tracking.hdf5 import read_track
@@ -186,7 +186,7 @@ class _Check:
                 ),
                 *(self.folder.result(n) for n in index.results() if n not in self.scan.results),
             ]
-            self.models = {record.reference: record for record in ModelIndex(database).all()}
+            self.models = {record.reference: record for record in index.models()}
             if index.count() != index.recount():
                 problem = "It miscounts its rows; `modalmotion store rebuild`."
                 self.faults.append(Fault(path.name, problem))

@@ -22,6 +22,7 @@ from modalmotion.signature.making import ModalSignature, SignatureParameters, mo
 from modalmotion.template import Template
 from modalmotion.tracking.result import SampledData, Track
 from modalmotion.viewer.container import write_container
+from modalmotion.viewer.first_view import first_view
 from modalmotion.viewer.payload import frames_payload, single_scale, view_payload
 
 _FOLDER: Final = Path(__file__).parent / "bundle"
@@ -182,9 +183,9 @@ def view_page(views: Sequence[View]) -> str:
     LimitError
         If the frames are too many for a page.
     """
-    held = []
+    held, payloads = [], [view.payload() for view in views]
     for number, view in enumerate(views):
-        held.append(_held(f'data-payload="{number}"', view.payload()))
+        held.append(_held(f'data-payload="{number}"', payloads[number]))
         if view.stream is None:
             held += [_held(f'data-frames="{number}"', piece) for piece in view.pieces()]
         else:
@@ -204,9 +205,9 @@ def view_page(views: Sequence[View]) -> str:
             f'<meta http-equiv="Content-Security-Policy" content="{policy}">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             f"<title>{escape(title)} · modalmotion</title>",
-            f"<!-- {licences()} -->",
             f"<style>{style()}</style></head>",
-            '<body><main id="modalmotion" class="modalmotion"></main>',
+            f'<body><main id="modalmotion" class="modalmotion">{first_view(payloads)}</main>',
+            f"<!-- {licences()} -->",
             *held,
             f'<script type="module">{script()}</script></body></html>',
             "",

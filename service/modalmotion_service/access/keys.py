@@ -20,7 +20,7 @@ from typing import Any, Final, Self
 from urllib.parse import quote
 
 from modalmotion.errors import CorruptFileError, NotFoundError, ParameterError, StoreError
-from modalmotion.store.disk import sync_folder
+from modalmotion.store.disk import sync_paths
 from modalmotion.store.index import now, to_text
 from modalmotion_service.access.scopes import Principal, Scope, require_owner
 from modalmotion_service.errors import AuthenticationError
@@ -51,8 +51,7 @@ def open_database(path: Path, tables: Sequence[str], version: int) -> sqlite3.Co
             is_new = not path.exists()
             os.close(os.open(path, os.O_CREAT | os.O_RDWR, 0o600))
             if is_new:
-                sync_folder(path.parent)
-                sync_folder(path.parent.parent)
+                sync_paths([path.parent, path.parent.parent])
             # Restored from a backup they may have others.
             with suppress(PermissionError):
                 path.parent.chmod(0o700)

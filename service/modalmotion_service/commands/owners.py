@@ -14,7 +14,7 @@ import click
 from modalmotion.cli.options import aligned, example, json_option, tell
 from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
 from modalmotion.store.deletion import bury, digest_of_owner
-from modalmotion.store.disk import cannot_write, folder_lock, sync_folder
+from modalmotion.store.disk import cannot_write, folder_lock, sync_paths
 from modalmotion.store.folder import ResultKind
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import LOCAL
@@ -120,7 +120,7 @@ def _remove(data_dir: Path, owner: str, root: Path, doomed: Path) -> None:
                     shutil.rmtree(doomed)
                 # From here on it is gone, even if the rest is interrupted.
                 root.rename(doomed)
-                sync_folder(doomed.parent)
+                sync_paths([doomed.parent])
         shutil.rmtree(doomed)
         # Backups learn by it that nothing was lost; a removal that is cut short is done again.
         bury(data_dir, digest_of_owner(owner))

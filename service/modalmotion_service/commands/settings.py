@@ -33,7 +33,7 @@ def described(settings: Any) -> Iterator[dict[str, Any]]:
             "variable": f"{settings.model_config['env_prefix']}{name.upper()}",
             "value": values[name],
             "default": defaults[name],
-            "meaning": field.description,
+            "meaning": " ".join((field.description or "").split()),
         }
 
 

@@ -18,6 +18,7 @@ from modalmotion.errors import LimitError
 from modalmotion_service.access.scopes import PROBES, principal_of
 from modalmotion_service.errors import BusyError, SlowClientError
 from modalmotion_service.http.gate import route_of
+from modalmotion_service.http.middleware import Middleware, with_headers
 from modalmotion_service.http.problems import problem_of
 
 UPLOADS: Final = frozenset(
@@ -50,7 +51,7 @@ _SMALL_BYTES: Final = 256_000
 _BYTES_OF_ID: Final = 100
 
 
-class BodyLimits:
+class BodyLimits(Middleware):
     """Ends a request whose body is too large or comes too slowly.
 
     Parameters
@@ -79,7 +80,7 @@ class BodyLimits:
         idle_seconds: float,
         upload_seconds: float,
     ) -> None:
-        self.app = app
+        super().__init__(app)
         self.body_bytes = body_bytes
         self.image_bytes = image_bytes
         # Where there is no route, nothing is read.
@@ -90,11 +91,8 @@ class BodyLimits:
         self.idle_seconds = idle_seconds
         self.upload_seconds = upload_seconds
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on, watching what it receives."""
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
         most, name = self.body_bytes, "body_bytes"
         route = route_of(scope)
         if route == _IMAGES:
@@ -157,7 +155,7 @@ def _too_large(most: int, name: str) -> LimitError:
     )
 
 
-class WholeAnswers:
+class WholeAnswers(Middleware):
     """Ignores Range headers, as RFC 9110 (14.2) allows: answers come whole or not at all.
 
     A result is named by a tag and small beside its sequence; a file made for one answer is removed
@@ -168,26 +166,18 @@ class WholeAnswers:
     app : ASGIApp
     """
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on without its ranges."""
-        if scope["type"] == "http":
-            headers = [(name, value) for name, value in scope["headers"] if name != b"range"]
-            scope["headers"] = headers
+        scope["headers"] = [one for one in scope["headers"] if one[0] != b"range"]
 
-        async def whole(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                if "accept-ranges" in headers:
-                    headers["Accept-Ranges"] = "none"
-            await send(message)
+        def whole(headers: MutableHeaders) -> None:
+            if "accept-ranges" in headers:
+                headers["Accept-Ranges"] = "none"
 
-        await self.app(scope, receive, whole)
+        await self.app(scope, receive, with_headers(send, whole))
 
 
-class Concurrency:
+class Concurrency(Middleware):
     """Answers 429 while too many requests are under way; health checks always pass.
 
     Where keys tell owners apart, one alone never has them all: however many slow uploads come
@@ -202,15 +192,15 @@ class Concurrency:
     """
 
     def __init__(self, app: ASGIApp, most: int, most_of_owner: int) -> None:
-        self.app = app
+        super().__init__(app)
         self.most = most
         self.most_of_owner = most_of_owner
         self._under_way = 0
         self._of_owner: Counter[str] = Counter()
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on if there is room."""
-        if scope["type"] != "http" or scope["path"].startswith(PROBES):
+        if scope["path"].startswith(PROBES):
             await self.app(scope, receive, send)
             return
         principal = principal_of(scope)
@@ -256,7 +246,7 @@ _ENDED: Final = UPLOADS | {
 _LOOK_SECONDS: Final = 0.05
 
 
-class Departure:
+class Departure(Middleware):
     """Ends a request that its client has left, from the moment on that its body is complete.
 
     Work that others wait for too goes on for them, and so does what has become a job.
@@ -266,12 +256,9 @@ class Departure:
     app : ASGIApp
     """
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on, and cancel it when its client leaves."""
-        if scope["type"] != "http" or not _is_ended(scope):
+        if not _is_ended(scope):
             await self.app(scope, receive, send)
             return
         watch = _Watch(scope, receive)

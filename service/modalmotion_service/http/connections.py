@@ -18,10 +18,10 @@ from typing import Any, Final, cast
 import h11
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
-from starlette.types import Scope as Connection
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from modalmotion.errors import InputError, LimitError, MalformedFileError
+from modalmotion_service.http.middleware import Middleware, with_headers
 from modalmotion_service.http.problems import problem_of
 
 # Open files that a process asks for, where it may have that many; and connections that uvicorn
@@ -227,7 +227,7 @@ UNKNOWN_CLIENT: Final = "unknown"
 """The client's address where a proxy that is believed gives none."""
 
 
-class RequestHeadCheck:
+class RequestHeadCheck(Middleware):
     """ASGI middleware that refuses requests which can be read in two ways.
 
     Parameters
@@ -235,21 +235,17 @@ class RequestHeadCheck:
     app : ASGIApp
     """
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on, or refuse it."""
-        if scope["type"] == "http":
-            if (error := _fault(scope)) is not None:
-                answer = problem_of(error)
-                # Where it ends is not certain: what follows may not be a request.
-                answer.headers["Connection"] = "close"
-                await answer(scope, receive, send)
-                return
-            if scope.get("client") is not None:
-                host, port = scope["client"]
-                scope["client"] = (plain_address(host), port)
+        if (error := _fault(scope)) is not None:
+            answer = problem_of(error)
+            # Where it ends is not certain: what follows may not be a request.
+            answer.headers["Connection"] = "close"
+            await answer(scope, receive, send)
+            return
+        if scope.get("client") is not None:
+            host, port = scope["client"]
+            scope["client"] = (plain_address(host), port)
         await self.app(scope, receive, send)
 
 
@@ -303,7 +299,7 @@ _HEADERS: Final = {
 _HSTS: Final = "max-age=31536000; includeSubDomains"
 
 
-class SecurityHeaders:
+class SecurityHeaders(Middleware):
     """ASGI middleware that adds the headers; what a handler has set stays.
 
     Parameters
@@ -311,36 +307,24 @@ class SecurityHeaders:
     app : ASGIApp
     """
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on."""
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
 
-        async def guarded(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                for name, value in _HEADERS.items():
-                    headers.setdefault(name, value)
-                if scope.get("scheme") == "https":
-                    headers.setdefault("Strict-Transport-Security", _HSTS)
-            await send(message)
+        def guard(headers: MutableHeaders) -> None:
+            for name, value in _HEADERS.items():
+                headers.setdefault(name, value)
+            if scope.get("scheme") == "https":
+                headers.setdefault("Strict-Transport-Security", _HSTS)
 
-        await self.app(scope, receive, guarded)
+        await self.app(scope, receive, with_headers(send, guard))
 
 
-class HeadAsGet:
+class HeadAsGet(Middleware):
     """ASGI middleware; the innermost one, so that all others know what was asked for."""
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
-
-    async def __call__(self, scope: Connection, receive: Receive, send: Send) -> None:
+    async def pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Have a HEAD routed as a GET, and send the head alone."""
-        if scope["type"] != "http" or scope["method"] != "HEAD":
+        if scope["method"] != "HEAD":
             await self.app(scope, receive, send)
             return
 
@@ -359,7 +343,7 @@ PREFIX: Final = "modalmotion.prefix"
 """Where a request has it."""
 
 
-class Prefix:
+class Prefix(Middleware):
     """ASGI middleware; the outermost one, so that all others see paths without it.
 
     A proxy may leave the prefix or take it away. `Location` and pages have it; links of bodies
@@ -373,14 +357,11 @@ class Prefix:
     """
 
     def __init__(self, app: ASGIApp, prefix: str) -> None:
-        self.app = app
+        super().__init__(app)
         self.prefix = prefix
 
-    async def __call__(self, scope: Connection, receive: Receive, send: Send) -> None:
+    async def pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on without the prefix, and its answer with it."""
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
         path: str = scope["path"]
         scope[PREFIX] = self.prefix
         if path == self.prefix or path.startswith(f"{self.prefix}/"):
@@ -391,11 +372,8 @@ class Prefix:
                 "raw_path": raw.removeprefix(self.prefix.encode()) or b"/",
             }
 
-        async def sent(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                if headers.get("location", "").startswith("/"):
-                    headers["location"] = self.prefix + headers["location"]
-            await send(message)
+        def add(headers: MutableHeaders) -> None:
+            if headers.get("location", "").startswith("/"):
+                headers["location"] = self.prefix + headers["location"]
 
-        await self.app(scope, receive, sent)
+        await self.app(scope, receive, with_headers(send, add))

@@ -128,3 +128,8 @@ def is_known(request: Request, tag: str) -> bool:
 def not_modified(tag: str) -> Response:
     """Answer 304."""
     return Response(status_code=304, headers={"ETag": tag})
+
+
+def attachment(name: str) -> dict[str, str]:
+    """Name the file that an answer is saved as."""
+    return {"Content-Disposition": f'attachment; filename="{name}"'}

@@ -18,9 +18,10 @@ from typing import Final
 import h11
 from starlette.datastructures import MutableHeaders
 from starlette.requests import ClientDisconnect
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import Message, Receive, Scope, Send
 
 from modalmotion_service.access.scopes import principal_of
+from modalmotion_service.http.middleware import Middleware
 from modalmotion_service.http.problems import internal_answer
 
 _stages: ContextVar[dict[str, float] | None] = ContextVar("stages", default=None)
@@ -80,7 +81,7 @@ CLIENT_GONE: Final = 499
 _REQUEST_ID: Final = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
-class Observation:
+class Observation(Middleware):
     """ASGI middleware around everything else.
 
     Parameters
@@ -88,14 +89,8 @@ class Observation:
     app : ASGIApp
     """
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on; log it when it is answered."""
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
         header = dict(scope["headers"]).get(b"x-request-id", b"").decode("latin-1")
         request_id = header if _REQUEST_ID.fullmatch(header) else secrets.token_hex(8)
         scope["modalmotion.request_id"] = request_id

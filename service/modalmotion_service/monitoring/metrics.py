@@ -20,6 +20,7 @@ from modalmotion.errors import ModalMotionError, StoreError
 from modalmotion_service.access.scopes import SCOPE_OF
 from modalmotion_service.errors import ClusterError, NoWorkerError
 from modalmotion_service.http.gate import route_of
+from modalmotion_service.http.middleware import Middleware
 from modalmotion_service.http.observation import CLIENT_GONE
 from modalmotion_service.work.engine import Engine
 from modalmotion_service.workspace.owners import Owners
@@ -133,7 +134,7 @@ class Metrics:
             self._n_tasks += number
 
 
-class Meter:
+class Meter(Middleware):
     """ASGI middleware that counts requests.
 
     Parameters
@@ -143,14 +144,11 @@ class Meter:
     """
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
-        self.app = app
+        super().__init__(app)
         self.metrics = metrics
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on and count it when it is answered."""
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
         start = time.perf_counter()
         status, n_received, n_sent = 500, 0, 0
 

@@ -17,6 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from modalmotion.errors import needs_extra
 from modalmotion_service.http.gate import route_of
+from modalmotion_service.http.middleware import Middleware
 from modalmotion_service.http.observation import stages_so_far
 
 _METHODS: Final = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
@@ -112,7 +113,7 @@ class Telemetry:
         future.add_done_callback(end)
 
 
-class Tracing:
+class Tracing(Middleware):
     """ASGI middleware that traces requests.
 
     Parameters
@@ -122,14 +123,11 @@ class Tracing:
     """
 
     def __init__(self, app: ASGIApp, telemetry: Telemetry) -> None:
-        self.app = app
+        super().__init__(app)
         self.telemetry = telemetry
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on, and trace it."""
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
         with self.telemetry.request(scope) as span:
 
             async def sent(message: Message) -> None:

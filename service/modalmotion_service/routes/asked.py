@@ -6,7 +6,7 @@ import asyncio
 import base64
 import contextlib
 import json
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -19,7 +19,7 @@ from starlette.background import BackgroundTask
 from starlette.responses import FileResponse, Response
 
 from modalmotion.classification import DEFAULT_MODEL
-from modalmotion.errors import LimitError, StoreError
+from modalmotion.errors import StoreError
 from modalmotion.mesh import facts_as_json
 from modalmotion.store import ResultStore
 from modalmotion.store.index import from_cursor, to_cursor
@@ -38,11 +38,14 @@ from modalmotion_service.http.negotiation import (
     parse_preference,
     tag_of,
 )
+from modalmotion_service.schemas.from_core import JsonBody
 from modalmotion_service.schemas.general import JobAnswer, JobState
+from modalmotion_service.schemas.queries import CasesRequest, LabelledSequence
 from modalmotion_service.workspace.jobs import Job
-from modalmotion_service.workspace.operation import Operation, Outcome, Request
+from modalmotion_service.workspace.operation import Case, Operation, Outcome, Request
 from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.state import State
+from modalmotion_service.workspace.training import find_cases
 
 _LONGEST_PREFER: Final = 200
 _KEPT_HEADERS: Final = ("content-type", "location", "etag", "preference-applied")
@@ -191,22 +194,19 @@ class Asked:
             headers={**known.response["headers"], "Idempotency-Replayed": "true"},
         )
 
-    def require_few(self, n: int) -> None:
-        """Refuse more ids than one answer may be about.
-
-        Raises
-        ------
-        LimitError
-            If there are more.
-        """
+    async def about(
+        self,
+        wanted: CasesRequest,
+        query: type[JsonBody],
+        look: Callable[[ResultStore, Sequence[LabelledSequence], int], list[Case]] = find_cases,
+        **more: Any,
+    ) -> Request:
+        """Make the request about the sequences that a body names, as they are known now."""
         most = self.state.settings.max_query_ids
-        if n > most:
-            raise LimitError(
-                f"{n} signatures were requested at once; the limit is {most}.",
-                remedy="Ask for them in several requests.",
-                limit="query_ids",
-                details={"value": n, "most": most},
-            )
+        cases = await asyncio.to_thread(look, self.store, wanted.cases, most)
+        ids = tuple(case.id for case in cases)
+        self.note(*ids)
+        return Request(query=wanted.without_cases(query), ids=ids, cases=tuple(cases), **more)
 
 
 async def get_state(request: HttpRequest) -> State:

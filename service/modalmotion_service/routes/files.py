@@ -20,6 +20,7 @@ from modalmotion_service.schemas.results import (
 )
 from modalmotion_service.schemas.signatures import SignatureAnswer
 from modalmotion_service.workspace import file_operations as operations
+from modalmotion_service.workspace import models
 from modalmotion_service.workspace.operation import Operation, Request
 from modalmotion_service.workspace.signature_operations import SIGNATURE_TYPES
 
@@ -61,7 +62,7 @@ async def classify_file(
     as JSON or a line of it each.
     """
     with sent.file:
-        await asyncio.to_thread(asked.state.models.choose, sent.query.model)
+        await asyncio.to_thread(models.choose, asked.state, sent.query.model)
         return await _answered(
             asked, sent, operations.sent_classification, operations.sent_classifications
         )

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from typing import Annotated
 
 from fastapi import Depends, Query, Response
 
-from modalmotion.classification import ModelCard, available_models, card_markdown
+from modalmotion.classification import ModelCard, card_markdown
 from modalmotion.errors import ParameterError
 from modalmotion.store import ModelRecord, model_to_hdf5, parse_reference, require_model_name
 from modalmotion_service.http.judged_router import JudgedRouter, body_of
-from modalmotion_service.http.negotiation import CSV, HDF5, JSON, MARKDOWN, PNG
+from modalmotion_service.http.negotiation import CSV, HDF5, JSON, MARKDOWN, PNG, attachment
 from modalmotion_service.routes.asked import (
     AskedAny,
     AskedNow,
@@ -42,12 +43,10 @@ from modalmotion_service.schemas.queries import (
     TrainingRequest,
 )
 from modalmotion_service.workspace import model_operations as operations
-from modalmotion_service.workspace.model_operations import require_known_classes
-from modalmotion_service.workspace.models import shipped_name
+from modalmotion_service.workspace import models
 from modalmotion_service.workspace.operation import Request
 from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.training import (
-    find_cases,
     labelled_cases,
     look_up,
     write_cases,
@@ -71,8 +70,7 @@ async def train_model(
 
     async def make() -> Response:
         name = require_model_name(wanted.name)
-        if name in available_models():
-            raise shipped_name(name, "takes no further versions", "Choose another name.")
+        models.require_own(name, "takes no further versions", "Choose another name.")
         wanted.options.options()  # refused at once where one is out of range
         most = state.settings.max_training_sequences
         # Up to a hundred thousand sequences: others are answered meanwhile.
@@ -89,7 +87,7 @@ async def train_model(
 @router.get("", response_model=ModelPageAnswer)
 def list_models(query: Annotated[Paging, Query()], asked: AskedNow) -> ModelPageAnswer:
     """List models by name, including shipped ones, each with its newest version."""
-    records = asked.state.models.records()
+    records = models.records(asked.state)
     page, cursor = page_of(sorted(records), query.limit, query.cursor)
     return ModelPageAnswer(models=[_summary(records[name]) for name in page], cursor=cursor)
 
@@ -102,10 +100,9 @@ async def describe_model(name: ModelReference, asked: AskedAny) -> Response:
     held-out answers of its training by case (CSV).
     """
     state = asked.state
-    model = await asyncio.to_thread(state.models.choose, name)
+    model = await asyncio.to_thread(models.choose, state, name)
     kind = asked.media_type(JSON, PNG, HDF5, CSV, MARKDOWN)
-    content = await asyncio.to_thread(state.models.describe, model)
-    versions = await asyncio.to_thread(state.models.versions, model.name)
+    content, versions = await asyncio.to_thread(models.describe, state, model)
     tag = asked.tagged(model.id, str(model.version), repr(versions), kind)
     # Subjects in a table may change.
     if kind != CSV and (known := asked.knows(tag)) is not None:
@@ -116,7 +113,7 @@ async def describe_model(name: ModelReference, asked: AskedAny) -> Response:
         return await asked.do(what, request, tag=tag if kind == PNG else None)
     headers = {"ETag": tag, "Vary": "Accept"}
     if kind == HDF5:
-        headers["Content-Disposition"] = f'attachment; filename="{model.name}-{model.version}.h5"'
+        headers |= attachment(f"{model.name}-{model.version}.h5")
         return Response(await asyncio.to_thread(model_to_hdf5, content), 200, headers, HDF5)
     if kind == MARKDOWN:
         card = ModelCard.from_json(content.card)
@@ -139,7 +136,9 @@ async def delete_model(name: ModelReference, asked: AskedNow) -> None:
         raise ParameterError(
             "No version of the model is named.", remedy=f"Name one, such as {name}@1."
         )
-    await asyncio.to_thread(asked.state.models.delete, reference.name, reference.version)
+    why = "cannot be deleted", "Leave it; no request has to use it."
+    models.require_own(reference.name, *why)
+    await asyncio.to_thread(asked.store.delete_model, reference.name, reference.version)
 
 
 @router.post(
@@ -158,27 +157,16 @@ async def evaluate_model(
     on: a note says where it was. With `compare_with` the answer has differences of accuracy, AUC,
     log loss and Brier score, with intervals from paired resamples of the subjects.
     """
-    state = asked.state
     kind = asked.media_type(*((JSON,) if wanted.compare_with else (JSON, CSV, PNG)))
     names = [one for one in (name, wanted.compare_with) if one is not None]
-    models = [await asyncio.to_thread(state.models.choose, one) for one in names]
-    most = state.settings.max_query_ids
-    cases = await asyncio.to_thread(labelled_cases, state.store, wanted.cases, most, "query_ids")
-    asked.note(*(case.id for case in cases))
-    for model in models:
-        require_known_classes(cases, model.name, model.classes)
-    chosen = [f"{model.name}@{model.version}" for model in models]
-    options = wanted.without_cases(EvaluationOptions)
-    if len(chosen) > 1:
-        options = options.model_copy(update={"compare_with": chosen[1]})
-    request = Request(
-        query=options,
-        media_type=kind,
-        ids=tuple(case.id for case in cases),
-        cases=tuple(cases),
-        reference=chosen[0],
-    )
-    return await asked.do(operations.evaluation, request)
+    chosen = [await asyncio.to_thread(models.choose, asked.state, one) for one in names]
+    request = await asked.about(wanted, EvaluationOptions, labelled_cases, media_type=kind)
+    for model in chosen:
+        operations.require_known_classes(request.cases, model)
+    # By their versions: newer ones may exist when the job is resumed.
+    first, *others = (str(model.reference) for model in chosen)
+    options = request.query.model_copy(update={"compare_with": others[0] if others else None})
+    return await asked.do(operations.evaluation, replace(request, query=options, reference=first))
 
 
 def _summary(records: list[ModelRecord]) -> ModelSummary:
@@ -200,18 +188,11 @@ async def make_norm(
     Subjects and covariates are those at the time of the request. The norm contains features of the
     controls, and stays when they are deleted.
     """
-    state = asked.state
 
     async def make() -> Response:
-        await asyncio.to_thread(state.norms.require_free, require_model_name(wanted.name))
-        most = state.settings.max_query_ids
-        cases = await asyncio.to_thread(find_cases, state.store, wanted.cases, most, "query_ids")
-        asked.note(*(case.id for case in cases))
-        options = wanted.without_cases(NormOptions)
-        ids = tuple(case.id for case in cases)
-        return await asked.start(
-            operations.norm, Request(query=options, cases=tuple(cases), ids=ids)
-        )
+        name = require_model_name(wanted.name)
+        await asyncio.to_thread(operations.require_free_norm, asked.state, name)
+        return await asked.start(operations.norm, await asked.about(wanted, NormOptions))
 
     said = Request(query=wanted)
     return await asked.once(idempotency_key, operations.norm, said, None, make)
@@ -236,7 +217,7 @@ async def describe_norm(name: ModelName, asked: AskedNow) -> Response:
         return known
     headers = {"ETag": tag, "Vary": "Accept"}
     if kind == HDF5:
-        headers["Content-Disposition"] = f'attachment; filename="{name}.h5"'
+        headers |= attachment(f"{name}.h5")
         path = asked.store.norm_path(name)
         return Response(await asyncio.to_thread(path.read_bytes), 200, headers, HDF5)
     return Response(NormAnswer.of(norm).model_dump_json(), 200, headers, JSON)
@@ -262,13 +243,5 @@ async def compare_with_norm(
     speak of that, and not of a person. No diagnosis. Missing signatures are stored on the way.
     """
     await asyncio.to_thread(asked.store.norm_path, name)
-    most = asked.state.settings.max_query_ids
-    cases = await asyncio.to_thread(find_cases, asked.store, wanted.cases, most, "query_ids")
-    asked.note(*(case.id for case in cases))
-    request = Request(
-        query=wanted.without_cases(DeviationOptions),
-        ids=tuple(case.id for case in cases),
-        cases=tuple(cases),
-        reference=name,
-    )
+    request = await asked.about(wanted, DeviationOptions, reference=name)
     return await asked.do(operations.deviations, request)

@@ -17,7 +17,8 @@ from modalmotion_service.schemas.from_core import Paging, SequenceId
 from modalmotion_service.schemas.queries import ImagesView, TrackView
 from modalmotion_service.schemas.requests import TRACK, ImagesStatements
 from modalmotion_service.schemas.sequences import ImagesPageAnswer, ImagesSummary, TrackAnswer
-from modalmotion_service.workspace import sequence_operations as operations
+from modalmotion_service.workspace import models
+from modalmotion_service.workspace import track_operations as operations
 from modalmotion_service.workspace.erasure import erase_images
 from modalmotion_service.workspace.operation import Request
 from modalmotion_service.workspace.spool import SpoolFile
@@ -109,9 +110,9 @@ async def track_recording(
         # Before anything is stored for a job.
         query.parameters(file.facts)
         asked.note(query.start, query.images)
-        await asked.state.tracks.start_path(query.start)
+        await operations.start_path(asked.state, query.start)
         if query.model is not None:
-            await asyncio.to_thread(asked.state.models.choose, query.model)
+            await asyncio.to_thread(models.choose, asked.state, query.model)
         own: SpoolFile | None = file
         if query.images is not None:
             await asyncio.to_thread(_require_no_body, file)
@@ -120,14 +121,10 @@ async def track_recording(
         # A job about a sequence ends with it.
         ids = () if query.start is None else (query.start,)
         request = Request(query=query, ids=ids, facts=file.facts)
-        if query.report:
-            what = operations.tracked_report
-            return await asked.once(
-                *(idempotency_key, what, request, file), lambda: asked.start(what, request, own)
-            )
+        what = operations.tracked_report if query.report else operations.track
+        begin = asked.start if query.report else asked.do
         return await asked.once(
-            *(idempotency_key, operations.track, request, file),
-            lambda: asked.do(operations.track, request, file=own),
+            *(idempotency_key, what, request, file), lambda: begin(what, request, file=own)
         )
 
 

@@ -12,12 +12,12 @@ from typing import Annotated, Final
 from fastapi import Depends, Query, Response
 from fastapi import Request as HttpRequest
 
-from modalmotion.errors import NotFoundError
+from modalmotion.errors import LimitError, NotFoundError
 from modalmotion.mesh import facts_as_json
 from modalmotion.reports.dicom import require_space
 from modalmotion_service.errors import BusyError
 from modalmotion_service.http.judged_router import JudgedRouter, body_of
-from modalmotion_service.http.negotiation import CSV, HTML, JSON, PNG, RAW, VIEW, ZIP
+from modalmotion_service.http.negotiation import CSV, HTML, JSON, PNG, RAW, VIEW, ZIP, attachment
 from modalmotion_service.http.observation import stage
 from modalmotion_service.routes.asked import (
     Asked,
@@ -59,13 +59,14 @@ from modalmotion_service.schemas.signatures import (
     SignatureSummary,
 )
 from modalmotion_service.work.tasks import derived
+from modalmotion_service.workspace import model_operations as of_models
+from modalmotion_service.workspace import models
 from modalmotion_service.workspace import signature_operations as operations
 from modalmotion_service.workspace.analysis import USUAL
 from modalmotion_service.workspace.models import KeptClassification
 from modalmotion_service.workspace.operation import Operation, Request
 from modalmotion_service.workspace.signature_operations import SIGNATURE_TYPES, SURFACES
 from modalmotion_service.workspace.spool import SpoolFile
-from modalmotion_service.workspace.training import find_cases
 
 router = JudgedRouter(prefix="/v1", tags=["signatures"])
 
@@ -241,8 +242,7 @@ async def dicom_of_signature(
                 limit="wait_seconds",
                 details={"most": wait},
             ) from None
-    name = f'attachment; filename="{sequence_id[:12]}-dicom.zip"'
-    return temporary_file(output, ZIP, {"Content-Disposition": name})
+    return temporary_file(output, ZIP, attachment(f"{sequence_id[:12]}-dicom.zip"))
 
 
 @router.get("/signatures/{key}/view", **answers(VIEW, HTML))
@@ -287,13 +287,11 @@ async def classify_signature(
     signature has, those are fitted and stored on the way.
     """
     sequence_id = _sequence_of(asked, key)
-    model = await asyncio.to_thread(asked.state.models.choose_for, wanted.model, sequence_id)
+    model = await asyncio.to_thread(models.choose_for, asked.state, wanted.model, sequence_id)
     # By its version: a newer one may exist when the job is resumed.
-    reference = f"{model.name}@{model.version}"
-    return await asked.do(
-        operations.classification,
-        Request(query=wanted, sequence_id=sequence_id, reference=reference),
-    )
+    reference = str(model.reference)
+    request = Request(query=wanted, sequence_id=sequence_id, reference=reference)
+    return await asked.do(operations.classification, request)
 
 
 @router.get("/signatures/{key}/classifications", response_model=ClassificationPageAnswer)
@@ -302,24 +300,11 @@ async def list_classifications(
 ) -> ClassificationPageAnswer:
     """List the classes that models have named of a sequence's motion, by model."""
     sequence_id = _sequence_of(asked, key)
-
-    def read() -> list[KeptClassification]:
-        return asked.state.models.classifications(sequence_id)
-
-    kept = {f"{one.result.model_id} {one.path.name}": one for one in await asyncio.to_thread(read)}
+    found = await asyncio.to_thread(models.classifications, asked.state, sequence_id)
+    kept = {f"{one.result.model_id} {one.path.name}": one for one in found}
     page, cursor = page_of(sorted(kept), query.limit, query.cursor)
-    root = asked.store.root
-    return ClassificationPageAnswer(
-        classifications=[
-            ClassificationAnswer.of(
-                kept[name].result,
-                kept[name].version,
-                kept[name].path.relative_to(root).as_posix(),
-            )
-            for name in page
-        ],
-        cursor=cursor,
-    )
+    answers = [operations.classification_answer(asked.state, kept[name]) for name in page]
+    return ClassificationPageAnswer(classifications=answers, cursor=cursor)
 
 
 @router.post(
@@ -336,7 +321,14 @@ async def pack_signatures(
     amplitude. Missing ones are fitted and stored on the way.
     """
     kind = asked.media_type(*operations.signatures_query.media_types)
-    asked.require_few(len(wanted.ids))
+    most = asked.state.settings.max_query_ids
+    if len(wanted.ids) > most:
+        raise LimitError(
+            f"{len(wanted.ids)} signatures were requested at once; the limit is {most}.",
+            remedy="Ask for them in several requests.",
+            limit="query_ids",
+            details={"value": len(wanted.ids), "most": most},
+        )
     asked.note(*wanted.ids)
     wanted.parameters()
     for sequence_id in wanted.ids:
@@ -355,16 +347,8 @@ async def tabulate_features(
     the way, in modes that all the sequences share.
     """
     kind = asked.media_type(JSON, CSV)
-    most = asked.state.settings.max_query_ids
-    cases = await asyncio.to_thread(find_cases, asked.store, wanted.cases, most, "query_ids")
-    asked.note(*(case.id for case in cases))
-    request = Request(
-        query=wanted.without_cases(FeatureOptions),
-        media_type=kind,
-        ids=tuple(case.id for case in cases),
-        cases=tuple(cases),
-    )
-    return await asked.do(operations.features, request)
+    request = await asked.about(wanted, FeatureOptions, media_type=kind)
+    return await asked.do(of_models.features, request)
 
 
 def _sequence_of(asked: Asked, key: str) -> str:
@@ -408,9 +392,6 @@ async def _shown(
 
 
 async def _known(asked: Asked, key: str, query: ReportRequest) -> KeptClassification | None:
-    if query.model is None:
-        return None
     sequence_id = _sequence_of(asked, key)
-    return await asyncio.to_thread(
-        asked.state.models.known_classification, sequence_id, query.model
-    )
+    known = models.known_classification
+    return await asyncio.to_thread(known, asked.state, sequence_id, query.model)

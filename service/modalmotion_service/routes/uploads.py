@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -12,16 +13,17 @@ from fastapi.exceptions import RequestValidationError
 from pydantic_core import from_json
 from starlette.datastructures import FormData, QueryParams, UploadFile
 
+from modalmotion.classification.manifest import Row, manifest_rows
 from modalmotion.errors import LimitError, MalformedFileError, ParameterError
 from modalmotion.mesh.fact_forms import column_of, facts_from_texts, is_fact
 from modalmotion.mesh.facts import NAMES, NO_FACTS, Facts
+from modalmotion.store.folder import require_name
 from modalmotion_service.access.scopes import principal_of
 from modalmotion_service.http.forms import (
     FILES,
     MANIFEST,
     ManyFiles,
     SentPart,
-    entries_by_name,
     received_form,
 )
 from modalmotion_service.http.judged_router import checked
@@ -288,30 +290,29 @@ async def _file_of_many(
 
 
 def _described(parts: tuple[Part, ...], table: str) -> tuple[Part, ...]:
-    entries = entries_by_name(table)
-    names = [part.name for part in parts]
-    unknown = next((name for name in entries if name not in names), None)
-    if unknown is not None:
-        raise ParameterError(
-            f"The manifest names '{unknown[:80]}', and no file of that name was sent.",
-            remedy="Send it as a part named 'files' with that file name.",
-        )
-    for name in names:
-        if name not in entries or names.count(name) > 1:
-            what = "is not in the manifest" if name not in entries else "was sent twice"
+    rows = list(manifest_rows(table, MANIFEST))
+    listed, sent = Counter(row.path for row in rows), Counter(part.name for part in parts)
+    for name in listed | sent:
+        if listed[name] != 1 or sent[name] != 1:
             raise ParameterError(
-                f"The file '{name[:80]}' {what}.",
-                remedy="Give each file a line of its own under its own name.",
+                f"The file '{name[:80]}' is {listed[name]} times in the manifest, and was sent "
+                f"{sent[name]} times.",
+                remedy=f"Send each file as a part '{FILES}', and give it a line of its own under "
+                "its file name.",
             )
-    return tuple(
-        replace(
-            part,
-            subject=entries[part.name].subject,
-            label=entries[part.name].label,
-            facts=entries[part.name].facts.over(part.facts),
-        )
-        for part in parts
-    )
+    by_name = {row.path: row for row in rows}
+    return tuple(_stated(part, by_name[part.name]) for part in parts)
+
+
+def _stated(part: Part, row: Row) -> Part:
+    for name in ("subject", "label"):
+        try:
+            require_name(name, getattr(row, name))
+        except ParameterError as error:
+            error.message = f"Line {row.line} of '{MANIFEST}': {error.message}"
+            raise
+    facts = row.facts.over(part.facts)
+    return replace(part, subject=row.subject, label=row.label, facts=facts)
 
 
 def _file_of(form: FormData) -> UploadFile:

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import json
 from typing import Final
 
 from fastapi import Request, Response
 from starlette.exceptions import HTTPException
 from starlette.responses import HTMLResponse
 
-from modalmotion.viewer.page import NOTHING, content_name, script, style
+from modalmotion.viewer.page import NOTHING, content_name, script, source_hash, style
 from modalmotion_service.http.connections import PREFIX
 from modalmotion_service.http.judged_router import JudgedRouter
 
 pages = JudgedRouter(include_in_schema=False)
 
 # The page asks this service only. It holds no data: these come with the key, which is typed in.
-_POLICY: Final = (
-    f"{NOTHING}; script-src 'self'; style-src 'self'; connect-src 'self'; frame-ancestors 'none'"
-)
+_POLICY: Final = f"{NOTHING}; connect-src 'self'; frame-ancestors 'none'"
 # Swagger UI as it is published: its digests say that nothing else runs.
 _SWAGGER: Final = "https://cdn.jsdelivr.net/npm/swagger-ui-dist@5.35.0"
 _SWAGGER_SCRIPT: Final = "sha384-gjRm0bEPMeTmMh5jT2cHccIwCUZSTd8YC+j0d0sXw0MdGEfScduGpSyF3ZSSLkX9"
@@ -35,6 +34,10 @@ _WELCOME: Final = (
     '<p class="lead">A beating ventricle, a tongue, any mesh sequence: a few amplitudes per frame, '
     "volumes and strain with intervals, the class of the motion, and a report.</p></header>"
 )
+_AFTER_PAINT: Final = (
+    'new PerformanceObserver(start).observe({type: "paint", buffered: true}); '
+    "setTimeout(start, 1000);"
+)
 _FOR_EVER: Final = "public, max-age=31536000, immutable"
 
 
@@ -43,33 +46,33 @@ _FOR_EVER: Final = "public, max-age=31536000, immutable"
 @pages.get("/images/{images_id}", response_class=HTMLResponse)
 def page(request: Request) -> HTMLResponse:
     """Give the page that lists sequences, and shows what its address names."""
-    prefix = request.scope.get(PREFIX, "")
+    address = f"{request.scope.get(PREFIX, '')}/viewer/{content_name(script())}.js"
+    start = f"const start = () => import({json.dumps(address)}); "
+    is_first = request.url.path.endswith("/")
+    # What the first page says is on the screen before the script takes the processor.
+    start += _AFTER_PAINT if is_first else "start();"
     head = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        "<title>modalmotion</title>"
-        f'<link rel="stylesheet" href="{prefix}/viewer/{content_name(style())}.css">'
-        f'<script type="module" src="{prefix}/viewer/{content_name(script())}.js"></script></head>'
+        f"<title>modalmotion</title><style>{style()}</style></head>"
     )
-    is_first = request.url.path.endswith("/")
     shown = f'<div class="home">{_WELCOME}</div>' if is_first else ""
     body = (
         f'<body><main id="modalmotion" class="modalmotion">{shown}</main>'
-        f'<template id="welcome">{_WELCOME}</template></body></html>'
+        f'<template id="welcome">{_WELCOME}</template>'
+        f"<script>{start}</script></body></html>"
     )
-    return HTMLResponse(head + body, headers={"Content-Security-Policy": _POLICY})
+    sources = f"script-src 'self' {source_hash(start)}; style-src {source_hash(style())}"
+    return HTMLResponse(head + body, headers={"Content-Security-Policy": f"{_POLICY}; {sources}"})
 
 
 @pages.get("/viewer/{name}")
 def bundle(name: str) -> Response:
-    """Give the script or the style sheet, which its content names."""
-    if name == f"{content_name(script())}.js":
-        text, kind = script(), "text/javascript"
-    elif name == f"{content_name(style())}.css":
-        text, kind = style(), "text/css"
-    else:
+    """Give the script, which its content names."""
+    if name != f"{content_name(script())}.js":
         raise HTTPException(404, "There is no such file of the viewer.")
-    return Response(text, media_type=kind, headers={"Cache-Control": _FOR_EVER})
+    headers = {"Cache-Control": _FOR_EVER}
+    return Response(script(), media_type="text/javascript", headers=headers)
 
 
 @pages.get("/docs", response_class=HTMLResponse)

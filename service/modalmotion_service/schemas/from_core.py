@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import MISSING, fields
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import MISSING, fields, is_dataclass
 from functools import partial
 from types import UnionType
 from typing import (
@@ -91,6 +91,7 @@ Value = TypeVar("Value")
 Answer = TypeVar("Answer", bound=BaseModel)
 
 _HEADING: Final = re.compile(r"^    ([a-z_0-9, ]+) : (.*)$")
+_UNIT: Final = re.compile(r", (mm|s|length unit per s|bytes)(?: or None)?(?:, optional)?$")
 
 
 def model_of(base: type[Body], *kinds: type, **replaced: Any) -> type[Body]:
@@ -151,6 +152,59 @@ def value_of(body: JsonBody, kind: type[Value], **more: Any) -> Value:
     return kind(**{name: getattr(body, name) for name in names if name in known}, **more)
 
 
+class Mirror(BaseModel):
+    """An answer that `mirrors` completes; what checks it is built when it is first needed."""
+
+    model_config = ConfigDict(defer_build=True)
+
+
+def mirrors(*kinds: type, without: Collection[str] = ()) -> Callable[[type[Answer]], type[Answer]]:
+    """Give an answer the fields of classes of the library, as these describe them.
+
+    Parameters
+    ----------
+    *kinds : dataclass or named tuple
+    without : collection of str
+        Fields that are left out. One that the answer has itself keeps its type.
+    """
+
+    def mirrored(model: type[Answer]) -> type[Answer]:
+        made: dict[str, Any] = {}
+        for kind in kinds:
+            hints, documented = get_type_hints(kind), _documented(kind)
+            known = fields(kind) if is_dataclass(kind) else ()
+            for name in [one.name for one in known] or hints:
+                heading, words = documented.get(name, ("", ""))
+                own = model.model_fields.get(name)
+                if name in without or (own is not None and not own.is_required()):
+                    continue
+                hint = _plain(hints[name], heading) if own is None else own.annotation
+                said = words if own is None else own.description or words
+                made[name] = hint, Field(description=said or None)
+        own_model: type[Answer] = create_model(
+            model.__name__,
+            __base__=model,
+            __doc__=model.__doc__,
+            __module__=model.__module__,
+            **made,
+        )
+        return own_model
+
+    return mirrored
+
+
+def _plain(hint: Any, heading: str) -> Any:
+    """Give the type of JSON for that of a field: lists for an array of the shape in its heading."""
+    if get_origin(hint) in (Union, UnionType):
+        return Union[tuple(_plain(one, heading) for one in get_args(hint))]  # noqa: UP007
+    if get_origin(hint) is np.ndarray:
+        shape = re.search(r"\(([^)]*)\)", heading)
+        hint = float
+        for _ in filter(None, shape[1].replace(" ", "").split(",") if shape else ()):
+            hint = list[hint]
+    return hint
+
+
 def read_from(model: type[Answer], source: object, **more: Any) -> Answer:
     """Make an answer of a value of the library, its members by their names, arrays as lists.
 
@@ -182,23 +236,26 @@ def is_listed(hint: Any) -> bool:
 
 def descriptions(kind: type) -> dict[str, str]:
     """Read what the documentation of a class says of each parameter."""
+    return {name: words for name, (_, words) in _documented(kind).items() if words}
+
+
+def _documented(kind: type) -> dict[str, tuple[str, str]]:
+    """Read the heading of each parameter of a class, and the words below it."""
     text = (kind.__doc__ or "").partition("Parameters\n    ----------\n")[2]
-    found: dict[str, list[str]] = {}
+    found: dict[str, tuple[str, list[str]]] = {}
     names: list[str] = []
     for line in text.splitlines():
         if line.startswith("    ---"):
             break
         if (match := _HEADING.match(line)) is not None:
             names = match[1].split(", ")
-            unit = re.search(
-                r", (mm|s|length unit per s|bytes)(?: or None)?(?:, optional)?$", match[2]
-            )
-            found |= {name: [f"In {unit[1]}."] if unit else [] for name in names}
+            unit = _UNIT.search(match[2])
+            for name in names:
+                found[name] = match[2], [f"In {unit[1]}."] if unit else []
         elif line.startswith("        "):
             for name in names:
-                found[name].append(line.strip())
+                found[name][1].append(line.strip())
     return {
-        name: " ".join(lines).replace("`", "").replace(" None ", " null ")
-        for name, lines in found.items()
-        if lines
+        name: (heading, " ".join(lines).replace("`", "").replace(" None ", " null "))
+        for name, (heading, lines) in found.items()
     }

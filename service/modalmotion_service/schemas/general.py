@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from modalmotion.formats import Reading
 from modalmotion.mesh.fact_forms import facts_as_json
-from modalmotion.mesh.facts import Cavity, CoordinateSystem, Facts, Handedness, Tracking
-from modalmotion_service.audit.entry import AuditEntry
-from modalmotion_service.schemas.from_core import Paged, descriptions, read_from
+from modalmotion.mesh.facts import Facts
+from modalmotion_service.audit.entry import AuditEntry, Event
+from modalmotion_service.schemas.from_core import Mirror, Paged, mirrors, read_from
 
 
 class Health(BaseModel):
@@ -81,24 +81,12 @@ class JobPageAnswer(Paged):
     jobs: list[JobAnswer]
 
 
-class AuditEntryAnswer(BaseModel):
-    """Who requested what."""
+@mirrors(Event, AuditEntry, without=["event"])
+class AuditEntryAnswer(Mirror):
+    """Who requested what; the method is COMMAND for one of the command line."""
 
-    number: int = Field(description="Counted from 1, without gaps.")
-    time: str = Field(description="ISO 8601 in UTC.")
-    owner: str | None = Field(description="Null where nobody was recognised.")
-    key_id: str | None = Field(description="Null for a request from this machine without a key.")
-    client: str = Field(
-        description="Address that the request came from, or the command line's user."
-    )
-    method: str = Field(description="COMMAND for one of the command line.")
-    route: str = Field(description="By its template, or the command; empty if there is none.")
-    ids: list[str] = Field(description="Ids that it concerned.")
-    status: int = Field(
-        description="Of the answer; 102 for the entry that is written before a change."
-    )
-    request_id: str
-    sha256: str = Field(description="Of this entry and of the digest of the one before.")
+    number: int
+    ids: list[str]
 
     @staticmethod
     def of(entry: AuditEntry) -> AuditEntryAnswer:
@@ -113,22 +101,12 @@ class AuditPageAnswer(Paged):
     entries: list[AuditEntryAnswer]
 
 
-_WORDS: Final = descriptions(Facts)
-
-
-class FactsAnswer(BaseModel):
+@mirrors(Facts)
+class FactsAnswer(Mirror):
     """Facts of a sequence beside its arrays; not part of its id."""
 
-    tracking: Tracking = Field(description=_WORDS["tracking"])
-    handedness: Handedness
-    coordinates: CoordinateSystem = Field(description=_WORDS["coordinates"])
-    period: float | None = Field(description=_WORDS["period"])
-    cavity: Cavity = Field(description=_WORDS["cavity"])
-    modality: str | None = Field(description=_WORDS["modality"])
-    landmarks: dict[str, int | list[int | float | list[float]]] = Field(
-        description=_WORDS["landmarks"]
-    )
-    covariates: dict[str, int | float | str] = Field(description=_WORDS["covariates"])
+    landmarks: dict[str, int | list[int | float | list[float]]]
+    covariates: dict[str, int | float | str]
 
     @staticmethod
     def of(facts: Facts) -> FactsAnswer:
@@ -136,16 +114,10 @@ class FactsAnswer(BaseModel):
         return FactsAnswer.model_validate(facts_as_json(facts))
 
 
-class ReadingAnswer(BaseModel):
+@mirrors(Reading, without=["sequence"])
+class ReadingAnswer(Mirror):
     """How a file was read: everything besides the sequence in it."""
 
-    format: str
-    ignored: list[str] = Field(description="Arrays and members that were not used.")
-    coordinate_system: str | None = Field(
-        description="Directions of the axes as the file names them; positions are never turned."
-    )
-    unit_from: str | None = Field(description="Who states the unit: file, format or caller.")
-    times_from: str | None = Field(description="Who states the times: file, format or caller.")
     notes: list[str]
 
     @staticmethod

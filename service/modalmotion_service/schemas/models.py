@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final, Literal
 
 from pydantic import BaseModel, Field
 
-from modalmotion.classification import (
-    Comparison,
-    Evaluation,
-    FeatureTable,
-    ModelCard,
-)
+from modalmotion.classification import Comparison, Evaluation, FeatureTable, ModelCard
+from modalmotion.classification.evaluation import CaseAnswer, Difference
 from modalmotion.norm import Norm
+from modalmotion.norm.deviation import (
+    CohortDeviation,
+    Deviation,
+    GroupDeviation,
+    QuantityDeviation,
+)
 from modalmotion.signature.parameters import parameters_as_json
 from modalmotion.store import KeptModel, ModelRecord
-from modalmotion_service.schemas.from_core import Paged
-
-_LONGEST_NAME: Final = 200
+from modalmotion_service.schemas.from_core import Mirror, Paged, mirrors
 
 
 class ModelSummary(BaseModel):
@@ -64,110 +65,40 @@ class Measured(BaseModel):
     high: float
 
 
-class RepetitionAnswer(BaseModel):
-    """Figures of one repetition of the cross-validation."""
-
-    accuracy: float
-    auc: float | None
-    log_loss: float
-    brier: float
-    calibration_error: float
-
-
-class ConfoundAnswer(BaseModel):
-    """How well a condition of the recordings alone separates the classes."""
-
-    name: str
-    auc: float = Field(description="Macro.")
-    chance: float = Field(description="The mean AUC where classes are exchanged.")
-    p: float
-    p_holm: float = Field(description="p, corrected for the number of conditions.")
-    n_known: int = Field(description="Cases that state it.")
-    text: str
-
-
 _BY_CLASS: Final = ("class_auc", "sensitivity", "specificity")
 
 
-class PerformanceAnswer(BaseModel):
+class Curves(Mirror):
     """Figures of answers to labelled sequences; `methods` says how they are made."""
 
-    accuracy: float | None = Field(
-        description="A card's of cross-validation, null where there was none."
-    )
-    accuracy_interval: tuple[float, float] | None = Field(
-        description="95 %, wider where several sequences are of one subject."
-    )
-    balanced_accuracy: float | None = Field(None, description="Mean of the sensitivities.")
-    auc: float | None = Field(None, description="Macro, each class against the rest.")
-    auc_interval: tuple[float, float] | None = None
-    class_auc: dict[str, Measured] = Field(default_factory=dict)
-    log_loss: float | None = Field(None, description="Nats.")
-    log_loss_interval: tuple[float, float] | None = None
-    brier: float | None = Field(None, description="Brier score, summed over classes: 0 to 2.")
-    brier_interval: tuple[float, float] | None = None
-    sensitivity: dict[str, Measured] = Field(default_factory=dict)
-    specificity: dict[str, Measured] = Field(default_factory=dict)
-    confusion: list[list[int]] = Field(
-        description="Rows are true classes, columns answers, in the order of the classes; an "
-        "extra last column counts answers without a class. Of repeated folds the sum."
-    )
-    roc: dict[str, list[tuple[float, float]]] = Field(
-        default_factory=dict, description="1 - specificity and sensitivity at falling thresholds."
-    )
-    calibration_curve: list[CalibrationPoint] = Field(description="Bins of equal count.")
-    calibration_error: float | None = Field(description="Expected calibration error.")
-    methods: str = ""
+    class_auc: dict[str, Measured]
+    sensitivity: dict[str, Measured]
+    specificity: dict[str, Measured]
+    calibration_curve: list[CalibrationPoint]
 
     @staticmethod
     def written(values: dict[str, Any]) -> dict[str, Any]:
         """Name the parts of intervals and curves."""
         points = CalibrationPoint.model_fields
-        return {
-            **values,
-            "calibration_curve": [
-                dict(zip(points, point, strict=True)) for point in values["calibration_curve"]
-            ],
-            **{
-                name: {
-                    label: dict(zip(Measured.model_fields, figure, strict=True))
-                    for label, figure in values[name].items()
-                }
-                for name in _BY_CLASS
-            },
+        curve = [dict(zip(points, one, strict=True)) for one in values["calibration_curve"]]
+        named = {
+            name: {
+                label: dict(zip(Measured.model_fields, figure, strict=True))
+                for label, figure in values[name].items()
+            }
+            for name in _BY_CLASS
         }
+        return {**values, **named, "calibration_curve": curve}
 
 
-class ModelCardAnswer(PerformanceAnswer):
+@mirrors(ModelCard, without=["classes"])
+class ModelCardAnswer(Curves):
     """Facts to know before relying on a model."""
-
-    training_set: str = Field(
-        description="sha256 of sequence ids, labels and subjects, in any order."
-    )
-    n_cases: dict[str, int] = Field(description="Training sequences of each class.")
-    n_subjects: dict[str, int] = Field(description="Subjects of each class.")
-    is_grouped: bool = Field(description="Whether no subject was on both sides of a split.")
-    repetitions: list[RepetitionAnswer] = Field(
-        description="Of the cross-validation; the figures are their means."
-    )
-    confounds: list[ConfoundAnswer] = Field(description="Stated conditions of the recordings.")
-    coverage: float = Field(description="Level of the class sets below.")
-    class_coverage: dict[str, float] = Field(
-        description="Share of each class whose set held it, in cross-validation."
-    )
-    mean_set_size: float | None
-    options: dict[str, Any] = Field(description="As trained.")
-    versions: dict[str, str] = Field(description="Of the libraries that trained it.")
-    intended_use: str
-    has_seen: str
-    has_not_seen: str
-    notes: list[str] = Field(description="Remarks from training.")
-    extra: dict[str, Any]
 
     @staticmethod
     def of(card: ModelCard) -> ModelCardAnswer:
         """Write a card out."""
-        return ModelCardAnswer(**PerformanceAnswer.written(card.as_json()))
+        return ModelCardAnswer(**Curves.written(card.as_json()))
 
 
 class ModelAnswer(ModelSummary):
@@ -196,40 +127,24 @@ class ModelPageAnswer(Paged):
     models: list[ModelSummary]
 
 
-class CaseResult(BaseModel):
+@mirrors(CaseAnswer, without=["name"])
+class CaseResult(Mirror):
     """A model's answer to one labelled sequence."""
 
-    sequence_id: str
-    subject: str
-    truth: str
-    answer: str | None = Field(description="null for an abstention.")
     probabilities: dict[str, float]
-    class_set: list[str]
-    flags: list[str]
 
 
-class EvaluationAnswer(PerformanceAnswer):
+@mirrors(Evaluation)
+class EvaluationAnswer(Curves):
     """A model on labelled sequences. An abstention is wrong, and its probabilities are equal."""
 
-    model: str
     version: int
-    model_id: str
-    classes: list[str]
-    n_cases: int
-    n_subjects: int
-    abstained: float = Field(description="Share without a label.")
-    flagged: dict[str, float] = Field(description="Share with each flag.")
-    coverage: float
-    class_coverage: dict[str, float] = Field(description="Share of each class whose set held it.")
-    mean_set_size: float
-    n_empty_sets: int = Field(description="Number of empty class sets.")
-    notes: list[str] = Field(description="Caveats, such as sequences that were trained on.")
     cases: list[CaseResult]
 
     @staticmethod
     def of(result: Evaluation, version: int) -> EvaluationAnswer:
         """Write a result out."""
-        values = PerformanceAnswer.written(result.as_json())
+        values = Curves.written(result.as_json())
         values["cases"] = [
             {**case, "probabilities": dict(zip(result.classes, case["probabilities"], strict=True))}
             for case in values["cases"]
@@ -237,45 +152,29 @@ class EvaluationAnswer(PerformanceAnswer):
         return EvaluationAnswer(**values, version=version)
 
 
-class DifferenceAnswer(BaseModel):
+@mirrors(Difference)
+class DifferenceAnswer(Mirror):
     """A figure of two models; the difference is the second's less the first's."""
 
-    first: float
-    second: float
-    difference: float
-    low: float = Field(description="Of the 95 % interval of the difference.")
-    high: float
-    p: float = Field(description="Of no difference, two-sided.")
 
-
-class ComparisonAnswer(BaseModel):
+@mirrors(Comparison)
+class ComparisonAnswer(Mirror):
     """Two models on the same labelled sequences; `methods` says how they are compared."""
 
-    models: tuple[str, str] = Field(description="With their versions.")
-    model_ids: tuple[str, str]
-    n_cases: int
-    n_subjects: int
     accuracy: DifferenceAnswer = Field(description="p is of McNemar's exact test, by subject.")
-    auc: DifferenceAnswer | None = Field(description="Macro; null where there is one class only.")
+    auc: DifferenceAnswer | None
     log_loss: DifferenceAnswer
     brier: DifferenceAnswer
-    only_first: int = Field(description="Sequences on which the first model alone is right.")
-    only_second: int
     evaluations: tuple[EvaluationAnswer, EvaluationAnswer]
-    methods: str
-    notes: list[str]
 
     @staticmethod
-    def of(result: Comparison, versions: tuple[int, int]) -> ComparisonAnswer:
+    def of(result: Comparison, versions: Sequence[int]) -> ComparisonAnswer:
         """Write a result out."""
         values: dict[str, Any] = result.as_json()
         values["models"] = tuple(
             f"{name}@{version}" for name, version in zip(result.models, versions, strict=True)
         )
-        values["evaluations"] = tuple(
-            EvaluationAnswer.of(one, version)
-            for one, version in zip(result.evaluations, versions, strict=True)
-        )
+        values["evaluations"] = tuple(map(EvaluationAnswer.of, result.evaluations, versions))
         return ComparisonAnswer(**values)
 
 
@@ -314,65 +213,33 @@ class NormPageAnswer(Paged):
     norms: list[NormLink]
 
 
-class GroupDeviationAnswer(BaseModel):
+@mirrors(GroupDeviation)
+class GroupDeviationAnswer(Mirror):
     """One group of features beside the controls'."""
 
-    name: str
-    p: float = Field(description="Corrected for the number of groups.")
-    p_alone: float
-    share_less: float = Field(description="Share of the controls with less of it.")
-    deviates: bool
     words: str
 
 
-class QuantityDeviationAnswer(BaseModel):
+@mirrors(QuantityDeviation)
+class QuantityDeviationAnswer(Mirror):
     """A clinical quantity beside the controls'."""
 
-    name: str
-    value: float
-    unit: str
-    p: float = Field(description="Two-sided, of this quantity alone.")
-    share_less: float = Field(description="Share of the controls with a smaller one.")
 
-
-class DeviationAnswer(BaseModel):
+@mirrors(Deviation)
+class DeviationAnswer(Mirror):
     """A recording beside controls."""
 
-    norm: str
-    norm_id: str
-    sequence_id: str
-    n_controls: int = Field(description="Without the recording itself, where it is one of them.")
-    level: float
-    attainable: float = Field(
-        description="Share of recordings like the controls that is called a deviation."
-    )
-    p: float = Field(description="Share of controls and recording that is at least as strange.")
-    deviates: bool
     groups: list[GroupDeviationAnswer]
     quantities: list[QuantityDeviationAnswer]
-    covariates: list[str] = Field(description="Those that are accounted for.")
-    warnings: list[str] = Field(description="In what it was not recorded like the controls.")
-    notes: list[str]
 
 
-class CohortDeviationAnswer(BaseModel):
-    """Recordings beside controls, each and together."""
+@mirrors(CohortDeviation)
+class CohortDeviationAnswer(Mirror):
+    """Recordings beside controls, each and together; together from five on."""
 
-    norm: str
-    norm_id: str
-    n_controls: int
-    n_recordings: int
-    level: float
-    p: float | None = Field(
-        description="That exchanging controls and recordings sets them as far apart, by chance; "
-        "null of fewer than five recordings."
-    )
-    is_another: bool | None = Field(
-        description="Whether another machine, protocol or group of people stands behind: then "
-        "single p-values speak of the cohort."
-    )
-    warning: str | None = Field(description="The same in words.")
-    deviations: list[DeviationAnswer] = Field(description="In the order of the request.")
+    p: float | None
+    is_another: bool | None
+    deviations: list[DeviationAnswer]
 
 
 class FeatureRow(BaseModel):

@@ -5,12 +5,16 @@ from __future__ import annotations
 from pydantic import BaseModel, Field
 
 from modalmotion.classification import FLAGS, Classification
+from modalmotion.classification.explanation import ModeContribution
 from modalmotion.clinical import ClinicalReadouts, Fraction, VolumeCurve
 from modalmotion.clinical.plain import ventricle_json
+from modalmotion.clinical.rates import Rates
+from modalmotion.clinical.sensitivity import Sensitivities
+from modalmotion.clinical.torsion import Torsion
 from modalmotion.clinical.ventricle import VentricleReadouts
 from modalmotion.codec import Encoded
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion_service.schemas.from_core import Paged, read_from
+from modalmotion_service.schemas.from_core import Mirror, Paged, mirrors, read_from
 from modalmotion_service.schemas.general import Problem, ReadingAnswer
 from modalmotion_service.schemas.signatures import SignatureAnswer
 
@@ -39,36 +43,20 @@ class EncodedAnswer(BaseModel):
         }
 
 
-class ContributionAnswer(BaseModel):
+@mirrors(ModeContribution)
+class ContributionAnswer(Mirror):
     """Contribution of one mode, or a cosine-sine pair, to a prediction."""
 
-    modes: list[str]
-    score: float = Field(
-        description="Added to the log of (probability of the most probable class over that of "
-        "the next), beyond those of an average training case."
-    )
-    amplitude: float = Field(description="RMS over time, in the unit beside it.")
-    unit: str | None
 
-
-class ClassificationAnswer(BaseModel):
+@mirrors(Classification, without=["classes"])
+class ClassificationAnswer(Mirror):
     """Answer of a model for one sequence."""
 
-    sequence_id: str
-    model: str
     version: int | None = Field(description="Of the model; null if it has been deleted.")
-    model_id: str = Field(description="sha256 of the model.")
-    label: str | None = Field(description="Most probable class; null where the model abstains.")
     probability: float = Field(description="Of the most probable class.")
     probabilities: dict[str, float]
-    class_set: list[str] = Field(description="Classes that cannot be excluded at `coverage`.")
-    coverage: float = Field(description="Probability that the set contains the true class.")
     flags: list[str] = Field(description=f"{', '.join(FLAGS)}; with any of them there is no label.")
-    explanation: list[ContributionAnswer] = Field(
-        description="Modes that moved the prediction, the strongest first."
-    )
-    notes: list[str]
-    provenance: dict[str, str]
+    explanation: list[ContributionAnswer]
     intended_use: str = INTENDED_USE
     file: str | None = Field(
         description="HDF5 file of this result, within the data folder; null if not stored."
@@ -192,18 +180,9 @@ class VolumeAnswer(BaseModel):
         )
 
 
-class RatesAnswer(BaseModel):
+@mirrors(Rates)
+class RatesAnswer(Mirror):
     """How fast the cavity empties and fills; volumes in `volume_unit`."""
-
-    peak_ejection_rate: float = Field(description="Volume per s, positive.")
-    peak_filling_rate: float = Field(description="Volume per s.")
-    ejection_bound: float = Field(description="Largest error: of its volumes, and between frames.")
-    filling_bound: float = Field(description="Largest error: of its volumes, and between frames.")
-    ejection_frame: int
-    filling_frame: int
-    heart_rate: float | None = Field(description="Beats per minute; null without a stated period.")
-    cardiac_output: float | None = Field(description="Volume per minute.")
-    output_range: tuple[float, float] | None = Field(description="Interval that holds it.")
 
 
 class SegmentsAnswer(BaseModel):
@@ -254,29 +233,16 @@ class StrainAnswer(BaseModel):
     notes: list[str]
 
 
-class TorsionAnswer(BaseModel):
+@mirrors(Torsion)
+class TorsionAnswer(Mirror):
     """Turning and shear of a wall of material points since end diastole, degrees, by frame."""
 
-    twist: list[float] = Field(
-        description="Rotation of the apical less that of the basal third, right-handed about the "
-        "axis from apex to base."
-    )
-    twist_deviations: list[float] = Field(description="Standard deviations.")
-    shear: list[float] = Field(
-        description="Mean change of the angle between lines along and around the wall."
-    )
-    shear_deviations: list[float] = Field(description="Standard deviations.")
-    end_diastole: int
-    end_systole: int
 
-
-class PerModeAnswer(BaseModel):
+@mirrors(Sensitivities, without=["labels"])
+class PerModeAnswer(Mirror):
     """What one length unit of each amplitude does to the read-outs at end systole."""
 
-    names: list[str] = Field(description="Of the read-outs; volumes at their own moment.")
-    units: list[str]
     modes: list[str]
-    values: list[list[list[float]]] = Field(description="By read-out, mode and direction.")
 
 
 class ReadoutsAnswer(BaseModel):

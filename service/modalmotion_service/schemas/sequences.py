@@ -13,26 +13,15 @@ from pydantic import BaseModel, Field
 from modalmotion.store import ImagesRecord, SequenceRecord
 from modalmotion.tracking import Track
 from modalmotion.tracking.result import Papillary
-from modalmotion_service.schemas.from_core import Paged, read_from
+from modalmotion_service.schemas.from_core import Mirror, Paged, mirrors, read_from
 from modalmotion_service.schemas.general import FactsAnswer, ReadingAnswer
 from modalmotion_service.schemas.signatures import Label
 
 
-class SequenceSummary(BaseModel):
+@mirrors(SequenceRecord, without=["has_upload", "span"])
+class SequenceSummary(Mirror):
     """Summary of a stored sequence."""
 
-    id: str = Field(description="sha256 of the content, in hex.")
-    n_frames: int
-    n_vertices: int
-    n_faces: int
-    topology: str | None = Field(description="As stated with the upload; null if it was not.")
-    grid: list[int] | None = Field(description="Nodes along each axis of a lattice.")
-    unit: str | None = Field(description="Length unit; null if unknown.")
-    has_times: bool
-    name: str | None = Field(description="What its owner calls it, such as the name of a file.")
-    subject: str | None
-    label: str | None
-    created: str = Field(description="When it was first received, ISO 8601 in UTC.")
     facts: FactsAnswer
     reading: ReadingAnswer | None = Field(
         None, description="How the upload was read; only in the answer to it."
@@ -63,30 +52,11 @@ class SequencePageAnswer(Paged):
     sequences: list[SequenceSummary]
 
 
-class ImagesSummary(BaseModel):
+@mirrors(ImagesRecord)
+class ImagesSummary(Mirror):
     """Images over time, in LPS mm."""
 
-    id: str = Field(description="sha256 of samples, places and times, in hex.")
     kind: Literal["volumes", "planes"]
-    n_frames: int
-    missing: list[int] = Field(description="Frames without an image.")
-    shapes: list[list[int]] = Field(
-        description="Samples along each axis: of the volume, or of each plane of a frame."
-    )
-    spacings: list[list[float]] = Field(description="Between samples along each axis, mm.")
-    thicknesses: list[float] = Field(description="Of planes, mm; none of volumes.")
-    times: list[float] | None = Field(description="In s; null where no file states them.")
-    period: float | None = Field(description="Of the cycle, in s, where the files state it.")
-    n_bytes: int = Field(description="Of the samples.")
-    notes: list[str]
-    created: str = Field(description="When they were first received, UTC, ISO 8601.")
-    is_kept: bool = Field(description="Whether they stay after they were tracked.")
-    tracks: list[str] = Field(description="Ids of the tracks that they are kept for.")
-    is_label_map: bool = Field(description="Whether they are a segmentation.")
-    apex: list[list[float] | None] = Field(
-        description="Of a segmentation: proposed in each frame, LPS mm; empty if it is not."
-    )
-    base: list[list[float] | None]
     links: dict[str, str]
 
     @staticmethod

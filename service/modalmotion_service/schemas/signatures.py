@@ -11,37 +11,24 @@ from pydantic_core import from_json
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.modes import ModeLabel
 from modalmotion.modes.topology import MESH
-from modalmotion.signature.choice import SceneKind
+from modalmotion.signature.choice import SceneError, SceneKind
+from modalmotion.signature.distance import Comparison
 from modalmotion.signature.front import Price, price_of
 from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.noise import Noise
 from modalmotion.signature.parameters import SignatureKind, parameters_as_json
 from modalmotion.template import Landmarks, Template
 from modalmotion.template.body_frame import Components
 from modalmotion.template.vibration_modes import VibrationModes
-from modalmotion_service.schemas.from_core import Paged, read_from
+from modalmotion_service.schemas.from_core import Mirror, Paged, mirrors, read_from
 from modalmotion_service.schemas.general import FactsAnswer
 
 
-class PriceAnswer(BaseModel):
+@mirrors(Price)
+class PriceAnswer(Mirror):
     """Cost and error of a description."""
 
-    rms_error: float = Field(description="Over all vertices and frames, in `unit`.")
-    weighted_rms_error: float = Field(
-        description="Over all frames, each vertex by its share of the surface."
-    )
-    p95_error: float = Field(description="95th percentile over all vertices, worst frame.")
-    max_error: float = Field(description="Of any vertex in any frame.")
-    unit: str | None = Field(description="mm; null where the unit of the input is unknown.")
-    condition: float
-    amplitudes_per_frame: int
-    numbers: int = Field(description="Of the whole trajectory.")
-    bytes: int = Field(description="Of these numbers as float64, which is how they are stored.")
-    bytes_float32: int
-    compression: float = Field(description="Coordinates over amplitudes of one frame.")
-    compression_of_sequence: float = Field(description="With the reference counted.")
-    milliseconds: dict[str, float] = Field(
-        description="By stage; those of a stored result are in the Server-Timing header."
-    )
+    milliseconds: dict[str, float]
 
     @staticmethod
     def of(price: Price) -> PriceAnswer:
@@ -66,32 +53,16 @@ class BranchAnswer(BaseModel):
     ends_because: str
 
 
-class SceneErrorAnswer(BaseModel):
+@mirrors(SceneError)
+class SceneErrorAnswer(Mirror):
     """Error that one simple kind of motion leaves, in the length unit."""
 
-    rms: float
-    weighted_rms: float
-    p95: float
-    max: float
     numbers_per_frame: int
 
 
-class NoiseAnswer(BaseModel):
+@mirrors(Noise)
+class NoiseAnswer(Mirror):
     """The measurement's noise as estimated."""
-
-    sigma: float = Field(description="Standard deviation of a coordinate, length unit.")
-    lowest: float = Field(description="Lower end of its range.")
-    highest: float | None = Field(description="Upper end; null where nothing bounds it.")
-    between_frames: float = Field(description="Correlation of a frame's noise with the next's.")
-    between_neighbours: float = Field(description="Correlation of the noise of two neighbours.")
-    independent_vertices: float = Field(
-        description="Vertices of independent noise that average like these."
-    )
-    mixed: int = Field(
-        description="Times that independent noise is averaged over neighbours to be as smooth."
-    )
-    rounding: float = Field(description="Added by storing the numbers.")
-    modes: int = Field(description="Spatial modes that were told apart.")
 
 
 class ChosenAnswer(BaseModel):
@@ -170,18 +141,9 @@ class SignaturePageAnswer(Paged):
     signatures: list[SignatureSummary]
 
 
-class LandmarksAnswer(BaseModel):
+@mirrors(Landmarks, without=["n_loops"])
+class LandmarksAnswer(Mirror):
     """Where the natural coordinates sit, and how well the shape determines it."""
-
-    origin: list[float]
-    axis: list[float] = Field(description="Unit vector from the apex end to the base end.")
-    theta_zero: list[float] = Field(description="Unit vector across the axis with theta = 0.")
-    apex: list[float]
-    base: list[float]
-    strengths: dict[str, float] = Field(
-        description="0 where the shape does not decide, 1 where there is no doubt."
-    )
-    given: list[str] = Field(description="Those that the sender stated.")
 
     @staticmethod
     def of(landmarks: Landmarks) -> LandmarksAnswer:
@@ -200,28 +162,19 @@ class FrameErrors(BaseModel):
     max: list[float] = Field(description="Of any vertex.")
 
 
-class SignatureAnswer(BaseModel):
+@mirrors(
+    ModalSignature,
+    without=["rms_errors", "weighted_rms_errors", "p95_errors", "max_errors"],
+)
+class SignatureAnswer(Mirror):
     """A modal signature."""
 
-    sequence_id: str
-    template_id: str
     topology: str
     n_frames: int
-    n_vertices: int
-    unit: str | None
-    times: list[float] | None = Field(description="s")
     modes: list[Label]
     kind: SignatureKind = Field(description="What the amplitudes are of.")
     shape: tuple[int, int, int] = Field(
         description="Of the amplitudes: frames, modes, 3, or 1 of offsets."
-    )
-    amplitudes: list[list[list[float]]] = Field(
-        description="By frame, mode and direction, in the length unit; of offsets along the "
-        "reference's outward normals."
-    )
-    amplitude_deviations: list[list[list[float]]] | None = Field(
-        description="Standard deviation of each amplitude, in the length unit; null where it is "
-        "not known."
     )
     deviation_share: float | None = Field(
         description="RMS of these deviations over that of the amplitudes: above 1 they are mostly "
@@ -231,17 +184,6 @@ class SignatureAnswer(BaseModel):
         description="Directions of the amplitudes: x, y, z or radial, tangential, axial."
     )
     landmarks: LandmarksAnswer | None = Field(description="Null where there is no axis.")
-    reference_amplitudes: list[list[float]] = Field(
-        description="Amplitudes of the reference itself, of its positions from its centroid; 0 "
-        "where components are cylindrical."
-    )
-    volumes: list[float] | None = Field(
-        description="Volume that the surface encloses in each frame, in the cubed length unit, if "
-        "requested; null where it encloses none."
-    )
-    translations: list[list[float]] = Field(description="Path of the centroid.")
-    angular_frequencies: list[float] = Field(description="rad per s, at the stated wave speed.")
-    lengths: list[float] = Field(description="Of the surface along each natural coordinate.")
     rotations: list[list[list[float]]] = Field(description="3 x 3 matrix of each frame.")
     rotation_determined: list[bool]
     rms_error: float = Field(description="Over all vertices and frames.")
@@ -250,10 +192,6 @@ class SignatureAnswer(BaseModel):
     )
     max_error: float = Field(description="Of any vertex in any frame.")
     errors: FrameErrors
-    motion_rms: list[float] = Field(description="RMS displacement of each frame.")
-    weighted_motion_rms: list[float] = Field(
-        description="The same, each vertex by its share of the surface."
-    )
     closure_gap: float = Field(
         description="From the last frame back to the first, over the usual step between frames: "
         "near 1 for a cycle, large for a movement that does not come back."
@@ -264,17 +202,14 @@ class SignatureAnswer(BaseModel):
     compression_of_sequence: float = Field(
         description="Numbers in the sequence over amplitudes and reference shape."
     )
-    condition: float
     price: PriceAnswer
     choice: dict[str, object] | None = Field(
         description="Limit, noise and simple kinds of motion, where a tolerance or auto decided."
     )
     facts: FactsAnswer
-    notes: list[str]
     parameters: dict[str, object] = Field(
         description="As requested, with the landmarks that the facts state."
     )
-    provenance: dict[str, str]
     intended_use: str = INTENDED_USE
     key: str | None = Field(description="It is /v1/signatures/{key}; null if it is not stored.")
     file: str | None = Field(
@@ -317,18 +252,9 @@ def _landmarks(landmarks: Landmarks | None) -> LandmarksAnswer | None:
     return None if landmarks is None else LandmarksAnswer.of(landmarks)
 
 
-class DistanceAnswer(BaseModel):
+@mirrors(Comparison)
+class DistanceAnswer(Mirror):
     """Distance of one sequence's signature from another's."""
-
-    distance: float = Field(description="|a - b| / |b| in the frame of the body, by phase.")
-    uses_theta_zero: bool = Field(
-        description="False where the zero of theta is not determined: magnitudes of pairs are "
-        "compared then."
-    )
-    by_errors: float | None = Field(
-        description="Distance that the stated deviations of both would make by themselves, RMS: "
-        "one no larger than it shows no difference. Null where neither has deviations."
-    )
 
 
 class TemplateAnswer(BaseModel):

@@ -2,8 +2,8 @@
 
 A worker reads files that strangers send, so its answers are read as a stranger's too: they are
 never unpickled. The reader knows of what type an answer must be (the task's own annotation says
-so), and takes nothing else: plain values, arrays of numbers, and the dataclasses, models and
-enumerations that the type names. An error is the name of a class of ours and its data.
+so), and pydantic makes nothing else of it: plain values, arrays of numbers, and the dataclasses,
+models and enumerations that the type names. An error is the name of a class of ours and its data.
 
 The form: the length of a JSON text (8 bytes, little-endian), the text, then the bytes of all
 arrays and byte strings, which the text refers to by their place and length.
@@ -12,17 +12,16 @@ arrays and byte strings, which the text refers to by their place and length.
 from __future__ import annotations
 
 import json
-import math
 import types
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Final, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from modalmotion import errors as core_errors
 from modalmotion.errors import ModalMotionError
@@ -36,12 +35,9 @@ _OF_ERRORS: Final = ("message", "remedy", "frame", "vertex", "limit", "details")
 # Errors of Python that mean something to whoever asked; all others are faults of ours.
 _PLAIN: Final = (MemoryError, RecursionError)
 
-
-# What reading bytes that are not an answer may meet.
-_FAULTS: Final = (
-    *(ValueError, TypeError, KeyError, IndexError, AttributeError),
-    *(RecursionError, OverflowError),
-)
+# In place of byte strings and arrays; nothing else is called so.
+_BYTES: Final = "\0bytes"
+_ARRAY: Final = "\0array"
 
 
 class AnswerError(Exception):
@@ -112,7 +108,7 @@ def from_bytes(data: bytes, expected: object) -> Any:
         body = memoryview(data)[_PREFIX + length :]
         head = json.loads(data[_PREFIX : _PREFIX + length])
         if "error" not in head:
-            return _read(head["result"], expected, body)
+            return _reader(expected).validate_python([_placed(head["result"], body)])[0]
         error = _read_error(str(head["error"]), dict(head["state"]))
     except AnswerError:
         raise
@@ -149,12 +145,6 @@ def _name(file: object) -> str | None:
     return None if file is None else str(file)
 
 
-def _placed(piece: bytes | memoryview, pieces: list[bytes | memoryview]) -> list[int]:
-    place = sum(len(other) for other in pieces)
-    pieces.append(piece)
-    return [place, len(piece)]
-
-
 def _written(value: object, pieces: list[bytes | memoryview]) -> object:
     if isinstance(value, Enum):
         return _written(value.value, pieces)
@@ -163,15 +153,15 @@ def _written(value: object, pieces: list[bytes | memoryview]) -> object:
     if isinstance(value, np.generic):
         return _written(value.item(), pieces)
     if isinstance(value, bytes):
-        return _placed(value, pieces)
+        return {_BYTES: _place_of(value, pieces)}
     if isinstance(value, Path):
         return str(value)
     if isinstance(value, np.ndarray):
         plain = np.ascontiguousarray(value)
         if plain.dtype.kind not in "fiub":
             raise AnswerError(f"an array of {plain.dtype} has no form here")
-        place = _placed(memoryview(plain.reshape(-1).view(np.uint8).data), pieces)
-        return {"dtype": plain.dtype.str, "shape": value.shape, "place": place}
+        place = _place_of(memoryview(plain.reshape(-1).view(np.uint8).data), pieces)
+        return {"dtype": plain.dtype.str, "shape": value.shape, _ARRAY: place}
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json")
     if is_dataclass(value) and not isinstance(value, type):
@@ -183,104 +173,40 @@ def _written(value: object, pieces: list[bytes | memoryview]) -> object:
     raise AnswerError(f"{type(value).__name__} has no form here")
 
 
-def _read(tree: Any, expected: Any, body: memoryview) -> Any:
-    if expected is None or expected is type(None):
-        return _require(tree, tree is None)
-    if expected is Any or expected is object:
+def _place_of(piece: bytes | memoryview, pieces: list[bytes | memoryview]) -> list[int]:
+    place = sum(len(other) for other in pieces)
+    pieces.append(piece)
+    return [place, len(piece)]
+
+
+@lru_cache(maxsize=256)
+def _reader(expected: Any) -> TypeAdapter[Any]:
+    # In a tuple, for what has a configuration of its own takes none.
+    return TypeAdapter(tuple[expected], config=ConfigDict(arbitrary_types_allowed=True))
+
+
+def _placed(tree: Any, body: memoryview) -> Any:
+    """Put byte strings and arrays where the text refers to them."""
+    if isinstance(tree, list):
+        return [_placed(one, body) for one in tree]
+    if not isinstance(tree, dict):
         return tree
-    origin, inner = get_origin(expected), get_args(expected)
-    if origin is Literal:
-        return _require(tree, tree in inner)
-    if origin in (Union, types.UnionType):
-        return _read_union(tree, inner, body)
-    if isinstance(expected, type) and origin is None:
-        return _read_plain(tree, expected, body)
-    if isinstance(origin, type) and issubclass(origin, np.ndarray):
-        return _array(tree, body)
-    if origin is tuple:
-        return tuple(_items(tree, inner, body))
-    if isinstance(origin, type) and issubclass(origin, Mapping):
-        key, item = inner
-        return {_read(name, key, body): _read(value, item, body) for name, value in tree.items()}
-    if isinstance(origin, type) and issubclass(origin, Sequence):
-        return [_read(value, inner[0], body) for value in _require(tree, isinstance(tree, list))]
-    # An alias: what it represents.
-    if (meant := getattr(expected, "__value__", None)) is not None:
-        return _read(tree, meant, body)
-    raise AnswerError(f"no answer can be {expected}")
-
-
-def _read_plain(tree: Any, expected: type, body: memoryview) -> Any:
-    if expected is float:
-        return float(_require(tree, isinstance(tree, int | float) and not isinstance(tree, bool)))
-    if expected is bytes:
-        return bytes(_piece(tree, body))
-    if expected in (bool, int, str):
-        return _require(tree, type(tree) is expected)
-    if expected is np.ndarray:
-        return _array(tree, body)
-    if issubclass(expected, Enum):
-        return expected(tree)
-    if issubclass(expected, Path):
-        return Path(_require(tree, isinstance(tree, str)))
-    if issubclass(expected, BaseModel):
-        return expected.model_validate(tree)
-    if is_dataclass(expected):
-        hints = _hints(expected)
-        names = {f.name for f in fields(expected) if f.init}
-        _require(tree, isinstance(tree, dict) and tree.keys() <= names)
-        return expected(**{name: _read(value, hints[name], body) for name, value in tree.items()})
-    if issubclass(expected, Mapping | list | tuple):
-        return expected(tree)  # type: ignore[call-arg]
-    raise AnswerError(f"no answer can be {expected}")
-
-
-def _read_union(tree: Any, choices: tuple[Any, ...], body: memoryview) -> Any:
-    if tree is None and type(None) in choices:
-        return None
-    for choice in choices:
-        if choice is not type(None):
-            try:
-                return _read(tree, choice, body)
-            except (AnswerError, *_FAULTS):
-                continue
-    raise AnswerError("an answer is none of what it may be")
-
-
-def _items(tree: Any, inner: tuple[Any, ...], body: memoryview) -> Iterator[Any]:
-    _require(tree, isinstance(tree, list))
-    if len(inner) == 2 and inner[1] is Ellipsis:
-        inner = (inner[0],) * len(tree)
-    for value, expected in zip(tree, inner, strict=True):
-        yield _read(value, expected, body)
-
-
-def _array(tree: Any, body: memoryview) -> Any:
-    kind = np.dtype(str(tree["dtype"]))
-    shape = tuple(int(n) for n in tree["shape"])
-    piece = _piece(tree["place"], body)
+    if _BYTES in tree:
+        return bytes(_piece(tree[_BYTES], body))
+    if _ARRAY not in tree:
+        return {name: _placed(one, body) for name, one in tree.items()}
+    kind, shape = np.dtype(str(tree["dtype"])), tuple(int(n) for n in tree["shape"])
     if kind.kind not in "fiub" or min(shape, default=0) < 0:
         raise AnswerError("an array of a worker's answer is not one of numbers")
-    if math.prod(shape) * kind.itemsize != len(piece):
-        raise AnswerError("an array of a worker's answer is not as long as it says")
-    return np.frombuffer(piece, kind).reshape(shape).copy()
+    # As long as it says, or there is an error.
+    return np.frombuffer(_piece(tree[_ARRAY], body), kind).reshape(shape).copy()
 
 
 def _piece(tree: Any, body: memoryview) -> memoryview:
     place, length = (int(n) for n in tree)
-    _require(tree, place >= 0 and length >= 0 and place + length <= len(body))
+    if not 0 <= place <= place + length <= len(body):
+        raise AnswerError("a piece of a worker's answer is not in it")
     return body[place : place + length]
-
-
-def _require(tree: Any, holds: bool) -> Any:
-    if not holds:
-        raise AnswerError("a value of a worker's answer is of another type than its task's")
-    return tree
-
-
-@lru_cache(maxsize=256)
-def _hints(kind: type) -> dict[str, Any]:
-    return get_type_hints(kind)
 
 
 def _read_error(name: str, state: dict[str, Any]) -> BaseException:

@@ -6,11 +6,12 @@ import contextlib
 import math
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from modalmotion.errors import InputError
 from modalmotion.exports.signature_pack import SurfaceFormat
 from modalmotion.formats.detect import Format, detect_format
+from modalmotion.norm.norm import FEWEST_RECORDINGS
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.signature.predicted_time import (
     most_modes,
@@ -24,9 +25,11 @@ from modalmotion_service.schemas.queries import ModesRequest
 from modalmotion_service.schemas.requests import EncodingTarget
 from modalmotion_service.work.engine import Terms
 from modalmotion_service.work.tasks import classification, derived, sequences, signatures, tracks
-from modalmotion_service.work.tasks.classification import KeptRecording
 from modalmotion_service.work.tasks.files import Fitted
 from modalmotion_service.work.upload import Upload
+
+T = TypeVar("T")
+Rule = Callable[[Sequence[Any]], float]
 
 # s for a picture, of which the first imports what draws it.
 _PICTURE: Final = 1.0
@@ -129,123 +132,120 @@ def _reading(args: Sequence[Any]) -> float:
     return reading_seconds(_bytes(args), kind)
 
 
+def _rule(seconds: float = 0.0, per_byte: float = 0.0) -> Rule:
+    """Price the reading of all files, a picture if one is asked for, and this."""
+
+    def price(args: Sequence[Any]) -> float:
+        picture = _PICTURE if PNG in args else 0.0
+        return seconds + picture + _reading(args) + per_byte * _bytes(args)
+
+    return price
+
+
+def _one(args: Sequence[Any], kind: type[T]) -> T:
+    return next(one for one in args if isinstance(one, kind))
+
+
 def _signature(args: Sequence[Any]) -> float:
-    parameters = next(one for one in args if isinstance(one, SignatureParameters))
     kind = _format(args[0]) if isinstance(args[0], Upload) else None
     picture = _PICTURE if PNG in args else 0.0
-    return picture + signature_seconds(_bytes(args[:1]), parameters, kind)
+    return picture + signature_seconds(_bytes(args[:1]), _one(args, SignatureParameters), kind)
 
 
 def _trade(args: Sequence[Any]) -> float:
     modes = SignatureParameters(modes=args[2])
-    largest = signature_seconds(_bytes(args[:1]), modes)
-    return _signature(args) + _WAYS_OF_TRADE * largest + (_PICTURE if PNG in args else 0.0)
+    return _signature(args) + _WAYS_OF_TRADE * signature_seconds(_bytes(args[:1]), modes)
 
 
 def _encoding(args: Sequence[Any]) -> float:
-    target = next(one for one in args if isinstance(one, EncodingTarget))
-    size = _bytes(args)
+    target, size = _one(args, EncodingTarget), _bytes(args)
     to_size = 0.0 if target.bytes is None else _ENCODED_TO_SIZE * min(target.bytes, size)
     return _reading(args) + _ENCODED * size + to_size
 
 
-def _read_out(args: Sequence[Any]) -> float:
-    picture = _PICTURE if PNG in args else 0.0
-    return picture + _reading(args) + _READ_OUT * _bytes(args)
-
-
-def _shown(args: Sequence[Any]) -> float:
-    return _PICTURE + _reading(args) + (_READ_OUT + _SURFACE) * _bytes(args)
-
-
 def _superposed(args: Sequence[Any]) -> float:
-    times = args[2]
-    share = 1.0 if times is None else max(1.0, len(times) / _SURFACES_OF_SEQUENCE)
+    share = 1.0 if args[2] is None else max(1.0, len(args[2]) / _SURFACES_OF_SEQUENCE)
     text = _PICTURE if args[1] == SurfaceFormat.PLY else 0.0
     return text + _reading(args) + share * _SURFACE * _bytes(args)
 
 
 def _modes(args: Sequence[Any]) -> float:
-    query = next(one for one in args if isinstance(one, ModesRequest))
-    picture = _PICTURE if PNG in args else 0.0
-    return picture + _reading(args) + _MODE * query.modes * _bytes(args)
-
-
-def _picture(args: Sequence[Any]) -> float:
-    return _PICTURE + _reading(args)
-
-
-def _packing(args: Sequence[Any]) -> float:
-    return _reading(args) + _PACKED * len(args[0])
+    return _USUAL(args) + _MODE * _one(args, ModesRequest).modes * _bytes(args)
 
 
 def _tabulating(args: Sequence[Any]) -> float:
     signed, _records, kept, *_ = args
-    read = sum(_read_out((v, s)) for s, v in zip(signed, kept, strict=True) if v)
-    return _packing(args) + read
+    read = sum(_READ(each) for each in zip(signed, kept, strict=True) if each[1])
+    return _reading(args) + _PACKED * len(signed) + read
 
 
-def _recording(one: KeptRecording) -> float:
-    return _PACKED + _read_out((one.vertices, one.signature))
+def _recordings(args: Sequence[Any]) -> float:
+    return sum(_PACKED + _READ((one.vertices, one.signature)) for one in args[0])
+
+
+def _asked_norm(args: Sequence[Any]) -> float:
+    many = len(args[0]) >= FEWEST_RECORDINGS
+    return _recordings(args) + (_COMPARED_COHORT if many else _reading(args[1:]))
+
+
+def _measured(args: Sequence[Any]) -> float:
+    answers = args[2]
+    case = _COMPARED if len(answers) > 1 else _CASE
+    return _PICTURE + _reading(args) + case * len(answers[0])
 
 
 def _tracking(args: Sequence[Any]) -> float:
-    parameters = next(one for one in args if isinstance(one, TrackParameters))
-    modes = parameters.modes
-    of_byte = _OF_POINTS + _OF_TRACKED_MODES * modes**2
+    modes, size = _one(args, TrackParameters).modes, _bytes(args[:1])
     if isinstance(args[0], Path):
-        return _TRACK + _TRACKED_IMAGES * (1.0 + (modes / USUAL_MODES) ** 2) * _bytes(args[:1])
-    return _TRACK + _reading(args) + of_byte * _bytes(args[:1])
+        return _TRACK + _TRACKED_IMAGES * (1.0 + (modes / USUAL_MODES) ** 2) * size
+    return _TRACK + _reading(args) + (_OF_POINTS + _OF_TRACKED_MODES * modes**2) * size
 
 
-_RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
-    sequences.ingest: _reading,
-    sequences.restated: _reading,
-    sequences.sample: _reading,
-    signatures.sign: _signature,
-    signatures.sign_upload: _signature,
-    signatures.render: _reading,
-    signatures.signature_as: lambda args: (_PICTURE if PNG in args else 0.0) + _reading(args),
-    signatures.compare_signatures: _reading,
-    signatures.pack_npz: _packing,
-    signatures.pack_hdf5: _packing,
-    signatures.tabulate: _tabulating,
-    signatures.pack_archive: lambda args: _reading(args) + _PACKED * len(args[1]),
-    signatures.tabulate_archive: lambda args: _reading(args) + _PACKED * len(args[1]),
+_USUAL: Final = _rule()
+_READ: Final = _rule(per_byte=_READ_OUT)
+_DRAWN: Final = _rule(_PICTURE)
+_SHOWN: Final = _rule(_PICTURE, _READ_OUT + _SURFACE)
+
+_RULES: Final[dict[Callable[..., Any], Rule]] = {
+    **dict.fromkeys((sequences.ingest, sequences.restated, sequences.sample), _USUAL),
+    sequences.describe_template: _USUAL,
+    sequences.draw_template: _DRAWN,
     sequences.make_template: _signature,
-    sequences.describe_template: _reading,
-    sequences.draw_template: _picture,
     sequences.modes_of_template: _modes,
-    classification.name_class: _reading,
-    classification.classify_upload: _signature,
-    classification.draw_card: _picture,
-    classification.measure: lambda args: _picture(args) + _CASE * len(args[2]),
-    classification.compare: lambda args: _picture(args) + _COMPARED * len(args[2][0]),
-    classification.held_out_ids: _reading,
-    classification.held_out_table: _reading,
-    signatures.kinds_of: _reading,
     sequences.encode_upload: _encoding,
     sequences.encode_kept: _encoding,
-    sequences.decode_upload: lambda args: _reading(args) + _DECODED * _bytes(args),
-    derived.read_out: _read_out,
+    sequences.decode_upload: _rule(per_byte=_DECODED),
+    signatures.sign: _signature,
+    signatures.sign_upload: _signature,
+    signatures.render: _USUAL,
+    signatures.signature_as: _USUAL,
+    signatures.compare_signatures: _USUAL,
+    signatures.kinds_of: _USUAL,
+    signatures.pack_npz: lambda args: _reading(args) + _PACKED * len(args[0]),
+    signatures.pack_hdf5: lambda args: _reading(args) + _PACKED * len(args[0]),
+    signatures.pack_archive: lambda args: _reading(args) + _PACKED * len(args[1]),
+    signatures.tabulate_archive: lambda args: _reading(args) + _PACKED * len(args[1]),
+    signatures.tabulate: _tabulating,
+    derived.read_out: _READ,
     derived.measure_trade: _trade,
     derived.superpose: _superposed,
-    derived.make_report: lambda args: _PICTURE + _read_out(args),
-    derived.make_dicom: lambda args: _DICOM + _read_out(args[:1]),
-    derived.make_view: _shown,
-    derived.make_frames: _shown,
-    tracks.ingest_images: lambda args: _TRACK + _IMAGES * _bytes(args),
-    tracks.show_slices: _reading,
+    derived.make_report: _rule(_PICTURE, _READ_OUT),
+    derived.make_dicom: _rule(_DICOM, _READ_OUT),
+    derived.make_view: _SHOWN,
+    derived.make_frames: _SHOWN,
+    tracks.ingest_images: _rule(_TRACK, _IMAGES),
     tracks.follow: _tracking,
-    tracks.describe_track: _reading,
-    tracks.track_with_facts: _reading,
-    tracks.draw_track: _picture,
-    tracks.show_data: _reading,
-    tracks.draw_overlay: lambda args: _picture(args) + _IMAGES * _bytes(args),
-    classification.make_norm: lambda args: _PICTURE + sum(map(_recording, args[0])),
-    classification.ask_norm: lambda args: (
-        (_COMPARED_COHORT if len(args[0]) >= classification.LEAST_TOGETHER else _reading(args[1:]))
-        + sum(map(_recording, args[0]))
-    ),
-    classification.tabulate_features: lambda args: _TABLE + _packing(args),
+    **dict.fromkeys((tracks.show_slices, tracks.show_data), _USUAL),
+    **dict.fromkeys((tracks.describe_track, tracks.track_with_facts), _USUAL),
+    tracks.draw_track: _DRAWN,
+    tracks.draw_overlay: _rule(_PICTURE, _IMAGES),
+    classification.name_class: _USUAL,
+    classification.classify_upload: _signature,
+    classification.draw_card: _DRAWN,
+    classification.measure: _measured,
+    classification.held_out_ids: _USUAL,
+    classification.held_out_table: _USUAL,
+    classification.make_norm: lambda args: _PICTURE + _recordings(args),
+    classification.ask_norm: _asked_norm,
+    classification.tabulate_features: lambda args: _TABLE + _reading(args) + _PACKED * len(args[0]),
 }

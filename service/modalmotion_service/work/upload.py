@@ -104,6 +104,11 @@ class Upload:
     options: ReadOptions
     part: Part | None = None
 
+    @staticmethod
+    def at(path: Path, limits: ReadLimits) -> Upload:
+        """Give a file of which nothing is said."""
+        return Upload(path, ReadOptions(limits=limits))
+
     @property
     def n_bytes(self) -> int:
         """Size of it; 0 of a file that is gone."""

@@ -20,10 +20,9 @@ from modalmotion.signature.making import SignatureParameters
 from modalmotion.signature.parameters import parameters_from_json
 from modalmotion.store import SequenceRecord
 from modalmotion_service.errors import ConflictError
-from modalmotion_service.http.observation import add_milliseconds, stage
+from modalmotion_service.http.observation import stage
 from modalmotion_service.work.tasks import signatures
 from modalmotion_service.work.tasks.files import Fitted
-from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.owner_work import OwnerWork, unheard
 from modalmotion_service.workspace.spool import remove_with_beside
 
@@ -58,7 +57,7 @@ class Analysis(OwnerWork):
         parameters, _ = self.resolved(sequence_id, parameters)
 
         async def make(tell: StageReport) -> Path:
-            with self.image() as image, stage("worker"):
+            with self.image() as image:
                 await self._sign(sequence_id, parameters, image, tell)
                 with stage("store"):
                     return await asyncio.to_thread(
@@ -70,7 +69,7 @@ class Analysis(OwnerWork):
         )
         if path is not None:
             return path
-        return await self._shared_work.join((sequence_id, parameters.key), make, report)
+        return await self.shared_work.join((sequence_id, parameters.key), make, report)
 
     @asynccontextmanager
     async def fitted(
@@ -129,13 +128,6 @@ class Analysis(OwnerWork):
         await asyncio.to_thread(self._store.keep_rendered, sequence_id, key, text)
         return text
 
-    async def fit_upload(
-        self, upload: Upload, parameters: SignatureParameters, media_type: str
-    ) -> tuple[bytes, dict[str, float]]:
-        """Fit an upload and write its signature out; gives milliseconds by stage besides."""
-        template = self.template_path(parameters)
-        return await self.work(signatures.sign_upload, upload, parameters, template, media_type)
-
     async def of_one_kind(
         self, sequence_ids: list[str], parameters: SignatureParameters, paths: list[Path]
     ) -> list[Path]:
@@ -190,11 +182,7 @@ class Analysis(OwnerWork):
         sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
         template = self.template_path(parameters)
         track = await asyncio.to_thread(self.track_path, sequence_id)
-        add_milliseconds(
-            await self.followed(
-                *(report, signatures.sign, sequence, parameters, template, track, image)
-            )
-        )
+        await self.staged(report, signatures.sign, sequence, parameters, template, track, image)
 
 
 def with_facts(text: bytes, facts: Facts) -> bytes:

@@ -77,6 +77,12 @@ async def for_ever(name: str, work: Callable[[], Awaitable[object]], seconds: fl
             wait = seconds
 
 
+async def sweep_for_ever(name: str, sweep: Callable[[], object], age: timedelta) -> None:
+    """Sweep now and again, at least every hour, what is kept for some time."""
+    seconds = min(3600.0, age.total_seconds() / 4)
+    await for_ever(name, partial(asyncio.to_thread, sweep), seconds)
+
+
 class Retention:
     """Keeps finished jobs for a while, and their files for another.
 
@@ -109,7 +115,7 @@ class Retention:
         self._keys = keys
         self._spool = spool
         self._root = root
-        self._file_age = file_age
+        self.file_age = file_age
         self._job_age = max(job_age, file_age)
 
     def needed(self) -> set[str]:
@@ -131,10 +137,5 @@ class Retention:
         forget_tombstones(self._root)
         return len(present)
 
-    async def sweep_for_ever(self) -> None:
-        """Sweep now and again, at least every hour."""
-        seconds = min(3600.0, self._file_age.total_seconds() / 4)
-        await for_ever("sweep", partial(asyncio.to_thread, self.sweep), seconds)
-
     def _is_old(self, job: Job) -> bool:
-        return datetime.now(UTC) - datetime.fromisoformat(job.updated) > self._file_age
+        return datetime.now(UTC) - datetime.fromisoformat(job.updated) > self.file_age

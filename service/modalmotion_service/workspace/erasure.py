@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any
 
 from modalmotion.errors import NotFoundError
@@ -13,7 +14,7 @@ from modalmotion_service.errors import ConflictError
 from modalmotion_service.http.observation import stage
 from modalmotion_service.schemas.requests import SequenceChange
 from modalmotion_service.work.tasks.sequences import restated
-from modalmotion_service.workspace.jobs import gone, results_of
+from modalmotion_service.workspace.jobs import Job, gone, results_of
 from modalmotion_service.workspace.state import State
 
 
@@ -48,30 +49,56 @@ async def erase_images(state: State, images_id: str) -> None:
     StoreError
         If they cannot be deleted, or not wholly; then they can be deleted again.
     """
-    for job in await asyncio.to_thread(state.images.about, images_id):
+    about = partial(state.jobs.about, images_id, link_of_images(images_id))
+    await _end(state, await asyncio.to_thread(about))
+    await asyncio.to_thread(forget_images, state, images_id)
+
+
+def link_of_images(images_id: str) -> str:
+    """Path of images."""
+    return f"/v1/images/{images_id}"
+
+
+def forget_images(state: State, images_id: str) -> None:
+    """Delete images, with every mention of them by jobs that are finished and stored answers.
+
+    Raises
+    ------
+    NotFoundError
+        If there are none of that id.
+    StoreError
+        If they cannot be deleted, or not wholly; then they can be deleted again.
+    """
+    link = link_of_images(images_id)
+    state.idempotency.replace_answers(link, *gone())
+    # Not the one that was begun with them and is about to succeed: its result is its own. Slices
+    # that nobody has fetched are the images as well.
+    _forget_jobs(state, [job for job in state.jobs.about(images_id, link) if job.is_finished])
+    state.store.delete_images(images_id)
+
+
+async def _end(state: State, jobs: Iterable[Job]) -> None:
+    for job in jobs:
         # One that ends by itself just now is as good.
         with contextlib.suppress(ConflictError, NotFoundError):
             await state.runner.cancel(job.id)
-    await asyncio.to_thread(state.images.forget, images_id)
+
+
+def _forget_jobs(state: State, jobs: Sequence[Job]) -> None:
+    for name in results_of(jobs):
+        state.spool.remove(name)
+    state.jobs.forget(*(job.id for job in jobs))
 
 
 async def forget(state: State, sequence_id: str) -> None:
     """End and forget jobs about a sequence, with their files, and stored answers about it."""
     # A track has the id of its sequence.
     for kind in ("sequences", "tracks", "signatures"):
-        await _forget_at(state, sequence_id, f"/v1/{kind}/{sequence_id}")
-
-
-async def _forget_at(state: State, sequence_id: str, link: str) -> None:
-    for job in await asyncio.to_thread(state.jobs.about, sequence_id, link):
-        # One that ends by itself just now is as good.
-        with contextlib.suppress(ConflictError, NotFoundError):
-            await state.runner.cancel(job.id)
-    about = await asyncio.to_thread(state.jobs.about, sequence_id, link)
-    for name in results_of(about):
-        state.spool.remove(name)
-    await asyncio.to_thread(state.jobs.forget, *(job.id for job in about))
-    await asyncio.to_thread(state.idempotency.replace_answers, link, *gone())
+        link = f"/v1/{kind}/{sequence_id}"
+        about = partial(state.jobs.about, sequence_id, link)
+        await _end(state, await asyncio.to_thread(about))
+        await asyncio.to_thread(_forget_jobs, state, await asyncio.to_thread(about))
+        await asyncio.to_thread(state.idempotency.replace_answers, link, *gone())
 
 
 async def restate(

@@ -7,7 +7,8 @@ import json
 import logging
 import zipfile
 from collections import deque
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -32,13 +33,15 @@ from modalmotion_service.schemas.queries import DecodingRequest
 from modalmotion_service.schemas.requests import CLASS_OF_FILE, ENCODING_OF_FILE, SIGNATURE_OF_FILE
 from modalmotion_service.schemas.results import ClassificationAnswer, UploadClassificationAnswer
 from modalmotion_service.work.tasks import sequences, signatures
+from modalmotion_service.work.tasks.classification import classify_upload
 from modalmotion_service.work.tasks.signatures import RESULTS
 from modalmotion_service.work.upload import Part, Upload
+from modalmotion_service.workspace import models
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Outcome, Request, operation
 from modalmotion_service.workspace.sequence_operations import encoded, sent
 from modalmotion_service.workspace.signature_operations import SIGNATURE_TYPES
-from modalmotion_service.workspace.spool import SpoolFile, remove_with_beside
+from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.state import State
 
 logger = logging.getLogger(__name__)
@@ -56,153 +59,87 @@ class _Outcome:
     problem: dict[str, object] | None
 
 
-class Batches:
-    """Makes the answers for many files.
+def _upload(state: State, request: Request, part: Part) -> Upload:
+    options = request.query.options(state.settings.read_limits, part.facts)
+    return Upload(state.spool.at(request.file), options, part)
 
-    Parameters
-    ----------
-    state : State
+
+async def _each(
+    state: State,
+    parts: tuple[Part, ...],
+    work: Callable[[Part], Awaitable[bytes]],
+    report: Report,
+) -> AsyncIterator[_Outcome]:
+    """Do all in order, a few at a time: what is done ahead of its turn is held in memory.
+
+    Raises
+    ------
+    StoreError, ClusterError
+        If it is no fault of a file: all is to be done again.
     """
+    ahead = 2 * state.analysis.engine.n_workers + 2
+    under_way: deque[tuple[Part, asyncio.Task[bytes]]] = deque()
+    rest = iter(parts)
+    try:
+        for done in range(len(parts)):
+            while len(under_way) < ahead and (part := next(rest, None)) is not None:
+                under_way.append((part, asyncio.ensure_future(work(part))))
+            first, task = under_way.popleft()
+            try:
+                outcome = _Outcome(first, await _until_done(task), None)
+            except (StoreError, ClusterError):
+                raise
+            except ModalMotionError as error:
+                outcome = _Outcome(first, None, problem_body(error))
+            except Exception:
+                logger.exception("a file of many failed")
+                outcome = _Outcome(first, None, internal_problem())
+            report((done + 1) / len(parts), f"file {done + 1} of {len(parts)}")
+            yield outcome
+    finally:
+        for _, task in under_way:
+            task.cancel()
+        await asyncio.gather(*(task for _, task in under_way), return_exceptions=True)
 
-    def __init__(self, state: State) -> None:
-        self._state = state
-        self._analysis = state.analysis
-        self._spool = state.spool
 
-    async def signatures(self, request: Request, report: Report) -> Outcome:
-        """Fit a signature to each of many files.
-
-        Raises
-        ------
-        NotFoundError
-            If there is no template of that id.
-        """
-        parameters, media_type = request.query.parameters(), request.media_type
-        self._analysis.template_path(parameters)
-        one_type = JSON if media_type in (JSON, NDJSON) else HDF5
-
-        async def fit(part: Part) -> bytes:
-            body, _ = await self._analysis.fit_upload(
-                self._upload(request, part), parameters, one_type
-            )
-            return body
-
-        outcomes = self._each(request.parts, fit, report)
-        if media_type in (JSON, NDJSON):
-            return await self._listed(outcomes, "signature", media_type)
-        archive, n_failed = await self._archived(outcomes)
-        headers = {FAILED: str(n_failed)}
-        if media_type == ZIP:
-            return Outcome(archive, ZIP, headers=headers)
-        task = signatures.pack_archive if media_type == HDF5 else signatures.tabulate_archive
-        output = self._spool.new_path()
+@contextmanager
+def _written(state: State) -> Iterator[Path]:
+    """Name a file that this process writes; it is removed if it cannot be."""
+    with state.analysis.output() as output, stage("worker"):
         try:
-            await self._analysis.work(task, archive, request.parts, output)
-        except BaseException:
-            remove_with_beside(output)
-            raise
-        finally:
-            SpoolFile(archive).remove()
-        return Outcome(output, media_type, headers=headers)
+            yield output
+        except OSError as error:
+            raise cannot_write(output, error) from error
 
-    async def classifications(self, request: Request, report: Report) -> Outcome:
-        """Classify the motion in each of many files with a model."""
-        query, models = request.query, self._state.models
-        model = await asyncio.to_thread(models.choose, query.model)
 
-        async def name(part: Part) -> bytes:
-            upload = self._upload(request, part)
-            result, reading = await models.classify(upload, model, query.coverage)
-            named = ClassificationAnswer.of(result, model.version, None).model_dump()
-            return UploadClassificationAnswer(**named, reading=reading).model_dump_json().encode()
+async def _listed(
+    state: State, outcomes: AsyncIterator[_Outcome], member: str, media_type: str
+) -> Outcome:
+    """Write results as the members of a list, or a line each."""
+    n_failed, is_list = 0, media_type == JSON
+    with _written(state) as output, output.open("xb") as file:
+        file.write(b'{"results":[' if is_list else b"")
+        between = b""
+        async for one in outcomes:
+            n_failed += one.problem is not None
+            file.write(between + _line(one, member))
+            between = b",\n" if is_list else b"\n"
+        file.write(b'],"n_failed":%d}' % n_failed if is_list else b"\n")
+    return Outcome(output, media_type, headers={FAILED: str(n_failed)})
 
-        outcomes = self._each(request.parts, name, report)
-        return await self._listed(outcomes, "classification", request.media_type)
 
-    def _upload(self, request: Request, part: Part) -> Upload:
-        options = request.query.options(self._state.settings.read_limits, part.facts)
-        return Upload(self._spool.at(request.file or ""), options, part)
-
-    async def _each(
-        self, parts: tuple[Part, ...], work: Callable[[Part], Awaitable[bytes]], report: Report
-    ) -> AsyncIterator[_Outcome]:
-        """Do all in order, a few at a time: what is done ahead of its turn is held in memory.
-
-        Raises
-        ------
-        StoreError, ClusterError
-            If it is no fault of a file: all is to be done again.
-        """
-        ahead = 2 * self._analysis.engine.n_workers + 2
-        under_way: deque[tuple[Part, asyncio.Task[bytes]]] = deque()
-        rest = iter(parts)
-        try:
-            for done in range(len(parts)):
-                while len(under_way) < ahead and (part := next(rest, None)) is not None:
-                    under_way.append((part, asyncio.ensure_future(work(part))))
-                first, task = under_way.popleft()
-                try:
-                    outcome = _Outcome(first, await _until_done(task), None)
-                except (StoreError, ClusterError):
-                    raise
-                except ModalMotionError as error:
-                    outcome = _Outcome(first, None, problem_body(error))
-                except Exception:
-                    logger.exception("a file of many failed")
-                    outcome = _Outcome(first, None, internal_problem())
-                report((done + 1) / len(parts), f"file {done + 1} of {len(parts)}")
-                yield outcome
-        finally:
-            for _, task in under_way:
-                task.cancel()
-            await asyncio.gather(*(task for _, task in under_way), return_exceptions=True)
-
-    async def _listed(
-        self, outcomes: AsyncIterator[_Outcome], member: str, media_type: str
-    ) -> Outcome:
-        """Write results as the members of a list, or a line each."""
-        output, n_failed = self._spool.new_path(), 0
-        is_list = media_type == JSON
-        try:
-            with stage("worker"), output.open("xb") as file:
-                file.write(b'{"results":[' if is_list else b"")
-                between = b""
-                async for one in outcomes:
-                    n_failed += one.problem is not None
-                    file.write(between + _line(one, member))
-                    between = b",\n" if is_list else b"\n"
-                file.write(b'],"n_failed":%d}' % n_failed if is_list else b"\n")
-        except BaseException as error:
-            SpoolFile(output).remove()
-            if isinstance(error, OSError):
-                raise cannot_write(output, error) from error
-            raise
-        return Outcome(output, media_type, headers={FAILED: str(n_failed)})
-
-    async def _archived(self, outcomes: AsyncIterator[_Outcome]) -> tuple[Path, int]:
-        """Write signatures as files of an archive; gives the number of problems besides."""
-        output, listed = self._spool.new_path(), list[dict[str, Any]]()
-        try:
-            with stage("worker"), zipfile.ZipFile(output, "x") as archive:
-                async for one in outcomes:
-                    name = f"{len(listed):06d}{_SUFFIX}"
-                    if one.body is not None:
-                        archive.writestr(name, one.body)
-                    listed.append(
-                        {
-                            **_named(one.part),
-                            "file": None if one.body is None else name,
-                            "error": one.problem,
-                        }
-                    )
-                n_failed = sum(one["error"] is not None for one in listed)
-                archive.writestr(RESULTS, json.dumps({"results": listed, "n_failed": n_failed}))
-        except BaseException as error:
-            SpoolFile(output).remove()
-            if isinstance(error, OSError):
-                raise cannot_write(output, error) from error
-            raise
-        return output, n_failed
+async def _archived(state: State, outcomes: AsyncIterator[_Outcome]) -> tuple[Path, int]:
+    """Write signatures as files of an archive; gives the number of problems besides."""
+    listed = list[dict[str, Any]]()
+    with _written(state) as output, zipfile.ZipFile(output, "x") as archive:
+        async for one in outcomes:
+            name = None if one.body is None else f"{len(listed):06d}{_SUFFIX}"
+            if name is not None and one.body is not None:
+                archive.writestr(name, one.body)
+            listed.append({**_named(one.part), "file": name, "error": one.problem})
+        n_failed = sum(one["error"] is not None for one in listed)
+        archive.writestr(RESULTS, json.dumps({"results": listed, "n_failed": n_failed}))
+    return output, n_failed
 
 
 async def _until_done(task: asyncio.Task[bytes]) -> bytes:
@@ -225,13 +162,21 @@ def _line(one: _Outcome, member: str) -> bytes:
     return b'%s, "%s": %s, "error": %s}' % (head, member.encode(), body, problem)
 
 
+async def _signed(
+    state: State, upload: Upload, request: Request, media_type: str
+) -> tuple[bytes, dict[str, float]]:
+    parameters = request.query.parameters()
+    template = state.analysis.template_path(parameters)
+    return await state.analysis.work(
+        signatures.sign_upload, upload, parameters, template, media_type
+    )
+
+
 @operation(*SIGNATURE_TYPES, query=SIGNATURE_OF_FILE)
 async def sent_signature(state: State, request: Request, _: Report) -> Outcome:
     """Fit an upload."""
     with stage("worker"):
-        body, milliseconds = await state.analysis.fit_upload(
-            sent(state, request), request.query.parameters(), request.media_type
-        )
+        body, milliseconds = await _signed(state, sent(state, request), request, request.media_type)
     add_milliseconds(milliseconds)
     return Outcome(body, request.media_type)
 
@@ -239,24 +184,60 @@ async def sent_signature(state: State, request: Request, _: Report) -> Outcome:
 @operation(JSON, NDJSON, HDF5, ZIP, CSV, query=SIGNATURE_OF_FILE)
 async def sent_signatures(state: State, request: Request, report: Report) -> Outcome:
     """Fit each of many files that came in one request."""
-    return await Batches(state).signatures(request, report)
+    media_type, analysis = request.media_type, state.analysis
+    analysis.template_path(request.query.parameters())
+    one_type = JSON if media_type in (JSON, NDJSON) else HDF5
+
+    async def fit(part: Part) -> bytes:
+        body, _ = await _signed(state, _upload(state, request, part), request, one_type)
+        return body
+
+    outcomes = _each(state, request.parts, fit, report)
+    if one_type == JSON:
+        return await _listed(state, outcomes, "signature", media_type)
+    archive, n_failed = await _archived(state, outcomes)
+    headers = {FAILED: str(n_failed)}
+    if media_type == ZIP:
+        return Outcome(archive, ZIP, headers=headers)
+    task = signatures.pack_archive if media_type == HDF5 else signatures.tabulate_archive
+    try:
+        with analysis.output() as output:
+            await analysis.work(task, archive, request.parts, output)
+    finally:
+        SpoolFile(archive).remove()
+    return Outcome(output, media_type, headers=headers)
+
+
+async def _classified(
+    state: State, upload: Upload, model: models.ChosenModel, coverage: float
+) -> bytes:
+    with stage("worker"):
+        result, reading = await state.analysis.work(
+            classify_upload, upload, model.parameters, model.source, coverage
+        )
+    named = ClassificationAnswer.of(result, model.version, None).model_dump()
+    return UploadClassificationAnswer(**named, reading=reading).model_dump_json().encode()
 
 
 @operation(query=CLASS_OF_FILE)
 async def sent_classification(state: State, request: Request, _: Report) -> Outcome:
     """Classify the motion in an upload."""
-    query = request.query
-    model = await asyncio.to_thread(state.models.choose, query.model)
-    result, reading = await state.models.classify(sent(state, request), model, query.coverage)
-    named = ClassificationAnswer.of(result, model.version, None).model_dump()
-    answer = UploadClassificationAnswer(**named, reading=reading)
-    return Outcome(answer.model_dump_json().encode())
+    model = await asyncio.to_thread(models.choose, state, request.query.model)
+    upload = sent(state, request)
+    return Outcome(await _classified(state, upload, model, request.query.coverage))
 
 
 @operation(JSON, NDJSON, query=CLASS_OF_FILE)
 async def sent_classifications(state: State, request: Request, report: Report) -> Outcome:
     """Classify the motion in each of many files that came in one request."""
-    return await Batches(state).classifications(request, report)
+    model = await asyncio.to_thread(models.choose, state, request.query.model)
+
+    async def name(part: Part) -> bytes:
+        upload = _upload(state, request, part)
+        return await _classified(state, upload, model, request.query.coverage)
+
+    outcomes = _each(state, request.parts, name, report)
+    return await _listed(state, outcomes, "classification", request.media_type)
 
 
 @operation(STREAM, query=ENCODING_OF_FILE)
@@ -271,7 +252,7 @@ async def sent_encoding(state: State, request: Request, report: Report) -> Outco
 async def decoding(state: State, request: Request, _: Report) -> Outcome:
     """Decode a stream, or a part of it."""
     frames, vertices = request.query.ranges()
-    stream, limits = state.spool.at(request.file or ""), state.settings.read_limits
+    stream, limits = state.spool.at(request.file), state.settings.read_limits
     with state.analysis.output() as output, stage("decode"):
         await state.analysis.work(
             sequences.decode_upload, stream, limits, frames, vertices, request.media_type, output

@@ -1,145 +1,92 @@
-"""Operations on models and norms: made, tested, compared, asked."""
+"""Operations on models, norms and tables of features: made, tested, asked."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
 
+from modalmotion.classification import CaseFile, TrainingOptions
+from modalmotion.classification.cases import UNUSABLE, LeftOut, case_name, named
 from modalmotion.classification.evaluation import CaseAnswer
-from modalmotion.errors import NotFoundError, ParameterError
-from modalmotion.store import ResultStore
-from modalmotion_service.http.negotiation import CSV, JSON, PNG
+from modalmotion.errors import (
+    ModalMotionError,
+    ModeCountError,
+    NotFoundError,
+    ParameterError,
+    TopologyError,
+    UnlikeCasesError,
+)
+from modalmotion.mesh.facts import Facts, Named
+from modalmotion.modes.topology import MESH
+from modalmotion.norm import Norm
+from modalmotion.norm.training import parameters_of_controls
+from modalmotion.signature.making import SignatureParameters
+from modalmotion_service.errors import ConflictError, CostError
+from modalmotion_service.http.negotiation import CSV, JSON, PNG, attachment
 from modalmotion_service.schemas.queries import (
     TRAINING,
     DeviationOptions,
     EvaluationOptions,
+    FeatureOptions,
     NormOptions,
 )
 from modalmotion_service.work.tasks import classification
-from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.work.tasks.classification import KeptRecording
+from modalmotion_service.workspace import models
 from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.models import ChosenModel, Models
-from modalmotion_service.workspace.operation import Outcome, Request, operation
+from modalmotion_service.workspace.operation import Case, Outcome, Request, operation
+from modalmotion_service.workspace.owner_work import in_one_basis
 from modalmotion_service.workspace.state import State
-from modalmotion_service.workspace.training import Case, read_cases
+from modalmotion_service.workspace.training import read_cases, train
 
-# Share of the progress that the classifications are counted as.
-_CLASSIFYING = 0.95
+# Parts of the progress that classifications and signatures are counted as.
+_CLASSIFYING: Final = 0.95
+_FITTING: Final = 0.8
 
 
-class Evaluations:
-    """Tests models; the classifications of the sequences are stored on the way.
+@operation(query=TRAINING, is_apart=True)
+async def training(state: State, request: Request, report: Report) -> Outcome:
+    """Train a model on the cases of a file."""
+    cases = await asyncio.to_thread(read_cases, state.spool.at(request.file))
+    options = request.query.options()
+    record = await train(state, request.file, request.reference, options, cases, report)
+    return Outcome(b"", link=f"/v1/models/{record.name}@{record.version}")
 
-    Parameters
-    ----------
-    store : ResultStore
-    analysis : Analysis
-    models : Models
+
+@operation(PNG)
+async def model_view(state: State, request: Request, _: Report) -> Outcome:
+    """Draw confusion matrix and calibration curve of a model's card."""
+    model = await asyncio.to_thread(models.choose, state, request.reference)
+    content, _versions = await asyncio.to_thread(models.describe, state, model)
+    title = str(content.record.reference)
+    return Outcome(await state.analysis.work(classification.draw_card, content.card, title), PNG)
+
+
+@operation(CSV)
+async def held_out(state: State, request: Request, _: Report) -> Outcome:
+    """Give a model's answers to its training cases, each held out.
+
+    Subjects are those stored with the sequences now; of a deleted one its number.
     """
-
-    def __init__(self, store: ResultStore, analysis: Analysis, models: Models) -> None:
-        self._store = store
-        self._analysis = analysis
-        self._models = models
-
-    async def evaluate(
-        self,
-        model: ChosenModel,
-        cases: Sequence[Case],
-        coverage: float,
-        media_type: str,
-        report: Report,
-    ) -> bytes:
-        """Test a model: JSON, a table of the cases, or a picture."""
-        (answers,) = await self._answers((model,), cases, coverage, report)
-        return await self._analysis.work(
-            classification.measure, model.source, model.version, answers, coverage, media_type
+    model = await asyncio.to_thread(models.choose, state, request.reference)
+    ids = await state.analysis.work(classification.held_out_ids, model.source)
+    known = await asyncio.to_thread(state.store.sequence_records, ids)
+    subjects = {id_: one.subject for id_, one in known.items() if one.subject is not None}
+    table = await state.analysis.work(classification.held_out_table, model.source, subjects)
+    if not table:
+        raise NotFoundError(
+            f"The model {model.name}@{model.version} has no held-out answers: it was not "
+            "cross-validated, or its file does not hold them.",
+            remedy="Train it again, or test it on other sequences: POST .../evaluations.",
         )
-
-    async def compare(
-        self,
-        models: tuple[ChosenModel, ChosenModel],
-        cases: Sequence[Case],
-        coverage: float,
-        report: Report,
-    ) -> bytes:
-        """Compare two models: JSON."""
-        first, second = await self._answers(models, cases, coverage, report)
-        return await self._analysis.work(
-            classification.compare,
-            (models[0].source, models[1].source),
-            (models[0].version, models[1].version),
-            (first, second),
-            coverage,
-        )
-
-    async def held_out_table(self, model: ChosenModel) -> bytes:
-        """Give the held-out answers of a model's cross-validation as CSV.
-
-        Subjects are those stored with the sequences now; of a deleted one its number.
-
-        Raises
-        ------
-        NotFoundError
-            If the model has none.
-        """
-        ids = await self._analysis.work(classification.held_out_ids, model.source)
-        subjects = await asyncio.to_thread(self._subjects, ids)
-        table = await self._analysis.work(classification.held_out_table, model.source, subjects)
-        if not table:
-            raise NotFoundError(
-                f"The model {model.name}@{model.version} has no held-out answers: it was not "
-                "cross-validated, or its file does not hold them.",
-                remedy="Train it again, or test it on other sequences: POST .../evaluations.",
-            )
-        return table
-
-    def _subjects(self, ids: Sequence[str]) -> dict[str, str]:
-        subjects = {}
-        for sequence_id in ids:
-            if self._store.has_sequence(sequence_id):
-                subject = self._store.sequence_record(sequence_id).subject
-                if subject is not None:
-                    subjects[sequence_id] = subject
-        return subjects
-
-    async def _answers(
-        self,
-        models: Sequence[ChosenModel],
-        cases: Sequence[Case],
-        coverage: float,
-        report: Report,
-    ) -> list[list[CaseAnswer]]:
-        """Answers of each model to each case."""
-
-        async def answered(case: Case) -> list[CaseAnswer]:
-            answers = []
-            for model in models:
-                kept, _ = await self._models.classification(case.id, model, coverage)
-                result = kept.result
-                answers.append(
-                    CaseAnswer(
-                        name="",
-                        sequence_id=case.id,
-                        subject=case.subject or f"sequence {case.id}",
-                        truth=case.label,
-                        answer=result.label,
-                        probabilities=tuple(result.probabilities.tolist()),
-                        class_set=result.class_set,
-                        flags=result.flags,
-                    )
-                )
-            return answers
-
-        def tell(done: int, total: int) -> None:
-            report(_CLASSIFYING * done / total, f"sequence {done} of {total}")
-
-        by_case = await self._analysis.each(cases, answered, tell)
-        report(_CLASSIFYING, "figures")
-        return [list(its) for its in zip(*by_case, strict=True)]
+    return Outcome(table, CSV, headers=attachment(f"{model.name}-{model.version}.csv"))
 
 
-def require_known_classes(cases: Sequence[Case], name: str, classes: Sequence[str]) -> None:
+def require_known_classes(cases: Sequence[Case], model: models.ChosenModel) -> None:
     """Check that there are cases, and that a model knows the classes of all.
 
     Raises
@@ -149,69 +96,217 @@ def require_known_classes(cases: Sequence[Case], name: str, classes: Sequence[st
     """
     if not cases:
         raise ParameterError("There is no sequence to test on.", remedy="Name at least one.")
-    unknown = [case for case in cases if case.label not in classes]
+    unknown = [case for case in cases if case.label not in model.classes]
     if unknown:
+        more = f" and {len(unknown) - 1} more like it" if len(unknown) > 1 else ""
         raise ParameterError(
-            f"The model {name!r} does not know the class {unknown[0].label[:80]!r} of the sequence "
-            f"{unknown[0].id[:12]}"
-            + (f" and {len(unknown) - 1} more like it." if len(unknown) > 1 else "."),
-            remedy=f"Name sequences of its classes: {', '.join(classes)}.",
+            f"The model {model.name!r} does not know the class {unknown[0].label[:80]!r} of the "
+            f"sequence {unknown[0].id[:12]}{more}.",
+            remedy=f"Name sequences of its classes: {', '.join(model.classes)}.",
             details={"sequence_ids": [case.id for case in unknown[:20]]},
         )
 
 
-@operation(query=TRAINING, is_apart=True)
-async def training(state: State, request: Request, report: Report) -> Outcome:
-    """Train a model on the cases of a file."""
-    file = request.file or ""
-    cases = await asyncio.to_thread(read_cases, state.spool.at(file))
-    options = request.query.options()
-    record = await state.trainer.train(file, request.reference, options, cases, report)
-    return Outcome(b"", link=f"/v1/models/{record.name}@{record.version}")
-
-
-@operation(PNG)
-async def model_view(state: State, request: Request, _: Report) -> Outcome:
-    """Draw the card of a model."""
-    model = await asyncio.to_thread(state.models.choose, request.reference)
-    content = await asyncio.to_thread(state.models.describe, model)
-    return Outcome(await state.models.draw(content), PNG)
-
-
-@operation(CSV)
-async def held_out(state: State, request: Request, _: Report) -> Outcome:
-    """Give a model's answers to its training cases, each held out."""
-    model = await asyncio.to_thread(state.models.choose, request.reference)
-    name = f'attachment; filename="{model.name}-{model.version}.csv"'
-    table = await Evaluations(state.store, state.analysis, state.models).held_out_table(model)
-    return Outcome(table, CSV, headers={"Content-Disposition": name})
-
-
 @operation(JSON, CSV, PNG, query=EvaluationOptions)
 async def evaluation(state: State, request: Request, report: Report) -> Outcome:
-    """Test a model, or two beside each other, on labelled sequences."""
-    query = request.query
-    model = await asyncio.to_thread(state.models.choose, request.reference)
-    tests = Evaluations(state.store, state.analysis, state.models)
-    if query.compare_with is not None:
-        other = await asyncio.to_thread(state.models.choose, query.compare_with)
-        body = await tests.compare((model, other), request.cases, query.coverage, report)
-        return Outcome(body)
-    media_type = request.media_type
-    body = await tests.evaluate(model, request.cases, query.coverage, media_type, report)
-    return Outcome(body, media_type)
+    """Test a model, or two beside each other, on labelled sequences.
+
+    The classifications of the sequences are stored on the way.
+    """
+    query, kind = request.query, request.media_type
+    names = [one for one in (request.reference, query.compare_with) if one is not None]
+    chosen = [await asyncio.to_thread(models.choose, state, name) for name in names]
+
+    async def answered(case: Case) -> list[CaseAnswer]:
+        return [await _answer(state, case, model, query.coverage) for model in chosen]
+
+    def tell(done: int, total: int) -> None:
+        report(_CLASSIFYING * done / total, f"sequence {done} of {total}")
+
+    by_case = await state.analysis.each(request.cases, answered, tell)
+    report(_CLASSIFYING, "figures")
+    answers = [list(its) for its in zip(*by_case, strict=True)]
+    sources, versions = [one.source for one in chosen], [one.version for one in chosen]
+    body = await state.analysis.work(
+        classification.measure, sources, versions, answers, query.coverage, kind
+    )
+    return Outcome(body, kind)
+
+
+async def _answer(
+    state: State, case: Case, model: models.ChosenModel, coverage: float
+) -> CaseAnswer:
+    kept, _ = await models.classification(state, case.id, model, coverage)
+    return CaseAnswer(
+        name="",
+        sequence_id=case.id,
+        subject=case.subject or f"sequence {case.id}",
+        truth=case.label,
+        answer=kept.result.label,
+        probabilities=tuple(kept.result.probabilities.tolist()),
+        class_set=kept.result.class_set,
+        flags=kept.result.flags,
+    )
+
+
+def require_free_norm(state: State, name: str) -> None:
+    """Check that no norm has this name.
+
+    Raises
+    ------
+    ConflictError
+        If one has.
+    """
+    if name in state.store.norms():
+        raise ConflictError(
+            f"There is a norm named {name!r}.",
+            remedy=f"Choose another name, or DELETE /v1/norms/{name} first.",
+            details={"norm": name},
+        )
 
 
 @operation(query=NormOptions)
 async def norm(state: State, request: Request, report: Report) -> Outcome:
-    """Make a norm of stored controls."""
-    query = request.query
-    made = await state.norms.make(query.name, request.cases, query.modes, query.topology, report)
+    """Make a norm of stored controls, and keep it."""
+    query, cases, analysis = request.query, request.cases, state.analysis
+    own = TrainingOptions(modes=query.modes, topology=query.topology).signature_parameters
+    parameters = parameters_of_controls(own, [_facts(state, case) for case in cases])
+
+    def tell(share: float, text: str) -> None:
+        report(_FITTING + (1 - _FITTING) * share, text)
+
+    async def make_with(wanted: SignatureParameters) -> Norm:
+        controls = await _fitted_each(state, cases, wanted, report)
+        with analysis.image() as image:
+            await analysis.followed(
+                *(tell, classification.make_norm, controls),
+                *(query.name, query.modes, query.topology, image),
+            )
+            return await asyncio.to_thread(state.store.put_norm_image, image)
+
+    try:
+        made = await in_one_basis(make_with, parameters)
+    except ParameterError as error:
+        if "norm" not in error.details:
+            raise
+        raise ConflictError(error.message, remedy=error.remedy, details=error.details) from error
     return Outcome(b"", link=f"/v1/norms/{made.name}")
 
 
 @operation(query=DeviationOptions)
 async def deviations(state: State, request: Request, report: Report) -> Outcome:
     """Compare stored sequences with a norm, each, and from five on together."""
-    level = request.query.level
-    return Outcome(await state.norms.ask(request.cases, request.reference, level, report))
+    cases, store = request.cases, state.store
+    kept = await asyncio.to_thread(store.norm, request.reference)
+    path = store.norm_path(request.reference)
+    parameters: SignatureParameters = kept.readable.parameters
+    recordings = await _fitted_each(state, cases, parameters, report)
+    stated = [store.sequence_record(case.id).topology for case in cases]
+
+    async def ask() -> tuple[bytes, dict[int, str]]:
+        level, task = request.query.level, classification.ask_norm
+        return await state.analysis.work(task, recordings, path, level, stated)
+
+    answer, imposed = await ask()
+    if imposed:
+        # As `fitted_in` does it where a sequence is at hand.
+        for number, topology in imposed.items():
+            with contextlib.suppress(TopologyError):
+                wanted = replace(parameters, topology=topology)
+                recordings[number] = await _fitted(state, cases[number], wanted)
+            stated[number] = topology
+        answer, _ = await ask()
+    return Outcome(answer)
+
+
+def _facts(state: State, case: Case) -> Facts:
+    facts: Facts = state.store.sequence_record(case.id).facts
+    return replace(facts, covariates=case.covariates)
+
+
+async def _fitted_each(
+    state: State, cases: Sequence[Case], parameters: SignatureParameters, report: Report
+) -> list[KeptRecording]:
+    def tell(done: int, total: int) -> None:
+        report(_FITTING * done / total, f"signature {done} of {total}")
+
+    return await state.analysis.each(cases, lambda one: _fitted(state, one, parameters), tell)
+
+
+async def _fitted(state: State, case: Case, parameters: SignatureParameters) -> KeptRecording:
+    facts = _facts(state, case)
+    try:
+        signature = await state.analysis.signature(case.id, parameters)
+    except ModalMotionError as error:
+        raise named(error, case_name(case.id), sequence_id=case.id) from error
+    vertices = None
+    if state.store.sequence_record(case.id).has_upload:
+        vertices = await asyncio.to_thread(state.store.sequence_path, case.id)
+    return KeptRecording(case.id, signature, vertices, facts, case.subject)
+
+
+@operation(JSON, CSV, query=FeatureOptions)
+async def features(state: State, request: Request, report: Report) -> Outcome:
+    """Write the features of many sequences as a table."""
+    options = request.query.options()
+    leaves_out = request.query.on_error == "leave out"
+    own = TrainingOptions(modes=options["modes"], topology=options["topology"]).signature_parameters
+    # As `feature_table` does it where the sequences are at hand.
+    attempts = [(own, False)]
+    if own.topology is None:
+        attempts.append((replace(own, topology=MESH), False))
+    if leaves_out:
+        attempts.append((own, True))
+    unlike: UnlikeCasesError | None = None
+    for number, (parameters, drops_unlike) in enumerate(attempts):
+        try:
+            files, left_out = await _files(
+                state, request.cases, parameters, report, leaves_out=leaves_out and number != 1
+            )
+            on_error = "leave out" if drops_unlike else "raise"
+            with state.analysis.output() as output:
+                n_left_out = await state.analysis.work(
+                    classification.tabulate_features,
+                    files,
+                    options,
+                    on_error,
+                    left_out,
+                    request.media_type,
+                    output,
+                )
+            headers = {"Cases-Left-Out": str(n_left_out)}
+            return Outcome(output, request.media_type, headers=headers)
+        except UnlikeCasesError as error:
+            unlike = unlike or error
+        except (TopologyError, ModeCountError):
+            if unlike is None:
+                raise
+    raise unlike or UnlikeCasesError("The sequences do not compare.")
+
+
+async def _files(
+    state: State,
+    cases: Sequence[Case],
+    parameters: SignatureParameters,
+    report: Report,
+    *,
+    leaves_out: bool,
+) -> tuple[list[CaseFile], list[LeftOut]]:
+    async def fitted(case: Case) -> CaseFile | LeftOut:
+        try:
+            path: Path = await state.analysis.signature(case.id, parameters)
+        except (*UNUSABLE, CostError) as error:
+            if not leaves_out:
+                raise named(error, case_name(case.id), sequence_id=case.id) from error
+            return LeftOut.of(error, case_name(case.id))
+        return CaseFile(path, case.id, case.label, case.subject, Named(case.covariates))
+
+    def tell(done: int, total: int) -> None:
+        report(_FITTING * done / total, f"signature {done} of {total}")
+
+    made = await state.analysis.each(cases, fitted, tell)
+    report(_FITTING, "features")
+    return (
+        [one for one in made if isinstance(one, CaseFile)],
+        [one for one in made if isinstance(one, LeftOut)],
+    )

@@ -24,7 +24,25 @@ from modalmotion_service.work.upload import Part, parts_as_json, parts_from_json
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.jobs import Job
 from modalmotion_service.workspace.spool import Spool, SpoolFile
-from modalmotion_service.workspace.training import Case
+
+
+@dataclass(frozen=True)
+class Case:
+    """A stored sequence as a request names it.
+
+    Parameters
+    ----------
+    id : str
+    label : str
+        Empty where there is none.
+    subject : str or None
+    covariates : mapping of str to (float or str)
+    """
+
+    id: str
+    label: str
+    subject: str | None
+    covariates: Mapping[str, float | str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -37,11 +55,12 @@ class Request:
         As its client stated it: of the model of the operation.
     media_type : str
         Of the answer.
-    sequence_id, key : str or None
-        Sequence, and the key of a signature's parameters.
+    sequence_id : str
+    key : str or None
+        Of a signature's parameters.
     ids : tuple of str
         Of other things that the work reads: a job about one of them ends with it.
-    file : str or None
+    file : str
         Name of the upload in the spool.
     facts : Facts
         Stated beside the upload.
@@ -57,10 +76,10 @@ class Request:
 
     query: Any = field(default_factory=JsonBody)
     media_type: str = JSON
-    sequence_id: str | None = None
+    sequence_id: str = ""
     key: str | None = None
     ids: tuple[str, ...] = ()
-    file: str | None = None
+    file: str = ""
     facts: Facts = NO_FACTS
     parts: tuple[Part, ...] = ()
     cases: tuple[Case, ...] = ()
@@ -116,6 +135,25 @@ class Outcome:
     headers: Mapping[str, str] = field(default_factory=dict)
     link: str | None = None
     filled: tuple[str, ...] = ()
+
+
+def made(
+    answer: BaseModel,
+    link: str,
+    is_new: bool,
+    *,
+    filled: tuple[str, ...] = (),
+    headers: Mapping[str, str] | None = None,
+) -> Outcome:
+    """Answer with what is stored now: 201 where it is new, 200 where it was known."""
+    body = answer.model_dump_json().encode()
+    headers = {"Location": link, **(headers or {})}
+    return Outcome(body, JSON, 201 if is_new else 200, headers, link, filled)
+
+
+def as_json(answer: BaseModel) -> Outcome:
+    """Answer with a model as JSON."""
+    return Outcome(answer.model_dump_json().encode())
 
 
 State = Any
@@ -237,7 +275,7 @@ class Performance:
     ) -> dict[str, Any]:
         """Do an operation as a job, or wait for the work that was left to it; gives its result."""
         request = Request.from_json(values, what.query)
-        if request.file is not None:
+        if request.file:
             require_spooled(self._spool, request.file)
         self._listeners[request.name] = report
         task = self._left.pop(request.name, None)

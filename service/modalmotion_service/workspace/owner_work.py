@@ -19,6 +19,7 @@ from modalmotion.modes.topology import MESH
 from modalmotion.progress import StageReport
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ResultStore
+from modalmotion_service.http.observation import add_milliseconds, stage
 from modalmotion_service.work.engine import Engine, work_of
 from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.work.task_progress import followed
@@ -113,7 +114,7 @@ class OwnerWork:
         self._spool = spool
         self._tariff = tariff
         self.quota = quota
-        self._shared_work = SharedWork()
+        self.shared_work = SharedWork()
 
     async def work(self, task: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         """Have a worker do a task."""
@@ -130,6 +131,18 @@ class OwnerWork:
             return await followed(self.work(task, *args, progress), progress, report)
         finally:
             remove_with_beside(progress)
+
+    async def staged(
+        self, report: StageReport, task: Callable[..., tuple[Any, ...]], *args: Any
+    ) -> list[Any]:
+        """Have a worker do a task as `followed` does; the last it gives are milliseconds by stage.
+
+        They are those of the request; the rest is given.
+        """
+        with stage("worker"):
+            *found, milliseconds = await self.followed(report, task, *args)
+            add_milliseconds(milliseconds)
+        return found
 
     async def each(
         self,

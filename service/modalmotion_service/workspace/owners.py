@@ -25,18 +25,15 @@ from modalmotion_service.workspace import (
     model_operations,
     sequence_operations,
     signature_operations,
+    track_operations,
 )
 from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.background import Retention, for_ever
+from modalmotion_service.workspace.background import Retention, for_ever, sweep_for_ever
 from modalmotion_service.workspace.job_runner import Handler, JobRunner, Settle
 from modalmotion_service.workspace.jobs import IdempotencyKeys, Jobs
-from modalmotion_service.workspace.models import Models
-from modalmotion_service.workspace.norms import Norms
 from modalmotion_service.workspace.operation import Operation, Performance, Request, settled
 from modalmotion_service.workspace.spool import Quota, Spool, require_room
 from modalmotion_service.workspace.state import State
-from modalmotion_service.workspace.tracks import Images, Tracks
-from modalmotion_service.workspace.training import Trainer
 
 _SERVED: Final = ("models", "templates")
 
@@ -71,7 +68,10 @@ def lay_out(source: Path, root: Path) -> None:
         ) from error
 
 
-_MODULES: Final = (sequence_operations, signature_operations, file_operations, model_operations)
+_MODULES: Final = (
+    *(sequence_operations, signature_operations, file_operations),
+    *(model_operations, track_operations),
+)
 
 OPERATIONS: Final[dict[str, Operation]] = {
     one.name: one
@@ -243,14 +243,6 @@ class Owners:
             tariff = Tariff(owner, settings.task_cost_factor, settings.task_cost_seconds)
             quota = Quota(root, settings.max_owner_bytes)
             analysis = Analysis(store, self._engine, spool, tariff, quota)
-            images = Images(store, analysis, jobs, keys, spool)
-            models, tracks = Models(store, analysis), Tracks(store, analysis, images)
-            norms = Norms(store, analysis)
-            trainer = Trainer(
-                *(owner, store, analysis, self._training_engine, spool),
-                settings.scheduler,
-                settings.workers,
-            )
             performance = Performance(spool)
             handlers: dict[str, Handler] = {}
             settles: dict[str, Settle] = {}
@@ -268,8 +260,8 @@ class Owners:
                 retry_seconds=3600.0 * settings.retry_hours,
             )
             state = State(
-                *(settings, store, spool, analysis, models, images, tracks, norms),
-                *(jobs, runner, trainer, performance, keys),
+                *(owner, settings, store, spool, analysis, self._training_engine),
+                *(jobs, runner, performance, keys),
             )
             for name, what in OPERATIONS.items():
                 handlers[name] = partial(performance.as_job, state, what)
@@ -281,11 +273,11 @@ class Owners:
             raise
         self._states[owner] = state
         self._failed.discard(owner)
-        image_age = timedelta(hours=settings.image_hours)
-        for sweeping in (
-            retention.sweep_for_ever(),
-            images.sweep_for_ever(image_age),
+        age = timedelta(hours=settings.image_hours)
+        for work in (
+            sweep_for_ever("sweep", retention.sweep, retention.file_age),
+            sweep_for_ever("images", partial(track_operations.sweep_images, state, age), age),
             quota.measure_for_ever(),
         ):
-            self._background.append(asyncio.create_task(sweeping))
+            self._background.append(asyncio.create_task(work))
         return state

@@ -23,11 +23,11 @@ from modalmotion_service.http.negotiation import (
     VIEW,
     VTKHDF,
     ZIP,
+    attachment,
 )
 from modalmotion_service.http.observation import stage
 from modalmotion_service.schemas.queries import (
     DistanceRequest,
-    FeatureOptions,
     Reconstruction,
     ReportRequest,
     ViewRequest,
@@ -36,10 +36,10 @@ from modalmotion_service.schemas.requests import MANY_SIGNATURES, SIGNATURE, Cla
 from modalmotion_service.schemas.results import ClassificationAnswer
 from modalmotion_service.schemas.signatures import DistanceAnswer
 from modalmotion_service.work.tasks import derived, signatures
+from modalmotion_service.workspace import models
 from modalmotion_service.workspace.analysis import USUAL, with_facts
 from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.norms import FeatureTables
-from modalmotion_service.workspace.operation import Outcome, Request, operation
+from modalmotion_service.workspace.operation import Outcome, Request, as_json, made, operation
 from modalmotion_service.workspace.owner_work import unheard
 from modalmotion_service.workspace.state import State
 
@@ -58,7 +58,7 @@ SURFACES: Final = {
 @operation(*SIGNATURE_TYPES, query=SIGNATURE)
 async def signature(state: State, request: Request, report: Report) -> Outcome:
     """Fit a signature to a stored sequence and store it, and give it."""
-    analysis, sequence_id = state.analysis, request.sequence_id or ""
+    analysis, sequence_id = state.analysis, request.sequence_id
     parameters, _ = analysis.resolved(sequence_id, request.query.parameters())
     known = await asyncio.to_thread(state.store.sound_signature_path, sequence_id, parameters.key)
     await analysis.signature(sequence_id, parameters, report)
@@ -71,7 +71,7 @@ async def signature(state: State, request: Request, report: Report) -> Outcome:
 @operation(*SIGNATURE_TYPES)
 async def signature_view(state: State, request: Request, report: Report) -> Outcome:
     """Give a stored signature, or the usual one of a sequence."""
-    body = await shown(state, request.sequence_id or "", request.key, request.media_type, report)
+    body = await shown(state, request.sequence_id, request.key, request.media_type, report)
     name = f"{(request.sequence_id or '')[:12]}-signature.h5"
     headers = {"Content-Disposition": f'attachment; filename="{name}"'}
     return Outcome(body, request.media_type, headers=headers if request.media_type == HDF5 else {})
@@ -111,7 +111,7 @@ async def strain(state: State, request: Request, report: Report) -> Outcome:
 
 
 async def _read_out(state: State, request: Request, report: Report, how: str) -> Outcome:
-    async with state.analysis.fitted(request.sequence_id or "", request.key, report) as one:
+    async with state.analysis.fitted(request.sequence_id, request.key, report) as one:
         with stage("readouts"):
             body = await state.analysis.work(derived.read_out, one, how)
     return Outcome(body, request.media_type)
@@ -122,7 +122,7 @@ async def reconstruction(state: State, request: Request, report: Report) -> Outc
     """Superpose a signature's surfaces."""
     surface_format, suffix = SURFACES[request.media_type]
     times, phases = request.query.instants()
-    async with state.analysis.fitted(request.sequence_id or "", request.key, report) as one:
+    async with state.analysis.fitted(request.sequence_id, request.key, report) as one:
         with state.analysis.output() as output, stage("superpose"):
             await state.analysis.work(
                 derived.superpose,
@@ -133,20 +133,17 @@ async def reconstruction(state: State, request: Request, report: Report) -> Outc
                 request.query.max_targets,
                 output,
             )
-    name = f"{one.record.id[:12]}-reconstruction{suffix}"
-    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    headers = attachment(f"{one.record.id[:12]}-reconstruction{suffix}")
     return Outcome(output, request.media_type, headers=headers)
 
 
 @operation(FHIR, PDF, CSV, query=ReportRequest)
 async def report(state: State, request: Request, tell: Report) -> Outcome:
     """Report on a signature, for systems, people or statistics."""
-    known = None
-    if request.query.model is not None:
-        known = await asyncio.to_thread(
-            state.models.known_classification, request.sequence_id or "", request.query.model
-        )
-    async with state.analysis.fitted(request.sequence_id or "", request.key, tell) as one:
+    known = await asyncio.to_thread(
+        models.known_classification, state, request.sequence_id, request.query.model
+    )
+    async with state.analysis.fitted(request.sequence_id, request.key, tell) as one:
         with stage("report"):
             body = await state.analysis.work(
                 derived.make_report,
@@ -162,7 +159,7 @@ async def report(state: State, request: Request, tell: Report) -> Outcome:
 async def view(state: State, request: Request, report: Report) -> Outcome:
     """Write what a page shows of a signature, or its frames as they were sent."""
     query, as_page = request.query, request.media_type == HTML
-    async with state.analysis.fitted(request.sequence_id or "", request.key, report) as one:
+    async with state.analysis.fitted(request.sequence_id, request.key, report) as one:
         with state.analysis.output() as output, stage("view"):
             if query.first is None and query.stop is None:
                 await state.analysis.work(derived.make_view, one, as_page, output)
@@ -170,8 +167,8 @@ async def view(state: State, request: Request, report: Report) -> Outcome:
                 await state.analysis.work(
                     derived.make_frames, one, query.first or 0, query.stop, output
                 )
-    headers = {"Content-Disposition": f'attachment; filename="{one.record.id[:12]}.html"'}
-    return Outcome(output, request.media_type, headers=headers if as_page else {})
+    headers = attachment(f"{one.record.id[:12]}.html") if as_page else {}
+    return Outcome(output, request.media_type, headers=headers)
 
 
 @operation(query=DistanceRequest)
@@ -181,7 +178,7 @@ async def distance(state: State, request: Request, report: Report) -> Outcome:
     analysis, is_usual = state.analysis, request.key is None and not other_key
     for usual in (USUAL, replace(USUAL, topology=MESH)):
         async with (
-            analysis.fitted(request.sequence_id or "", request.key, report, usual) as own,
+            analysis.fitted(request.sequence_id, request.key, report, usual) as own,
             analysis.fitted(other_id, other_key or None, report, usual) as other,
         ):
             if is_usual and usual.closed_form:
@@ -193,21 +190,23 @@ async def distance(state: State, request: Request, report: Report) -> Outcome:
                 signatures.compare_signatures, own, other, request.query.closed
             )
             break
-    return Outcome(DistanceAnswer(**asdict(found)).model_dump_json().encode())
+    return as_json(DistanceAnswer(**asdict(found)))
+
+
+def classification_answer(state: State, kept: models.KeptClassification) -> ClassificationAnswer:
+    """Write a stored classification out."""
+    file = kept.path.relative_to(state.store.root).as_posix()
+    return ClassificationAnswer.of(kept.result, kept.version, file)
 
 
 @operation(query=ClassificationRequest)
 async def classification(state: State, request: Request, report: Report) -> Outcome:
     """Ask a model for the class of a stored sequence's motion, and store the answer."""
-    query, sequence_id = request.query, request.sequence_id or ""
-    model = await asyncio.to_thread(state.models.choose, request.reference)
-    kept, is_new = await state.models.classification(sequence_id, model, query.coverage, report)
-    answer = ClassificationAnswer.of(
-        kept.result, kept.version, kept.path.relative_to(state.store.root).as_posix()
-    )
+    query, sequence_id = request.query, request.sequence_id
+    model = await asyncio.to_thread(models.choose, state, request.reference)
+    kept, is_new = await models.classification(state, sequence_id, model, query.coverage, report)
     here = f"/v1/signatures/{sequence_id}/classifications"
-    status = 201 if is_new else 200
-    return Outcome(answer.model_dump_json().encode(), JSON, status, {"Location": here}, here)
+    return made(classification_answer(state, kept), here, is_new)
 
 
 @operation(NPZ, HDF5, CSV, query=MANY_SIGNATURES)
@@ -230,19 +229,6 @@ async def signatures_query(state: State, request: Request, report: Report) -> Ou
         else:
             task = signatures.pack_hdf5 if request.media_type == HDF5 else signatures.pack_npz
             await analysis.work(task, paths, records, output)
-    name = f"signatures.{ {HDF5: 'h5', NPZ: 'npz', CSV: 'csv'}[request.media_type] }"
-    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    suffix = {HDF5: "h5", NPZ: "npz", CSV: "csv"}[request.media_type]
+    headers = attachment(f"signatures.{suffix}")
     return Outcome(output, request.media_type, headers=headers)
-
-
-@operation(JSON, CSV, query=FeatureOptions)
-async def features(state: State, request: Request, report: Report) -> Outcome:
-    """Write the features of many sequences as a table."""
-    path, n_left_out = await FeatureTables(state.analysis, state.spool).make(
-        request.cases,
-        request.query.options(),
-        request.media_type,
-        report,
-        leaves_out=request.query.on_error == "leave out",
-    )
-    return Outcome(path, request.media_type, headers={"Cases-Left-Out": str(n_left_out)})

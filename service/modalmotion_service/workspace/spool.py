@@ -16,7 +16,7 @@ from typing import Final, Self
 
 from modalmotion.errors import StoreError
 from modalmotion.mesh import NO_FACTS, Facts
-from modalmotion.store.disk import cannot_write, make_folder, remove_durably, sync_folder
+from modalmotion.store.disk import cannot_write, make_folder, remove_durably, sync_paths
 from modalmotion_service.work.upload import Part
 
 # Some commits of SQLite, with their logs: what every answer takes, for the audit log.
@@ -175,7 +175,7 @@ class SpoolFile:
         try:
             with self.path.open("rb+") as file:
                 os.fsync(file.fileno())
-            sync_folder(self.path.parent)
+            sync_paths([self.path.parent])
         except OSError as error:
             raise cannot_write(self.path, error) from error
 

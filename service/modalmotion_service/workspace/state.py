@@ -6,15 +6,12 @@ from dataclasses import dataclass
 
 from modalmotion.store import ResultStore
 from modalmotion_service.settings import Settings
+from modalmotion_service.work.engine import Engine
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.job_runner import JobRunner
 from modalmotion_service.workspace.jobs import IdempotencyKeys, Jobs
-from modalmotion_service.workspace.models import Models
-from modalmotion_service.workspace.norms import Norms
 from modalmotion_service.workspace.operation import Performance
 from modalmotion_service.workspace.spool import Spool
-from modalmotion_service.workspace.tracks import Images, Tracks
-from modalmotion_service.workspace.training import Trainer
 
 
 @dataclass(frozen=True)
@@ -23,31 +20,26 @@ class State:
 
     Parameters
     ----------
+    owner : str
     settings : Settings
     store : ResultStore
     spool : Spool
     analysis : Analysis
-    models : Models
-    images : Images
-    tracks : Tracks
-    norms : Norms
+    training_engine : Engine
+        Where models are trained, apart from the short work of other requests.
     jobs : Jobs
     runner : JobRunner
-    trainer : Trainer
     performance : Performance
     idempotency : IdempotencyKeys
     """
 
+    owner: str
     settings: Settings
     store: ResultStore
     spool: Spool
     analysis: Analysis
-    models: Models
-    images: Images
-    tracks: Tracks
-    norms: Norms
+    training_engine: Engine
     jobs: Jobs
     runner: JobRunner
-    trainer: Trainer
     performance: Performance
     idempotency: IdempotencyKeys

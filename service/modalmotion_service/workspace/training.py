@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import copy
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.classification import TrainingOptions
-from modalmotion.classification.cases import UNUSABLE, LeftOut, case_name
+from modalmotion.classification.cases import UNUSABLE, LeftOut, case_name, named
 from modalmotion.classification.options import FEWER_MODES, OnError
 from modalmotion.errors import (
     LimitError,
@@ -31,13 +30,14 @@ from modalmotion.store.disk import cannot_write
 from modalmotion.store.folder import require_name
 from modalmotion_service.errors import CostError
 from modalmotion_service.schemas.queries import LabelledSequence
-from modalmotion_service.work.engine import Engine, Terms, work_of
+from modalmotion_service.work.engine import Terms, work_of
 from modalmotion_service.work.task_progress import followed
-from modalmotion_service.work.tasks import training as training_task
-from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.work.tasks.training import train_model
 from modalmotion_service.workspace.job_runner import Report
+from modalmotion_service.workspace.operation import Case
 from modalmotion_service.workspace.owner_work import in_one_basis
-from modalmotion_service.workspace.spool import Spool, SpoolFile, remove_with_beside
+from modalmotion_service.workspace.spool import SpoolFile, remove_with_beside
+from modalmotion_service.workspace.state import State
 
 # Of each class: one to learn from and one to test on.
 LEAST_PER_CLASS: Final = 2
@@ -46,35 +46,13 @@ LEAST_PER_CLASS: Final = 2
 _NAMED: Final = 20
 
 
-@dataclass(frozen=True)
-class Case:
-    """One sequence of a training.
-
-    Parameters
-    ----------
-    id : str
-    label : str
-        Empty where there is none.
-    subject : str or None
-    covariates : mapping of str to (float or str)
-    """
-
-    id: str
-    label: str
-    subject: str | None
-    covariates: Mapping[str, float | str] = field(default_factory=dict)
-
-
 def look_up(store: ResultStore, sequences: Sequence[LabelledSequence], most: int) -> list[Case]:
     """Find what is known of each sequence, and check that a model can be trained on them.
 
     Raises
     ------
-    LimitError, NotFoundError
-        As `find_cases` says.
-    ParameterError
-        As it says, too; or if some have no label, or there are too few of a class, or of
-        classes; it names them.
+    LimitError, NotFoundError, ParameterError
+        As of `labelled_cases`; or if there are too few of a class, or of classes; it names them.
     """
     cases = labelled_cases(store, sequences, most, "training_sequences")
     _require_classes(cases)
@@ -82,22 +60,20 @@ def look_up(store: ResultStore, sequences: Sequence[LabelledSequence], most: int
 
 
 def labelled_cases(
-    store: ResultStore, sequences: Sequence[LabelledSequence], most: int, limit: str
+    store: ResultStore, sequences: Sequence[LabelledSequence], most: int, limit: str = "query_ids"
 ) -> list[Case]:
     """Find what is known of each sequence as `find_cases` does, and check that all have a label.
 
     Raises
     ------
-    LimitError, NotFoundError
-        As `find_cases` says.
-    ParameterError
-        As it says, too; or if some have no label; it names them.
+    LimitError, NotFoundError, ParameterError
+        As of `find_cases`; or if some have no label; it names them.
     """
     cases = find_cases(store, sequences, most, limit)
     unlabelled = [case.id for case in cases if not case.label]
     if unlabelled:
         raise ParameterError(
-            f"{_count(unlabelled, 'sequence')} without a label: {_short(unlabelled)}.",
+            f"{_count(unlabelled)} without a label: {_short(unlabelled)}.",
             remedy='State it here, as {"id": ..., "label": ...}, or with PATCH /v1/sequences/{id}.',
             details=_ids(unlabelled),
         )
@@ -105,7 +81,7 @@ def labelled_cases(
 
 
 def find_cases(
-    store: ResultStore, sequences: Sequence[LabelledSequence], most: int, limit: str
+    store: ResultStore, sequences: Sequence[LabelledSequence], most: int, limit: str = "query_ids"
 ) -> list[Case]:
     """Find what is known of each sequence; the label is empty if there is none.
 
@@ -137,7 +113,7 @@ def find_cases(
     repeated = [name for name, n in Counter(case.id for case in sequences).items() if n > 1]
     if repeated:
         raise ParameterError(
-            f"{_count(repeated, 'sequence')} named more than once: {_short(repeated)}.",
+            f"{_count(repeated)} named more than once: {_short(repeated)}.",
             remedy="Name each sequence once: repeated, it would be on both sides of a split.",
             details=_ids(repeated),
         )
@@ -153,7 +129,7 @@ def find_cases(
         require_name("subject", subject)
     if unknown:
         raise NotFoundError(
-            f"{_count(unknown, 'sequence')} not kept here: {_short(unknown)}.",
+            f"{_count(unknown)} not kept here: {_short(unknown)}.",
             remedy="Send them first, or leave them out.",
             details=_ids(unknown),
         )
@@ -173,7 +149,7 @@ def _require_classes(cases: list[Case]) -> None:
     if few:
         ids = [case.id for case in cases if case.label in few]
         raise ParameterError(
-            f"Of {_listed(few)} there {'is' if len(ids) == 1 else 'are'} fewer than "
+            f"Of {_short([*map(repr, few)])} there {'is' if len(ids) == 1 else 'are'} fewer than "
             f"{LEAST_PER_CLASS} sequences: {_short(ids)}.",
             remedy=f"Name {LEAST_PER_CLASS} or more of each class, ten or more for class sets "
             "that rule anything out; or leave the class out.",
@@ -201,210 +177,164 @@ def read_cases(file: Path) -> list[Case]:
     return [Case(**value) for value in json.loads(file.read_text())]
 
 
-def _count(ids: list[str], noun: str) -> str:
-    return f"1 {noun} is" if len(ids) == 1 else f"{len(ids)} {noun}s are"
+def _count(ids: list[str]) -> str:
+    return "1 sequence is" if len(ids) == 1 else f"{len(ids)} sequences are"
 
 
-def _short(ids: list[str]) -> str:
-    more = f" and {len(ids) - 3} more" if len(ids) > 3 else ""
-    return ", ".join(name[:12] for name in ids[:3]) + more
+def _short(words: list[str]) -> str:
+    more = f" and {len(words) - 3} more" if len(words) > 3 else ""
+    return ", ".join(word[:12] for word in words[:3]) + more
 
 
 def _ids(ids: list[str]) -> dict[str, object]:
     return {"sequence_ids": ids[:_NAMED], "n_sequences": len(ids)}
 
 
-def _listed(labels: list[str]) -> str:
-    more = f" and {len(labels) - 3} more" if len(labels) > 3 else ""
-    return ", ".join(repr(label) for label in labels[:3]) + more
-
-
 # Share of a training's progress that fitting the signatures is counted as.
 _FITTING: Final = 0.5
 
 
-class Trainer:
-    """Trains models on stored sequences.
+async def train(
+    state: State,
+    training: str,
+    name: str,
+    options: TrainingOptions,
+    cases: list[Case],
+    report: Report,
+) -> ModelRecord:
+    """Train a model and keep it as the next version of its name.
 
     Parameters
     ----------
-    owner : str
-    store : ResultStore
-    analysis : Analysis
-        Makes the signatures that are trained on.
-    engine : Engine
-        Where training happens, apart from the short work of other requests.
-    spool : Spool
-    scheduler : str, optional
-        Whose workers take their part in it.
-    n_threads : int
-        Of a training, where there is none.
+    state : State
+    training : str
+        Name of this training: begun again after a crash, it makes one version.
+    name : str
+    options : TrainingOptions
+    cases : list of Case
+    report : Report
+
+    Raises
+    ------
+    ModalMotionError
+        If a sequence was deleted or cannot be fitted, or no model can be trained on them.
     """
+    known = await asyncio.to_thread(state.store.model_of_training, training)
+    if known is not None:
+        return known
+    parameters = options.signature_parameters
+    plan, image, other, progress = (state.spool.new_path() for _ in range(4))
+    leaves_out = options.on_error == OnError.LEAVE_OUT
+    weighs_kinds = options.kind is None and await asyncio.to_thread(_may_slide, state, cases)
 
-    def __init__(
-        self,
-        owner: str,
-        store: ResultStore,
-        analysis: Analysis,
-        engine: Engine,
-        spool: Spool,
-        scheduler: str | None,
-        n_threads: int,
-    ) -> None:
-        self._owner = owner
-        self._store = store
-        self._analysis = analysis
-        self._engine = engine
-        self._spool = spool
-        self._scheduler = scheduler
-        self._n_threads = n_threads
-
-    async def train(
-        self,
-        training: str,
-        name: str,
-        options: TrainingOptions,
-        cases: list[Case],
-        report: Report,
-    ) -> ModelRecord:
-        """Train a model and keep it as the next version of its name.
-
-        Parameters
-        ----------
-        training : str
-            Name of this training: begun again after a crash, it makes one version.
-        name : str
-        options : TrainingOptions
-        cases : list of Case
-        report : Report
-
-        Raises
-        ------
-        ModalMotionError
-            If a sequence was deleted or cannot be fitted, or no model can be trained on them.
-        """
-        known = await asyncio.to_thread(self._store.model_of_training, training)
-        if known is not None:
-            return known
-        parameters = options.signature_parameters
-        plan, image, other, progress = (self._spool.new_path() for _ in range(4))
-        springs = replace(parameters, topology=MESH)
-        leaves_out = options.on_error == OnError.LEAVE_OUT
-        weighs_kinds = options.kind is None and await asyncio.to_thread(self._may_slide, cases)
-        try:
-
-            async def train_with(asked: SignatureParameters, image: Path) -> None:
-                paths = await self._fit(cases, asked, report, leaves_out=leaves_out)
-                offsets: list[Path | LeftOut] | None = None
-                if weighs_kinds:
-                    # Curves and volumes have none.
-                    with contextlib.suppress(ModalMotionError):
-                        other = replace(asked, kind=SignatureKind.OFFSET)
-                        offsets = await self._fit(cases, other, report, leaves_out=leaves_out)
-                await asyncio.to_thread(_write_plan, plan, cases, paths, offsets)
-                with work_of(str(self._store.root)):
-                    future = self._engine.run(
-                        Terms(self._owner),
-                        training_task.train_model,
-                        plan,
-                        name,
-                        options.as_json(),
-                        training,
-                        image,
-                        progress,
-                        self._scheduler,
-                        self._n_threads,
-                    )
-                work = asyncio.wrap_future(future)
-
-                def report_training(share: float, text: str) -> None:
-                    report(_FITTING + (1 - _FITTING) * share, text)
-
-                try:
-                    await followed(work, progress, report_training)
-                except ModalMotionError as error:
-                    raise self._about(error, error.details.get("sequence_id")) from error
-
-            async def train_with_most(asked: SignatureParameters) -> SignatureParameters:
-                # As many modes as every recording can tell apart.
-                for modes in FEWER_MODES if options.modes is None else ():
-                    try:
-                        await train_with(asked, image)
-                    except ModeCountError:
-                        asked = replace(asked, modes=modes)
-                    else:
-                        return asked
-                await train_with(asked, image)
-                return asked
-
-            made = await in_one_basis(train_with_most, parameters)
-            if (
-                leaves_out
-                and options.topology is None
-                and made.closed_form == parameters.closed_form
-            ):
-                n_kept = await asyncio.to_thread(_n_cases, image)
-                if n_kept < len(cases):
-                    # Spring modes are taken where they leave fewer out.
-                    with contextlib.suppress(ParameterError):
-                        await train_with(springs, other)
-                        if await asyncio.to_thread(_n_cases, other) > n_kept:
-                            image, other = other, image
-            return await asyncio.to_thread(self._store.put_model_image, image)
-        finally:
-            for path in (plan, image, other, progress):
-                remove_with_beside(path)
-
-    def _may_slide(self, cases: list[Case]) -> bool:
-        """Whether some recordings do not state that their points follow the tissue."""
-        records = (self._store.sequence_record(case.id) for case in cases)
-        return any(str(record.facts.tracking) != SignatureKind.MATERIAL for record in records)
-
-    async def _fit(
-        self,
-        cases: list[Case],
-        parameters: SignatureParameters,
-        report: Report,
-        *,
-        leaves_out: bool,
-    ) -> list[Path | LeftOut]:
-        """Signatures of all cases: stored ones, and the rest made by workers."""
-
-        async def fitted(case: Case) -> Path | LeftOut:
-            try:
-                return await self._analysis.signature(case.id, parameters)
-            except ModalMotionError as error:
-                about = self._about(error, case.id)
-                if leaves_out and isinstance(about, (*UNUSABLE, CostError)):
-                    return LeftOut.of(about, case_name(case.id))
-                raise about from error
-
-        def tell(done: int, total: int) -> None:
-            report(_FITTING * done / total, f"signature {done} of {total}")
-
-        return await self._analysis.each(cases, fitted, tell)
-
-    def _about(self, error: ModalMotionError, sequence_id: object) -> ModalMotionError:
-        """Say which sequence an error is about, where it is about one."""
-        if not isinstance(sequence_id, str):
-            return error
-        details: dict[str, object] = {"sequence_id": sequence_id}
-        # A result may be missing for other reasons than that its sequence was deleted.
-        if isinstance(error, StoreError) and not self._store.has_sequence(sequence_id):
-            return NotFoundError(
-                f"Sequence {sequence_id[:12]} was deleted while a model was trained on it.",
-                remedy="Start the training again without it.",
-                details=details,
+    async def train_with(asked: SignatureParameters, image: Path) -> None:
+        paths = await _fit(state, cases, asked, report, leaves_out=leaves_out)
+        offsets: list[Path | LeftOut] | None = None
+        if weighs_kinds:
+            # Curves and volumes have none.
+            with contextlib.suppress(ModalMotionError):
+                other = replace(asked, kind=SignatureKind.OFFSET)
+                offsets = await _fit(state, cases, other, report, leaves_out=leaves_out)
+        await asyncio.to_thread(_write_plan, plan, cases, paths, offsets)
+        with work_of(str(state.store.root)):
+            future = state.training_engine.run(
+                Terms(state.owner),
+                train_model,
+                plan,
+                name,
+                options.as_json(),
+                training,
+                image,
+                progress,
+                state.settings.scheduler,
+                state.settings.workers,
             )
-        named = copy.copy(error)
-        named.message = f"{case_name(sequence_id)}: {error.message}"
-        named.remedy = f"{error.remedy} Or train without this sequence.".strip()
-        named.details = {**error.details, **details}
-        return named
+
+        def report_training(share: float, text: str) -> None:
+            report(_FITTING + (1 - _FITTING) * share, text)
+
+        try:
+            await followed(asyncio.wrap_future(future), progress, report_training)
+        except ModalMotionError as error:
+            raise _about(state, error, error.details.get("sequence_id")) from error
+
+    async def train_with_most(asked: SignatureParameters) -> SignatureParameters:
+        # As many modes as every recording can tell apart.
+        for modes in FEWER_MODES if options.modes is None else ():
+            try:
+                await train_with(asked, image)
+            except ModeCountError:
+                asked = replace(asked, modes=modes)
+            else:
+                return asked
+        await train_with(asked, image)
+        return asked
+
+    try:
+        made = await in_one_basis(train_with_most, parameters)
+        is_own = options.topology is None and made.closed_form == parameters.closed_form
+        if leaves_out and is_own and (n_kept := await _n_cases(image)) < len(cases):
+            # Spring modes are taken where they leave fewer out.
+            with contextlib.suppress(ParameterError):
+                await train_with(replace(parameters, topology=MESH), other)
+                if await _n_cases(other) > n_kept:
+                    image, other = other, image
+        return await asyncio.to_thread(state.store.put_model_image, image)
+    finally:
+        for path in (plan, image, other, progress):
+            remove_with_beside(path)
 
 
-def _n_cases(image: Path) -> int:
-    return sum(model_from_hdf5(image).card.n_cases.values())
+def _may_slide(state: State, cases: list[Case]) -> bool:
+    """Whether some recordings do not state that their points follow the tissue."""
+    records = (state.store.sequence_record(case.id) for case in cases)
+    return any(str(record.facts.tracking) != SignatureKind.MATERIAL for record in records)
+
+
+async def _fit(
+    state: State,
+    cases: list[Case],
+    parameters: SignatureParameters,
+    report: Report,
+    *,
+    leaves_out: bool,
+) -> list[Path | LeftOut]:
+    """Signatures of all cases: stored ones, and the rest made by workers."""
+
+    async def fitted(case: Case) -> Path | LeftOut:
+        try:
+            return await state.analysis.signature(case.id, parameters)
+        except ModalMotionError as error:
+            about = _about(state, error, case.id)
+            if leaves_out and isinstance(about, (*UNUSABLE, CostError)):
+                return LeftOut.of(about, case_name(case.id))
+            raise about from error
+
+    def tell(done: int, total: int) -> None:
+        report(_FITTING * done / total, f"signature {done} of {total}")
+
+    return await state.analysis.each(cases, fitted, tell)
+
+
+def _about(state: State, error: ModalMotionError, sequence_id: object) -> ModalMotionError:
+    """Say which sequence an error is about, where it is about one."""
+    if not isinstance(sequence_id, str):
+        return error
+    # A result may be missing for other reasons than that its sequence was deleted.
+    if isinstance(error, StoreError) and not state.store.has_sequence(sequence_id):
+        return NotFoundError(
+            f"Sequence {sequence_id[:12]} was deleted while a model was trained on it.",
+            remedy="Start the training again without it.",
+            details={"sequence_id": sequence_id},
+        )
+    about = named(error, case_name(sequence_id), sequence_id=sequence_id)
+    about.remedy = f"{error.remedy} Or train without this sequence.".strip()
+    return about
+
+
+async def _n_cases(image: Path) -> int:
+    model = await asyncio.to_thread(model_from_hdf5, image)
+    return sum(model.card.n_cases.values())
 
 
 def _write_plan(

@@ -128,6 +128,22 @@ def test_what_is_clear_is_taken_as_it_is_meant(tmp_path: Path) -> None:
     assert mm.decode(beat().encode(max_error=0.1)).n_frames == 4  # type: ignore[arg-type]
 
 
+def test_first_guesses_of_names_are_right(tmp_path: Path) -> None:
+    motion = mm.simulate_ventricle()
+    readouts, strain = motion.readouts(), motion.strain()
+    volumes = motion.volumes
+    assert volumes.max() == readouts.mesh_curve.end_diastolic_volume
+    share = 100 * (1 - volumes.min() / volumes.max())
+    assert readouts.ejection_fraction == pytest.approx(share, abs=0.5)
+    figures = (strain.gls, strain.gcs, strain.gas)
+    assert figures == tuple(strain.end_systolic[name] for name in ("GLS", "GCS", "GAS"))
+    signature = motion.signature(modes=4)
+    files = motion.save(tmp_path / "beat.npz"), signature.save(tmp_path / "beat.h5")
+    for path, value in zip(files, (motion, signature), strict=True):
+        names = [one.get_title() for one in mm.plot(str(path)).axes]
+        assert names == [one.get_title() for one in mm.plot(value).axes]
+
+
 def test_a_path_is_classified_as_the_sequence_in_it_is(tmp_path: Path) -> None:
     # No tracking is stated, so a model of normal displacements reads it: a signature with the usual
     # parameters would be one of another kind.

@@ -125,4 +125,3 @@ def test_the_command_gives_it_in_three_forms(tmp_path: Path) -> None:
     place = tmp_path / "README.md"
     assert "README.md" in run("--markdown", "-o", str(place))
     assert place.read_text() == card_markdown(model.name, model.id, model.card)
-    assert CliRunner().invoke(main, ["card", DEFAULT_MODEL, "--markdown", "--json"]).exit_code == 2

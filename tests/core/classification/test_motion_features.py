@@ -136,8 +136,6 @@ def test_each_value_has_a_column(is_cycle: bool, walls: bool) -> None:
     assert len(wave_features(terms, waves)) == len(wave_columns(waves, 4, 3))
     few = summary_columns(waves, 4, 3, is_cycle=is_cycle)
     assert len(summary(terms, waves)) == len(few)
-    still = wave_columns(waves, 1, 3, ahead=False)
-    assert len(wave_features(terms[:1].real, waves, ahead=False)) == len(still)
     names = [column.name for column in wave_columns(waves, 4, 3)]
     assert len(set(names)) == len(names)
 

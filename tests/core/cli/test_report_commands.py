@@ -75,6 +75,9 @@ def test_a_label_map_needs_no_option(tmp_path: Path) -> None:
     low, high = line.groups()
     assert float(low) < 100 * (1 - enclosed(18.0) / enclosed()) < float(high)
     assert (tmp_path / "out" / "report.pdf").exists()
+    # The read-outs track it in the same way, and report the same numbers.
+    read = CliRunner().invoke(main, ["readouts", str(source)])
+    assert line[0] in read.output, read.output
     refused = run(source, "--label", 7, "-o", tmp_path / "none")
     assert refused.exit_code == 1
     assert re.search(r"--label: 2: [\d.]+ ml, 3: [\d.]+ ml", refused.output)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 import stat
 from pathlib import Path
@@ -33,20 +34,20 @@ def folder(tmp_path: Path) -> Path:
 def test_all_owners_stores_are_verified_and_one_that_is_damaged_is_told(folder: Path) -> None:
     done = run("verify", folder)
     assert done.exit_code == 0
-    starts = [line.partition(",")[0] for line in done.stdout.splitlines()]
-    assert starts == ["local: 1 sequences", "lab: 2 sequences", "ward: 3 sequences"]
+    assert re.findall(r"(\w+):\n.*yes\n *sequences *(\d)", done.stdout) == [
+        *(("local", "1"), ("lab", "2"), ("ward", "3"))
+    ]
     (damaged, *_) = (folder / "owners" / "lab").rglob("sequences/*/*.h5")
     damaged.write_bytes(damaged.read_bytes()[:-1])
     done = run("verify", folder)
     assert done.exit_code == 1
-    assert [line.endswith("sound") for line in done.stdout.splitlines()] == [
-        *(True, False, False, True)
-    ]
+    assert re.findall(r"is sound *(yes|no)", done.stdout) == ["yes", "no", "yes"]
     # What is wrong is told with whose it is.
-    assert done.stdout.splitlines()[1].startswith(f"lab: sequences/{damaged.parent.name}/")
+    told = done.stdout.partition("lab:")[2].partition("ward:")[0]
+    assert f"sequences/{damaged.parent.name}/" in told
     assert run("verify", folder, "--owner", "ward").exit_code == 0
     assert run("verify", folder, "--owner", "lab").exit_code == 1
-    assert run("verify", folder, "--owner", "local").stdout.startswith("1 sequences")
+    assert "lab" not in run("verify", folder, "--owner", "local").stdout
 
 
 def test_all_owners_indexes_are_built_anew(folder: Path) -> None:
@@ -54,7 +55,7 @@ def test_all_owners_indexes_are_built_anew(folder: Path) -> None:
         index.unlink()
     done = run("rebuild", folder)
     assert done.exit_code == 0
-    assert "ward: 3 sequences" in done.stdout
+    assert re.search(r"ward:\n *sequences *3", done.stdout)
     for name, number in (("lab", 2), ("ward", 3)):
         with ResultStore(folder / "owners" / name) as store:
             assert len(store.list_sequences().records) == number
@@ -143,8 +144,8 @@ def test_an_export_names_the_owners_and_leaves_nothing_that_stands_in_the_way(
         done = run("export", folder, out, *empty)
         assert (done.exit_code, "--owner lab" in done.output) == (1, True)
         assert not out.exists()
-    assert "1 signature" in run("export", folder, out, "--owner", "lab").output
+    assert re.search(r"signatures *1\n", run("export", folder, out, "--owner", "lab").output)
     with ResultStore(folder) as store:
         store.put_signature(sample_signature(sample_sequence(0)))
     done = run("export", folder, tmp_path / "local.h5")
-    assert (done.exit_code, "not in it: --owner lab or ward" in done.stderr) == (0, True)
+    assert (done.exit_code, "not in it: --owner lab or ward" in done.output) == (0, True)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from modalmotion.client.bodies import query_of
-from modalmotion.client.client import track_call
+from modalmotion.client.recordings import track_call
 from modalmotion.client.values import Info
 from modalmotion.errors import ShapeError
 from modalmotion.tracking.landmarks import landmarks_from_json

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from norm_controls import drawn, norm_of
 
-from modalmotion.errors import ParameterError
 from modalmotion.norm import cohort_deviation
 
 
@@ -24,6 +23,7 @@ def warned(shift: float, n_cohorts: int, seed: int) -> float:
         new = [drawn(rng, 100 + k) for k in range(10)]
         moved = [replace(one, values=one.values + shift * spread) for one in new]
         found = cohort_deviation(norm, moved)
+        assert found.p is not None
         assert (found.warning is not None) == found.is_another == (found.p <= 0.05)
         count += found.is_another
     return count / n_cohorts
@@ -41,10 +41,11 @@ def test_shifted_cohorts_are_warned_of_and_others_as_often_as_stated() -> None:
     assert 0.015 <= warned(0.0, n, seed=4) <= 0.10
 
 
-def test_a_few_recordings_are_no_cohort(rng: np.random.Generator) -> None:
+def test_a_few_recordings_are_no_cohort_and_are_answered_each(rng: np.random.Generator) -> None:
     norm = norm_of([drawn(rng, k) for k in range(20)])
-    with pytest.raises(ParameterError, match="Without the controls 4 recordings came"):
-        cohort_deviation(norm, [drawn(rng, 50 + k) for k in range(4)])
+    found = cohort_deviation(norm, [*norm.controls[:3], *(drawn(rng, 50 + k) for k in range(4))])
+    assert (found.p, found.is_another, found.warning) == (None, None, None)
+    assert len(found.deviations) == 7
 
 
 def test_each_of_a_cohort_is_answered_too(rng: np.random.Generator) -> None:

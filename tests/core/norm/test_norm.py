@@ -136,7 +136,7 @@ def test_covariates_are_accounted_for_where_controls_are_enough() -> None:
     silent = norm_of(controls).deviation(replace(own, covariates={"age": 50.0}))
     assert silent.covariates == ("age",)
     other = norm_of(controls).deviation(replace(own, covariates={"age": 95.0, "sex": "x"}))
-    assert any("No control has sex = x" in note for note in other.notes)
+    assert any("no control has sex = x" in note for note in other.notes)
     assert any("age: 95" in words for words in other.warnings)
 
 

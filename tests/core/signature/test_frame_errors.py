@@ -97,10 +97,7 @@ def test_spring_modes_and_kept_rotations_too(beat: MeshSequence) -> None:
         SignatureParameters(remove_rotation=False),
     ):
         signature = modal_signature(beat, asked)
-        assert_true(signature, beat) if asked.closed_form else None
-        d = np.linalg.norm(reconstruct(signature, beat) - beat.vertices, axis=2)
-        assert signature.rms_error == pytest.approx(np.sqrt((d**2).mean()), rel=1e-9)
-        assert signature.max_error == pytest.approx(d.max(), rel=1e-9)
+        assert_true(signature, beat)
 
 
 def test_on_a_real_ventricle_with_loose_vertices(
@@ -110,7 +107,6 @@ def test_on_a_real_ventricle_with_loose_vertices(
     for modes in (1, 7, 18, 54):
         signature = modal_signature(sequence, SignatureParameters(modes=modes))
         assert_true(signature, sequence)
-        assert signature.rms_error != pytest.approx(signature.weighted_rms_error, rel=1e-3)
 
 
 @pytest.mark.soak
@@ -151,7 +147,7 @@ def test_a_tolerance_holds_for_what_was_sent(beat: MeshSequence, kind: ErrorKind
     assert n_held > 0 or kind == ErrorKind.MAX
 
 
-def test_a_loose_vertex_counts_and_moves_as_its_nearest(beat: MeshSequence) -> None:
+def test_a_loose_vertex_counts_in_no_error_and_moves_as_its_nearest(beat: MeshSequence) -> None:
     x: Floats = np.asarray(beat.vertices, dtype=np.float64)
     near = int(beat.faces[7, 0])
     follower = x[:, [near]] + 0.1
@@ -167,5 +163,5 @@ def test_a_loose_vertex_counts_and_moves_as_its_nearest(beat: MeshSequence) -> N
     stray[4] += 50.0
     sent = mesh_sequence(np.concatenate([x, stray], axis=1), beat.faces, unit="mm")
     signature = modal_signature(sent)
-    assert signature.max_error > 50.0
-    assert any("is of a vertex in no triangle" in note for note in signature.notes)
+    assert signature.max_error == pytest.approx(modal_signature(both).max_error, rel=1e-9)
+    assert any("belong to no triangle" in note for note in signature.notes)

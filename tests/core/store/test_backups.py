@@ -176,7 +176,9 @@ def test_a_backup_keeps_what_its_source_has_lost(root: Path, tmp_path: Path, los
         done = command("backup", root, copy)
         assert done.exit_code == 1
         (n_lost,) = re.findall(r"has lost (\d+) files", done.output)
-        assert int(n_lost) == len(re.findall("nobody deleted it", done.output))
+        assert int(n_lost) == len(
+            re.findall(r"^missing +(.*)$", done.output, re.MULTILINE)[0].split(", ")
+        )
         assert files(copy) >= before
     if lost in ("index.sqlite", "all"):
         # An index that has forgotten what was lost does not take the place of one that knows it.
@@ -276,21 +278,20 @@ def test_a_restored_copy_brings_nothing_back_without_a_word(root: Path, tmp_path
     backup(root, copy)
     with ResultStore(root) as store:
         store.delete_sequence(name)
-    assert "what was deleted since is still in it" in command("verify", copy).output
+    assert "what was deleted since is in it" in command("verify", copy).output
     # Into a new folder: it says what it cannot know, unless the remains are there to tell.
     done = command("restore", copy, tmp_path / "new")
     assert done.exit_code == 0
-    assert "is in" in done.output
     assert "again: nothing here tells" in done.output
     assert name in ids(tmp_path / "new")
     done = command("restore", copy, tmp_path / "told", "--deletions", root)
-    assert "3 files stay away: they were deleted since" in done.output
+    assert re.search(r"deleted +3\n", done.output)
     assert "again" not in done.output
     assert ids(tmp_path / "told") == {a_sequence(2).id}
     # Laid over the folder by hand, it is deleted once more.
     for path in copy.rglob(f"{name}*"):
         shutil.copy2(path, root / path.relative_to(copy))
-    assert "1 deletions finished" in command("rebuild", root).output
+    assert re.search(r"deletions +1\n", command("rebuild", root).output)
     assert ids(root) == {a_sequence(2).id}
 
 

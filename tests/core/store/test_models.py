@@ -259,7 +259,7 @@ def test_a_full_disk_leaves_no_half_version(
 
 
 def test_a_failing_index_takes_the_file_back(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from modalmotion.store.index import ModelIndex
+    from modalmotion.store.index import Index
 
     def fail(*_: object) -> None:
         raise StoreError("The index could not be written.")
@@ -267,7 +267,7 @@ def test_a_failing_index_takes_the_file_back(root: Path, monkeypatch: pytest.Mon
     with ResultStore(root) as store:
         before = tree(root)
         with monkeypatch.context() as patched:
-            patched.setattr(ModelIndex, "put", fail)
+            patched.setattr(Index, "put_model", fail)
             with pytest.raises(StoreError):
                 store.put_model(sample_model(9))
         assert tree(root) == before

@@ -118,8 +118,9 @@ def test_numbers_and_tracks_follow_the_rows(root: Path) -> None:
         # What is there already is counted once, and keeps its track.
         store.put_sequence(sample_sequence(4))
         store.update_sequence(sample_sequence(4).id, label="stress")
-        index.put_result(ResultName("signature", sample_sequence(4).id, "", "a" * 16), "1" * 64)
-        index.put_result(ResultName("signature", sample_sequence(4).id, "", "a" * 16), "2" * 64)
+        name = ResultName("signature", sample_sequence(4).id, "", "a" * 16)
+        index.change((), {name: "1" * 64})
+        index.change((), {name: "2" * 64})
         check(N, N + 1, [4, 1])
         assert [r.label for r in store.list_tracks(label="stress").records] == ["stress"]
 

@@ -33,6 +33,7 @@ from modalmotion.viewer.page import View, script, style, view_page
 
 AXE = ROOT / "viewer" / "node_modules" / "axe-core" / "axe.min.js"
 FRAMES = (0, 2, 4)
+ROWS = "h1, .readouts h2, .readouts .big, .readouts .figures tr"
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +59,23 @@ def page_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., str]:
 def beat_page(page_of: Callable[..., str]) -> str:
     beat = simulate_ventricle(grid=(12, 24), acquisition=Acquisition(n_frames=12))
     return page_of(View(modal_signature(beat), beat, "a beat", classification=classify(beat)))
+
+
+def test_read_outs_are_there_before_the_script_and_the_same(
+    chromium: Browser, beat_page: str
+) -> None:
+    with chromium.open(beat_page, java_script_enabled=False) as still:
+        first = [one.inner_text() for one in still.page.query_selector_all(ROWS)]
+        assert still.page.query_selector(".still img").bounding_box()["height"] > 100
+    with chromium.open(beat_page) as opened:
+        opened.shown()
+        later = [one.inner_text() for one in opened.page.query_selector_all(ROWS)]
+        assert opened.page.query_selector(".still") is None
+    assert len(first) > 6
+    assert [text.split() for text in first] == [
+        text.replace("−", "-").replace("Quantity", "").replace("Value", "").split()
+        for text in later
+    ]
 
 
 def test_a_compressed_stream_plays(chromium: Browser, page_of: Callable[..., str]) -> None:
@@ -365,8 +383,8 @@ def test_read_outs_have_intervals_definitions_and_named_moments(
 def test_a_mode_has_one_colour_and_dash_and_a_picture(chromium: Browser, beat_page: str) -> None:
     with chromium.open(beat_page) as opened:
         page = opened.shown().page
-        opened.wait("modalmotion.pictures.strips.every(Boolean)")
-        page.wait_for_timeout(100)
+        opened.wait("modalmotion.pictures.strips.length === modalmotion.pictures.canvases.length")
+        opened.wait("modalmotion.pictures.drawn !== null")
         seen = page.evaluate("""(() => {
             const style = (e) => getComputedStyle(e);
             const bars = [...document.querySelectorAll('.level')].map(e =>

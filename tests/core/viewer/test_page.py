@@ -75,7 +75,9 @@ def test_a_page_holds_all_and_may_ask_for_nothing() -> None:
     held = [body for _, attributes, body in scripts if "data-payload" in attributes]
     assert read_container(gzip.decompress(base64.b64decode(held[0])))[0]["title"] == 'a <b> & "c"'
     assert "a &lt;b&gt; &amp;" in text
-    assert not any(a.get("src") or a.get("href") for _, a, _ in elements)
+    asked = [a["src"] or "" for _, a, _ in elements if "src" in a]
+    assert [source.partition(",")[0] for source in asked] == ["data:image/png;base64"]
+    assert not any("href" in a for _, a, _ in elements)
 
 
 def test_two_views_hold_their_frames_apart(monkeypatch: pytest.MonkeyPatch) -> None:

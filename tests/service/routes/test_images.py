@@ -25,6 +25,7 @@ from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.viewer.container import read_container, slices_payload
 from modalmotion_service.http.negotiation import VIEW
 from modalmotion_service.workspace.state import State
+from modalmotion_service.workspace.track_operations import sweep_images
 
 pytest.importorskip("nibabel")
 
@@ -180,7 +181,7 @@ def test_images_that_are_kept_are_drawn_under_the_track(client: TestClient) -> N
     assert none.status_code == 404
     # Kept once, they stay, whatever the next request says.
     assert client.post(TRACKS, params={**FEW, "images": images}).status_code == 200
-    assert state_of(client).images.sweep(timedelta(0)) == ()
+    assert sweep_images(state_of(client), timedelta(0)) == ()
     assert client.delete(known.json()["links"]["sequence"]).status_code == 204
     assert client.get(f"{HERE}/{images}").json()["tracks"] == []
     assert client.delete(f"{HERE}/{images}").status_code == 204
@@ -228,8 +229,8 @@ def test_labels_are_tracked_without_a_landmark(client: TestClient) -> None:
 
 def test_images_that_nobody_tracks_are_forgotten(client: TestClient) -> None:
     images = sent(client, write_nifti(beat(16.5)))
-    assert images not in state_of(client).images.sweep(timedelta(hours=1))
-    assert images in state_of(client).images.sweep(timedelta(0))
+    assert images not in sweep_images(state_of(client), timedelta(hours=1))
+    assert images in sweep_images(state_of(client), timedelta(0))
     assert files_about(client, images) == []
 
 

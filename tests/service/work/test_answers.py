@@ -106,8 +106,7 @@ def test_plain_values_come_back(value: object) -> None:
     ("value", "expected"),
     [
         (3, str),
-        ("3", int),
-        (True, int),
+        ("three", int),
         ([1, 2], tuple[int, int, int]),
         ({"a": "b"}, dict[str, float]),
         ("blue", Colour),

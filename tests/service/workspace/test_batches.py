@@ -21,6 +21,7 @@ from modalmotion.errors import StoreError
 from modalmotion.formats import read_npz
 from modalmotion.store import signature_from_hdf5
 from modalmotion_service.errors import WorkerDiedError
+from modalmotion_service.workspace import file_operations
 
 MODES = "modes=3"
 
@@ -150,9 +151,10 @@ def test_a_manifest_says_what_each_is(shared_client: TestClient, beat: bytes) ->
 @pytest.mark.parametrize(
     ("manifest", "words"),
     [
-        ("path\na.npz\n", "'b.npz' is not in the manifest"),
+        ("path\na.npz\n", "'b.npz' is 0 times in the manifest"),
         ("path\na.npz\nb.npz\nc.npz\n", "'c.npz'"),
-        ("path\na.npz\na.npz\n", "Line 3 of 'manifest'"),
+        ("path\na.npz\na.npz\n", "'a.npz' is 2 times in the manifest"),
+        ("path,label\na.npz," + "x" * 300 + "\nb.npz,y\n", "Line 2 of 'manifest'"),
         ("name\na.npz\n", "no column 'path'"),
     ],
 )
@@ -210,16 +212,15 @@ def test_a_job_gives_the_same(
 def test_a_fault_of_a_file_is_its_own_and_one_of_the_machine_is_of_all(
     shared_client: TestClient, beat: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    analysis = shared_client.app.state.owners.local.analysis  # type: ignore[attr-defined]
-    fit = analysis.fit_upload
+    fit = file_operations._signed
     fault: Exception = WorkerDiedError("It died.", remedy="Send another.")
 
-    async def faulty(upload: Any, *rest: Any) -> Any:
+    async def faulty(state: Any, upload: Any, *rest: Any) -> Any:
         if upload.part.name == "bad":
             raise fault
-        return await fit(upload, *rest)
+        return await fit(state, upload, *rest)
 
-    monkeypatch.setattr(analysis, "fit_upload", faulty)
+    monkeypatch.setattr(file_operations, "_signed", faulty)
     files = [("a", beat), ("bad", beat), ("c", beat)]
     assert codes(sent(shared_client, files)) == [None, "worker_died", None]
     fault = RuntimeError("a bug")
@@ -231,12 +232,10 @@ def test_a_fault_of_a_file_is_its_own_and_one_of_the_machine_is_of_all(
 def test_many_files_go_in_their_order_whatever_their_sizes(
     shared_client: TestClient, shared_data_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    analysis = shared_client.app.state.owners.local.analysis  # type: ignore[attr-defined]
-
-    async def told(upload: Any, *_: Any) -> Any:
+    async def told(_state: Any, upload: Any, *_: Any) -> Any:
         return json.dumps(upload.data().hex()).encode(), {}
 
-    monkeypatch.setattr(analysis, "fit_upload", told)
+    monkeypatch.setattr(file_operations, "_signed", told)
     rng = np.random.default_rng(3)
     # Parts end within a piece of the body, and within one of those that are written.
     files = [(str(n), rng.bytes(n)) for n in (0, 1, 70_000, 3, 65_536, 2, 200_000)]

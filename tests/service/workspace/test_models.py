@@ -205,15 +205,15 @@ def test_a_training_that_is_cancelled_leaves_nothing(
 ) -> None:
     import asyncio
 
-    from modalmotion_service.workspace.training import Trainer
+    from modalmotion_service.workspace import training
 
     before = spool(trained)
 
-    async def endless(self: Trainer, *_: Any, **_more: Any) -> list[Path]:
+    async def endless(*_: Any, **_more: Any) -> list[Path]:
         await asyncio.sleep(3600)
         return []
 
-    monkeypatch.setattr(Trainer, "_fit", endless)
+    monkeypatch.setattr(training, "_fit", endless)
     body = {"name": "cancelled", "sequences": trained.ids}
     job = trained.client.post("/v1/models", json=body).json()
     for _ in range(200):

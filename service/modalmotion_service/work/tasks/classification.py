@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from modalmotion.classification import (
     CaseFile,
@@ -21,7 +21,6 @@ from modalmotion.classification import (
 from modalmotion.classification.cases import LeftOut, case_name
 from modalmotion.classification.evaluation import (
     CaseAnswer,
-    Evaluation,
     comparison_of,
     evaluation_of,
 )
@@ -34,7 +33,7 @@ from modalmotion.norm import (
     norm_to_hdf5,
     train_norm,
 )
-from modalmotion.norm.reading import Reading
+from modalmotion.norm.norm import Reading
 from modalmotion.norm.training import Control
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.store import model_from_hdf5, sequence_from_hdf5, signature_from_hdf5
@@ -43,7 +42,6 @@ from modalmotion_service.schemas.general import ReadingAnswer
 from modalmotion_service.schemas.models import (
     CohortDeviationAnswer,
     ComparisonAnswer,
-    DeviationAnswer,
     EvaluationAnswer,
     FeaturesAnswer,
 )
@@ -121,30 +119,28 @@ Source = Path | str
 
 
 def measure(
-    model: Source, version: int, answers: Sequence[CaseAnswer], coverage: float, media_type: str
+    models: Sequence[Source],
+    versions: Sequence[int],
+    answers: Sequence[Sequence[CaseAnswer]],
+    coverage: float,
+    media_type: str,
 ) -> bytes:
-    """Measure a model's answers, as JSON, as a table of the cases, or as a picture."""
-    result = _evaluation(model, answers, coverage)
+    """Measure a model's answers, as JSON, a table of the cases, or a picture; or compare two."""
+    results = [
+        evaluation_of(loaded(model), its, coverage)
+        for model, its in zip(models, answers, strict=True)
+    ]
+    first, *others = results
+    if others:
+        answer = ComparisonAnswer.of(comparison_of(first, others[0]), versions)
+        return answer.model_dump_json().encode()
     if media_type == CSV:
-        return result.as_csv().encode()
+        return first.as_csv().encode()
     if media_type == PNG:
         from modalmotion.pictures.classification import evaluation_figure
 
-        return png_of(evaluation_figure(result))
-    return EvaluationAnswer.of(result, version).model_dump_json().encode()
-
-
-def compare(
-    models: tuple[Source, Source],
-    versions: tuple[int, int],
-    answers: tuple[Sequence[CaseAnswer], Sequence[CaseAnswer]],
-    coverage: float,
-) -> bytes:
-    """Compare the answers of two models, as JSON."""
-    first, second = (
-        _evaluation(model, its, coverage) for model, its in zip(models, answers, strict=True)
-    )
-    return ComparisonAnswer.of(comparison_of(first, second), versions).model_dump_json().encode()
+        return png_of(evaluation_figure(first))
+    return EvaluationAnswer.of(first, versions[0]).model_dump_json().encode()
 
 
 def held_out_table(model: Source, subjects: dict[str, str]) -> bytes:
@@ -166,10 +162,6 @@ def held_out_ids(model: Source) -> list[str]:
     """Ids of the recordings that a model was trained on; none where its file does not say."""
     validation = loaded(model).cross_validation
     return [] if validation is None else list(validation.sequence_ids)
-
-
-def _evaluation(model: Source, answers: Sequence[CaseAnswer], coverage: float) -> Evaluation:
-    return evaluation_of(loaded(model), answers, coverage)
 
 
 def tabulate_features(
@@ -206,10 +198,6 @@ def tabulate_features(
     text = table.as_csv() if media_type == CSV else FeaturesAnswer.of(table).model_dump_json()
     write_whole(output, text.encode())
     return len(table.left_out)
-
-
-LEAST_TOGETHER: Final = 5
-"""Recordings that are compared as a cohort."""
 
 
 @dataclass(frozen=True)
@@ -300,25 +288,8 @@ def ask_norm(
             imposed[number] = wanted
     if imposed:
         return b"", imposed
-    if len(readings) >= LEAST_TOGETHER:
-        answer = CohortDeviationAnswer(
-            **cohort_deviation(controls, readings, level=level).as_json()
-        )
-    else:
-        answer = CohortDeviationAnswer(
-            norm=controls.name,
-            norm_id=controls.id,
-            n_controls=controls.as_json()["n_controls"],
-            n_recordings=len(readings),
-            level=level,
-            p=None,
-            is_another=None,
-            warning=None,
-            deviations=[
-                DeviationAnswer(**controls.deviation(own, level=level).as_json())
-                for own in readings
-            ],
-        )
+    found = cohort_deviation(controls, readings, level=level)
+    answer = CohortDeviationAnswer(**found.as_json())
     return answer.model_dump_json().encode(), {}
 
 

@@ -83,7 +83,7 @@ def measure_trade(
     output: Path,
     facts: Facts,
     progress: Path,
-) -> dict[str, float]:
+) -> tuple[dict[str, float]]:
     """Measure the trade on a kept sequence, as JSON or PNG; gives milliseconds by stage.
 
     `progress` is a `ProgressFile`.
@@ -103,7 +103,7 @@ def measure_trade(
             tradeoff_figure(found).savefig(temporary, format="png")
         else:
             temporary.write_text(TradeoffAnswer(**as_plain(found)).model_dump_json())
-    return dict(found.milliseconds)
+    return (dict(found.milliseconds),)
 
 
 def superpose(

@@ -53,7 +53,7 @@ def sign(
     track: Path | None,
     image: Path,
     progress: Path,
-) -> dict[str, float]:
+) -> tuple[dict[str, float]]:
     """Fit a kept sequence and write its signature's HDF5 image; gives milliseconds by stage.
 
     `track` is that of the sequence, where it has one: it says how far positions may be off.
@@ -66,7 +66,7 @@ def sign(
     signature = modal_signature(loaded, parameters, template=named, watch=watch)
     with watch.stage("image"):
         write_whole(image, signature_image(signature))
-    return watch.milliseconds
+    return (watch.milliseconds,)
 
 
 def sign_upload(

@@ -1,0 +1,202 @@
+"""Operations on images and tracks: taken in, followed, shown, reported."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import zipfile
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Final
+
+from modalmotion.errors import NotFoundError
+from modalmotion.store.index import to_text
+from modalmotion_service.http.negotiation import (
+    CSV,
+    FHIR,
+    HDF5,
+    JSON,
+    PDF,
+    PNG,
+    VIEW,
+    ZIP,
+    attachment,
+)
+from modalmotion_service.http.observation import stage
+from modalmotion_service.schemas.queries import ImagesView, TrackView
+from modalmotion_service.schemas.requests import TRACK, ClassificationRequest
+from modalmotion_service.schemas.sequences import ImagesSummary, TrackAnswer
+from modalmotion_service.work.tasks import derived, tracks
+from modalmotion_service.work.upload import Upload
+from modalmotion_service.workspace import models
+from modalmotion_service.workspace.erasure import forget_images, link_of_images
+from modalmotion_service.workspace.job_runner import Report
+from modalmotion_service.workspace.operation import Outcome, Request, as_json, made, operation
+from modalmotion_service.workspace.spool import SpoolFile, remove_with_beside
+from modalmotion_service.workspace.state import State
+
+# Part of a tracked report that the track is counted as.
+_TRACKING: Final = 0.8
+_FORMS: Final = {"report.pdf": PDF, "report.fhir.json": FHIR, "frames.csv": CSV}
+_PAGE: Final = "view.html"
+# A zip knows no time before.
+_NO_DATE: Final = (1980, 1, 1, 0, 0, 0)
+
+
+@operation()
+async def images(state: State, request: Request, report: Report) -> Outcome:
+    """Read images and store them."""
+    upload = Upload.at(state.spool.at(request.file), state.settings.image_limits)
+    with state.analysis.image() as file:
+        (read,) = await state.analysis.staged(report, tracks.ingest_images, upload, file)
+        with stage("store"):
+            await asyncio.to_thread(SpoolFile(file).make_durable)
+            record, is_new = await asyncio.to_thread(state.store.put_images, file, read)
+    return made(ImagesSummary.of(record), link_of_images(record.id), is_new)
+
+
+@operation(VIEW, query=ImagesView)
+async def slices(state: State, request: Request, _: Report) -> Outcome:
+    """Give the slices of one frame of images, and a track's surface in it."""
+    images_id, query, track = request.ids[0], request.query, None
+    path = await asyncio.to_thread(state.store.images_path, images_id)
+    if query.track is not None:
+        track = await asyncio.to_thread(state.store.track_path, query.track)
+    with stage("view"):
+        body = await state.analysis.work(tracks.show_slices, path, query.frame, track)
+    return Outcome(body, VIEW)
+
+
+def sweep_images(state: State, age: timedelta) -> Sequence[str]:
+    """Forget images that nobody has tracked for so long; gives their ids."""
+    past = to_text((datetime.now(UTC) - age).timestamp())
+    old = state.store.untracked_images(past)
+    for images_id in old:
+        with contextlib.suppress(NotFoundError):
+            forget_images(state, images_id)
+    return old
+
+
+async def start_path(state: State, start: str | None) -> Path | None:
+    """File of the sequence that a track is started from.
+
+    Raises
+    ------
+    NotFoundError
+        If it is not there, or its vertices were not kept.
+    """
+    if start is None:
+        return None
+    return await asyncio.to_thread(state.store.sequence_path, start)
+
+
+async def settle(state: State, request: Request, link: str) -> None:
+    """Keep the images of a track for its pictures, or delete them.
+
+    Once nothing needs them any more: a job that is done again after a crash starts from them.
+    """
+    images_id, track_id = request.query.images, link.rpartition("/")[2]
+
+    def end() -> None:
+        # Deleted meanwhile, by their owner or by another track.
+        with contextlib.suppress(NotFoundError):
+            if request.query.keep:
+                state.store.keep_images(images_id, track_id)
+            elif not state.store.images_record(images_id).is_kept:
+                forget_images(state, images_id)
+
+    if images_id is not None:
+        await asyncio.to_thread(end)
+
+
+@operation(query=TRACK, settle=settle)
+async def track(state: State, request: Request, report: Report) -> Outcome:
+    """Track a surface through an upload or stored images, and store what is found."""
+    query, analysis, store = request.query, state.analysis, state.store
+    parameters = query.parameters(request.facts)
+    surface = await start_path(state, query.start)
+    source: Upload | Path
+    if query.images is not None:
+        source = await asyncio.to_thread(store.images_path, query.images)
+    else:
+        source = Upload.at(state.spool.at(request.file), state.settings.read_limits)
+    with analysis.image() as sequence, analysis.image() as image:
+        found, estimate = await analysis.staged(
+            *(report, tracks.follow, source, parameters, surface, sequence, image)
+        )
+        subject, label = query.subject, query.label
+        with stage("store"):
+            record, is_new = await asyncio.to_thread(
+                store.put_track_images, sequence, image, found, subject=subject, label=label
+            )
+    # Of a sequence that was there before, by itself or with this track.
+    record, filled = await asyncio.to_thread(
+        analysis.completed, record.id, subject, label, parameters.facts, found.facts
+    )
+    answer = TrackAnswer.joined(estimate, record, query.images if query.keep else None)
+    return made(answer, answer.links["self"], is_new, filled=filled)
+
+
+@operation(JSON, HDF5, PNG, VIEW, query=TrackView)
+async def track_view(state: State, request: Request, _: Report) -> Outcome:
+    """Describe or draw a stored track, or give its file or its data."""
+    track_id, kind, query = request.sequence_id, request.media_type, request.query
+    work, store = state.analysis.work, state.store
+    path = await asyncio.to_thread(store.track_path, track_id)
+    record = store.track_record(track_id)
+    if kind == HDF5:
+        return Outcome(await work(tracks.track_with_facts, path, record.facts), kind)
+    if kind == VIEW:
+        return Outcome(await work(tracks.show_data, path), kind)
+    if kind == PNG:
+        with stage("draw"):
+            if query.picture != "overlay":
+                return Outcome(await work(tracks.draw_track, path, query.picture, query.frame), PNG)
+            shown = await asyncio.to_thread(store.images_of_track, track_id)
+            return Outcome(await work(tracks.draw_overlay, path, shown), PNG)
+    estimate = await work(tracks.describe_track, path)
+    images_id = await asyncio.to_thread(store.images_id_of_track, track_id)
+    return as_json(TrackAnswer.joined(estimate, record, images_id))
+
+
+@operation(ZIP, query=TRACK, settle=settle)
+async def tracked_report(state: State, request: Request, report: Report) -> Outcome:
+    """Track a surface, name the class of its motion, and write each form of a report to a zip."""
+    done = await track.work(state, request, lambda share, text="": report(_TRACKING * share, text))
+    track_id = (done.link or "").rpartition("/")[2]
+    report(_TRACKING, "report")
+    path = await _whole_report(state, track_id, request.query.model)
+    # The job ends with the track that its link names, and with it the file.
+    headers = attachment(f"{track_id[:12]}-report.zip")
+    return Outcome(path, ZIP, 200, headers, done.link, done.filled)
+
+
+async def _whole_report(state: State, sequence_id: str, model: str | None) -> Path:
+    known = None
+    if model is not None:
+        chosen = await asyncio.to_thread(models.choose_for, state, model, sequence_id)
+        coverage = ClassificationRequest().coverage
+        known, _ = await models.classification(state, sequence_id, chosen, coverage)
+    kept = None if known is None else known.path
+    analysis, page = state.analysis, state.spool.new_path()
+    try:
+        with analysis.output() as output:
+            async with analysis.fitted(sequence_id, None) as one:
+                forms = {
+                    name: await analysis.work(derived.make_report, one, media_type, kept)
+                    for name, media_type in _FORMS.items()
+                }
+                await analysis.work(derived.make_view, one, True, page)
+            await asyncio.to_thread(_zip, output, forms, page)
+    finally:
+        remove_with_beside(page)
+    return output
+
+
+def _zip(output: Path, forms: dict[str, bytes], page: Path) -> None:
+    with zipfile.ZipFile(output, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in (*forms.items(), (_PAGE, page.read_bytes())):
+            archive.writestr(
+                zipfile.ZipInfo(name, _NO_DATE), data, compress_type=zipfile.ZIP_DEFLATED
+            )
