@@ -1,8 +1,7 @@
-"""The codec beside what can be installed, at the same RMS: bits, and processor time."""
+"""The codec beside SZ3, at the same RMS: bits, and processor time."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -22,7 +21,6 @@ from modalmotion.codec.search import measure
 from modalmotion.mesh.sequence import MeshSequence
 
 Positions = NDArray[np.float32]
-Volume = NDArray[np.float32]
 
 
 def run() -> Iterator[str]:
@@ -60,17 +58,34 @@ def _table(what: str, sequence: MeshSequence) -> str:
 
 @dataclass(frozen=True)
 class Peer:
-    """A coder: from positions and a setting to a number of bytes, and to what `decode` takes."""
+    """SZ3 by one of its algorithms, direction by direction, rows and columns of a lattice apart."""
 
-    encode: Callable[[Positions, float], tuple[int, Any]]
-    decode: Callable[[Any], Positions]
+    algorithm: str
+    grid: tuple[int, ...]
+
+    def encode(self, exact: Positions, bound: float) -> tuple[int, list[Any]]:
+        """Give the number of bytes, and what `decode` takes."""
+        pysz = import_module("pysz")
+        config = pysz.szConfig()
+        config.errorBoundMode = pysz.szErrorBoundMode.ABS
+        config.absErrorBound = bound
+        config.cmprAlgo = getattr(pysz.szAlgorithm, self.algorithm)
+        shape = (len(exact), *self.grid)
+        volumes = (np.ascontiguousarray(exact[:, :, i]).reshape(shape) for i in range(3))
+        parts = [pysz.sz.compress(volume, config)[0] for volume in volumes]
+        return sum(part.nbytes for part in parts), [(part, shape) for part in parts]
+
+    def decode(self, parts: list[Any]) -> Positions:
+        """Decompress the three directions."""
+        sz = import_module("pysz").sz
+        volumes = [sz.decompress(data, np.float32, shape)[0] for data, shape in parts]
+        return np.stack([volume.reshape(len(volume), -1) for volume in volumes], axis=-1)
 
     def at_rms(self, exact: Positions, wanted: float) -> float | None:
         """Find the coarsest setting that keeps an RMS."""
         low, high, best = np.log(wanted) - 4.0, np.log(wanted) + 4.0, None
         for _ in range(12):
-            middle = (low + high) / 2
-            setting = float(np.exp(middle))
+            setting = float(np.exp(middle := (low + high) / 2))
             if measure(exact, self.decode(self.encode(exact, setting)[1])).rms <= wanted:
                 best, low = setting, middle
             else:
@@ -79,63 +94,7 @@ class Peer:
 
 
 def peers_of(sequence: MeshSequence) -> dict[str, Peer]:
-    """Those that are installed, each with the layout of the numbers that it compresses best."""
+    """SZ3 by two of its algorithms, if it is installed."""
+    algorithms = {"SZ3, interpolated": "INTERP_LORENZO", "SZ3, predicted": "LORENZO_REG"}
     grid = sequence.grid or (sequence.n_vertices,)
-    peers = {
-        "SZ3, interpolated": ("pysz", _by_volumes(grid, *_sz3("INTERP_LORENZO"))),
-        "SZ3, predicted": ("pysz", _by_volumes(grid, *_sz3("LORENZO_REG"))),
-        "SZ3 in HDF5": ("hdf5plugin", _by_volumes(grid, _to_hdf5, _from_hdf5)),
-    }
-    return {name: peer for name, (module, peer) in peers.items() if find_spec(module)}
-
-
-def _by_volumes(
-    grid: tuple[int, ...],
-    write: Callable[[Volume, float], tuple[int, Any]],
-    read: Callable[[Any], Volume],
-) -> Peer:
-    """Code frames x vertices, or frames x rows x columns, direction by direction."""
-
-    def encode(exact: Positions, setting: float) -> tuple[int, Any]:
-        shape = (len(exact), *grid)
-        volumes = (np.ascontiguousarray(exact[:, :, i]).reshape(shape) for i in range(3))
-        sizes, parts = zip(*(write(volume, setting) for volume in volumes), strict=True)
-        return sum(sizes), parts
-
-    def decode(parts: tuple[Any, ...]) -> Positions:
-        volumes = [read(part) for part in parts]
-        return np.stack([volume.reshape(len(volume), -1) for volume in volumes], axis=-1)
-
-    return Peer(encode, decode)
-
-
-def _sz3(algorithm: str) -> tuple[Any, Any]:
-    """SZ3 itself, by one of its algorithms."""
-
-    def write(volume: Volume, bound: float) -> tuple[int, Any]:
-        pysz = import_module("pysz")
-        config = pysz.szConfig()
-        config.errorBoundMode = pysz.szErrorBoundMode.ABS
-        config.absErrorBound = bound
-        config.cmprAlgo = getattr(pysz.szAlgorithm, algorithm)
-        data = pysz.sz.compress(volume, config)[0]
-        return data.nbytes, (data, volume.shape)
-
-    def read(part: tuple[Any, tuple[int, ...]]) -> Any:
-        return import_module("pysz").sz.decompress(part[0], np.float32, part[1])[0]
-
-    return write, read
-
-
-def _to_hdf5(volume: Volume, bound: float) -> tuple[int, io.BytesIO]:
-    """SZ3 as a filter of HDF5."""
-    file, filters = io.BytesIO(), import_module("hdf5plugin").SZ3(absolute=bound)
-    with import_module("h5py").File(file, "w") as h5:
-        dataset = h5.create_dataset("x", data=volume, chunks=volume.shape, **filters)
-        h5.flush()
-        return dataset.id.get_storage_size(), file
-
-
-def _from_hdf5(file: io.BytesIO) -> Any:
-    with import_module("h5py").File(file, "r") as h5:
-        return h5["x"][:]
+    return {name: Peer(of, grid) for name, of in algorithms.items() if find_spec("pysz")}

@@ -43,15 +43,7 @@ def hearts(
             twin = simulate_ventricle(parameters, grid=(96, 192), acquisition=frames, rng=again)
         volumes = volumes_of(clean)
         ef = 100 * (1 - volumes.min() / volumes.max())
-        yield (
-            clean,
-            {
-                "ef": ef,
-                "edv": float(volumes.max()),
-                **true_strain(twin),
-            },
-            rng,
-        )
+        yield clean, {"ef": ef, "edv": float(volumes.max()), **true_strain(twin)}, rng
 
 
 def true_strain(clean: mm.MeshSequence) -> dict[str, float]:
@@ -157,15 +149,9 @@ def late_walls(seed: int) -> tuple[float, ...]:
     for k in range(12):
         state = [seed, k]
         parameters = draw_parameters(MotionClass.DYSSYNCHRONY, np.random.default_rng(state))
-        many, few = (
-            simulate_ventricle(
-                parameters,
-                grid=(24, 48),
-                acquisition=Acquisition(n_frames=n),
-                rng=np.random.default_rng(state),
-            )
-            for n in (400, 25)
-        )
+        simulated = partial(simulate_ventricle, parameters, grid=(24, 48))
+        frames = (Acquisition(n_frames=n) for n in (400, 25))
+        many, few = (simulated(acquisition=a, rng=np.random.default_rng(state)) for a in frames)
         true = true_dyssynchrony(many)
         for noise, errors in off.items():
             found = mm.strain(noisy(few, noise, np.random.default_rng(state))).dyssynchrony

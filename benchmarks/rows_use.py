@@ -10,7 +10,6 @@ from started import install_seconds, processor_seconds, recorded, saved
 
 
 @timed(
-    # By so much one machine differs from another, and a busy one from itself.
     Row("use.import", "import modalmotion, processor time", "s", tolerance=0.004),
     Row("use.help", "modalmotion --help, processor time", "s", tolerance=0.015),
     Row("use.signature", "modalmotion signature, cold, its time", "s", goal=0.5, tolerance=0.035),

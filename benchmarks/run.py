@@ -7,8 +7,7 @@ import sys
 
 from real_data import told
 
-MODULES = ("tradeoff", "codec", "tracking_peers", "classification")
-"""Modules of this folder, each with `run() -> tables`."""
+MODULES = ("tradeoff", "codec", "tracking_peers", "classification")  # each with run() -> tables
 
 
 def main(names: list[str]) -> None:

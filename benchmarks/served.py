@@ -88,16 +88,18 @@ def load(port: int, seconds: float, *sent: Any) -> tuple[int, float]:
     return n, time.perf_counter() - start
 
 
-def start() -> tuple[float, int, float]:
-    """Processor seconds until it is ready, modules compiled; processes and megabytes at rest."""
-    with tempfile.TemporaryDirectory() as cache:
-        os.environ |= {"PYTHONPYCACHEPREFIX": cache, "PYTHONDONTWRITEBYTECODE": ""}
-        with running():
-            pass
-        with running() as service:
-            seconds = sum(service.cpu_seconds().values())
-            time.sleep(1.0)
-            return seconds, len(service.processes()), service.memory() / 1e6
+def ready_seconds(environment: dict[str, str]) -> float:
+    """Processor seconds of all processes until it is ready."""
+    os.environ |= environment
+    with running() as service:
+        return sum(service.cpu_seconds().values())
+
+
+def at_rest() -> tuple[int, float]:
+    """Count processes and megabytes of a service that nobody asks."""
+    with running() as service:
+        time.sleep(1.0)
+        return len(service.processes()), service.memory() / 1e6
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Programs started anew: their processor time beside that of importing NumPy."""
+"""Programs started anew: their processor time beside that of importing what they are made of."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import subprocess
 import sys
 import tempfile
 import tomllib
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -17,22 +19,28 @@ from real_data import ROOT
 
 from modalmotion import write_npz
 
-USUAL_SECONDS: Final = 0.07  # of importing NumPy, on a core of 2024
+USUAL: Final = ("-c", "import numpy, scipy.sparse.linalg, scipy.spatial, h5py, click, asyncio")
+USUAL_SECONDS: Final = 0.4  # of that, on a core of 2024
+Start = Callable[[dict[str, str]], float]
 
 
-def processor_seconds(*commands: tuple[str, ...], n_rounds: int = 5) -> tuple[float, ...]:
-    """Processor time of Python with each list of arguments, of a core that imports NumPy in 0.07 s.
+def processor_seconds(*commands: tuple[str, ...]) -> tuple[float, ...]:
+    """Processor time of Python with each list of arguments, of a core with the usual imports."""
+    return beside_imports(*(partial(_spent, command) for command in commands))
 
-    Modules are compiled in the first round, as those of installed packages are.
+
+def beside_imports(*starts: Start, n_rounds: int = 5) -> tuple[float, ...]:
+    """Processor seconds of what is started in an environment, of a core with the usual imports.
+
+    In turn with these, so both meet the same machine. Modules are compiled in the first round, as
+    those of installed packages are.
     """
     with tempfile.TemporaryDirectory() as cache:
         environment = os.environ | {"PYTHONPYCACHEPREFIX": cache, "PYTHONDONTWRITEBYTECODE": ""}
-        spent = [
-            [_spent(command, environment) for command in (("-c", "import numpy"), *commands)]
-            for _ in range(n_rounds + 1)
-        ]
+        in_turn: list[Start] = [partial(_spent, USUAL), *starts]
+        spent = [[start(environment) for start in in_turn] for _ in range(n_rounds + 1)]
     unit, *times = np.array(spent[1:]).T
-    return tuple(USUAL_SECONDS * float(np.median(of_command / unit)) for of_command in times)
+    return tuple(USUAL_SECONDS * float(np.median(of_start / unit)) for of_start in times)
 
 
 def install_seconds() -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from importlib import import_module
-from typing import Any
 
 import numpy as np
 from judged_tracks import surface_distance
@@ -15,7 +14,7 @@ from real_data import is_there, recording
 from seen_surfaces import Truth
 
 from modalmotion.mesh import cavity_of
-from modalmotion.tracking import Observation, of_surface, track
+from modalmotion.tracking import track
 
 N_PEER = 1000
 HEART = "heart/lv_endocardium"
@@ -30,11 +29,11 @@ def run() -> Iterator[str]:
     truth, rng = Truth.of(recording(HEART)), np.random.default_rng(0)
     pair = Truth(truth.vertices[[0, int(truth.volumes.argmin())]], truth.faces, truth.ends)
     (before, after), faces = pair.vertices, pair.faces
-    frames, clean = pair.seen(N_PEER, 1.0, rng), pair.seen(N_PEER, 0.0, rng)
+    frames = pair.seen(N_PEER, 1.0, rng)
     cloud = frames[1][0].points
 
-    def ours(points: Any, **more: Any) -> Floats:
-        result = track(points, start=pair.start(), unit="mm", time="open", **more)
+    def ours() -> Floats:
+        result = track(frames, start=pair.start(), unit="mm", time="open")
         return np.asarray(result.sequence.vertices[1], dtype=np.float64)
 
     def closest() -> Floats:
@@ -44,25 +43,10 @@ def run() -> Iterator[str]:
         made = import_module("pycpd").DeformableRegistration(X=cloud, Y=before, alpha=2, beta=20)
         return np.asarray(made.register()[0], dtype=np.float64)
 
-    def amberg() -> Floats:
-        trimesh = import_module("trimesh")
-        meshes = (trimesh.Trimesh(x, faces, process=False) for x in (before, after))
-        return np.asarray(trimesh.registration.nricp_amberg(*meshes), dtype=np.float64)
-
-    def of_mesh() -> Floats:
-        full = [
-            [of_surface(x, faces), Observation(x[faces].mean(axis=1)), *marks[1:]]
-            for x, marks in zip(pair.vertices, clean, strict=True)
-        ]
-        return ours(full)
-
     calls: dict[str, Callable[[], Floats]] = {
-        "ours": lambda: ours(frames),
+        "ours": ours,
         "closest point, without a prior": closest,
         "pycpd": pycpd,
-        "ours, clean points": lambda: ours(clean),
-        "ours, the true mesh": of_mesh,
-        "trimesh nricp_amberg, the true mesh": amberg,
     }
     rows = []
     for name, call in calls.items():

@@ -41,19 +41,19 @@ def draw_surfaces(by_surface: dict[str, dict[str, Front]], path: Path) -> None:
             front = found[kind]
             left = np.maximum(front.rms / front.motion, 1e-4)
             axes.loglog(front.amplitudes, left, "o-", ms=2.5, color=colour, label=kind)
-        axes.set(xlabel="amplitudes a frame", ylabel="RMS left / motion")
+        axes.set(xlabel="amplitudes per frame", ylabel="residual RMS / motion")
     figure.axes[0].legend(fontsize=8, frameon=False, loc="lower left")
     figure.savefig(path, dpi=90)
 
 
 def ventricles() -> str:
-    """Measure what ever more amplitudes leave of ventricles."""
+    """Measure the residual error of ventricles for more and more amplitudes."""
     seeds = map(np.random.default_rng, range(N_VENTRICLES))
     simulated = [individual(rng, n_vertices=1200) for rng in seeds]
     name = "heart/lv_endocardium"
     real = [recording(name)] if is_there("tradeoff: a real ventricle", name) else []
-    heads = ["amplitudes a frame", "RMS left, mm: median", "90 %", "real"]
-    heads += ["ejection fraction off by, points: median", "90 %", "real", "kB a beat"]
+    heads = ["amplitudes per frame", "residual RMS, mm: median", "90 %", "real"]
+    heads += ["ejection fraction off by, points: median", "90 %", "real", "kB per beat"]
     found = []
     for k in COUNTS:
         parts = np.array([_left_and_off(sequence, k) for sequence in simulated]).T
@@ -97,7 +97,7 @@ def bases(by_surface: dict[str, dict[str, Front]]) -> str:
         (name, *(" / ".join(f"{of[kind].at(a):.3f}" for a in (21, 54, 111)) for kind in KINDS))
         for name, of in by_surface.items()
     ]
-    title = "RMS left, mm, with 21 / 54 / 111 amplitudes a frame"
+    title = "Residual RMS in mm with 21 / 54 / 111 amplitudes per frame"
     return table(title, ["surface", *KINDS], found)
 
 
@@ -108,10 +108,9 @@ def principal(by_surface: dict[str, dict[str, Front]]) -> str:
     for name, of in by_surface.items():
         bounds = [(of[kind], share * of[CLOSED].motion) for share in shares for kind in pair]
         found.append((name, *(_numbers(*each) for each in bounds)))
-    title = "Numbers to keep beyond the reference mesh, until the RMS left is a share of the motion"
-    return table(
-        title, ["surface", *(f"{100 * s:.0f} %, {kind}" for s in shares for kind in pair)], found
-    )
+    title = "Numbers to store besides the reference mesh until the residual RMS is a share of the"
+    heads = ["surface", *(f"{100 * s:.0f} %, {kind}" for s in shares for kind in pair)]
+    return table(f"{title} motion", heads, found)
 
 
 def _left_and_off(sequence: MeshSequence, n_modes: int) -> tuple[float, float]:

@@ -27,6 +27,16 @@ def bare(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.delenv("CC", raising=False)
 
 
+@pytest.fixture
+def unoptimised(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A compiler of this machine that takes a tenth of the time."""
+    compiler = tmp_path / "bin" / "unoptimised"
+    compiler.parent.mkdir()
+    compiler.write_text(f'#!/bin/sh\nexec {" ".join(build.system_compiler() or ())} "$@" -O0\n')
+    compiler.chmod(0o755)
+    monkeypatch.setenv("CC", str(compiler))
+
+
 def sources_of(library: Path) -> str:
     stated = ctypes.CDLL(str(library)).mm_sources
     stated.restype = ctypes.c_char_p
@@ -40,6 +50,7 @@ def test_the_library_of_this_checkout_is_made_of_its_sources() -> None:
 
 
 @needs_compiler
+@pytest.mark.usefixtures("unoptimised")
 def test_sources_are_compiled_by_the_machine_and_say_which_they_are(tmp_path: Path) -> None:
     library = tmp_path / "folder" / "library"
     build.compile_library(library)
@@ -105,6 +116,7 @@ def test_a_source_that_does_not_compile_leaves_the_library_as_it_was(
 
 
 @needs_compiler
+@pytest.mark.usefixtures("unoptimised")
 def test_a_wheel_is_of_no_version_of_python_and_holds_the_library_alone(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
     environment = {k: v for k, v in os.environ.items() if k != build.VARIABLE}

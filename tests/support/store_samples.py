@@ -11,8 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from modalmotion.classification.answer import Classification
-from modalmotion.classification.explanation import ModeContribution
+from modalmotion.classification.answer import Classification, ModeContribution
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature

@@ -3,11 +3,15 @@
 from typing import TYPE_CHECKING
 
 from modalmotion.arguments.checking import check_arguments
-from modalmotion.classification.answer import Classification, classify
+from modalmotion.classification.answer import (
+    Classification,
+    ModeContribution,
+    classify,
+    only_modes,
+)
 from modalmotion.classification.card import ModelCard
 from modalmotion.classification.cases import CaseFile, TrainingCase
 from modalmotion.classification.evaluation import Comparison, Evaluation, compare_models, evaluate
-from modalmotion.classification.explanation import ModeContribution, only_modes
 from modalmotion.classification.feature_tables import FeatureTable, feature_table
 from modalmotion.classification.markdown import card_markdown
 from modalmotion.classification.model import Model
@@ -26,7 +30,7 @@ from modalmotion.classification.performance import CrossValidation
 from modalmotion.classification.training import train
 
 if TYPE_CHECKING:
-    from modalmotion.classification.scikit_learn import MotionClassifier, SignatureFeatures
+    from modalmotion.classification.scikit_learn import SignatureFeatures
 
 __all__ = [
     "DEFAULT_MODEL",
@@ -41,7 +45,6 @@ __all__ = [
     "ModeContribution",
     "Model",
     "ModelCard",
-    "MotionClassifier",
     "SignatureFeatures",
     "TrainingCase",
     "TrainingOptions",
@@ -63,9 +66,9 @@ check_arguments(globals())
 
 
 def __getattr__(name: str) -> object:
-    """Import a public name (PEP 562): these two need scikit-learn, which takes a second."""
-    if name in ("MotionClassifier", "SignatureFeatures"):
-        from modalmotion.classification import scikit_learn
+    """Import a public name (PEP 562): it needs scikit-learn, which takes a second."""
+    if name == "SignatureFeatures":
+        from modalmotion.classification.scikit_learn import SignatureFeatures
 
-        return getattr(scikit_learn, name)
+        return SignatureFeatures
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

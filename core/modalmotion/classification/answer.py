@@ -1,16 +1,18 @@
-"""The answer of a model for a motion: a class, or the reason for none."""
+"""The answer of a model for a motion: a class and what moved it, or the reason for none."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted, Saved
-from modalmotion.classification.explanation import ModeContribution, explain
 from modalmotion.classification.extractor import volume_share
 from modalmotion.classification.model import Model, Readable
 from modalmotion.classification.model_files import (
@@ -19,12 +21,13 @@ from modalmotion.classification.model_files import (
     load_model,
     shipped_for,
 )
-from modalmotion.classification.motion import Motion
-from modalmotion.classification.options import require_coverage
+from modalmotion.classification.motion import Column, Motion
+from modalmotion.classification.motion_features import waves_of
 from modalmotion.classification.outliers import OUT_OF_DOMAIN, UNREADABLE, Flag
-from modalmotion.errors import ModeCountError, TopologyError
+from modalmotion.errors import ModeCountError, ParameterError, TopologyError
 from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MEAN, MeshSequence
+from modalmotion.modes import Modes
 from modalmotion.modes.order import common_count
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.representation import shown
@@ -50,6 +53,29 @@ _TRACKING_NOTE: Final = (
 )
 
 Array = NDArray[np.float64]
+
+
+@shown()
+@dataclass(frozen=True)
+class ModeContribution:
+    """Effect of one mode, or of a cosine-sine pair, on a prediction.
+
+    Parameters
+    ----------
+    modes : tuple of str
+        Labels of the modes.
+    score : float
+        Contribution of their amplitudes to the log of (probability of the most probable class over
+        that of the next), beyond those of an average training case.
+    amplitude : float, `unit`
+        RMS over time of their deviation from the temporal mean.
+    unit : str or None
+    """
+
+    modes: tuple[str, ...]
+    score: float
+    amplitude: float
+    unit: str | None
 
 
 @shown("label", "probability", "class_set", "coverage", "flags", "model")
@@ -138,7 +164,7 @@ def classify(
     ParameterError
         If the coverage is not above 0 and below 1.
     """
-    require_coverage(coverage)
+    _require_coverage(coverage)
     if model is None:
         model = load_model(shipped_for(DEFAULT_MODEL, motion.facts))
     signature = motion
@@ -199,7 +225,7 @@ def classify(
         label=label,
         probabilities=probabilities,
         class_set=tuple(c for c, keep in zip(model.classes, held, strict=True) if keep),
-        explanation=explain(features, model, read, probabilities),
+        explanation=_explanation(features, model, read, probabilities),
         notes=tuple(notes),
     )
 
@@ -336,3 +362,96 @@ def _answer(
         notes=(*(f"No class: {flag.words}." for flag in flags), *model.notes.get("", ())),
         provenance=provenance(),
     )
+
+
+def _require_coverage(coverage: float) -> None:
+    """Check the level of a class set.
+
+    Raises
+    ------
+    ParameterError
+        If it is not above 0 and below 1.
+    """
+    value: object = coverage
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not (is_number and 0.0 < coverage < 1.0):
+        raise ParameterError(
+            f"The coverage is {coverage!r}.",
+            remedy="Use a share above 0 and below 1, such as 0.9.",
+            details={"coverage": str(coverage)},
+        )
+
+
+def _explanation(
+    features: Array, model: Model, motion: Motion, probabilities: Array
+) -> tuple[ModeContribution, ...]:
+    """Contributions of the modes to a prediction, the strongest first.
+
+    Scores are linear in the features, so contributions beyond an average case add up to the whole;
+    features of several modes belong to none of them.
+    """
+    first, second = np.argsort(-probabilities, kind="stable")[:2]
+    lead = (features - model.centre) * (model.weights[:, first] - model.weights[:, second])
+    signature = motion.signature
+    moving = signature.amplitudes - signature.amplitudes.mean(axis=0)
+    squares = np.einsum("fmi,fmi->m", moving, moving) / signature.n_frames
+    parts = [
+        ModeContribution(
+            modes=tuple(str(motion.modes.labels[k]) for k in group),
+            score=float(lead[list(places)].sum()),
+            amplitude=math.sqrt(sum(squares[k] for k in group)),
+            unit=signature.unit,
+        )
+        for group, places in _groups(model.columns, motion.modes)
+    ]
+    return tuple(sorted(parts, key=lambda part: -abs(part.score)))
+
+
+@lru_cache(maxsize=32)
+def _groups(
+    columns: tuple[Column, ...], modes: Modes
+) -> tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]:
+    """Modes, cosine and sine of one wave together, and the features that are read from them."""
+    read = [
+        (group, tuple(k for k, column in enumerate(columns) if _is_of(column, group)))
+        for group in waves_of(modes, walls=False).modes
+    ]
+    return tuple((group, places) for group, places in read if places)
+
+
+def _is_of(column: Column, group: tuple[int, ...]) -> bool:
+    return bool(column.modes) and set(column.modes) <= set(group)
+
+
+def only_modes(signature: ModalSignature, modes: Iterable[str]) -> ModalSignature:
+    """Signature in which only some modes move: the moving mesh that an explanation represents.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    modes : iterable of str
+        Labels, as in `ModeContribution.modes`.
+
+    Returns
+    -------
+    ModalSignature
+        For `reconstruct` or `write_superposed` together with the sequence. The other modes
+        keep their temporal mean; rotation and drift stay.
+
+    Raises
+    ------
+    ParameterError
+        If the signature has no such mode.
+    """
+    place = {str(label): k for k, label in enumerate(signature.modes.labels)}
+    moves = np.zeros(len(place), dtype=np.bool_)
+    for label in modes:
+        if label not in place:
+            raise ParameterError(
+                f"The signature has no mode {str(label)[:40]!r}.",
+                remedy=f"Use some of: {', '.join(list(place)[:20])}.",
+            )
+        moves[place[label]] = True
+    still = np.broadcast_to(signature.amplitudes.mean(axis=0), signature.amplitudes.shape)
+    amplitudes = np.where(moves[None, :, None], signature.amplitudes, still)
+    return replace(signature, amplitudes=amplitudes)

@@ -7,8 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
-from modalmotion.classification.answer import Classification
-from modalmotion.classification.explanation import ModeContribution
+from modalmotion.classification.answer import Classification, ModeContribution
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Contents, Dataset, json_text
 from modalmotion.mesh import UNKNOWN

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -109,19 +110,13 @@ class ModelCard(Plotted):
 
     def as_json(self) -> dict[str, Any]:
         """Return the card as JSON-able values, tuples as lists."""
-        listed: dict[str, Any] = _lists(asdict(self))
+        listed: dict[str, Any] = json.loads(json.dumps(asdict(self)))
         return listed
 
     @staticmethod
     def from_json(values: Mapping[str, Any]) -> ModelCard:
         """Read the output of `as_json`."""
         return ModelCard(**{name: _tuples(value) for name, value in values.items()})
-
-
-def _lists(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(k): _lists(v) for k, v in value.items()}
-    return [_lists(v) for v in value] if isinstance(value, list | tuple) else value
 
 
 def _tuples(value: Any) -> Any:

@@ -35,12 +35,6 @@ _MOST_CASES: Final = 2000
 
 _SURE: Final = 0.05
 
-# Measured rates are rounded, and stated ones may be.
-_SAME: Final = 0.01
-
-MEASURED: Final = ("frames", "vertices", "frame rate")
-"""Conditions that every recording shows by itself."""
-
 Confound = dict[str, Any]
 """name, auc, chance (the mean AUC where classes are exchanged), p, p_holm, n_known, text."""
 
@@ -117,8 +111,7 @@ def confounds(
     Returns
     -------
     tuple of Confound
-        The least probable by chance first. Conditions that are alike in all cases are left out,
-        and what is stated where the recordings show the same, as a frame rate.
+        The least probable by chance first. Conditions that are alike in all cases are left out.
 
     Notes
     -----
@@ -127,7 +120,6 @@ def confounds(
     by Holm, A simple sequentially rejective multiple test procedure, Scand J Stat, 1979.
     """
     names = list(dict.fromkeys(name for case in conditions for name in case))
-    names = [name for name in names if not _is_measured_too(name, conditions)]
     rng = np.random.default_rng(seed)
     some = np.sort(rng.permutation(len(y))[:_MOST_CASES])
     n_classes = int(y.max()) + 1
@@ -181,20 +173,6 @@ def _in_words(test: Confound) -> str:
         f"{test['auc']:.2f}, by chance {test['chance']:.2f}; permutation test, p = "
         f"{test['p_holm']:.3f} after Holm)."
     )
-
-
-def _is_measured_too(name: str, conditions: Sequence[Mapping[str, float | str]]) -> bool:
-    """Whether a stated condition is what every recording shows anyhow; counted once by Holm."""
-    return name not in MEASURED and any(
-        all(_agree(case.get(name), case.get(measured)) for case in conditions)
-        for measured in MEASURED
-    )
-
-
-def _agree(a: float | str | None, b: float | str | None) -> bool:
-    if isinstance(a, int | float) and isinstance(b, int | float):
-        return abs(a - b) <= _SAME * abs(b)
-    return a is None and b is None
 
 
 def _parts_of(values: Sequence[float | str | None]) -> NDArray[np.int64]:

@@ -109,13 +109,12 @@ def inner_folds(y: Labels, groups: Labels) -> Iterator[tuple[Labels, Labels]]:
 
 def softmax(scores: Array) -> Array:
     """Shares exp(s) / sum exp(s) along the last axis."""
-    return np.asarray(np.exp(log_softmax(scores)))
+    return np.asarray(scipy.special.softmax(scores, axis=-1))
 
 
 def log_softmax(scores: Array) -> Array:
     """Give the logs of `softmax`, without overflow."""
-    shifted = scores - scores.max(axis=-1, keepdims=True)
-    return np.asarray(shifted - np.log(np.exp(shifted).sum(axis=-1, keepdims=True)))
+    return np.asarray(scipy.special.log_softmax(scores, axis=-1))
 
 
 def log_losses(scores: Array, y: Labels) -> Array:

@@ -15,7 +15,7 @@ from modalmotion.classification.cases import TrainingCase, named
 from modalmotion.errors import MalformedFileError, ModalMotionError, ParameterError
 from modalmotion.formats import ReadOptions
 from modalmotion.mesh import NO_FACTS, Facts, column_of, facts_in, states_fact
-from modalmotion.tracking.recording import sequence_of
+from modalmotion.tracking.parameters import sequence_of
 
 COLUMNS: Final = ("path", "label", "subject")
 """Of a manifest; further ones are facts and covariates."""
@@ -285,6 +285,8 @@ def read_cases(path: Path, *, unit: str | None = None) -> list[LabelledSequence]
 
 def _by_folder(path: Path, skip_unreadable: bool) -> LabelledFile:
     label = path.resolve().parent.name
+    if tables := sorted(path.glob("*.csv")):
+        raise ParameterError(f"'{path}' is a folder.", remedy=f"Name its table: '{tables[0]}'.")
     if not (path.exists() or skip_unreadable) or not label:
         raise ParameterError(f"There is no file '{path}'.", remedy=_HOW)
     return LabelledFile(path, label, None)

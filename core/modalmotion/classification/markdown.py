@@ -159,7 +159,7 @@ def _sets(card: ModelCard) -> str:
     if not card.class_coverage:
         return f"Sets of classes are made at a coverage of {card.coverage:g}; none was measured."
     rows = [(label, f"{share:.3f}") for label, share in card.class_coverage.items()]
-    size = "" if card.mean_set_size is None else f" They have {card.mean_set_size:.2f} classes."
+    size = "" if card.mean_set_size is None else f" Their mean size is {card.mean_set_size:.2f}."
     return (
         f"Sets of classes that cannot be excluded, at a coverage of {card.coverage:g}.{size}\n\n"
         + _table(("class", "share whose set contains it"), rows)

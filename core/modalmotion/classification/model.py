@@ -10,12 +10,12 @@ from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted, Saved
 from modalmotion.classification.card import ModelCard
 from modalmotion.classification.extractor import VOLUME, Extractor
-from modalmotion.classification.linear import Linear, softmax
 from modalmotion.classification.motion import Column, Motion
 from modalmotion.classification.outliers import OutlierDetector
 from modalmotion.classification.performance import CrossValidation
@@ -212,7 +212,8 @@ class Model(FrozenArrays, Saved, Plotted):
 
     def probabilities(self, features: Array) -> Array:
         """Probabilities, (cases, classes), of features (cases, features)."""
-        return softmax(Linear(self.weights, self.intercepts).scores(features))
+        scores = features @ self.weights + self.intercepts
+        return np.asarray(scipy.special.softmax(scores, axis=1))
 
     def contradicts(self, share: float) -> NDArray[np.bool_]:
         """Which classes the share of the volume that is lost rules out, (classes,).

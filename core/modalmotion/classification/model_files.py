@@ -333,12 +333,12 @@ def load_model(which: str | Path = DEFAULT_MODEL) -> Model:
     OlderFileError, CorruptFileError
         As `model_from_hdf5` does.
     """
-    if isinstance(which, Path):
-        return model_from_hdf5(which)
+    if isinstance(which, Path) or which.endswith((".h5", ".hdf5")):
+        return model_from_hdf5(Path(which))
     if which not in available_models():
         raise NotFoundError(
             f"There is no model named {which[:80]!r}.",
-            remedy=f"Use one of: {', '.join(available_models())}; of a file give its Path.",
+            remedy=f"Use one of: {', '.join(available_models())}; or a file: mine.h5.",
         )
     return _load_shipped(which)
 

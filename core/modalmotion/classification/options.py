@@ -143,24 +143,6 @@ class TrainingOptions:
         return TrainingOptions(**values)
 
 
-def require_coverage(coverage: float) -> None:
-    """Check the level of a class set.
-
-    Raises
-    ------
-    ParameterError
-        If it is not above 0 and below 1.
-    """
-    value: object = coverage
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not (is_number and 0.0 < coverage < 1.0):
-        raise ParameterError(
-            f"The coverage is {coverage!r}.",
-            remedy="Use a share above 0 and below 1, such as 0.9.",
-            details={"coverage": str(coverage)},
-        )
-
-
 def _wrong(name: str, value: object, use: str) -> ParameterError:
     return ParameterError(
         f"The option '{name}' is {str(value)[:80]!r}.",

@@ -1,4 +1,4 @@
-"""Features and estimator in the form of scikit-learn, which is imported here."""
+"""Features in the form of scikit-learn, which is imported here."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
-from sklearn.utils.multiclass import check_classification_targets
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.utils.validation import check_is_fitted
 
 from modalmotion.classification.answer import fitted_in, unlike
 from modalmotion.classification.cases import TrainingCase, named
@@ -25,7 +24,6 @@ from modalmotion.classification.extractor import (
     states_walls,
     timings_of,
 )
-from modalmotion.classification.linear import discriminant, left_out_scores, softmax, temperature_of
 from modalmotion.classification.model import Readable
 from modalmotion.classification.motion import Motion
 from modalmotion.classification.options import TrainingOptions
@@ -201,58 +199,6 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
             stated = signature.facts.covariates
             rows.append([*own, *(_covariate(column, stated) for column in self._covariates)])
         return np.array(rows).reshape(len(rows), len(self._names) + len(self._covariates))
-
-
-class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
-    """`discriminant` with a temperature, as an estimator of scikit-learn.
-
-    Attributes
-    ----------
-    classes_ : (classes,) array
-    linear_ : Linear
-    """
-
-    def fit(self, X: Any, y: Any, groups: Any = None) -> MotionClassifier:
-        """Fit to features (cases, features) and labels (cases,).
-
-        Parameters
-        ----------
-        X : (cases, features) array
-        y : (cases,) array
-        groups : (cases,) array, optional
-            Subjects; each case is one of its own by default.
-
-        Raises
-        ------
-        ValueError
-            If there are fewer than two classes.
-        """
-        X, y = validate_data(self, X, y, dtype=np.float64)
-        check_classification_targets(y)
-        self.classes_, place = np.unique(y, return_inverse=True)
-        n = len(self.classes_)
-        if n < 2:
-            raise ValueError("A classifier needs at least two classes, only one class is given.")
-        g = np.arange(len(y)) if groups is None else np.unique(groups, return_inverse=True)[1]
-        temperature = temperature_of(left_out_scores(X, place, n, g), place)
-        self.linear_ = discriminant(X, place, n).times(1.0 / temperature)
-        return self
-
-    def decision_function(self, X: Any) -> Array:
-        """Scores, (cases, classes) float64; of two classes that of the second, (cases,)."""
-        check_is_fitted(self)
-        scores = self.linear_.scores(validate_data(self, X, reset=False, dtype=np.float64))
-        return scores[:, 1] - scores[:, 0] if len(self.classes_) == 2 else scores
-
-    def predict_proba(self, X: Any) -> Array:
-        """Probabilities, (cases, classes) float64."""
-        check_is_fitted(self)
-        X = validate_data(self, X, reset=False, dtype=np.float64)
-        return softmax(self.linear_.scores(X))
-
-    def predict(self, X: Any) -> NDArray[Any]:
-        """Most probable classes, (cases,)."""
-        return np.asarray(self.classes_[self.predict_proba(X).argmax(axis=1)])
 
 
 def _cases(X: Iterable[Any]) -> list[TrainingCase]:

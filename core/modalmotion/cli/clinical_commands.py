@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from modalmotion.cli.files import Waiting, sequence_argument
+from modalmotion.cli.files import Waiting, progress_bar, sequence_argument
 from modalmotion.cli.options import (
     EXISTING,
     EXISTING_FILE,
@@ -127,7 +126,8 @@ def _lines(report: Report) -> Iterator[str]:
             mode, way = np.unravel_index(np.abs(values).argmax(), values.shape)
             place = f"mode {per_mode.labels[mode]}, {directions[way]}"
             largest[name] = f"{values[mode, way]:.2f} {what}, {place}"
-        said["largest effect of one length unit of an amplitude"] = largest
+        step = report.signature.unit or "length unit"
+        said[f"largest effect of 1 {step} of an amplitude"] = largest
     if (regions := ventricle.regions) is not None:
         frame = most_moved(regions)
         shares = zip(regions.names, regions.shares[frame], strict=True)
@@ -275,7 +275,7 @@ def _read(
     files: list[LabelledFile] = labelled_files(
         sources, skip_unreadable=skip_unreadable, needs_label=False
     )
-    with click.progressbar(files, label="recordings", file=sys.stderr) as bar:
+    with progress_bar(files, label="recordings") as bar:
         for file in bar:
             source = LabelledSequence(file, {"unit": unit})
             try:

@@ -6,7 +6,6 @@ import contextlib
 import csv
 import hashlib
 import shutil
-import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -18,7 +17,7 @@ import numpy as np
 
 from modalmotion.classification.manifest import LabelledFile, labelled_files
 from modalmotion.classification.training import joblib_backend
-from modalmotion.cli.files import sequence_argument, stated_facts
+from modalmotion.cli.files import progress_bar, sequence_argument, stated_facts
 from modalmotion.cli.options import (
     OutputFolder,
     command,
@@ -32,7 +31,7 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import MESH, SPHERE
 from modalmotion.representation import csv_text
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
-from modalmotion.tracking.recording import sequence_of
+from modalmotion.tracking.parameters import sequence_of
 
 if TYPE_CHECKING:
     from modalmotion.store import ResultStore, SequenceRecord
@@ -148,7 +147,7 @@ class _Work:
         work = (delayed(_signed)(file, parameters, self._stated, self._keeps) for file in left)
         failed: dict[str, dict[str, Any]] = {}
         with (
-            click.progressbar(length=len(left), label="signatures", file=sys.stderr) as bar,
+            progress_bar(length=len(left), label="signatures") as bar,
             table.open("a", newline="") as lines,
         ):
             for signed in Parallel(return_as="generator_unordered")(work) if left else ():

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 import sys
 from difflib import get_close_matches
+from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoints, entry_points
 from importlib.util import LazyLoader, find_spec, module_from_spec
 from pathlib import Path
 from typing import Final
@@ -43,15 +44,14 @@ class _Commands(click.Group):
     """Adds registered commands, and reports our own errors without a traceback."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        registered = {entry.name for entry in entry_points(group="modalmotion.commands")}
-        return sorted({*super().list_commands(ctx), *COMMANDS, *registered})
+        return sorted({*super().list_commands(ctx), *COMMANDS, *_registered().names})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in COMMANDS:
             _put_off("f2py", "testing", "polynomial", "ma")
             module = import_module(f".{COMMANDS[cmd_name]}", __package__)
             return _command(getattr(module, cmd_name.replace("-", "_")))
-        for entry in entry_points(group="modalmotion.commands", name=cmd_name):
+        for entry in _registered().select(name=cmd_name):
             return _command(entry.load())
         return super().get_command(ctx, cmd_name)
 
@@ -85,7 +85,7 @@ class _Commands(click.Group):
             function = rf'^def {name.replace("-", "_")}\(.*?"""(.*?)(?:"""|\n)'
             found = re.search(function, source, re.DOTALL | re.MULTILINE)
             return found[1] if found else ""
-        for entry in entry_points(group="modalmotion.commands", name=name):
+        for entry in _registered().select(name=name):
             # A distribution may contain its lines beside its commands, so that no command is
             # imported.
             lines = getattr(import_module(entry.module.rpartition(".")[0]), "LINES", {})
@@ -93,6 +93,12 @@ class _Commands(click.Group):
                 return str(lines[name])
         command = self.get_command(ctx, name)
         return "" if command is None else command.get_short_help_str(limit=80)
+
+
+@cache
+def _registered() -> EntryPoints:
+    """Find the commands of other distributions, once: every one that is installed is opened."""
+    return entry_points(group="modalmotion.commands")
 
 
 def _put_off(*parts: str) -> None:

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from modalmotion.cli.files import Waiting, counting, fitted, read, sequence_argument, stated_facts
+from modalmotion.cli.files import (
+    Waiting,
+    counting,
+    fitted,
+    progress_bar,
+    read,
+    sequence_argument,
+    stated_facts,
+)
 from modalmotion.cli.options import (
     EXISTING,
     EXISTING_FILE,
@@ -305,7 +312,7 @@ def _cohort(
 
     files = labelled_files([manifest], skip_unreadable=skips, needs_label=False)
     made = []
-    with click.progressbar(files, label="recordings", file=sys.stderr) as bar:
+    with progress_bar(files, label="recordings") as bar:
         for file in bar:
             try:
                 made.append(_recording(file, parameters, {**stated}))
@@ -327,7 +334,7 @@ def _recording(
     from modalmotion.clinical import clinical_readouts
     from modalmotion.exports.tables import Recording
     from modalmotion.signature.making import modal_signature
-    from modalmotion.tracking.recording import sequence_of
+    from modalmotion.tracking.parameters import sequence_of
 
     options = ReadOptions(facts=stated_facts(stated).over(file.facts), **stated)
     sequence = sequence_of(file.path, options)

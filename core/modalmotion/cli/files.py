@@ -6,7 +6,7 @@ import contextlib
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -201,6 +201,12 @@ def fitted(
     return sequence, modal_signature(sequence, parameters, watch=waiting.watch)
 
 
+def progress_bar(items: Iterable[Any] | None = None, **options: Any) -> Any:
+    """Show a bar on a terminal; where there is none not even its label, which says nothing."""
+    hidden = not sys.stderr.isatty()
+    return click.progressbar(items, file=sys.stderr, hidden=hidden, **options)
+
+
 @contextlib.contextmanager
 def counting(label: str) -> Iterator[Progress]:
     """Show a bar; gives a function that takes the number done and, once it is known, of all."""
@@ -210,7 +216,7 @@ def counting(label: str) -> Iterator[Progress]:
         def show(done: int, total: int) -> None:
             nonlocal bar
             if bar is None:
-                made = click.progressbar(length=total, label=label, file=sys.stderr)
+                made = progress_bar(length=total, label=label)
                 bar = open_bar.enter_context(made)
             bar.length = total
             bar.update(done - bar.pos)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -13,7 +12,7 @@ import click
 
 from modalmotion.classification.manifest import LabelledSequence, labelled_files
 from modalmotion.classification.options import OnError, TrainingOptions
-from modalmotion.cli.files import counting, read, sequence_argument
+from modalmotion.cli.files import counting, progress_bar, read, sequence_argument
 from modalmotion.cli.model_texts import answer_json, answer_lines, card_text, confusion
 from modalmotion.cli.options import (
     OutputFile,
@@ -93,7 +92,7 @@ def _asked(
     files = labelled_files(sources, skip_unreadable=skips)
     cases = [LabelledSequence(file, {"unit": stated["unit"]}) for file in files]
     left_out: list[LeftOut] = []
-    with click.progressbar(cases, label="cases", file=sys.stderr) as bar:
+    with progress_bar(cases, label="cases") as bar:
         result = ask(bar, coverage, left_out=left_out if skips else None)
     return result, list(left_out_notes(left_out))
 

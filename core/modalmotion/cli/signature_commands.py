@@ -83,6 +83,11 @@ def _write(path: Path, sequence: MeshSequence, result: ModalSignature) -> None:
         from modalmotion.pictures.signature import signature_figure
 
         write_picture(signature_figure(sequence, result), path)
+    elif path.suffix.lower() == ".h5":
+        # Without the imports of all that can be saved.
+        from modalmotion.store import signature_to_hdf5
+
+        write_atomic(path, signature_to_hdf5(result))
     else:
         result.save(path)
 

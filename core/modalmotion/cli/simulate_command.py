@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
@@ -11,6 +10,7 @@ from typing import Any, Final
 import click
 import numpy as np
 
+from modalmotion.cli.files import progress_bar
 from modalmotion.cli.options import (
     VENTRICLE,
     GridShape,
@@ -128,7 +128,7 @@ def simulate_cohort(output: Path, per_class: int, noise: float, seed: int) -> An
     rows: list[list[object]] = [["path", "label", "subject", *_STATED]]
     total = per_class * len(MotionClass)
     cases = cohort(per_class, rng=np.random.default_rng(seed), noise=noise)
-    with click.progressbar(cases, length=total, label="ventricles", file=sys.stderr) as bar:
+    with progress_bar(cases, length=total, label="ventricles") as bar:
         for number, case in enumerate(bar):
             name = f"ventricle-{seed}-{number:04d}"
             write_atomic(output / f"{name}.npz", write_npz(case.sequence))

@@ -182,7 +182,7 @@ def restore(
                         n_deleted += 1
                     else:
                         _remove_logs(there / name)
-                        _stage(here / name, there / name).replace(there / name)
+                        _copy(here / name, there / name)
                         n_files, n_bytes = n_files + 1, n_bytes + status.st_size
                 if progress is not None:
                     progress(number + 1, len(names))
@@ -221,11 +221,12 @@ def _bring_up_to_date(
                 staged[name] = temporary
         # Again: what the databases name by now is there.
         present = {name for name in _files_of(root) if name.suffix != ".sqlite"}
-        new = [
-            name
-            for number, name in enumerate(sorted(present))
-            if _add(root / name, copy / name, progress, (number + 1, len(present)))
-        ]
+        new = []
+        for number, name in enumerate(sorted(present), 1):
+            if _copied(root / name, copy / name):
+                new.append(name)
+            if progress is not None:
+                progress(number, len(present))
         _sync_folders(copy, new)
         gone, done, lost = _parted(
             root, copy, [n for n in _files_of(copy) if n not in present and n not in databases]
@@ -304,39 +305,32 @@ def _has_forgotten(database: Path, lost: Iterable[PurePath], store: PurePath) ->
     return False
 
 
-def _add(source: Path, copy: Path, progress: Progress | None, done: tuple[int, int]) -> bool:
+def _copied(source: Path, copy: Path) -> bool:
     """Copy a file that is new or was replaced; return whether it was."""
     try:
-        if is_new := not _is_same(source, copy):
-            _stage(source, copy).replace(copy)
+        then = copy.stat() if copy.exists() else None
+        now_ = source.stat()
+        if then and (now_.st_size, now_.st_mtime_ns) == (then.st_size, then.st_mtime_ns):
+            return False
+        _copy(source, copy)
     except FileNotFoundError:
         if source.exists():
             raise
         # Deleted while the copy was made, or done with.
-        is_new = False
-    if progress is not None:
-        progress(*done)
-    return is_new
-
-
-def _is_same(source: Path, copy: Path) -> bool:
-    if not copy.exists():
         return False
-    now, then = source.stat(), copy.stat()
-    return (now.st_size, now.st_mtime_ns) == (then.st_size, then.st_mtime_ns)
+    return True
 
 
-def _stage(source: Path, copy: Path) -> Path:
-    """Copy a file durably, with its times, to one beside its copy, to be renamed."""
+def _copy(source: Path, copy: Path) -> None:
+    """Copy a file durably, with its times, wholly or not at all."""
     copy.parent.mkdir(parents=True, exist_ok=True)
     temporary = temporary_beside(copy)
     try:
         shutil.copy2(source, temporary)
         sync_paths([temporary])
-    except BaseException:
+        temporary.replace(copy)
+    finally:
         temporary.unlink(missing_ok=True)
-        raise
-    return temporary
 
 
 def _stage_database(source: Path, copy: Path) -> Path | None:
@@ -354,11 +348,10 @@ def _stage_database(source: Path, copy: Path) -> Path | None:
         os.utime(temporary, ns=(then.st_atime_ns, then.st_mtime_ns))
         shutil.copymode(source, temporary)
         sync_paths([temporary])
-    except sqlite3.Error as error:
+    except BaseException as error:
         temporary.unlink(missing_ok=True)
-        raise OSError(5, str(error), str(copy)) from error
-    except BaseException:
-        temporary.unlink(missing_ok=True)
+        if isinstance(error, sqlite3.Error):
+            raise OSError(5, str(error), str(copy)) from error
         raise
     return temporary
 

@@ -21,10 +21,9 @@ from modalmotion.classification.card import ModelRecord, ModelReference
 from modalmotion.errors import StoreError
 from modalmotion.store.disk import (
     JsonForm,
-    cannot_write,
     make_folder,
     remove_durably,
-    sync_paths,
+    rename,
     write_atomic,
 )
 from modalmotion.store.folder import Folder
@@ -175,18 +174,10 @@ def begin_deletion(folder: Folder, sequence_id: str) -> None:
         If that fails; nothing is changed then.
     """
     record, mark = folder.record(sequence_id), folder.deletion(sequence_id)
-    if not record.is_file():
+    if record.is_file():
+        rename(record, mark)
+    else:
         write_atomic(mark, b"")
-        return
-    try:
-        record.replace(mark)
-        try:
-            sync_paths([mark.parent])
-        except BaseException:
-            mark.replace(record)
-            raise
-    except OSError as error:
-        raise cannot_write(mark, error) from error
 
 
 def finish_deletion(folder: Folder, index: Index, sequence_id: str) -> None:

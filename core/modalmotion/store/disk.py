@@ -11,7 +11,7 @@ import os
 import re
 import secrets
 import weakref
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -173,14 +173,23 @@ def _write_durably(path: Path, data: bytes | memoryview) -> None:
         os.close(descriptor)
 
 
-def move_files(moves: Sequence[tuple[Path, Path]]) -> None:
-    """Rename durable files, each to its path, and make their new names durable; may raise OSError.
+def rename(path: Path, target: Path) -> None:
+    """Rename a file durably, or leave it where it was.
 
-    A file that was moved before something failed stays where it is then.
+    Raises
+    ------
+    StoreError
+        If it cannot be renamed.
     """
-    for source, target in moves:
-        source.replace(target)
-    sync_paths(target.parent for _, target in moves)
+    try:
+        path.replace(target)
+        try:
+            sync_paths({path.parent, target.parent})
+        except BaseException:
+            target.replace(path)
+            raise
+    except OSError as error:
+        raise cannot_write(target, error) from error
 
 
 def sync_paths(paths: Iterable[Path]) -> None:

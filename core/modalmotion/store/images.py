@@ -13,7 +13,7 @@ from modalmotion.images import ImageSequence, Plane, PlaneSet
 from modalmotion.images.sequence import parts_of
 from modalmotion.representation import shown
 from modalmotion.store.deletion import bury_and_remove
-from modalmotion.store.disk import JsonForm
+from modalmotion.store.disk import JsonForm, rename
 from modalmotion.store.folder import SequenceRecord, is_id
 from modalmotion.store.index import from_cursor, now, require_limit, to_cursor
 from modalmotion.store.opening import lost_file
@@ -182,7 +182,13 @@ class ImageStore(SequenceStore):
             # Written before a deletion, perhaps, and put after it.
             file.touch()
             # The samples first: what has a record is there.
-            self._move([(file, path)], lambda: self._write_record(record))
+            self._make_shards(path.parent)
+            rename(file, path)
+            try:
+                self._write_record(record)
+            except BaseException:
+                rename(path, file)
+                raise
             return record, True
 
     def images_record(self, images_id: str) -> ImagesRecord:

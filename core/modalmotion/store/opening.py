@@ -20,7 +20,6 @@ from modalmotion.store.disk import (
     cannot_write,
     content_of,
     make_folder,
-    move_files,
     put_back,
     sync_paths,
     write_atomic,
@@ -157,22 +156,15 @@ class Opening:
         """Write files, then note them in the index: what the index knows is there."""
         # What was there before is a record, or damaged; either way it is put back on failure.
         before = [(path, content_of(path)) for path, _ in files]
-        with _put_back_on_failure(before):
+        try:
             for path, data in files:
                 self._make_shards(path.parent)
                 write_atomic(path, data)
             note()
-
-    def _move(self, moves: list[tuple[Path, Path]], note: Callable[[], None]) -> None:
-        """Move durable files to their paths, then note them in the index, as `_write` does."""
-        before = [(target, content_of(target)) for _, target in moves]
-        with _put_back_on_failure(before):
-            self._make_shards(*(target.parent for _, target in moves))
-            try:
-                move_files(moves)
-            except OSError as error:
-                raise cannot_write(moves[0][1], error) from error
-            note()
+        except BaseException:
+            for path, content in reversed(before):
+                put_back(path, content)
+            raise
 
     def _make_shards(self, *shards: Path) -> None:
         # Once for each: that a folder can be seen does not say that it is durable, for it may
@@ -232,16 +224,6 @@ class Opening:
             )
         what = f"The file of a {path.parents[1].name[:-1]} of sequence {sequence_id[:12]}"
         raise lost_file(what, "Make it again")
-
-
-@contextmanager
-def _put_back_on_failure(before: list[tuple[Path, bytes | None]]) -> Iterator[None]:
-    try:
-        yield
-    except BaseException:
-        for path, content in reversed(before):
-            put_back(path, content)
-        raise
 
 
 def lost_file(what: str, way: str) -> LostFileError:
@@ -361,17 +343,22 @@ class SequenceRecords(Opening):
         }
         for what, text in stated.items():
             require_name(what, text)
-        index = self._open_index()
         self.sequence_record(sequence_id)
         with self._changing(sequence_id):
             known = self.sequence_record(sequence_id)
             facts = change(known.facts)
             if facts != known.facts:
                 facts.require_fit(known.n_vertices, known.span)
-            record = replace(known, facts=facts, **stated)
-            if record != known:
-                file = (self._folder.record(sequence_id), record_to_json(record))
-                self._write([file], lambda: index.change([record], erases=True))
+            return self._restate(known, replace(known, facts=facts, **stated), erases=True)
+
+    def _restate(
+        self, known: SequenceRecord, record: SequenceRecord, *, erases: bool = False
+    ) -> SequenceRecord:
+        """Write a record over the known one, inside `_changing`."""
+        if record != known:
+            index = self._open_index()
+            file = (self._folder.record(record.id), record_to_json(record))
+            self._write([file], lambda: index.change([record], erases=erases))
         return record
 
     def complete_sequence(
@@ -412,7 +399,6 @@ class SequenceRecords(Opening):
         """
         require_name("subject", subject)
         require_name("label", label)
-        index = self._open_index()
         with self._changing(sequence_id):
             known = self.sequence_record(sequence_id)
             stated = {"subject": subject, "label": label}
@@ -439,8 +425,6 @@ class SequenceRecords(Opening):
                 subject=known.subject if subject is None else subject,
                 label=known.label if label is None else label,
             )
-            if record != known:
-                file = (self._folder.record(sequence_id), record_to_json(record))
-                self._write([file], lambda: index.change([record]))
+            self._restate(known, record)
         filled = [name for name in new if getattr(known, name) is None]
         return record, (*filled, *completed.changed(known.facts))

@@ -188,25 +188,26 @@ def reconcile(
     records: list[SequenceRecord] = []
     damaged: list[str] = []
     restored: list[str] = []
-    for number, sequence_id in enumerate(sequence_ids):
+    total = len(sequence_ids) + len(results)
+    for number, sequence_id in enumerate(sequence_ids, 1):
+        path, upload = folder.record(sequence_id), folder.upload(sequence_id)
         try:
             record, is_new = _record(folder, index, scan, sequence_id)
         except StoreError as error:
             _pass_over(error, thorough=thorough)
-            path = folder.record(sequence_id)
-            damaged.append(folder.short(path if path.exists() else folder.upload(sequence_id)))
+            damaged.append(folder.short(path if path.exists() else upload))
             continue
         records.append(record)
-        upload = folder.upload(sequence_id)
         if thorough and record.has_upload and not is_sound(upload):
             damaged.append(folder.short(upload))
         if is_new:
-            restored.append(folder.short(folder.record(sequence_id)))
-        _tell(progress, number, len(sequence_ids) + len(results))
+            restored.append(folder.short(path))
+        if progress is not None:
+            progress(number, total)
     owners = {record.id for record in records}
     orphans = [folder.short(path) for path in scan.foreign]
     rows: list[tuple[ResultName, str]] = []
-    for number, name in enumerate(results, len(sequence_ids)):
+    for number, name in enumerate(results, len(sequence_ids) + 1):
         path = folder.result(name)
         if name.sequence_id not in owners:
             orphans.append(folder.short(path))
@@ -217,7 +218,8 @@ def reconcile(
         except StoreError as error:
             _pass_over(error, thorough=thorough)
             damaged.append(folder.short(path))
-        _tell(progress, number, len(sequence_ids) + len(results))
+        if progress is not None:
+            progress(number, total)
     models = _models(folder, index, scan, damaged, thorough=thorough)
     with index.database.write(erases=True) as connection:
         connection.execute("DELETE FROM sequences")
@@ -331,8 +333,3 @@ def _pass_over(error: StoreError, *, thorough: bool) -> None:
     """Go on after a file that does not read, unless another version reads it and may yet come."""
     if isinstance(error, OlderFileError) and not thorough:
         raise error
-
-
-def _tell(progress: Progress | None, number: int, total: int) -> None:
-    if progress is not None:
-        progress(number + 1, total)

@@ -15,7 +15,7 @@ from modalmotion.mesh import NO_FACTS
 from modalmotion.mesh.hdf5 import read_sequence, sequence_to_hdf5
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.store.deletion import begin_deletion, finish_deletion
-from modalmotion.store.disk import cannot_write, sync_paths, write_atomic
+from modalmotion.store.disk import rename, write_atomic
 from modalmotion.store.folder import (
     ResultName,
     SequenceRecord,
@@ -250,11 +250,11 @@ class SequenceStore(SequenceRecords):
             for path, data in files:
                 self._make_shards(path.parent)
                 write_atomic(path, data)
-            _rename(mark, of_old)
+            rename(mark, of_old)
             try:
                 index.change([record], digests, without=old_id)
             except BaseException:
-                _rename(of_old, mark)
+                rename(of_old, mark)
                 raise
         except BaseException:
             if mark.exists():
@@ -319,19 +319,6 @@ class SequenceStore(SequenceRecords):
 
 def _content(image: Path) -> bytes:
     return load_sealed(image)[1]
-
-
-def _rename(path: Path, target: Path) -> None:
-    """Rename a file durably, or leave it where it was."""
-    try:
-        path.replace(target)
-        try:
-            sync_paths({path.parent, target.parent})
-        except BaseException:
-            target.replace(path)
-            raise
-    except OSError as error:
-        raise cannot_write(target, error) from error
 
 
 def upload_image(sequence: MeshSequence) -> bytes:

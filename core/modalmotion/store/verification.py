@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any, cast
 
 from modalmotion.classification.answer_hdf5 import read_classification
 from modalmotion.classification.card import ModelRecord, ModelReference
@@ -100,31 +101,36 @@ def verify(root: Path, *, progress: Progress | None = None) -> VerifyReport:
     with folder_lock(folder.lock), ExitStack() as stack:
         scan = folder.scan()
         check = _Check(folder, scan)
-        stack.enter_context(check.reading_index())
-        looks: list[tuple[Path, Callable[[], None]]] = [
-            *((folder.record(name), partial(check.record, name)) for name in scan.records),
-            *((folder.upload(name), partial(check.upload, name)) for name in scan.uploads),
-            *((folder.result(name), partial(check.result, name)) for name in scan.results),
-            *((folder.template(name), partial(check.template, name)) for name in scan.templates),
-            *((folder.images_record(n), partial(check.images, n)) for n in scan.image_records),
-            *((folder.norm(name), partial(check.norm, name)) for name in scan.norms),
-            *((folder.model(name), partial(check.model, name)) for name in scan.models),
-            *(
-                (folder.deleted_model(name), partial(check.deleted_model, name))
-                for name in scan.deleted_models
-            ),
-        ]
-        for number, (path, look) in enumerate(sorted(looks, key=lambda pair: pair[0])):
+        index = folder.index
+        if index.is_file():
+            try:
+                check.read_index(stack.enter_context(closing(Database(index))))
+            except StoreError as error:
+                check.faults.append(Fault(index.name, error.message))
+        else:
+            check.faults.append(Fault(index.name, "It is missing; `modalmotion store rebuild`."))
+        looks: list[tuple[Path, Callable[[], None]]] = []
+        for names, place, look in (
+            (scan.records, folder.record, check.record),
+            (scan.uploads, folder.upload, check.upload),
+            (scan.results, folder.result, check.result),
+            (scan.templates, folder.template, check.template),
+            (scan.image_records, folder.images_record, check.images),
+            (scan.norms, folder.norm, check.norm),
+            (scan.models, folder.model, check.model),
+            (scan.deleted_models, folder.deleted_model, check.deleted_model),
+        ):
+            looks += [(place(name), partial(look, name)) for name in cast(set[Any], names)]
+        for number, (path, read) in enumerate(sorted(looks, key=lambda pair: pair[0])):
             try:
                 check.n_bytes += path.stat().st_size
-                look()
+                read()
             except StoreError as error:
                 check.faults.append(Fault(folder.short(path), error.message))
             except OSError as error:
                 check.faults.append(Fault(folder.short(path), str(error.strerror)))
             if progress is not None:
                 progress(number + 1, len(looks))
-        check.rows_without_files()
     unfinished = [folder.short(path) for path in scan.temporaries]
     unfinished += [folder.short(folder.deletion(deleted)) for deleted in scan.deletions]
     unfinished += [folder.short(folder.images(n)) for n in scan.images - scan.image_records]
@@ -132,7 +138,7 @@ def verify(root: Path, *, progress: Progress | None = None) -> VerifyReport:
         n_sequences=len(scan.records),
         n_results=len(scan.results),
         n_bytes=check.n_bytes,
-        faults=tuple(check.faults),
+        faults=tuple(check.faults + check.missing),
         unfinished=tuple(sorted(unfinished + check.unfinished)),
         orphans=tuple(sorted([folder.short(path) for path in scan.foreign] + check.orphans)),
         n_models=len(scan.models),
@@ -146,7 +152,7 @@ class _Check:
     folder: Folder
     scan: Scan
     index: Index | None = None
-    without_files: list[Path] = field(default_factory=list)
+    missing: list[Fault] = field(default_factory=list)
     models: dict[ModelReference, ModelRecord] = field(default_factory=dict)
     is_clean: bool = False
     n_bytes: int = 0
@@ -154,46 +160,26 @@ class _Check:
     unfinished: list[str] = field(default_factory=list)
     orphans: list[str] = field(default_factory=list)
 
-    @contextmanager
-    def reading_index(self) -> Iterator[None]:
-        """Let SQLite check its own file, and keep it open to compare rows with."""
-        path = self.folder.index
-        if not path.is_file():
-            self.faults.append(Fault(path.name, "It is missing; `modalmotion store rebuild`."))
-            yield
-            return
-        try:
-            database = Database(path)
-        except StoreError as error:
-            self.faults.append(Fault(path.name, error.message))
-            yield
-            return
-        try:
-            self._read(database)
-            yield
-        finally:
-            database.close()
-
-    def _read(self, database: Database) -> None:
-        path, index = self.folder.index, Index(database)
-        try:
-            self.faults += [Fault(path.name, text) for text in database.faults()]
-            self.without_files = [
-                *(
-                    self.folder.record(name)
-                    for name in index.ids()
-                    if name not in self.scan.records
-                ),
-                *(self.folder.result(n) for n in index.results() if n not in self.scan.results),
-            ]
-            self.models = {record.reference: record for record in index.models()}
-            if index.count() != index.recount():
-                problem = "It miscounts its rows; `modalmotion store rebuild`."
-                self.faults.append(Fault(path.name, problem))
-            self.is_clean = index.is_clean
-            self.index = index
-        except StoreError as error:
-            self.faults.append(Fault(path.name, error.message))
+    def read_index(self, database: Database) -> None:
+        """Let SQLite check its own file, and keep it to compare rows with."""
+        folder, scan, index = self.folder, self.scan, Index(database)
+        self.faults += [Fault(folder.index.name, text) for text in database.faults()]
+        self.models = {record.reference: record for record in index.models()}
+        paths = [
+            *(folder.record(name) for name in index.ids() if name not in scan.records),
+            *(folder.result(name) for name in index.results() if name not in scan.results),
+            *map(folder.model, self.models.keys() - scan.models - scan.deleted_models),
+        ]
+        self.missing = [
+            Fault(folder.short(path), "It is missing, though the index knows it.")
+            for path in sorted(paths)
+            if path.name[:64] not in scan.deletions
+        ]
+        if index.count() != index.recount():
+            problem = "It miscounts its rows; `modalmotion store rebuild`."
+            self.faults.append(Fault(folder.index.name, problem))
+        self.is_clean = index.is_clean
+        self.index = index
 
     def record(self, sequence_id: str) -> None:
         path = self.folder.record(sequence_id)
@@ -265,22 +251,6 @@ class _Check:
         record = deleted_record(path, reference)
         if self.index is not None and self.models.get(reference) != record:
             self._differs(path)
-
-    def rows_without_files(self) -> None:
-        """Find rows of the index whose files the folder does not have."""
-        missing = [
-            *self.without_files,
-            *(
-                self.folder.model(row)
-                for row in self.models.keys() - self.scan.models - self.scan.deleted_models
-            ),
-        ]
-        deleted = self.scan.deletions
-        self.faults += [
-            Fault(self.folder.short(path), "It is missing, though the index knows it.")
-            for path in sorted(missing)
-            if path.name[:64] not in deleted
-        ]
 
     def _differs(
         self, path: Path, problem: str = "The index does not know it, or knows it otherwise."

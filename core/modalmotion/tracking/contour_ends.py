@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from modalmotion.modes.topology import CUP
 from modalmotion.template import Template
 from modalmotion.tracking.ends_of_data import lies_evenly
-from modalmotion.tracking.first_shape import landmarks_of
-from modalmotion.tracking.observation import Frame, Observation
+from modalmotion.tracking.observation import Frame, Observation, ends_in
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -125,7 +124,7 @@ def with_contour_ends(
 
 def _axis(frame: Frame, template: Template | None) -> Floats | None:
     """Direction from apex to base; None if neither landmarks nor a cup say it."""
-    ends = landmarks_of(frame)
+    ends = ends_in(frame)
     if not {"apex", "base"} <= set(ends):
         if template is None or template.topology != CUP:
             return None

@@ -1,22 +1,25 @@
-"""A surface or curve that deforms in its closed-form modes; folds and collapses are refused."""
+"""A surface or curve that deforms in its closed-form modes, and the rims of its openings."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import ShapeError
+from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh import Cavity
 from modalmotion.mesh.normal_lines import vertex_normals
-from modalmotion.mesh.triangles import face_normals
+from modalmotion.mesh.triangles import face_normals, grouped_edges
 from modalmotion.modes import ModeSet, lowest_modes, whole_count
-from modalmotion.modes.topology import CLOSED, OPEN_CURVE
+from modalmotion.modes.topology import CLOSED, OPEN_CURVE, End
 from modalmotion.template import Template
 from modalmotion.template.body_frame import affine_shapes
 from modalmotion.template.vibration_modes import shapes_of
+from modalmotion.tracking.closest import closest_points
+from modalmotion.tracking.observation import Place, open_sides
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,10 +105,7 @@ class Deformable:
         """Sides of triangles without a neighbour, (sides, 2); none of a curve."""
         if self.cells.shape[1] != 3:
             return np.zeros((0, 2), dtype=np.int64)
-        sides = np.sort(self.cells[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-        sides, counts = np.unique(sides, axis=0, return_counts=True)
-        open_sides: NDArray[np.int64] = sides[counts == 1]
-        return open_sides
+        return open_sides(self.cells)
 
 
 # Share of the area in triangles turned against their neighbours. A single sliver may turn.
@@ -183,3 +183,279 @@ def _turned(
     own = face_normals(x, surface.cells)
     around = vertex_normals(x, surface.cells)[surface.cells].sum(axis=1)
     return (own * around).sum(axis=1) < 0, np.linalg.norm(own, axis=1)
+
+
+NEAR_END: Final = 0.25
+"""Of the axis: openings this near to an end are that end's."""
+
+# Three sectors tell a level and a tilt.
+_FEWEST_SECTORS: Final = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Rim:
+    """All openings at one end of a surface, in sectors of about the same length.
+
+    Parameters
+    ----------
+    end : {"apex", "base"}
+    sides : (sides, 2) int64
+        Of triangles, along the openings.
+    opposite : (sides,) int64
+        Third corner of each one's triangle.
+    sectors : (vertices,) int64
+        Sector that each vertex of the surface is next to, -1 of those out of reach.
+    distances : (vertices,) float64, length unit
+        Of each vertex of the start from the rim.
+    n_sectors : int
+    """
+
+    end: str
+    sides: NDArray[np.int64]
+    opposite: NDArray[np.int64]
+    sectors: NDArray[np.int64]
+    distances: NDArray[np.float64]
+    n_sectors: int
+
+    def at(self, x: NDArray[np.float64]) -> RimThere:
+        """Take the rim of a surface with the vertices x, (vertices, 3)."""
+        a, b, c = x[self.sides[:, 0]], x[self.sides[:, 1]], x[self.opposite]
+        side = b - a
+        squares = (side * side).sum(axis=1)
+        # Out of the triangle, across the side, and as long as that.
+        away = 0.5 * (a + b) - c
+        share = (away * side).sum(axis=1) / np.where(squares > 0, squares, 1.0)
+        away = away - share[:, None] * side
+        size = np.linalg.norm(away, axis=1)
+        away *= (np.sqrt(squares) / np.where(size > 0, size, 1.0))[:, None]
+        used = np.unique(self.sides)
+        place = np.searchsorted(used, self.sides).ravel()
+
+        def halves(of_sides: NDArray[np.float64]) -> NDArray[np.float64]:
+            sums = np.bincount(place, np.repeat(of_sides / 2.0, 2), minlength=len(used))
+            return sums.astype(np.float64)
+
+        lengths = halves(np.sqrt(squares))
+        outward = np.stack([halves(away[:, i]) for i in range(3)], axis=1)
+        sectors = self.sectors[used]
+        total = np.bincount(sectors, lengths, minlength=self.n_sectors)
+        return RimThere(used, lengths, outward, sectors, total.astype(np.float64))
+
+
+@dataclass(frozen=True, eq=False)
+class RimThere:
+    """A rim where a surface has it.
+
+    Parameters
+    ----------
+    vertices : (n,) int64
+        That it passes through.
+    lengths : (n,) float64, length unit
+        That each represents.
+    outward : (n, 3) float64, length unit
+        Out of the surface and across the rim, as long as that.
+    sectors : (n,) int64
+    totals : (sectors,) float64, length unit
+        Length of each.
+    """
+
+    vertices: NDArray[np.int64]
+    lengths: NDArray[np.float64]
+    outward: NDArray[np.float64]
+    sectors: NDArray[np.int64]
+    totals: NDArray[np.float64]
+
+    @property
+    def directions(self) -> NDArray[np.float64]:
+        """Outward as unit vectors, (n, 3)."""
+        size = np.linalg.norm(self.outward, axis=1)
+        unit: NDArray[np.float64] = self.outward / np.where(size > 0, size, 1.0)[:, None]
+        return unit
+
+    def rows(self, surface: Deformable) -> NDArray[np.float64]:
+        """How far amplitudes move each sector outward in the mean, (sectors, modes, 3)."""
+        n = len(self.totals)
+        rows, shares = np.empty((n, len(surface), 3)), np.zeros((n, len(self.vertices)))
+        shapes = np.ascontiguousarray(surface.shapes[self.vertices])
+        for i in range(3):
+            own = self.outward[:, i] / self.totals[self.sectors]
+            shares[self.sectors, np.arange(len(self.vertices))] = own
+            rows[:, :, i] = shares @ shapes
+        return rows
+
+    def alike(self, surface: Deformable, n_values: float) -> NDArray[np.float64]:
+        """Variance of a sector's mean, over that of one place, of what the modes leave."""
+        alike = np.empty(len(self.totals))
+        for k, total in enumerate(self.totals):
+            own = self.sectors == k
+            alike[k] = alike_over(surface, self.vertices[own], self.lengths[own] / total, n_values)
+        return alike
+
+
+def rim_of(surface: Deformable, end: str, width: float) -> Rim | None:
+    """Take the openings at an end in sectors about `width` long.
+
+    Parameters
+    ----------
+    surface : Deformable
+    end : {"apex", "base"}
+    width : float, length unit
+
+    Returns
+    -------
+    Rim or None
+        None if the surface has no opening there, or one that touches itself.
+    """
+    sides = rim_at(surface, end)
+    x = surface.template.vertices
+    axes = surface.template.topology.ends
+    if not len(sides) or len(axes) != 2 or axes[1] != CLOSED:
+        return None
+    sector = np.full(len(x), -1)
+    n = 0
+    for loop in grouped_edges(sides, len(x)):
+        order = _around(loop)
+        if order is None:
+            return None
+        along = np.linalg.norm(np.diff(x[[*order, order[0]]], axis=0), axis=1)
+        length = float(along.sum())
+        if not length > 0:
+            return None
+        share = (np.cumsum(along) - along / 2.0) / length
+        count = max(1, round(length / width))
+        sector[order] = n + np.minimum((share * count).astype(np.int64), count - 1)
+        n += count
+    if n < _FEWEST_SECTORS or len(np.unique(sector[sector >= 0])) < n:
+        return None
+    found = closest_points(x, x, sides)
+    nearest = found.corners[np.arange(len(x)), found.shares.argmax(axis=1)]
+    return Rim(end, sides, _opposite(surface, sides), sector[nearest], found.distances, n)
+
+
+def rim_at(surface: Deformable, end: str) -> NDArray[np.int64]:
+    """Sides of triangles along the opening at an end of the axis, (sides, 2); none without one."""
+    template = surface.template
+    none = np.zeros((0, 2), dtype=np.int64)
+    if surface.cells.shape[1] != 3 or not template.coordinates.shape[1]:
+        return none
+    # At a pole the rows of a lattice leave a hole that is none.
+    first, last = template.topology.ends[0]
+    if (first if end == "apex" else last) != End.OPEN:
+        return none
+    s = template.coordinates[:, 0]
+    at_end = np.abs(s - (0.0 if end == "apex" else 1.0)) < NEAR_END
+    sides = surface.rim_sides
+    kept: NDArray[np.int64] = sides[at_end[sides].all(axis=1)]
+    return kept
+
+
+def _around(sides: NDArray[np.int64]) -> list[int] | None:
+    """Vertices of a ring in order; None if the sides are no ring."""
+    beside: dict[int, list[int]] = {}
+    for a, b in sides.tolist():
+        beside.setdefault(a, []).append(b)
+        beside.setdefault(b, []).append(a)
+    if any(len(both) != 2 for both in beside.values()):
+        return None
+    start = min(beside)
+    order, last, here = [start], start, min(beside[start])
+    while here != start:
+        order.append(here)
+        one, other = beside[here]
+        last, here = here, other if one == last else one
+    return order
+
+
+def _opposite(surface: Deformable, sides: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Third corner of the triangle at each side of a rim."""
+    n = np.int64(surface.template.n_vertices)
+    cells = surface.cells
+    pairs = np.sort(np.concatenate([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]]), axis=1)
+    third = np.concatenate([cells[:, 2], cells[:, 0], cells[:, 1]])
+    keys = pairs[:, 0] * n + pairs[:, 1]
+    order = np.argsort(keys, kind="stable")
+    own = np.sort(sides, axis=1)
+    corners: NDArray[np.int64] = third[order][
+        np.searchsorted(keys[order], own[:, 0] * n + own[:, 1])
+    ]
+    return corners
+
+
+def alike_over(
+    surface: Deformable,
+    vertices: NDArray[np.int64],
+    shares: NDArray[np.float64],
+    n_values: float,
+) -> float:
+    """Variance of a mean over places, over that of one place, of what the modes leave.
+
+    Parameters
+    ----------
+    surface : Deformable
+    vertices : (n,) int64
+    shares : (n,) float64
+        Of each in the mean; they add up to 1.
+    n_values : float
+        Independent values of it on the whole surface.
+
+    Returns
+    -------
+    float
+        1 of one place, 1 / n_values of the whole surface: the middle of a ring is known better
+        than a point, as the ring passes through several patches.
+
+    Notes
+    -----
+    A correlation exp(-pi (d / l)^2) has the integral l^2 over a surface, and l along a curve. Of
+    a mean over the whole surface, of the area A, it leaves l^2 / A, which is 1 / n_values:
+    l^2 = A / n_values, of a curve l = L / n_values. Distances are those of the reference.
+    """
+    x = surface.template.vertices[vertices]
+    squares = ((x[:, None] - x) ** 2).sum(axis=2)
+    length = (surface.area / n_values) ** (1.0 / surface.template.topology.n_axes)
+    alike = np.exp(-np.pi * squares / length**2)
+    return float((shares[:, None] * shares * alike).sum())
+
+
+def place_on(surface: Deformable, place: Place) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Vertices of a landmark's place, and their shares in it.
+
+    Raises
+    ------
+    ParameterError
+        If the surface has no such place.
+    """
+    template = surface.template
+    if isinstance(place, str):
+        vertices, shares = _named(surface, place)
+    else:
+        vertices = np.atleast_1d(np.asarray(place, dtype=np.int64))
+        shares = np.full(len(vertices), 1.0 / max(1, len(vertices)))
+    if not len(vertices) or not 0 <= vertices.min() <= vertices.max() < template.n_vertices:
+        raise ParameterError(
+            f"The landmark {place!r:.60} is no place of the surface, which is a "
+            f"{template.topology} of {template.n_vertices} vertices.",
+            remedy="Name apex or base where the surface has such an end, or vertices of the start.",
+        )
+    return vertices, shares
+
+
+def _named(surface: Deformable, name: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Mean of the vertices at an end of the axis: of a rim by length, of a pole alike."""
+    template = surface.template
+    none = np.zeros(0, dtype=np.int64)
+    if name not in ("apex", "base") or not template.coordinates.shape[1]:
+        return none, np.zeros(0)
+    s = template.coordinates[:, 0]
+    at_end = surface.rim & (np.abs(s - (0.0 if name == "apex" else 1.0)) < NEAR_END)
+    if surface.cells.shape[1] == 3 and at_end.any():
+        sides = surface.cells[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        sides = sides[at_end[sides].all(axis=1)]
+        x = template.vertices
+        length = np.linalg.norm(x[sides[:, 0]] - x[sides[:, 1]], axis=1)
+        total = np.bincount(sides.ravel(), np.repeat(length, 2), minlength=len(x))
+        vertices = np.flatnonzero(total)
+        return vertices, total[vertices] / total.sum()
+    end = s.min() if name == "apex" else s.max()
+    vertices = np.flatnonzero(np.abs(s - end) <= 1e-9)
+    return vertices, np.full(len(vertices), 1.0 / len(vertices))

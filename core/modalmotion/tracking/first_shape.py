@@ -26,7 +26,7 @@ from modalmotion.tracking.deformable import Deformable, require_unfolded
 from modalmotion.tracking.iterations import evidence, first_guess, map_frame
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.normal_equations import across_covariance
-from modalmotion.tracking.observation import Frame
+from modalmotion.tracking.observation import Frame, ends_in
 
 # Fine enough that flat triangles on a ventricle are 0.03 mm off.
 _SURFACE: Final = (32, 64)
@@ -221,7 +221,7 @@ def shape_in(frame: Frame, number: int, topology: Topology | str | None) -> Firs
     InputError
         If there are too few points, or the landmarks that the topology needs are missing.
     """
-    places = landmarks_of(frame)
+    places = ends_in(frame)
     if isinstance(topology, str):
         topology = Topology.parse(topology)
     if topology is None:
@@ -255,20 +255,6 @@ def shape_in(frame: Frame, number: int, topology: Topology | str | None) -> Firs
     fitted = mesh_sequence(shape[None], rough.faces, grid=rough.grid, topology=topology)
     covariance = across_covariance(own.covariance, own.information)
     return FirstShape(make_template(fitted), rough.grid, surface.shapes, noise, covariance)
-
-
-def landmarks_of(frame: Frame) -> dict[str, NDArray[np.float64]]:
-    """Places of apex and base in a frame; the middle of the points of an end if nobody says it."""
-    places = {
-        part.end: part.points.mean(axis=0) for part in frame if part.end is not None and len(part)
-    }
-    places |= {
-        name: part.points[i]
-        for part in frame
-        for i, name in enumerate(part.places or ())
-        if isinstance(name, str)
-    }
-    return places
 
 
 def _require_extent(cloud: NDArray[np.float64], number: int, topology: Topology) -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -21,14 +22,70 @@ from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 from modalmotion.template.template import Template
 from modalmotion.template.vibration_modes import shapes_of
 from modalmotion.tracking.deviations import uncertainty_of
-from modalmotion.tracking.noise import Noise
-from modalmotion.tracking.prior import Prior
+from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.result import ImageAnswer, SampledData, Track
 
 FORM: Final = TRACK
 
-# One number for each frame.
-_OF_FRAMES: Final = ("truncations", "inliers", "coverage")
+# Arrays of a track and of its template: power of the length unit, and axes.
+_TRACK: Final = {
+    "amplitudes": (1, "frame, mode, direction"),
+    "covariances": (2, "frame, mode direction, mode direction"),
+    "deviations": (1, "frame, vertex, normal and tangential"),
+    "truncations": (1, "frame"),
+    "residuals": (1, "frame, rms and p95"),
+    "inliers": (0, "frame"),
+    "coverage": (0, "frame"),
+}
+_TEMPLATE: Final = {
+    "vertices": (1, "vertex, direction"),
+    "coordinates": (0, "vertex, axis"),
+    "weights": (0, "vertex"),
+    "representatives": (0, "vertex"),
+    "isolated": (0, "isolated vertex"),
+    "faces": (0, "face, corner"),
+}
+_MODES: Final = {"wavenumbers": (0, "mode, axis"), "is_sine": (0, "mode")}
+_DATA: Final = {
+    "points": (1, "point, direction"),
+    "weights": (0, "point"),
+    "are_landmarks": (0, "point"),
+    "counts": (0, "frame"),
+}
+
+# Names of files where those of attributes are taken.
+_RENAMED: Final = {"vertices": "reference_vertices"}
+_SIZES: Final = {"direction": 3, "corner": 3, "normal and tangential": 2, "rms and p95": 2}
+
+
+def _written(
+    owner: object, table: Mapping[str, tuple[int, str]], unit: str, prefix: str = ""
+) -> list[Dataset]:
+    """Datasets of the arrays of a table; truth values and whole numbers in one width."""
+    made = []
+    for name, (power, axes) in table.items():
+        array = np.asarray(getattr(owner, name))
+        kind = {"b": "u1", "i": "<i8"}.get(array.dtype.kind)
+        units = {0: "1", 1: unit}.get(power, f"{unit}^{power}")
+        array = array if kind is None else array.astype(kind, copy=False)
+        made.append(Dataset(prefix + _RENAMED.get(name, name), array, units, axes))
+    return made
+
+
+def _read(
+    contents: Contents,
+    table: Mapping[str, tuple[int, str]],
+    sizes: Mapping[str, int],
+    prefix: str = "",
+) -> dict[str, Any]:
+    """Arrays of a table, of the shapes that their axes say."""
+    return {
+        name: contents.array(
+            prefix + _RENAMED.get(name, name),
+            tuple({**_SIZES, **sizes}.get(axis) for axis in axes.split(", ")),
+        )
+        for name, (_, axes) in table.items()
+    }
 
 
 def track_to_hdf5(track: Track) -> bytes:
@@ -43,43 +100,26 @@ def track_to_hdf5(track: Track) -> bytes:
     bytes
         The same for the same track.
     """
-    sequence, template = track.sequence, track.template
+    sequence, template, known = track.sequence, track.template, track.sequence.uncertainty
     unit = sequence.unit or UNKNOWN
-    square, axes = f"{unit}^2", "frame, mode direction, mode direction"
-    known = sequence.uncertainty
+    across = track.covariances if known is None else known.across
     datasets = [
         Dataset("vertices", sequence.vertices, unit, "frame, vertex, direction"),
-        Dataset("faces", template.faces.astype("<i8", copy=False), "1", "face, corner"),
-        Dataset("amplitudes", track.amplitudes, unit, "frame, mode, direction"),
-        Dataset("covariances", track.covariances, square, axes),
-        Dataset(
-            "across_covariances", track.covariances if known is None else known.across, square, axes
-        ),
-        Dataset("amplitude_deviations", track.amplitude_deviations, unit, "frame, mode, direction"),
-        Dataset("wavenumbers", track.modes.wavenumbers, "1", "mode, axis"),
-        Dataset("is_sine", track.modes.is_sine.astype(np.uint8), "1", "mode"),
+        *_written(track, _TRACK, unit),
+        *_written(template, _TEMPLATE, unit),
+        *_written(track.modes, _MODES, unit),
+        *([] if track.data is None else _written(track.data, _DATA, unit, "data_")),
+        Dataset("across_covariances", across, f"{unit}^2", _TRACK["covariances"][1]),
+        Dataset("amplitude_deviations", track.amplitude_deviations, unit, _TRACK["amplitudes"][1]),
         Dataset("determined", track.determined, "1", "mode, normal and tangential"),
-        Dataset("deviations", track.deviations, unit, "frame, vertex, normal and tangential"),
-        Dataset("truncations", track.truncations, unit, "frame"),
-        Dataset("residuals", track.residuals, unit, "frame, rms and p95"),
-        Dataset("inliers", track.inliers, "1", "frame"),
-        Dataset("coverage", track.coverage, "1", "frame"),
         Dataset("unseen", np.array(track.unseen, dtype="<i8"), "1", "frame"),
-        Dataset("reference_vertices", template.vertices, unit, "vertex, direction"),
-        Dataset("coordinates", template.coordinates, "1", "vertex, axis"),
-        Dataset("weights", template.weights, "1", "vertex"),
         Dataset("lengths", np.array(template.lengths, dtype=np.float64), unit, "axis"),
-        Dataset("isolated", template.isolated.astype("<i8", copy=False), "1", "vertex"),
-        Dataset(
-            "representatives", template.representatives.astype("<i8", copy=False), "1", "vertex"
-        ),
         json_text("estimate", _estimate(track)),
         json_text("facts", facts_as_json(sequence.facts)),
         json_text("notes", track.notes),
         json_text("template_notes", template.notes),
         json_text("provenance", dict(track.provenance)),
     ]
-    datasets += _data(track, unit)
     if template.landmarks is not None:
         datasets += landmark_datasets(template.landmarks, unit)
     if sequence.times is not None:
@@ -134,32 +174,17 @@ def kept_track(source: Path) -> Track | None:
     return track_from_hdf5(source) if is_track else None
 
 
-def _data(track: Track, unit: str) -> list[Dataset]:
-    data = track.data
-    if data is None:
-        return []
-    return [
-        Dataset("data_points", data.points, unit, "point, direction"),
-        Dataset("data_weights", data.weights, "1", "point"),
-        Dataset("data_are_landmarks", data.are_landmarks.astype("u1"), "1", "point"),
-        Dataset("data_counts", data.counts.astype("<i8", copy=False), "1", "frame"),
-    ]
-
-
-def _data_in(contents: Contents, n_frames: int) -> SampledData | None:
+def _data_in(contents: Contents, sizes: Mapping[str, int]) -> SampledData | None:
     if "data_points" not in contents.arrays:
         return None
-    points = contents.array("data_points", (None, 3))
-    n = len(points)
-    counts = contents.array("data_counts", (n_frames,))
+    arrays = _read(
+        contents, _DATA, {**sizes, "point": len(contents.arrays["data_points"])}, "data_"
+    )
+    n, counts = len(arrays["points"]), arrays["counts"]
     if counts.min(initial=0) < 0 or counts.sum() != n:
         raise ValueError(f"the frames have {counts.sum()} points, and there are {n}")
-    return SampledData(
-        points,
-        contents.array("data_weights", (n,)),
-        contents.array("data_are_landmarks", (n,)).astype(np.bool_),
-        counts,
-    )
+    arrays["are_landmarks"] = arrays["are_landmarks"].astype(np.bool_)
+    return SampledData(**arrays)
 
 
 def _estimate(track: Track) -> dict[str, object]:
@@ -178,28 +203,21 @@ def _estimate(track: Track) -> dict[str, object]:
 def track_in(contents: Contents) -> Track:
     """Read the track that the contents of a file hold."""
     topology = Topology.parse(contents.text("topology"))
-    amplitudes = contents.array("amplitudes", (None, None, 3))
-    f, m, _ = amplitudes.shape
-    weights = contents.array("weights", (None,))
-    v = len(weights)
-    faces = contents.array("faces", (None, 3))
+    f, m, _ = contents.array("amplitudes", (None, None, 3)).shape
+    v = len(contents.array("weights", (None,)))
+    sizes = {"frame": f, "mode": m, "vertex": v, "axis": topology.n_axes, "mode direction": 3 * m}
     template = Template(
+        **_read(contents, _TEMPLATE, sizes),
         id=contents.text("template_id"),
         surface=topology,
-        coordinates=contents.array("coordinates", (v, topology.n_axes)),
-        weights=weights,
         lengths=tuple(contents.array("lengths", (None,)).tolist()),
         landmarks=landmarks_from(contents),
-        vertices=contents.array("reference_vertices", (v, 3)),
-        faces=faces,
-        representatives=contents.array("representatives", (v,)),
-        isolated=contents.array("isolated", (None,)),
         reason="",
         notes=tuple(contents.json("template_notes", list)),
     )
     sequence = mesh_sequence(
         contents.array("vertices", (f, v, 3)),
-        faces,
+        template.faces,
         grid=contents.attributes.get("grid"),
         topology=topology,
         times=contents.arrays.get("times"),
@@ -207,39 +225,32 @@ def track_in(contents: Contents) -> Track:
     )
     estimate = contents.json("estimate", dict)
     has_volumes = "volume_deviations" in contents.arrays
-    modes = ModeSet(
-        topology,
-        contents.array("wavenumbers", (m, topology.n_axes)),
-        contents.array("is_sine", (m,)).astype(np.bool_),
-    )
-    covariances = contents.array("covariances", (f, 3 * m, 3 * m))
+    found = _read(contents, _MODES, sizes)
+    modes = ModeSet(topology, found["wavenumbers"], found["is_sine"].astype(np.bool_))
+    arrays = _read(contents, _TRACK, sizes)
     uncertainty = uncertainty_of(
         template,
         affine_shapes(shapes_of(modes, template), template),
         contents.array("across_covariances", (f, 3 * m, 3 * m)),
-        covariances,
-        contents.array("truncations", (f,)),
+        arrays["covariances"],
+        arrays["truncations"],
         estimate["noise"]["n_values"],
         estimate["reference"],
     )
     sequence = replace(sequence, uncertainty=uncertainty)
     track = Track(
+        **arrays,
         sequence=sequence.with_facts(facts_from_json(contents.json("facts", dict))),
         template=template,
         modes=modes,
-        amplitudes=amplitudes,
-        covariances=covariances,
         prior=Prior(**estimate["prior"]),
         noise=Noise(**estimate["noise"]),
-        deviations=contents.array("deviations", (f, v, 2)),
         volume_deviations=contents.array("volume_deviations", (f,)) if has_volumes else None,
         harmonic=estimate["harmonic"],
-        residuals=contents.array("residuals", (f, 2)),
-        **{name: contents.array(name, (f,)) for name in _OF_FRAMES},
         unseen=tuple(contents.array("unseen", (None,)).tolist()),
         gap=estimate["gap"],
         reference=estimate["reference"],
-        data=_data_in(contents, f),
+        data=_data_in(contents, sizes),
         notes=tuple(contents.json("notes", list)),
         provenance=contents.json("provenance", dict),
         images=None if estimate["images"] is None else ImageAnswer(**estimate["images"]),

@@ -23,14 +23,12 @@ from modalmotion.modes.topology import CUP
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.first_shape import start_shape
-from modalmotion.tracking.image_checks import image_notes
-from modalmotion.tracking.image_levels import as_bright, first_sight
+from modalmotion.tracking.image_levels import as_bright, first_sight, image_notes
 from modalmotion.tracking.image_search import LEAST_FOUND, SHAPE, reference_shape, search
 from modalmotion.tracking.image_view import Facets, Sight, Tip, Valve, View, view_of
 from modalmotion.tracking.iterations import first_guess
-from modalmotion.tracking.landmarks import Proposed
-from modalmotion.tracking.observation import Frame, Observation
-from modalmotion.tracking.request import with_landmarks
+from modalmotion.tracking.landmarks import Proposed, with_landmarks
+from modalmotion.tracking.observation import Frame, Observation, ends_in
 from modalmotion.tracking.result import CONVENTIONS, Papillary
 from modalmotion.tracking.trabecular_correction import has_trabeculae, with_trabeculae
 
@@ -118,7 +116,7 @@ def with_base(
     place, sd = base + _DESCENT * (tip - base), _SPREAD * float(np.linalg.norm(base - tip))
     full = []
     for k, frame in enumerate(stated):
-        if k != reference and _base_of(frame) is None:
+        if k != reference and "base" not in ends_in(frame):
             variances[k] = sd**2
             frame = (*frame, Observation(place[None], sd=_HELD, places=("base",)))
         full.append(frame)
@@ -127,7 +125,7 @@ def with_base(
 
 def below_base(sight: Sight, marks: Frame, template: Template) -> Sight:
     """Sight of one frame, to which edges beyond the base do not count."""
-    known = _base_of(marks)
+    known = ends_in(marks).get("base")
     if template.surface != CUP or known is None:
         return sight
     tip, base = _ends(template)
@@ -138,16 +136,6 @@ def below_base(sight: Sight, marks: Frame, template: Template) -> Sight:
 def _ends(template: Template) -> tuple[Floats, Floats]:
     x, s = template.vertices, template.coordinates[:, 0]
     return x[s <= s.min() + 1e-9].mean(axis=0), x[s >= s.max() - 1e-9].mean(axis=0)
-
-
-def _base_of(frame: Frame) -> Floats | None:
-    """Place of the base in a frame; None if it states none."""
-    for part in frame:
-        for row, name in enumerate(part.places or ()):
-            if name == "base" and part.normals is None:
-                place: Floats = part.points[row]
-                return place
-    return None
 
 
 # Modes and reach, mm, of each next frame.
@@ -237,7 +225,7 @@ def frames_of_images(
     images = images.sliced()
     stated_sd = _STATED * images.finest
     stated = _marks(images, landmarks, reference, stated_sd)
-    places = _places(stated[reference])
+    places = ends_in(stated[reference])
     image = images.frames[reference]
     if image is None:
         raise ShapeError(
@@ -275,7 +263,7 @@ def frames_of_images(
     surface = Deformable.of(template, modes)
     facets = Facets.of(template.faces, template.vertices, template.weights)
     # Whoever states where the apex goes knows better.
-    is_still = sum("apex" in _places(frame) for frame in stated) < 2
+    is_still = sum("apex" in ends_in(frame) for frame in stated) < 2
     still = replace(sight, tip=tip_of(template) if is_still else None)
     marks, variances = with_base(held(stated, template, reference), template, reference)
     walked = _walk(surface, facets, images, marks, still, reference, is_closed, done)
@@ -393,15 +381,6 @@ def _marks(
     images: ImageSequence, landmarks: Mapping[str, Any] | None, reference: int, sd: float
 ) -> tuple[Frame, ...]:
     return with_landmarks(tuple(() for _ in images.frames), landmarks, reference, sd)
-
-
-def _places(marks: Frame) -> dict[str, Floats]:
-    return {
-        name: part.points[i]
-        for part in marks
-        for i, name in enumerate(part.places or ())
-        if isinstance(name, str)
-    }
 
 
 def _notes(shares: Floats, images: ImageSequence, found: float) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -18,16 +18,39 @@ from modalmotion.tracking.deformable import Deformable, require_unfolded
 from modalmotion.tracking.image_levels import renewed
 from modalmotion.tracking.image_view import Facets, Sight, View, view_of
 from modalmotion.tracking.iterations import FrameEstimate, evidence, first_guess, map_frame
-from modalmotion.tracking.noise import Noise
+from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
 from modalmotion.tracking.observation import Frame, Observation
-from modalmotion.tracking.prior import Prior
 
 Floats = NDArray[np.float64]
 
 # mm: prior deviation of a slice's shift along each of its axes, before the shifts themselves say.
 _LEAST_SHIFT: Final = 0.3
 _MOST_SHIFT: Final = 4.0
+
+
+class Scene(NamedTuple):
+    """What an iteration in one image is about.
+
+    Parameters
+    ----------
+    surface : Deformable
+    frame : Frame
+        What the view observed first, then landmarks.
+    view : View
+    amplitudes : (modes, 3) float64, mm
+    prior : Prior
+    noise : Noise
+    sight : Sight
+    """
+
+    surface: Deformable
+    frame: Frame
+    view: View
+    amplitudes: Floats
+    prior: Prior
+    noise: Noise
+    sight: Sight
 
 
 class _Joint(NamedTuple):
@@ -41,67 +64,38 @@ class _Joint(NamedTuple):
     pull: Floats
 
 
-def with_shifts(
-    surface: Deformable,
-    frame: Frame,
-    view: View,
-    a: Floats,
-    prior: Prior,
-    noise: Noise,
-    sight: Sight,
-) -> tuple[FrameEstimate, Sight]:
+def with_shifts(scene: Scene) -> tuple[FrameEstimate, Sight]:
     """Amplitudes and shifts of all planes in one step, for either could explain the other's part.
-
-    Parameters
-    ----------
-    surface : Deformable
-    frame : Frame
-        What the view observed first, then landmarks.
-    view : View
-    a : (modes, 3) float64, mm
-    prior : Prior
-    noise : Noise
-    sight : Sight
 
     Notes
     -----
     min sum s (n . (r - dt) - (phi n) . da)^2 + a' K a + t^2 / tau^2 over da and dt, where r is the
     way from the surface to an edge and n the surface's normal, for dt its part in the plane.
     """
-    joint = _joint(surface, frame, view, a, prior, noise, sight)
-    info, m, p = joint.info, len(surface), len(sight.shifts)
-    now = a.ravel()
-    b = info.vector - (info.matrix @ now[:, None])[:, 0] - joint.stiffness * now
+    joint, sight = _joint(scene), scene.sight
+    n, now = 3 * len(scene.surface), scene.amplitudes.ravel()
+    b = joint.info.vector - (joint.info.matrix @ now[:, None])[:, 0] - joint.stiffness * now
     inverse = inverse_of_cholesky(np.block([[joint.H, joint.C], [joint.C.T, joint.D]]))
     right = np.append(b, joint.pull)[:, None]
-    step = inverse.T @ (inverse @ right)
-    new = a + step[: 3 * m, 0].reshape(-1, 3)
-    covariance = gram(inverse)[: 3 * m, : 3 * m]
-    settled = FrameEstimate(new, info, np.ascontiguousarray(covariance))
-    shifts = sight.shifts + step[3 * m :, 0].reshape(-1, 3)
+    step = (inverse.T @ (inverse @ right))[:, 0]
+    covariance = gram(inverse)
+    own = np.ascontiguousarray(covariance[:n, :n])
+    settled = FrameEstimate((now + step[:n]).reshape(-1, 3), joint.info, own)
+    shifts = sight.shifts + step[n:].reshape(-1, 3)
     # What the images have set of them, of both axes of each plane; the third stays the prior's.
-    set_by = 3 * p - np.diag(gram(inverse)[3 * m :, 3 * m :]).sum() / sight.shift_sd**2
-    sd = float(np.sqrt((shifts**2).sum() / max(set_by, 1e-3 * p)))
+    set_by = shifts.size - np.diag(covariance)[n:].sum() / sight.shift_sd**2
+    sd = float(np.sqrt((shifts**2).sum() / max(set_by, 1e-3 * len(shifts))))
     sd = float(np.clip(sd, _LEAST_SHIFT, _MOST_SHIFT))
     return settled, replace(sight, shifts=shifts, shift_sd=sd)
 
 
-def left_by_shifts(
-    surface: Deformable,
-    frame: Frame,
-    view: View,
-    a: Floats,
-    prior: Prior,
-    noise: Noise,
-    sight: Sight,
-    normals: Floats,
-) -> Floats:
+def left_by_shifts(scene: Scene, normals: Floats) -> Floats:
     """Deviation across the surface that shifts leave, (vertices,) mm.
 
     Parameters
     ----------
-    surface, frame, view, a, prior, noise, sight
-        As for `with_shifts`, where it has come to rest.
+    scene : Scene
+        Where the iterations have come to rest.
     normals : (vertices, 3) float64
 
     Notes
@@ -111,77 +105,43 @@ def left_by_shifts(
     the block of the inverse of (H, C; C', D), that is (D - C' H^-1 C)^-1, so that the shape has
     H^-1 C S C' H^-1 more than the covariance H^-1 that it has for known shifts.
     """
-    joint = _joint(surface, frame, view, a, prior, noise, sight)
+    joint = _joint(scene)
     inverse = inverse_of_cholesky(joint.H)
     half = inverse @ joint.C
     S = gram(inverse_of_cholesky(joint.D - (half.T @ half)))
     moved = inverse.T @ half
-    rows = (surface.shapes[:, :, None] * normals[:, None, :]).reshape(len(normals), -1)
+    rows = (scene.surface.shapes[:, :, None] * normals[:, None, :]).reshape(len(normals), -1)
     seen = rows @ moved
     deviations: Floats = np.sqrt(np.maximum(((seen @ S) * seen).sum(axis=1), 0.0))
     return deviations
 
 
-def _joint(
-    surface: Deformable,
-    frame: Frame,
-    view: View,
-    a: Floats,
-    prior: Prior,
-    noise: Noise,
-    sight: Sight,
-) -> _Joint:
+def _joint(scene: Scene) -> _Joint:
+    surface, frame, view, a, prior, noise, sight = scene
     info = normal_equations(surface, a, frame, noise)
     rows = frame[0]
     counted = info.weights * (1.0 if rows.weights is None else rows.weights)
     strength = counted / noise.variances(rows.sd, float(counted.sum()))
     k = view.edges.is_found
-    n = view.normals[k]
-    e = view.directions[k]
+    n, e = view.normals[k], view.directions[k]
     # Only along e a profile shows a shift in its plane; across it is the curve itself.
     flat = (n * e).sum(axis=1, keepdims=True) * e
     phi = (view.shares[k][:, :, None] * surface.shapes[view.feet[k]]).sum(axis=1)
-    m, p = len(surface), len(sight.shifts)
-    C = np.zeros((3 * m, 3 * p))
-    D = np.asarray(np.kron(np.eye(p), np.eye(3)) / sight.shift_sd**2, dtype=np.float64)
-    g = -sight.shifts.ravel() / sight.shift_sd**2
-    pull = strength * (info.residuals * n).sum(axis=1)
-    for plane in range(p):
-        own = view.planes[k] == plane
-        block = slice(3 * plane, 3 * plane + 3)
-        rows_a = (phi[own][:, :, None] * n[own][:, None, :]).reshape(int(own.sum()), 3 * m)
-        C[:, block] = rows_a.T @ (strength[own, None] * flat[own])
-        D[block, block] += (strength[own, None] * flat[own]).T @ flat[own]
-        g[block] += pull[own] @ flat[own]
+    of_shape = (phi[:, :, None] * n[:, None, :]).reshape(len(n), -1)
+    of_shifts = np.zeros((len(n), *sight.shifts.shape))
+    of_shifts[np.arange(len(n)), view.planes[k]] = flat
+    of_shifts = of_shifts.reshape(len(n), -1)
+    weighted = np.ascontiguousarray((strength[:, None] * of_shifts).T)
+    C = np.ascontiguousarray((weighted @ of_shape).T)
+    D = (weighted @ of_shifts) + np.eye(sight.shifts.size) / sight.shift_sd**2
+    pull = weighted @ (info.residuals * n).sum(axis=1) - sight.shifts.ravel() / sight.shift_sd**2
     stiffness = np.repeat(1.0 / prior.variances(surface.wavenumbers), 3)
-    H: Floats = info.matrix + np.diag(stiffness)
-    return _Joint(info, stiffness, H, C, D, g)
+    return _Joint(info, stiffness, info.matrix + np.diag(stiffness), C, D, pull)
 
 
 # Steps of one stage, and RMS of the last one, mm.
 _MOST_STEPS: Final = 8
 _SMALL: Final = 0.1
-
-
-@dataclass(frozen=True, eq=False)
-class Search:
-    """Where a search stands.
-
-    Parameters
-    ----------
-    amplitudes : (modes, 3) float64, mm
-    prior : Prior
-    noise : Noise
-    sight : Sight
-    view : View
-        About the shape before the last step.
-    """
-
-    amplitudes: Floats
-    prior: Prior
-    noise: Noise
-    sight: Sight
-    view: View
 
 
 def search(
@@ -197,7 +157,7 @@ def search(
     *,
     sights_too: bool,
     evidence_too: bool,
-) -> Search:
+) -> Scene:
     """Draw a surface to the edges within `reach` mm, sampling the image anew at each step.
 
     Parameters
@@ -215,6 +175,11 @@ def search(
     sights_too, evidence_too : bool
         Whether levels, bias field and shifts of slices, and whether prior and noise are estimated
         with the shape.
+
+    Returns
+    -------
+    Scene
+        Its view is about the shape before the last step.
     """
     a = start
     view = view_of(image, facets, surface.positions(a), sight, reach)
@@ -222,7 +187,7 @@ def search(
         frame: Frame = (view.observation(), *marks)
         variances = prior.variances(surface.wavenumbers)
         if sights_too and isinstance(image, PlaneSet):
-            own, sight = with_shifts(surface, frame, view, a, prior, noise, sight)
+            own, sight = with_shifts(Scene(surface, frame, view, a, prior, noise, sight))
         else:
             own = map_frame(surface, frame, a, variances, noise, most_steps=2)
         change = float(np.linalg.norm(own.amplitudes - a))
@@ -233,7 +198,7 @@ def search(
         if change < _SMALL:
             break
         view = view_of(image, facets, surface.positions(a), sight, reach)
-    return Search(a, prior, noise, sight, view)
+    return Scene(surface, (view.observation(), *marks), view, a, prior, noise, sight)
 
 
 # Modes and reach, mm: of a start from landmarks, and of the shape that is taken.
@@ -331,7 +296,5 @@ def reference_shape(
     require_unfolded(surface, x[None])
     fitted = mesh_sequence(x[None], rough.faces, grid=rough.grid, topology=rough.topology)
     if isinstance(image, PlaneSet):
-        seen = (state.view.observation(), *marks)
-        own = state.prior, state.noise, state.sight
-        bent = left_by_shifts(surface, seen, state.view, a, *own, facets.normals(x))
+        bent = left_by_shifts(state, facets.normals(x))
     return ReferenceShape(fitted, sight, found, bent)

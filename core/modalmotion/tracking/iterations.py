@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from modalmotion.numeric.scales import gram, inverse_of_cholesky
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.noise import Noise, Residuals, noise_of
+from modalmotion.tracking.noise import Noise, Prior, Residuals, most_likely_prior, noise_of
 from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
 from modalmotion.tracking.observation import Frame
-from modalmotion.tracking.prior import Prior, most_likely_prior
 
 _MOST_STEPS: Final = 12
 

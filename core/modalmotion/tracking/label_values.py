@@ -119,8 +119,9 @@ def cavity_and_wall(images: ImageSequence) -> LabelValues:
         raise _undecided(f"{values[first]} and {values[second]} are both enclosed by others", named)
     wall = values[walls[first]]
     note = (
-        f"Label {values[first]} was taken as the cavity and {wall} as its wall, which is "
-        f"{shares[first].max():.0%} of its border ({named}); state both where that is wrong."
+        f"Label {values[first]} was taken as the cavity, and label {wall}, which makes up "
+        f"{shares[first].max():.0%} of its border, as its wall ({named}); if that is wrong, state "
+        "both labels."
     )
     return LabelValues((int(values[first]),), (int(wall),), note)
 

@@ -12,12 +12,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import InputError, MalformedFileError, ParameterError
+from modalmotion.errors import InputError, MalformedFileError, ParameterError, ShapeError
 from modalmotion.mesh import Facts
 from modalmotion.mesh.fact_forms import read_object
 from modalmotion.mesh.facts import WORDS
 from modalmotion.representation import counted, shown
-from modalmotion.tracking.observation import NAMED_PLACES
+from modalmotion.tracking.observation import NAMED_PLACES, Frame, Observation
+
+Floats = NDArray[np.float64]
 
 Landmarks = Mapping[str, NDArray[np.float64]]
 """By name a place (3,), or (frames, 3) with NaN if it is unknown; in the points' unit."""
@@ -289,3 +291,63 @@ def _unit(stated: Any) -> str | None:
 
 def _malformed(reason: str) -> MalformedFileError:
     return MalformedFileError(f"It is not a file of landmarks ({reason}).", remedy=_FILE_REMEDY)
+
+
+def with_landmarks(
+    frames: tuple[Frame, ...],
+    landmarks: Mapping[str, Any] | None,
+    reference: int,
+    sd: float | None = None,
+) -> tuple[Frame, ...]:
+    """Add stated landmarks to the frames that they are known in.
+
+    `sd` is the deviation of those that state none, length unit; None is that of the points.
+    """
+    full = list(frames)
+    points = [part.points for frame in frames for part in frame if len(part)]
+    box = np.concatenate(points) if points else np.zeros((0, 3))
+    corners = (box.min(axis=0), box.max(axis=0)) if len(box) else None
+    for name, value in (landmarks or {}).items():
+        proposed = value if isinstance(value, Proposed) else None
+        own_sd = sd if proposed is None else proposed.sd
+        places = np.asarray(value if proposed is None else proposed.places, dtype=np.float64)
+        if name not in NAMED_PLACES:
+            raise ParameterError(
+                f"The landmark '{name}' has no meaning.",
+                remedy="State apex and base; other places as Observation(points, places=...).",
+                details={"landmark": name},
+            )
+        if places.shape == (3,):
+            place, places = places, np.full((len(frames), 3), np.nan)
+            places[reference] = place
+        if places.shape != (len(frames), 3):
+            raise ShapeError(
+                f"The landmark '{name}' has the shape {places.shape}; there are {len(frames)} "
+                "frames.",
+                remedy="Give one place, or one for each frame with NaN if it is unknown.",
+                details={"landmark": name},
+            )
+        for k in np.flatnonzero(np.isfinite(places).all(axis=1)).tolist():
+            if corners is not None:
+                _require_near(name, k, places[k], *corners)
+            full[k] = (*full[k], Observation(places[k, None], sd=own_sd, places=(name,)))
+            if proposed is not None and proposed.normals is not None:
+                across, limit = proposed.normals[k, None], proposed.normal_sd
+                one = Observation(places[k, None], sd=limit, normals=across, places=(name,))
+                full[k] = (*full[k], one)
+    return tuple(full)
+
+
+def _require_near(name: str, frame: int, place: Floats, low: Floats, high: Floats) -> None:
+    """Refuse a landmark farther from the points than they spread: it is in other coordinates."""
+    outside = float(np.linalg.norm(np.maximum(np.maximum(low - place, place - high), 0.0)))
+    spread = float(np.linalg.norm(high - low))
+    if outside > spread > 0:
+        raise ParameterError(
+            f"The landmark '{name}' in frame {frame} is {outside:.3g} from the points, which "
+            f"spread over {spread:.3g}.",
+            remedy="State it in the unit and the coordinate system of the points (LPS and RAS "
+            "differ in the signs of x and y).",
+            frame=frame,
+            details={"landmark": name, "distance": outside, "spread": spread},
+        )

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Final, Literal, NamedTuple, TypeAlias, cast
+from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import whole
-from modalmotion.errors import (
-    ModeCountError,
-    ParameterError,
-    ShapeError,
-    TopologyError,
-)
+from modalmotion.errors import ModeCountError, ParameterError, ShapeError, TopologyError
 from modalmotion.images import ImageSequence
 from modalmotion.images.sequence import Images, images_in
 from modalmotion.mesh import Facts
@@ -28,7 +23,7 @@ from modalmotion.tracking.contour_ends import with_contour_ends
 from modalmotion.tracking.deformable import Deformable, require_unfolded, require_volume
 from modalmotion.tracking.deviations import across_of, stated_deviations, uncertainty_of
 from modalmotion.tracking.ends_of_data import with_endings
-from modalmotion.tracking.first_shape import FirstShape, shape_in
+from modalmotion.tracking.first_shape import shape_in
 from modalmotion.tracking.image_frames import ImageFrames, frames_of_images
 from modalmotion.tracking.imaged import with_images
 from modalmotion.tracking.iterations import (
@@ -41,11 +36,10 @@ from modalmotion.tracking.iterations import (
 )
 from modalmotion.tracking.label_maps import from_labels
 from modalmotion.tracking.label_values import is_label_map
-from modalmotion.tracking.map_frames import Chain, FramesEstimate, chain_of, map_frames
-from modalmotion.tracking.noise import Noise
-from modalmotion.tracking.observation import Frame, observed_frames, of_surface
-from modalmotion.tracking.quality_checks import end_notes, has_landmarks, notes_on, quality_of
-from modalmotion.tracking.request import in_mm, phases_of, with_landmarks
+from modalmotion.tracking.landmarks import with_landmarks
+from modalmotion.tracking.map_frames import chain_of, map_frames
+from modalmotion.tracking.observation import observed_frames, of_surface
+from modalmotion.tracking.quality_checks import end_notes, notes_on, quality_of
 from modalmotion.tracking.result import Papillary, Track, cavity_in, sample_of
 
 Time: TypeAlias = Literal["cycle", "open"]
@@ -116,160 +110,76 @@ def track(
     InputError
         Naming the frame, the limit and the remedy.
     """
-    asked = _asked(
-        observed, start, landmarks, modes, time, times, period, unit, reference, papillary, progress
-    )
-    first, pinned, is_closed = asked.first, asked.pinned, asked.is_closed
-    is_exact = pinned is not None
-    # 1. What was observed, and where contours end.
-    template = None if asked.start is None else _template_of(asked.start)
-    stated, shown = asked.stated, asked.shown
-    ended = stated if shown is not None else with_contour_ends(stated, template, first)
-    # 2. The surface of the reference, and its modes.
-    shape = None
-    if template is None:
-        shape = shape_in(ended[first], first, topology)
-        template = shape.template
-    surface = Deformable.of(template, asked.modes)
-    _require_size(surface)
-    surface = surface.exact_for_affine()
-    # 3. Prior and noise before anything was seen.
-    prior, noise = first_guess(surface)
-    # 4. Where clouds and meshes end, unless the start is the surface of no frame.
-    beside = noise
-    if shape is not None:
-        beside = replace(noise, sd=shape.noise.sd, truncation=shape.noise.truncation)
-    frames = with_endings(surface, ended, beside, pinned if shape is None else first)
-    # 5. Each frame at rest by itself, from the reference on, both ways round the cycle.
-    here = both_ways(surface, frames, first, prior, noise, is_closed=is_closed, done=asked.done)
-    gap = here.gap
-    # 6. Prior and noise under which these are the most likely, and 7. the frames once more.
-    prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
-    alike = steady(noises_of(surface, here, prior, noise), noise)
-    here = again(surface, frames, here.amplitudes(len(surface)), prior, alike, asked.done)
-    prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
-    noises = noises_of(surface, here, prior, noise)
-    # 8. The chain of time, and 9. all frames at once.
-    chain = chain_of(
-        surface, here, prior, asked.phases, first, is_closed=is_closed, is_exact=is_exact
-    )
-    found = map_frames(surface, frames, here, chain, steady(noises, noise), pinned, asked.done)
-    # 10. How far they may be off, and what speaks against them.
-    result = _stated(asked, surface, shape, found, chain, noise, noises, gap)
-    if shown is not None and asked.images is not None:
-        result = with_images(result, asked.images, shown)
-        notes = (*shown.notes, *asked.notes)
-    else:
-        is_guessed = start is None and topology is None and not has_landmarks(stated)
-        notes = (*asked.notes, *end_notes(result, stated, frames, is_guessed=is_guessed))
-    return replace(result, notes=(*notes, *notes_on(result))).informed()
-
-
-class _Asked(NamedTuple):
-    """A request: frames with what was stated of them, their times, and where to begin."""
-
-    images: ImageSequence | None
-    shown: ImageFrames | None
-    start: Start | None
-    stated: tuple[Frame, ...]
-    modes: int
-    is_closed: bool
-    times: NDArray[np.float64] | None
-    phases: NDArray[np.float64]
-    period: float | None
-    unit: str | None
-    first: int  # frame that the shape is of
-    pinned: int | None  # frame whose surface the start is, exactly
-    unseen: tuple[int, ...]
-    notes: tuple[str, ...]
-    provenance: dict[str, Any]
-    done: Callable[[], None]
-
-
-def _asked(
-    observed: MeshSequence | Images | Sequence[Any],
-    start: Start | None,
-    landmarks: Mapping[str, Any] | None,
-    modes: int,
-    time: Time,
-    times: Any,
-    period: float | None,
-    unit: str | None,
-    reference: int | None,
-    papillary: Papillary,
-    progress: Progress | None,
-) -> _Asked:
-    """Check a request, and search images for edges."""
-    if isinstance(observed, MeshSequence):
-        times = observed.times if times is None else times
-        unit = observed.unit if unit is None else unit
-        period = observed.facts.period if period is None else period
-        observed = [of_surface(x, observed.faces) for x in observed.vertices]
-    if time not in ("cycle", "open"):
-        raise ParameterError(
-            f"The time is {time!r:.40}.", remedy="Use cycle for one whole period, or open."
-        )
-    is_closed = time == "cycle"
-    images, shown = images_in(observed), None
+    # 1. What was observed: points, with the edges of images among them, and stated places.
+    is_closed = _require_time(time)
+    images = images_in(observed)
+    data = images if images is not None else observed
+    if isinstance(data, MeshSequence):
+        unit, period = unit or data.unit, period or data.facts.period
+        observed = [of_surface(x, data.faces) for x in data.vertices]
+    if isinstance(data, MeshSequence | ImageSequence) and times is None:
+        times = data.times
+    frames, notes = ((), ()) if images is not None else observed_frames(observed)  # type: ignore[arg-type]
+    n = len(frames) if images is None else images.n_frames
+    first, modes = _require_reference(reference, n), whole("modes", modes)
+    done = _counted(progress, (4 if images is None else 6) * n)
+    shown: ImageFrames | None = None
     if images is not None:
-        times = images.times if times is None else times
-        period = images.period if period is None else period
-        unit = in_mm(unit)
+        unit, period = _in_mm(unit), period or images.period
         shown = frames_of_images(
             images,
             landmarks,
             papillary=papillary,
             start=start,
             modes=modes,
-            reference=_require_reference(reference, images.n_frames),
+            reference=first,
             is_closed=is_closed,
-            done=_counted(progress, 6 * images.n_frames),
+            done=done,
         )
-        observed, start = shown.frames, shown.start
-    seen, notes = observed_frames(cast("Sequence[Any]", observed))
-    n = len(seen)
-    modes = whole("modes", modes)
+        start, (frames, notes) = shown.start, observed_frames(shown.frames)
     at = None if times is None else require_times(times, n)
-    phases = phases_of(at, n, period, is_closed=is_closed)
-    first = _require_reference(reference, n)
-    stated = with_landmarks(seen, landmarks, first, None if shown is None else shown.stated_sd)
-    unseen = tuple(k for k, frame in enumerate(seen) if not any(map(len, frame)))
+    phases = _phases(at, n, period, is_closed=is_closed)
+    stated = with_landmarks(frames, landmarks, first, None if shown is None else shown.stated_sd)
+    unseen = tuple(k for k, frame in enumerate(frames) if not any(map(len, frame)))
     if first in unseen and start is None:
         first = next(k for k in range(n) if k not in unseen)
         notes += (f"Nothing was observed in the reference; the shape is that of frame {first}.",)
     pinned = None if start is None or reference is None or shown is not None else first
-    _require_motion(n, unseen, pinned)
-    if modes < 2:
-        raise ModeCountError(
-            f"{modes} modes are a translation at most.",
-            remedy="Ask for 2 modes or more (mode 0 is a translation); 37 are usual.",
-        )
-    provenance = {
-        "requested_modes": modes,
-        "time": time,
-        "reference": None if reference is None else int(reference),
-    }
-    # Searches in images have taken a third.
-    done = _counted(progress, 4 * n, 0 if shown is None else 2 * n)
-    places = stated, modes, is_closed, at, phases, period, unit, first, pinned
-    return _Asked(images, shown, start, *places, unseen, notes, provenance, done)
-
-
-def _stated(
-    asked: _Asked,
-    surface: Deformable,
-    shape: FirstShape | None,
-    found: FramesEstimate,
-    chain: Chain,
-    noise: Noise,
-    noises: Sequence[Noise],
-    gap: float | None,
-) -> Track:
-    """Put the track together, with how far it may be off."""
-    template, pinned = surface.template, asked.pinned
+    _require_motion(n, unseen, pinned, modes)
+    # 2. Where contours end.
+    template = None if start is None else _template_of(start)
+    ended = stated if shown is not None else with_contour_ends(stated, template, first)
+    # 3. The surface of the reference, and its modes.
+    shape = None if template is not None else shape_in(ended[first], first, topology)
+    template = template if shape is None else shape.template
+    assert template is not None  # noqa: S101
+    surface = Deformable.of(template, modes).exact_for_affine()
+    _require_extent(surface)
+    # 4. Prior and noise before anything was seen, and where clouds and meshes end.
+    prior, noise = first_guess(surface)
+    beside, known = noise, pinned
+    if shape is not None:
+        beside = replace(noise, sd=shape.noise.sd, truncation=shape.noise.truncation)
+        known = first
+    frames = with_endings(surface, ended, beside, known)
+    # 5. Each frame at rest by itself, from the reference on, both ways round the cycle.
+    here = both_ways(surface, frames, first, prior, noise, is_closed=is_closed, done=done)
+    gap = here.gap
+    # 6. Prior and noise under which these are the most likely, and the frames once more.
+    is_exact = pinned is not None
+    prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
+    alike = steady(noises_of(surface, here, prior, noise), noise)
+    here = again(surface, frames, here.amplitudes(len(surface)), prior, alike, done)
+    prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
+    noises = noises_of(surface, here, prior, noise)
+    # 7. The chain of time, and all frames at once.
+    chain = chain_of(surface, here, prior, phases, first, is_closed=is_closed, is_exact=is_exact)
+    found = map_frames(surface, frames, here, chain, steady(noises, noise), pinned, done)
+    # 8. The surfaces, which neither fold nor collapse.
     vertices = np.stack([surface.positions(a) for a in found.amplitudes])
     require_unfolded(surface, vertices)
     require_volume(cavity_in(template), vertices)
+    # 9. How far they may be off.
     across = across_of(found, pinned)
     deviations, volume_deviations = stated_deviations(
         surface, vertices, found, across, noises, pinned, shape
@@ -281,17 +191,16 @@ def _stated(
     sequence = mesh_sequence(
         vertices,
         template.faces,
-        grid=shape.grid if shape is not None else getattr(asked.start, "grid", None),
+        grid=shape.grid if shape is not None else getattr(start, "grid", None),
         topology=template.topology,
-        times=asked.times,
-        unit=asked.unit,
-        facts=Facts(tracking="offset", period=asked.period),
+        times=at,
+        unit=unit,
+        facts=Facts(tracking="offset", period=period),
     )
     uncertainty = uncertainty_of(
         template, surface.shapes, across, found.lasting, truncations, noise.n_values, pinned
     )
-    provenance = {**asked.provenance, "modes": len(surface), "template_id": template.id}
-    return Track(
+    result = Track(
         sequence=replace(sequence, uncertainty=uncertainty),
         template=template,
         modes=surface.modes,
@@ -306,13 +215,65 @@ def _stated(
         residuals=np.ascontiguousarray(quality[:, :2]),
         inliers=np.ascontiguousarray(quality[:, 2]),
         coverage=np.ascontiguousarray(quality[:, 3]),
-        unseen=asked.unseen,
+        unseen=unseen,
         gap=gap,
         reference=pinned,
-        data=sample_of(asked.stated, found.information),
+        data=sample_of(stated, found.information),
         notes=(),
-        provenance=provenance,
+        provenance={
+            "requested_modes": modes,
+            "time": time,
+            "reference": None if reference is None else int(reference),
+            "modes": len(surface),
+            "template_id": template.id,
+        },
     )
+    # 10. What the images add, and what speaks against it.
+    if images is not None and shown is not None:
+        result, notes = with_images(result, images, shown), (*shown.notes, *notes)
+    else:
+        has_marks = any(part.is_landmark for frame in stated for part in frame)
+        is_guessed = start is None and topology is None and not has_marks
+        notes = (*notes, *end_notes(result, stated, frames, is_guessed=is_guessed))
+    return replace(result, notes=(*notes, *notes_on(result))).informed()
+
+
+def _require_time(time: str) -> bool:
+    """Tell whether the frames are a cycle."""
+    if time not in ("cycle", "open"):
+        raise ParameterError(
+            f"The time is {time!r:.40}.", remedy="Use cycle for one whole period, or open."
+        )
+    return time == "cycle"
+
+
+def _in_mm(unit: str | None) -> str:
+    """Check that images, which are in mm, are not stated in another unit."""
+    if unit not in (None, "mm"):
+        raise ParameterError(
+            f"The unit {unit!r:.20} is stated, but images are placed in mm.",
+            remedy="Omit the unit, and give landmarks in mm.",
+        )
+    return "mm"
+
+
+def _phases(
+    times: NDArray[np.float64] | None, n: int, period: float | None, *, is_closed: bool
+) -> NDArray[np.float64]:
+    """Find the place of each frame in the cycle, or in the recording, 0 to 1."""
+    if times is None or n == 1:
+        return np.arange(n) / max(1, n if is_closed else n - 1)
+    whole_time = span = float(times[-1] - times[0])
+    if is_closed:
+        whole_time = span * n / (n - 1) if period is None else float(period)
+        if not whole_time > span:
+            raise ParameterError(
+                f"The times span {span:g} s, the whole period of {whole_time:g} s: the last "
+                "frame repeats the first.",
+                remedy="Omit the last frame, give a longer period, or track with time open.",
+                frame=n - 1,
+            )
+    return np.asarray((times - times[0]) / whole_time, dtype=np.float64)
 
 
 def _template_of(start: Start) -> Template:
@@ -327,14 +288,27 @@ def _template_of(start: Start) -> Template:
     return template
 
 
-def _require_motion(n_frames: int, unseen: tuple[int, ...], known: int | None) -> None:
-    """Refuse frames of which one surface is known, and no motion."""
+def _require_extent(surface: Deformable) -> None:
+    if not (np.isfinite(surface.size) and min(surface.template.lengths) > 0):
+        raise ShapeError(
+            "The start has no extent along one of its axes, so no modes can be told apart on it.",
+            remedy="Give a surface as start that is spread out, or other landmarks.",
+        )
+
+
+def _require_motion(n_frames: int, unseen: tuple[int, ...], known: int | None, modes: int) -> None:
+    """Refuse frames of which one surface is known and no motion, and a translation alone."""
     places = {*range(n_frames)} - {*unseen} | ({known} if known is not None else set())
     if n_frames > 1 and len(places) < 2:
         raise ShapeError(
             f"Only frame {min(places)} of {n_frames} was observed, which shows no motion.",
             remedy="Send points of another frame too, or this frame alone.",
             frame=min(places),
+        )
+    if modes < 2:
+        raise ModeCountError(
+            f"{modes} modes are a translation at most.",
+            remedy="Ask for 2 modes or more (mode 0 is a translation); 37 are usual.",
         )
 
 
@@ -352,9 +326,9 @@ def _require_reference(reference: int | None, n_frames: int) -> int:
     return int(reference)
 
 
-def _counted(progress: Progress | None, n_steps: int, count: int = 0) -> Callable[[], None]:
-    """Step that reports itself, after `count` others; more than foreseen are not reported."""
-    n_steps += count
+def _counted(progress: Progress | None, n_steps: int) -> Callable[[], None]:
+    """Step that reports itself; more than foreseen are not reported."""
+    count = 0
 
     def done() -> None:
         nonlocal count
@@ -363,14 +337,6 @@ def _counted(progress: Progress | None, n_steps: int, count: int = 0) -> Callabl
             progress(count, n_steps)
 
     return done
-
-
-def _require_size(surface: Deformable) -> None:
-    if not (np.isfinite(surface.size) and min(surface.template.lengths) > 0):
-        raise ShapeError(
-            "The start has no extent along one of its axes, so no modes can be told apart on it.",
-            remedy="Give a surface as start that is spread out, or other landmarks.",
-        )
 
 
 def segment(
@@ -422,15 +388,12 @@ def segment(
             remedy="Name a frame that has one, counted from 0.",
             frame=frame,
         )
-    one = ImageSequence((sequence.frames[frame],), notes=sequence.notes)
-    marks: dict[str, Any] = {}
+    one, marks = ImageSequence((sequence.frames[frame],), notes=sequence.notes), dict[str, Any]()
     if labels or is_label_map(one):
-        one, proposed = from_labels(one, labels, wall)
-        marks |= proposed
+        one, marks = from_labels(one, labels, wall)
     for name, value in (landmarks or {}).items():
         places = np.asarray(value, dtype=np.float64)
-        is_listed = places.ndim == 2 and len(places) == sequence.n_frames
-        marks[name] = places[frame] if is_listed else places
+        marks[name] = places[frame] if places.shape == (sequence.n_frames, 3) else places
     return track(
         one,
         landmarks=marks,

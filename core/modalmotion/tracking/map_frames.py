@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from modalmotion.numeric.scales import gram, inverse_of_cholesky
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.iterations import LEAST, Iteration
-from modalmotion.tracking.noise import Noise
+from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
 from modalmotion.tracking.observation import Frame
-from modalmotion.tracking.prior import Prior
 
 # Harmonics that are tried.
 _STIFFEST: Final = 0.25
@@ -160,81 +159,40 @@ def joined(
     C_i = S_i^-1 + G C_(i+1) G', G = S_i^-1 E_(i+1)', backward.
     """
     n_frames, n = vectors.shape
-    order = _folded(n_frames)
+    # Both ways round from the first: 0, 1, n - 1, 2, n - 2, ...
+    pairs = (dict.fromkeys((i, n_frames - i)) for i in range(1, n_frames // 2 + 1))
+    order = [0, *(k for pair in pairs for k in pair)]
     blocks = [order[i : i + 4] for i in range(0, n_frames, 4)]
     amplitudes, covariances = np.empty((n_frames, n)), np.empty((n_frames, n, n))
-    inverses: list[NDArray[np.float64]] = []
-    sums: list[NDArray[np.float64]] = []
+    K = np.diag(stiffness)
+
+    def between(i: int, j: int) -> NDArray[np.float64]:
+        return np.asarray(np.kron(Q[np.ix_(blocks[i], blocks[j])], K), dtype=np.float64)
+
+    inverses, sums = list[NDArray[np.float64]](), list[NDArray[np.float64]]()
     for i, block in enumerate(blocks):
-        D = _kron(Q[np.ix_(block, block)], stiffness)
+        D, b = between(i, i), vectors[block].ravel()
         for k, frame in enumerate(block):
             D[k * n : (k + 1) * n, k * n : (k + 1) * n] += matrices[frame]
-        b = vectors[block].ravel()
         if i:
-            E = Q[np.ix_(block, blocks[i - 1])]
-            D -= _framed(inverses[-1], E, stiffness)
-            b = b - _times(E, stiffness, (inverses[-1] @ sums[-1][:, None])[:, 0])
-        inverses.append(gram(inverse_of_cholesky(D)))
+            F = between(i, i - 1) @ inverses[-1]
+            D -= F @ between(i - 1, i)
+            b = b - (F @ sums[-1][:, None])[:, 0]
+        inverses.append(gram(inverse_of_cholesky((D + D.T) / 2)))
         sums.append(b)
     a, C = np.zeros(0), np.zeros((0, 0))
     for i in range(len(blocks) - 1, -1, -1):
-        block, inverse, b = blocks[i], inverses[i], sums[i]
-        if i == len(blocks) - 1:
-            C = inverse
-        else:
-            E = Q[np.ix_(block, blocks[i + 1])]
-            b = b - _times(E, stiffness, a)
-            C = inverse + _between(inverse, E, stiffness, C)
-        a = (inverse @ b[:, None])[:, 0]
-        for k, frame in enumerate(block):
+        inverse = inverses[i]
+        own = (inverse @ sums[i][:, None])[:, 0]
+        if i + 1 < len(blocks):
+            G = inverse @ between(i, i + 1)
+            own = own - (G @ a[:, None])[:, 0]
+            inverse = inverse + ((G @ C) @ G.T)
+        a, C = own, (inverse + inverse.T) / 2
+        for k, frame in enumerate(blocks[i]):
             rows = slice(k * n, (k + 1) * n)
             amplitudes[frame], covariances[frame] = a[rows], C[rows, rows]
     return amplitudes, covariances
-
-
-def _folded(n: int) -> list[int]:
-    """Frames both ways round from the first: 0, 1, n - 1, 2, n - 2, ..."""
-    return [0, *(k for i in range(1, n // 2 + 1) for k in dict.fromkeys((i, n - i)))]
-
-
-def _kron(Q: NDArray[np.float64], stiffness: NDArray[np.float64]) -> NDArray[np.float64]:
-    n, k = len(stiffness), len(Q)
-    full = np.zeros((k, n, k, n))
-    rows = np.arange(n)
-    full[:, rows, :, rows] = Q[None] * stiffness[:, None, None]
-    return full.reshape(k * n, k * n)
-
-
-def _times(
-    E: NDArray[np.float64], stiffness: NDArray[np.float64], a: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(E (x) K) a."""
-    n = len(stiffness)
-    return ((E @ a.reshape(-1, n)) * stiffness).ravel()
-
-
-def _framed(
-    inverse: NDArray[np.float64], E: NDArray[np.float64], stiffness: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(E (x) K) S^-1 (E (x) K)'."""
-    n, (rows, columns) = len(stiffness), E.shape
-    S = inverse.reshape(columns, n, columns, n)
-    framed = np.einsum("aidj,bd->aibj", np.einsum("ac,cidj->aidj", E, S), E)
-    framed *= stiffness[None, :, None, None] * stiffness
-    return np.asarray(framed.reshape(rows * n, rows * n), dtype=np.float64)
-
-
-def _between(
-    inverse: NDArray[np.float64],
-    E: NDArray[np.float64],
-    stiffness: NDArray[np.float64],
-    C: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """S^-1 (E (x) K) C (E (x) K)' S^-1."""
-    middle = _framed(C, E, stiffness)
-    half = inverse @ middle
-    full = half @ inverse
-    return (full + full.T) / 2
 
 
 # Prior variances over that of a frame whose surface is known.

@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.triangles import face_normals
+from modalmotion.numeric.scales import gram
 from modalmotion.tracking.closest import Matches, closest_points
-from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.deformable import Deformable, alike_over, place_on, rim_at
 from modalmotion.tracking.ends_of_data import Ending, Lying, lies_evenly
 from modalmotion.tracking.noise import Noise, robust_weights
 from modalmotion.tracking.observation import Frame, Observation
-from modalmotion.tracking.rim import alike_over, place_on, rim_at
 
-# A foot whose distance is not along the normal is on the rim, and pulls along it: such points say
-# nothing of where the rim is. Least share of the distance along the normal.
-_ALONG: Final = 0.6
+# A point whose distance is not along the normal has its foot on the rim, which it would pull along:
+# such points say nothing of where the rim is. Shares of the distance along the normal from which on
+# points count, and from which on in full: what switches at once lets no iteration come to rest.
+_ALONG: Final = (0.4, 0.8)
 
 _ROWS_AT_ONCE: Final = 4096
-
-# Places of the six entries of a symmetric 3 x 3 matrix.
-_UPPER: Final = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,88 +78,106 @@ def normal_equations(
     surface: Deformable, amplitudes: NDArray[np.float64], frame: Frame, noise: Noise
 ) -> NormalEquations:
     """Linearise the data term about amplitudes, (modes, 3) float64."""
-    m = len(surface)
-    A, marks, b = np.zeros((3, 3, m, m)), np.zeros((3, 3, m, m)), np.zeros((m, 3))
     x = surface.positions(amplitudes)
-    residuals, weights, feet = [np.zeros((0, 3))], [np.zeros(0)], []
+    of_points, marks = _Sum(len(surface)), _Sum(len(surface))
+    seen: list[tuple[NDArray[Any], ...]] = []
     own = total = 0.0
     even: list[Lying] = []
     for part in frame:
-        if isinstance(part, Ending):
+        if isinstance(part, Ending) or not len(part):
             continue
-        if part.end is not None:
-            _add_end(surface, x, part, part.end, noise, marks, b)
-        elif part.is_landmark:
-            _add_landmarks(surface, x, part, noise, marks, b)
-        elif len(part):
-            found = _profile_feet(part, x) or closest_points(part.points, x, surface.cells)
-            if lies_evenly(part):
-                even.append(Lying(part, found))
-            r, w, corners, variance = _add_points(surface, x, part, found, noise, A, b)
-            own += float((w * noise.own(part.sd)).sum())
-            total += float((w * variance).sum())
-            residuals.append(r)
-            weights.append(w)
-            feet.append(corners)
+        if part.is_landmark:
+            _add_marks(marks, surface, x, part, noise)
+            continue
+        found = _profile_feet(part, x) or closest_points(part.points, x, surface.cells)
+        if lies_evenly(part):
+            even.append(Lying(part, found))
+        r, w, variance = _add_points(of_points, surface, x, part, found, noise)
+        own += float((w * noise.own(part.sd)).sum())
+        total += float((w * variance).sum())
+        seen.append((part.points, r, w, found.corners))
     for part in frame:
-        if isinstance(part, Ending):
-            _add_ending(surface, x, part, even, noise, marks, b)
-    of_points, matrix = (
-        np.ascontiguousarray(own.transpose(2, 0, 3, 1).reshape(3 * m, 3 * m))
-        for own in (A, A + marks)
-    )
+        end = part.found(surface, x, even, noise) if isinstance(part, Ending) else None
+        if isinstance(part, Ending) and part.rim is not None and end is not None:
+            there = part.rim.at(x)
+            variances = end.variances + noise.truncation**2 * there.alike(surface, noise.n_values)
+            marks.add(there.rows(surface), end.beyond, end.shown / variances)
+    matrix = of_points.matrix + marks.matrix
     # (y - x(a)) is what b came from: the target is that much beyond a.
-    vector = b.ravel() + (matrix @ amplitudes.reshape(-1, 1))[:, 0]
-    points = [part.points for part in frame if not part.is_landmark and len(part)]
-    return NormalEquations(
-        matrix,
-        vector,
-        np.concatenate([np.zeros((0, 3)), *points]),
-        np.concatenate(residuals),
-        np.concatenate(weights),
-        np.concatenate(feet) if feet else np.zeros((0, surface.cells.shape[1]), dtype=np.int64),
-        (1.0 - own / total if total > 0 else 0.0) * of_points,
-    )
+    vector = of_points.vector + marks.vector + (matrix @ amplitudes.reshape(-1, 1))[:, 0]
+    none = np.zeros((0, 3))
+    seen = seen or [(none, none, none[:, 0], np.zeros((0, surface.cells.shape[1]), np.int64))]
+    points, residuals, weights, feet = (np.concatenate(each) for each in zip(*seen, strict=True))
+    truncated = (1.0 - own / total if total > 0 else 0.0) * of_points.matrix
+    return NormalEquations(matrix, vector, points, residuals, weights, feet, truncated)
+
+
+class _Sum:
+    """Sum over rows of s r' r and of s r' g, with the gap g along a row r of amplitudes."""
+
+    def __init__(self, n_modes: int) -> None:
+        self.matrix = np.zeros((3 * n_modes, 3 * n_modes))
+        self.vector = np.zeros(3 * n_modes)
+
+    def add(
+        self, rows: NDArray[np.float64], gaps: NDArray[np.float64], strengths: NDArray[np.float64]
+    ) -> None:
+        """Add rows (n, modes, 3), gaps (n,) and strengths (n,)."""
+        flat = rows.reshape(len(rows), -1) * np.sqrt(strengths)[:, None]
+        self.matrix += gram(flat)
+        self.vector += (flat.T @ (np.sqrt(strengths) * gaps)[:, None])[:, 0]
+
+    def add_feet(
+        self,
+        surface: Deformable,
+        found: Matches,
+        normals: NDArray[np.float64],
+        along: NDArray[np.float64],
+        strengths: NDArray[np.float64],
+    ) -> None:
+        """Add distances (n, directions) along normals (n, directions, 3) at the feet of points."""
+        for start in range(0, len(strengths), _ROWS_AT_ONCE):
+            own = slice(start, start + _ROWS_AT_ONCE)
+            phi = (found.shares[own, :, None] * surface.shapes[found.corners[own]]).sum(axis=1)
+            for k in range(normals.shape[1]):
+                rows = phi[:, :, None] * normals[own, k, None, :]
+                self.add(rows, along[own, k], strengths[own])
 
 
 def _add_points(
+    total: _Sum,
     surface: Deformable,
     x: NDArray[np.float64],
     part: Observation,
     found: Matches,
     noise: Noise,
-    A: NDArray[np.float64],
-    b: NDArray[np.float64],
-) -> tuple[
-    NDArray[np.float64],
-    NDArray[np.float64],
-    NDArray[np.int64],
-    NDArray[np.float64] | float,
-]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | float]:
+    """Add points; their residuals, weights and variances."""
     normals = found.normals if part.normals is None else part.normals[:, None]
-    gap = part.points - found.feet
-    along = (normals * gap[:, None]).sum(axis=-1)
-    size = np.linalg.norm(along, axis=1)
-    # Of two triangles as near a foot between them is on neither more than on the other.
-    at_rim = (surface.rim[found.corners] & (found.shares > 0.0)).any(axis=1)
-    on_rim = at_rim & (size < _ALONG * found.distances) & (part.feet is None)
-    if part.normals is None and surface.cells.shape[1] == 3:
-        # Across a ridge the force turns with the point, and does not jump from side to side.
-        ridge = (found.shares.min(axis=1) <= 0.0) & ~at_rim & (found.distances > 0.0)
-        lift = bulge(found, x, surface.cells, noise.own(part.sd))
-        lift[ridge] *= np.sign(along[ridge, 0])
-        normals[ridge, 0] = gap[ridge] / found.distances[ridge, None]
-        along[ridge, 0] = found.distances[ridge]
-        along[:, 0] -= lift
-        size = np.abs(along[:, 0])
-    kept = ~on_rim
-    weights = np.zeros(len(part))
-    weights[kept] = robust_weights(size[kept], noise.total)
+    is_surface = part.normals is None and surface.cells.shape[1] == 3
+    if is_surface:
+        # These turn as evenly as the surface, and not at the sides of triangles, where forces
+        # would jump as often as points slide across.
+        at_corners = vertex_normals(x, surface.cells)[found.corners]
+        turned = (found.shares[:, :, None] * at_corners).sum(axis=1)
+        size = np.linalg.norm(turned, axis=1, keepdims=True)
+        normals = np.where(size > 0, turned / np.where(size > 0, size, 1.0), normals[:, 0])[:, None]
+    along = (normals * (part.points - found.feet)[:, None]).sum(axis=-1)
+    weights = np.ones(len(part))
+    if part.feet is None:
+        share = np.linalg.norm(along, axis=1) / np.where(found.distances > 0, found.distances, 1.0)
+        at_rim = (surface.rim[found.corners] & (found.shares > 0.0)).any(axis=1)
+        at_rim &= found.distances > 0
+        least, full = _ALONG
+        weights[at_rim] = np.clip((share[at_rim] - least) / (full - least), 0.0, 1.0)
+    if is_surface:
+        along[:, 0] -= bulge(found, x, surface.cells, noise.own(part.sd))
+    kept = weights > 0
+    weights[kept] *= robust_weights(np.linalg.norm(along[kept], axis=1), noise.total)
     counted = weights if part.weights is None else weights * part.weights
     variance = noise.variances(part.sd, float(counted.sum()))
-    strength = counted / variance
-    _accumulate(surface, found, normals, along, strength, A, b)
-    return (normals * along[:, :, None]).sum(axis=1), weights, found.corners, variance
+    total.add_feet(surface, found, normals, along, counted / variance)
+    return (normals * along[:, :, None]).sum(axis=1), weights, variance
 
 
 def bulge(
@@ -209,86 +224,36 @@ def bulge(
     return lifted
 
 
-def _accumulate(
-    surface: Deformable,
-    found: Matches,
-    normals: NDArray[np.float64],
-    along: NDArray[np.float64],
-    strength: NDArray[np.float64],
-    A: NDArray[np.float64],
-    b: NDArray[np.float64],
+def _add_marks(
+    total: _Sum, surface: Deformable, x: NDArray[np.float64], part: Observation, noise: Noise
 ) -> None:
-    """Add Q = n n' of each point: A += phi phi' (x) Q, b += phi (x) Q (y - x)."""
-    m = len(surface)
-    for start in range(0, len(strength), _ROWS_AT_ONCE):
-        rows = slice(start, start + _ROWS_AT_ONCE)
-        phi = (found.shares[rows, :, None] * surface.shapes[found.corners[rows]]).sum(axis=1)
-        n, s = normals[rows], strength[rows]
-        pull = s[:, None] * (n * along[rows][:, :, None]).sum(axis=1)
-        sided = np.empty((len(phi), 6 * m + 3))
-        for k, (i, j) in enumerate(_UPPER):
-            q = s * (n[:, :, i] * n[:, :, j]).sum(axis=1)
-            np.multiply(phi, q[:, None], out=sided[:, k * m : (k + 1) * m])
-        sided[:, 6 * m :] = pull
-        sums = phi.T @ sided
-        for k, (i, j) in enumerate(_UPPER):
-            block = sums[:, k * m : (k + 1) * m]
-            A[i, j] += block
-            if i != j:
-                A[j, i] += block
-        b += sums[:, 6 * m :]
-
-
-def _add_end(
-    surface: Deformable,
-    x: NDArray[np.float64],
-    part: Observation,
-    end: str,
-    noise: Noise,
-    A: NDArray[np.float64],
-    b: NDArray[np.float64],
-) -> None:
-    """Add points that the rim of an end passes through: their distance counts across the rim.
-
-    Of an end without an opening their middle is a landmark.
-    """
-    if not len(part):
+    """Add landmarks, or points that the rim of an end passes through."""
+    sides = np.zeros((0, 2), np.int64) if part.end is None else rim_at(surface, part.end)
+    if part.end is not None and len(sides):
+        # Their distance counts across the rim.
+        found = closest_points(part.points, x, sides)
+        normals = found.normals if part.normals is None else part.normals[:, None]
+        along = (normals * (part.points - found.feet)[:, None]).sum(axis=-1)
+        weights = robust_weights(np.linalg.norm(along, axis=1), noise.total)
+        counted = weights if part.weights is None else weights * part.weights
+        strengths = counted / noise.variances(part.sd, 1.0)
+        total.add_feet(surface, found, normals, along, np.asarray(strengths))
         return
-    sides = rim_at(surface, end)
-    if not len(sides):
+    if part.end is not None:
+        # Of an end without an opening their middle is a landmark.
         sd = None if part.sd is None else float(np.sqrt(np.mean(np.square(part.sd))))
-        middle = Observation(part.points.mean(axis=0)[None], sd=sd, places=(end,))
-        _add_landmarks(surface, x, middle, noise, A, b)
-        return
-    found = closest_points(part.points, x, sides)
-    normals = found.normals if part.normals is None else part.normals[:, None]
-    along = (normals * (part.points - found.feet)[:, None]).sum(axis=-1)
-    weights = robust_weights(np.linalg.norm(along, axis=1), noise.total)
-    counted = weights if part.weights is None else weights * part.weights
-    _accumulate(surface, found, normals, along, counted / noise.variances(part.sd, 1.0), A, b)
-
-
-def _add_ending(
-    surface: Deformable,
-    x: NDArray[np.float64],
-    part: Ending,
-    even: Sequence[Lying],
-    noise: Noise,
-    A: NDArray[np.float64],
-    b: NDArray[np.float64],
-) -> None:
-    """Add where the data end, one row for each sector of the rim, outward along the surface."""
-    found = part.found(surface, x, even, noise)
-    if found is None or part.rim is None:
-        return
-    there = part.rim.at(x)
-    variances = found.variances + noise.truncation**2 * there.alike(surface, noise.n_values)
-    rows, strength = there.rows(surface), found.shown / variances
-    for i in range(3):
-        left = np.ascontiguousarray(rows[:, :, i].T)
-        b[:, i] += (left @ (strength * found.beyond)[:, None])[:, 0]
-        for j in range(3):
-            A[i, j] += left @ (strength[:, None] * rows[:, :, j])
+        part = Observation(part.points.mean(axis=0)[None], sd=sd, places=(part.end,))
+    for row, place in enumerate(part.places or ()):
+        vertices, shares = place_on(surface, place)
+        phi = (shares[:, None] * surface.shapes[vertices]).sum(axis=0)
+        gap = part.points[row] - (shares[:, None] * x[vertices]).sum(axis=0)
+        sd = part.sd[row] if isinstance(part.sd, np.ndarray) else None
+        weight = 1.0 if part.weights is None else float(part.weights[row])
+        alike = alike_over(surface, vertices, shares, noise.n_values)
+        strength = weight / float(noise.own(sd) + noise.truncation**2 * alike)
+        directions = np.eye(3) if part.normals is None else part.normals[row, None]
+        rows = phi[None, :, None] * directions[:, None]
+        total.add(rows, directions @ gap, np.full(len(rows), strength))
 
 
 def _profile_feet(part: Observation, x: NDArray[np.float64]) -> Matches | None:
@@ -298,30 +263,3 @@ def _profile_feet(part: Observation, x: NDArray[np.float64]) -> Matches | None:
     feet = (part.shares[:, :, None] * x[part.feet]).sum(axis=1)
     distances = np.linalg.norm(part.points - feet, axis=1)
     return Matches(part.feet, part.shares, feet, part.normals[:, None], distances)
-
-
-def _add_landmarks(
-    surface: Deformable,
-    x: NDArray[np.float64],
-    part: Observation,
-    noise: Noise,
-    A: NDArray[np.float64],
-    b: NDArray[np.float64],
-) -> None:
-    for row, place in enumerate(part.places or ()):
-        vertices, shares = place_on(surface, place)
-        phi = (shares[:, None] * surface.shapes[vertices]).sum(axis=0)
-        gap = part.points[row] - (shares[:, None] * x[vertices]).sum(axis=0)
-        sd = part.sd[row] if isinstance(part.sd, np.ndarray) else None
-        weight = 1.0 if part.weights is None else float(part.weights[row])
-        alike = alike_over(surface, vertices, shares, noise.n_values)
-        strength = weight / float(noise.own(sd) + noise.truncation**2 * alike)
-        if part.normals is not None:
-            n = part.normals[row]
-            for i, j in np.ndindex(3, 3):
-                A[i, j] += strength * n[i] * n[j] * phi[:, None] * phi
-            b += strength * phi[:, None] * (n @ gap) * n
-            continue
-        for i in range(3):
-            A[i, i] += strength * phi[:, None] * phi
-        b += strength * phi[:, None] * gap

@@ -9,7 +9,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
+from modalmotion.errors import InputError, NonFiniteError, ParameterError, ShapeError
 from modalmotion.mesh import face_normals
 from modalmotion.representation import FrozenArrays, shown
 
@@ -51,8 +51,8 @@ class Observation(FrozenArrays):
     places : tuple of str, int or tuple of int, optional
         Of each row of a landmark: see `Place`.
     feet : (n, 3) int64, optional
-        Of profiles: vertices that each one starts between, so that its distance counts from there
-        and not from the closest place of the surface.
+        Of profiles, which have `normals` and `shares` too: vertices that each one starts between,
+        so that its distance counts from there and not from the closest place of the surface.
     shares : (n, 3) float64, optional
         Of each of these vertices in the start; they add up to 1.
     end : {"apex", "base"}, optional
@@ -72,40 +72,31 @@ class Observation(FrozenArrays):
     border: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        points = _numbers(self.points)
-        if points.ndim != 2 or points.shape[1] != 3:
-            raise ShapeError(
-                f"The points of an observation have the shape {points.shape}, not (n, 3).",
-                remedy="Give one row x, y, z for each point.",
-            )
-        _require_finite(points)
-        object.__setattr__(self, "points", points)
-        n = len(points)
+        points = _rows(self.points)
+        n, arrays = len(points), {"points": points}
         if self.sd is not None:
-            sd = np.array(np.broadcast_to(np.asarray(self.sd, dtype=np.float64), (n,)))
+            arrays["sd"] = sd = np.array(np.broadcast_to(np.asarray(self.sd, np.float64), (n,)))
             if not (np.isfinite(sd) & (sd > 0)).all():
                 raise ParameterError(
                     "A standard deviation of an observation is not a finite length above zero.",
                     remedy="Give lengths above zero, or leave them out to have them estimated.",
                 )
-            object.__setattr__(self, "sd", sd)
         if self.weights is not None:
-            weights = np.array(self.weights, dtype=np.float64)
+            arrays["weights"] = weights = np.array(self.weights, dtype=np.float64)
             if weights.shape != (n,) or not (np.isfinite(weights) & (weights >= 0)).all():
                 raise ParameterError(
                     f"The weights of {n} points are not {n} finite numbers from 0 on.",
                     remedy="Give one weight for each point, or none.",
                 )
-            object.__setattr__(self, "weights", weights)
         if self.normals is not None:
             normals = np.array(self.normals, dtype=np.float64)
-            size = np.linalg.norm(normals, axis=-1) if normals.shape == (n, 3) else np.zeros(1)
-            if not (np.isfinite(size) & (size > 0)).all():
+            size = np.linalg.norm(normals, axis=-1, keepdims=True)
+            if normals.shape != (n, 3) or not (np.isfinite(size) & (size > 0)).all():
                 raise ParameterError(
                     f"The directions of {n} points are not {n} finite vectors other than zero.",
                     remedy="Give one direction for each point, or none.",
                 )
-            object.__setattr__(self, "normals", normals / size[:, None])
+            arrays["normals"] = normals / size
         if self.places is not None and len(self.places) != n:
             raise ShapeError(
                 f"{len(self.places)} places were named for {n} landmarks.",
@@ -113,32 +104,14 @@ class Observation(FrozenArrays):
             )
         if self.end is not None and (self.end not in NAMED_PLACES or self.places is not None):
             raise ParameterError(
-                f"Points are at the end {self.end!r:.40} of a surface"
-                f"{'' if self.places is None else ', and at places of their own'}.",
+                f"The end of the points is {self.end!r:.40}, their places {self.places!r:.40}.",
                 remedy="Name the end apex or base, or give places.",
             )
-        if self.feet is not None or self.shares is not None:
-            starts = (self.feet, self.shares, self.normals)
-            own = tuple(None if part is None else part.shape for part in starts)
-            if own != ((n, 3), (n, 3), (n, 3)):
-                raise ShapeError(
-                    "Profiles need the three vertices that each starts between, their shares and "
-                    f"directions, (n, 3) each; their shapes are {own}.",
-                    remedy="Give feet, shares and normals together, or only points.",
-                )
         if self.border is not None:
-            border = _numbers(self.border)
-            if border.ndim != 3 or border.shape[1:] != (2, 3):
-                raise ShapeError(
-                    f"The border of a mesh has the shape {border.shape}, not (sides, 2, 3).",
-                    remedy="Give both ends of each side that has one triangle only, or none.",
-                )
-            _require_finite(border.reshape(-1, 3))
-            object.__setattr__(self, "border", border)
-        arrays = (self.points, self.sd, self.weights, self.normals, self.feet, self.shares)
-        for array in (*arrays, self.border):
-            if isinstance(array, np.ndarray):
-                array.setflags(write=False)
+            arrays["border"] = _rows(np.reshape(self.border, (-1, 3))).reshape(-1, 2, 3)
+        for name, array in arrays.items():
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -151,6 +124,18 @@ class Observation(FrozenArrays):
 
 Frame: TypeAlias = tuple[Observation, ...]
 """All observations of one frame; none where it is missing."""
+
+
+def ends_in(frame: Frame) -> dict[str, NDArray[np.float64]]:
+    """Places of apex and base that a frame states; of points of an end their middle."""
+    ends = {part.end: part.points.mean(axis=0) for part in frame if part.end and len(part)}
+    for part in frame:
+        for place, point in zip(part.places or (), part.points, strict=False):
+            # The mean of several vertices is that of an opening.
+            name = "base" if isinstance(place, tuple) and len(place) > 2 else place
+            if isinstance(name, str):
+                ends[name] = point
+    return ends
 
 
 def observed_frames(observed: Sequence[Any]) -> tuple[tuple[Frame, ...], tuple[str, ...]]:
@@ -177,25 +162,19 @@ def observed_frames(observed: Sequence[Any]) -> tuple[tuple[Frame, ...], tuple[s
     for k, item in enumerate(observed):
         try:
             frame = _frame_of(item)
-        except (ShapeError, NonFiniteError, ParameterError) as error:
+        except InputError as error:
             error.frame = k
             error.message = f"Frame {k}: {error.message}"
             raise
-        thinned = tuple(_thinned(part) for part in frame)
-        n_thinned += any(a is not b for a, b in zip(frame, thinned, strict=True))
-        frames.append(thinned)
-    if not frames or not any(len(part) for frame in frames for part in frame):
+        frames.append(tuple(map(_thinned, frame)))
+        n_thinned += sum(map(len, frames[k])) < sum(map(len, frame))
+    if not any(len(part) for frame in frames for part in frame):
         raise ShapeError(
             "Nothing was observed in any frame.",
             remedy="Send points, contours or a surface for at least one frame.",
         )
-    notes: tuple[str, ...] = ()
-    if n_thinned:
-        note = (
-            f"{n_thinned} frames have more than {_MOST_POINTS:,} points; as many of each were read."
-        )
-        notes = (note,)
-    return tuple(frames), notes
+    note = f"{n_thinned} frames have more than {_MOST_POINTS:,} points; as many of each were read."
+    return tuple(frames), (note,) if n_thinned else ()
 
 
 def _frame_of(item: Any) -> Frame:
@@ -207,8 +186,7 @@ def _frame_of(item: Any) -> Frame:
         return tuple(item)
     if isinstance(item, tuple) and len(item) == 2:
         return (of_surface(*item),)
-    points = _numbers(item)
-    return () if points.size == 0 else (Observation(points),)
+    return () if np.size(item) == 0 else (Observation(item),)
 
 
 def of_surface(vertices: Any, faces: Any) -> Observation:
@@ -220,96 +198,77 @@ def of_surface(vertices: Any, faces: Any) -> Observation:
     faces : (faces, 3) array_like of int
         In any winding; vertices in no triangle are left out.
     """
-    try:
-        x, faces = np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64)
-    except (TypeError, ValueError):
-        x = faces = np.zeros(0)
-    if x.ndim != 2 or x.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
+    x = _rows(vertices)
+    faces = np.asarray(faces, dtype=np.int64)
+    is_mesh = faces.ndim == 2 and faces.shape[1] == 3
+    if not is_mesh or not 0 <= faces.min(initial=0) <= faces.max(initial=0) < len(x):
         raise ShapeError(
-            f"Vertices of shape {x.shape} and faces of shape {faces.shape} are not a mesh.",
-            remedy="Give vertices (n, 3) and triangles (m, 3).",
-        )
-    if len(faces) and not 0 <= faces.min() <= faces.max() < len(x):
-        raise ShapeError(
-            f"A triangle names a vertex that does not exist; there are {len(x)} (0 to "
+            f"Faces of shape {faces.shape} are not triangles of the {len(x)} vertices (0 to "
             f"{len(x) - 1}).",
-            remedy="Send the triangles of these vertices.",
+            remedy="Give vertices (n, 3) and triangles (m, 3) of these.",
         )
-    _require_finite(x)
     areas = np.linalg.norm(face_normals(x, faces), axis=1)
     weights = np.bincount(faces.ravel(), np.repeat(areas, 3), minlength=len(x))
     used = weights > 0
     if not used.any():
         return Observation(x)
-    border = _border_of(x, faces)
+    sides = open_sides(faces)
+    if len(sides) > len(faces):
+        # Triangles that have their corners for themselves, as in an STL file.
+        _, first, same = np.unique(x, axis=0, return_index=True, return_inverse=True)
+        sides = open_sides(first[same.reshape(-1)][faces])
+    border = x[sides] if len(sides) else None
     return Observation(x[used], weights=weights[used] / weights[used].mean(), border=border)
 
 
-def _border_of(x: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64] | None:
-    """Sides of one triangle only, (sides, 2, 3); None of a mesh without any."""
-    sides = _open_sides(faces)
-    if len(sides) > len(faces):
-        # Triangles that have their corners for themselves, as in an STL file.
-        same = np.unique(x, axis=0, return_inverse=True)[1].reshape(-1)
-        first = np.full(len(x), len(x))
-        np.minimum.at(first, same, np.arange(len(x)))
-        sides = _open_sides(first[same][faces])
-    return x[sides] if len(sides) else None
-
-
-def _open_sides(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+def open_sides(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Sides of one triangle only, (sides, 2); triangles with a corner twice do not count."""
     a, b, c = faces.T
     proper = faces[(a != b) & (b != c) & (c != a)]
     sides = np.sort(proper[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    n = np.int64(faces.max(initial=0)) + 1
-    keys, counts = np.unique(sides[:, 0] * n + sides[:, 1], return_counts=True)
-    keys = keys[counts == 1]
-    open_sides: NDArray[np.int64] = np.stack([keys // n, keys % n], axis=1)
-    return open_sides
+    found, counts = np.unique(sides, axis=0, return_counts=True)
+    own: NDArray[np.int64] = found[counts == 1]
+    return own
 
 
-def _numbers(points: Any) -> NDArray[np.float64]:
-    """Copy points as real numbers."""
-    cause: Exception | None = None
+def _rows(points: Any) -> NDArray[np.float64]:
+    """Copy points as rows of three finite numbers."""
     try:
         rows = np.array(points)
-        if not np.iscomplexobj(rows):
-            numbers: NDArray[np.float64] = rows.astype(np.float64)
-            return numbers
-    except (TypeError, ValueError) as error:
-        cause = error
-    raise ParameterError(
-        "The points are not rows of real numbers.",
-        remedy="Give one row x, y, z for each point.",
-    ) from cause
-
-
-def _require_finite(points: NDArray[np.float64]) -> None:
-    wrong = np.flatnonzero(~np.isfinite(points).all(axis=1))
+        rows = rows.astype(np.float64) if not np.iscomplexobj(rows) else np.array(None)
+    except (TypeError, ValueError):
+        rows = np.array(None)
+    if rows.dtype == object:
+        raise ParameterError(
+            "The points are not rows of real numbers.",
+            remedy="Give one row x, y, z for each point.",
+        )
+    if rows.ndim != 2 or rows.shape[1] != 3:
+        raise ShapeError(
+            f"The points of an observation have the shape {rows.shape}, not (n, 3).",
+            remedy="Give one row x, y, z for each point.",
+        )
+    wrong = np.flatnonzero(~np.isfinite(rows).all(axis=1))
     if wrong.size:
         raise NonFiniteError(
-            f"Point {int(wrong[0])} is not finite ({len(wrong)} of {len(points)} are not).",
+            f"Point {int(wrong[0])} is not finite ({len(wrong)} of {len(rows)} are not).",
             remedy="Leave such points out: a frame may have any number of them.",
             vertex=int(wrong[0]),
         )
-    largest = float(np.abs(points).max(initial=0.0))
+    largest = float(np.abs(rows).max(initial=0.0))
     if largest > _LARGEST:
         raise ParameterError(
             f"A coordinate is {largest:.3g}, more than {_LARGEST:g}: its powers are no numbers.",
             remedy="State lengths in a larger unit.",
         )
+    return rows
 
 
 def _thinned(part: Observation) -> Observation:
     n = len(part)
     if n <= _MOST_POINTS or part.is_landmark or part.feet is not None:
         return part
-    order = np.argsort(np.arange(n) * _GOLDEN % 1.0, kind="stable")[:_MOST_POINTS]
-    rows = np.sort(order)
-    return Observation(
-        part.points[rows],
-        sd=part.sd[rows] if isinstance(part.sd, np.ndarray) else part.sd,
-        weights=None if part.weights is None else part.weights[rows],
-        normals=None if part.normals is None else part.normals[rows],
-        border=part.border,
-    )
+    rows = np.sort(np.argsort(np.arange(n) * _GOLDEN % 1.0, kind="stable")[:_MOST_POINTS])
+    own = {name: getattr(part, name) for name in ("sd", "weights", "normals")}
+    kept = {name: value if value is None else value[rows] for name, value in own.items()}
+    return Observation(part.points[rows], **kept, border=part.border)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -135,8 +135,45 @@ def read_observed(
     """
     if parser is None:
         with ParserProcess(DEFAULT_LIMITS if limits is None else limits) as own:
-            return _read(source, _Statements(contours, coordinates), own, progress)
-    return _read(source, _Statements(contours, coordinates), parser, progress)
+            return read_observed(
+                source, contours=contours, coordinates=coordinates, progress=progress, parser=own
+            )
+    if holds_images(source):
+        return recorded_images(read_images(source, parser=parser, progress=progress))
+    if isinstance(source, Path) and source.is_dir():
+        files = {path.name: path.read_bytes for path in source.iterdir() if path.is_file()}
+        return _of_files(files, contours, coordinates, parser, progress)
+    try:
+        data = source if isinstance(source, bytes) else source.read_bytes()
+    except OSError as error:
+        raise MalformedFileError(
+            f"'{Path(str(source)).name}' cannot be read: {error.strerror}.", remedy=_REMEDY
+        ) from error
+    kind = detect_format(data) if data else None
+    if kind is Format.ZIP:
+        with opened(data, parser) as archive:
+            files = {name: member.read for name, member in archive.members.items()}
+            return _of_files(files, contours, coordinates, archive.parser, progress)
+    if kind is Format.NPZ:
+        return _of_npz(data, parser.limits)
+    if kind is Format.HDF5:
+        return _of_vtkhdf(data, parser)
+    if kind in MESH_FORMATS:
+        one = _of_mesh(data, parser)
+        unit = one.states.get("unit")
+        return Recorded(((one.points,),), {}, unit=unit, coordinates=one.coordinates)
+    if kind is None and (table := _table(data)) is not None:
+        clouds, times = table
+        parser.limits.require("frames", len(clouds))
+        parser.limits.require("vertices", max(map(len, clouds)))
+        return Recorded(_clouds(clouds), {}, times)
+    if kind is None:
+        message = unknown_format(data).message if data else "The file is empty."
+        raise MalformedFileError(message, remedy=_REMEDY)
+    raise MalformedFileError(
+        f"The file is {kind.upper()}, which contains a sequence of one mesh.",
+        remedy=f"{NOTHING_TO_TRACK} {_REMEDY}",
+    )
 
 
 def holds_contours(source: Path) -> bool:
@@ -149,67 +186,10 @@ def recorded_images(images: ImageSequence) -> Recorded:
     return Recorded((), {}, images.times, "mm", images.notes, "LPS", images)
 
 
-@dataclass(frozen=True)
-class _Statements:
-    """What the caller says of the files."""
-
-    contours: Sequence[str]
-    coordinates: str | None
-
-
-def _read(
-    source: bytes | Path, stated: _Statements, parser: Parser, progress: Progress | None
-) -> Recorded:
-    if holds_images(source):
-        return recorded_images(read_images(source, parser=parser, progress=progress))
-    if isinstance(source, bytes):
-        return _of_bytes(source, stated, parser, progress)
-    if source.is_dir():
-        files = {path.name: path.read_bytes for path in source.iterdir() if path.is_file()}
-        return _of_files(files, stated, parser, progress)
-    try:
-        data = source.read_bytes()
-    except OSError as error:
-        raise MalformedFileError(
-            f"'{source.name}' cannot be read: {error.strerror}.", remedy=_REMEDY
-        ) from error
-    return _of_bytes(data, stated, parser, progress)
-
-
-def _of_bytes(
-    data: bytes, stated: _Statements, parser: Parser, progress: Progress | None
-) -> Recorded:
-    if not data:
-        raise MalformedFileError("The file is empty.", remedy=_REMEDY)
-    kind = detect_format(data)
-    if kind is Format.NPZ:
-        return _of_npz(data, parser.limits)
-    if kind is Format.ZIP:
-        with opened(data, parser) as archive:
-            files = {name: member.read for name, member in archive.members.items()}
-            return _of_files(files, stated, archive.parser, progress)
-    if kind is Format.HDF5:
-        return _of_vtkhdf(data, parser)
-    if kind in MESH_FORMATS:
-        one = _of_mesh(data, parser)
-        return Recorded(
-            ((one.points,),), {}, unit=one.states.get("unit"), coordinates=one.coordinates
-        )
-    if kind is None and (table := _table(data)) is not None:
-        parser.limits.require("frames", len(table[0]))
-        parser.limits.require("vertices", max(map(len, table[0])))
-        return Recorded(tuple(_cloud_of(x, k) for k, x in enumerate(table[0])), {}, table[1])
-    if kind is None:
-        raise MalformedFileError(unknown_format(data).message, remedy=_REMEDY)
-    raise MalformedFileError(
-        f"The file is {kind.upper()}, which contains a sequence of one mesh.",
-        remedy=f"{NOTHING_TO_TRACK} {_REMEDY}",
-    )
-
-
 def _of_files(
     files: Mapping[str, Callable[[], bytes]],
-    stated: _Statements,
+    contours: Sequence[str],
+    coordinates: str | None,
     parser: Parser,
     progress: Progress | None,
 ) -> Recorded:
@@ -219,7 +199,7 @@ def _of_files(
     frames: list[_FrameFile] = []
     for k, name in enumerate(names):
         with _named(k, name):
-            frames.append(_frame(name, files[name](), stated.contours, parser))
+            frames.append(_frame(name, files[name](), contours, parser))
             if frames[k].coordinates != frames[0].coordinates:
                 raise ShapeError(
                     f"Its coordinate system is {frames[k].coordinates}, that of frame 0 "
@@ -228,26 +208,31 @@ def _of_files(
                 )
         if progress is not None:
             progress(k + 1, len(names))
-    landmarks = _per_frame([frame.landmarks for frame in frames])
-    coordinates, unit = frames[0].coordinates, frames[0].states.get("unit")
+    names_of = sorted({name for frame in frames for name in frame.landmarks})
+    landmarks = {
+        name: np.stack([frame.landmarks.get(name, _NOWHERE) for frame in frames])
+        for name in names_of
+    }
+    system, unit = frames[0].coordinates, frames[0].states.get("unit")
     if times is None and all("time" in frame.states for frame in frames):
         times = tuple(float(frame.states["time"]) for frame in frames)
     for name in sorted(visible, key=natural_key):
         if name.lower().endswith(LANDMARK_SUFFIXES):
             with _named(None, name):
                 file = read_landmark_file(files[name]())
-                places = file.for_points(coordinates or stated.coordinates, unit)
-            landmarks |= _in_frame(places, _frame_of(name, names), len(names), landmarks)
+                places = file.for_points(system or coordinates, unit)
+            frame_of = _frame_of(name, names)
+            for mark, place in places.items():
+                if frame_of is not None:
+                    # Beside what is known of others.
+                    rows = np.array(landmarks.get(mark, np.tile(_NOWHERE, (len(names), 1))))
+                    rows[frame_of] = place
+                    place = rows
+                landmarks[mark] = place
             notes += file.notes
     at = None if times is None else np.array(times, dtype=np.float64)
-    return Recorded(
-        tuple((frame.points, *frame.ends) for frame in frames),
-        landmarks,
-        at,
-        unit,
-        notes,
-        coordinates,
-    )
+    observed = tuple((frame.points, *frame.ends) for frame in frames)
+    return Recorded(observed, landmarks, at, unit, notes, system)
 
 
 def _listed(
@@ -266,25 +251,6 @@ def _listed(
             remedy=f"Give one file per frame, ending with {', '.join(kinds)}.",
         )
     return tuple(names), None, notes_on_numbers(tuple(names))
-
-
-def _per_frame(marks: Sequence[Mapping[str, Floats]]) -> dict[str, Floats]:
-    """Join the landmarks of frames to rows, NaN if a frame states none."""
-    names = sorted({name for own in marks for name in own})
-    return {name: np.stack([own.get(name, _NOWHERE) for own in marks]) for name in names}
-
-
-def _in_frame(
-    places: Mapping[str, Floats], frame: int | None, n_frames: int, known: Mapping[str, Floats]
-) -> dict[str, Floats]:
-    """Put the places of a file that belongs to one frame there, beside what is known of others."""
-    if frame is None:
-        return dict(places)
-    rows = {}
-    for name, place in places.items():
-        rows[name] = np.array(known.get(name, np.broadcast_to(_NOWHERE, (n_frames, 3))))
-        rows[name][frame] = place
-    return rows
 
 
 def _frame_of(name: str, frames: Sequence[str]) -> int | None:
@@ -341,26 +307,29 @@ def _of_mesh(data: bytes, parser: Parser) -> _FrameFile:
     return _FrameFile(points, states=dict(mesh.statements))
 
 
-def _cloud(data: bytes) -> NDArray[np.float64]:
+def _cloud(data: bytes) -> Floats:
     """Read points from lines of three numbers or more, after a heading if there is one."""
     rows: list[list[float]] = []
     for number, line in enumerate(lines_of(data), 1):
         words = line.replace(b",", b" ").replace(b";", b" ").split()
         try:
-            rows.append([float(word) for word in words[:3]])
+            x, y, z = map(float, words[:3])
         except ValueError:
-            if rows:
-                raise MalformedFileError(
-                    f"Line {number} is not three numbers: {line[:40]!r}.",
-                    remedy="Write x, y and z of one point per line.",
-                ) from None
-            continue
-        if len(rows[-1]) != 3:
+            if not rows and not _are_numbers(words):
+                continue
             raise MalformedFileError(
-                f"Line {number} has {len(words)} numbers in place of three.",
+                f"Line {number} is not three numbers: {line[:40]!r}.",
                 remedy="Write x, y and z of one point per line.",
-            )
+            ) from None
+        rows.append([x, y, z])
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+
+def _are_numbers(words: Sequence[bytes]) -> bool:
+    try:
+        return bool([float(word) for word in words])
+    except ValueError:
+        return False
 
 
 def _table(data: bytes) -> tuple[list[Floats], Floats | None] | None:
@@ -399,43 +368,38 @@ def _guide_points(data: bytes, contours: Sequence[str]) -> _FrameFile:
         if number == 1 and words[0] == b"x":
             continue
         try:
-            row = [float(word) for word in words[:3]]
+            x, y, z = map(float, words[:3])
+            kind, plane, _, frame = words[3:_GUIDE_COLUMNS]
         except ValueError:
-            row = []
-        if len(words) < _GUIDE_COLUMNS or len(row) != 3:
             raise MalformedFileError(
                 f"Line {number} is not x, y, z, type, slice, weight and frame: {line[:40]!r}.",
                 remedy="Send the guide point files as biv-me writes them.",
-            )
-        name = words[3].decode(errors="replace")
-        time = words[6].strip()
+            ) from None
+        name, time = kind.decode(errors="replace"), frame.strip()
         # Of some slices recorders write the weight there, 1.0, which is no number of a frame.
         if time.isdigit() and times.setdefault(name, time) != time:
             raise MalformedFileError(
                 f"Line {number}: {name[:40]} has points of two time frames in one file.",
                 remedy="Write one file for each time frame.",
             )
-        parts.setdefault(name, []).append(row)
+        parts.setdefault(name, []).append([x, y, z])
         if name in _VALVES:
-            valves.setdefault(words[4], []).append(row)
+            valves.setdefault(plane, []).append([x, y, z])
     chosen = [name for name in parts if any(kind in name for kind in contours)]
     if parts and not chosen:
         raise ParameterError(
             f"No contour is called {', '.join(map(repr, contours))}.",
             remedy=f"Name parts of these: {', '.join(sorted(parts))}.",
         )
-    landmarks = {}
-    if _APEX in parts:
-        landmarks["apex"] = np.array(parts[_APEX]).mean(axis=0)
+    landmarks = {"apex": np.mean(parts[_APEX], axis=0)} if _APEX in parts else {}
     ends: tuple[Observation, ...] = ()
     if valves and all(_WITH_VALVES in name for name in chosen):
         rim = np.concatenate([_farthest(np.array(rows)) for rows in valves.values()])
         ends = (Observation(rim, end="base"),)
     elif valves:
-        landmarks["base"] = np.concatenate([np.array(rows) for rows in valves.values()]).mean(
-            axis=0
-        )
-    return _FrameFile(Observation(_rows(parts, chosen)), landmarks, ends)
+        landmarks["base"] = np.mean([row for rows in valves.values() for row in rows], axis=0)
+    points = np.array([row for name in chosen for row in parts[name]], dtype=np.float64)
+    return _FrameFile(Observation(points.reshape(-1, 3)), landmarks, ends)
 
 
 def _farthest(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -449,11 +413,6 @@ def _farthest(points: NDArray[np.float64]) -> NDArray[np.float64]:
     apart = np.linalg.norm(points[:, None] - points, axis=2)
     pair: NDArray[np.float64] = points[list(divmod(int(apart.argmax()), len(points)))]
     return pair
-
-
-def _rows(parts: Mapping[str, list[list[float]]], names: Iterable[str]) -> NDArray[np.float64]:
-    rows = [row for name in names for row in parts.get(name, [])]
-    return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
 def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
@@ -474,14 +433,12 @@ def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
         if "vertices" in cast("list[str]", error.details.get("arrays", [])):
             error.remedy = NOTHING_TO_TRACK
         raise
-    clouds = _clouds_in(arrays, limits)
-    frames = tuple(_cloud_of(cloud, k) for k, cloud in enumerate(clouds))
     landmarks = landmarks_from_json(text_in(arrays, "landmarks") or "{}")
-    for name in NAMED_PLACES:
-        if name in arrays:
-            landmarks[name] = np.asarray(arrays[name], dtype=np.float64)
+    own = {name: arrays[name].astype(np.float64) for name in NAMED_PLACES if name in arrays}
     unit, coordinates = text_in(arrays, "unit"), text_in(arrays, "coordinates")
-    return Recorded(frames, landmarks, arrays.get("times"), unit, coordinates=coordinates)
+    times = arrays.get("times")
+    frames = _clouds(_clouds_in(arrays, limits))
+    return Recorded(frames, landmarks | own, times, unit, coordinates=coordinates)
 
 
 def _clouds_in(arrays: Mapping[str, NDArray[Any]], limits: ReadLimits) -> list[NDArray[Any]]:
@@ -499,15 +456,9 @@ def _clouds_in(arrays: Mapping[str, NDArray[Any]], limits: ReadLimits) -> list[N
         limits.require("vertices", points.shape[1])
         # Frames of fewer points are filled up with NaN.
         return [x[~np.isnan(x).all(axis=1)] for x in points]
-    offsets = arrays["offsets"]
-    n = len(points) if np.ndim(points) == 2 else -1
+    offsets, n = arrays["offsets"], len(points) if np.ndim(points) == 2 else -1
     is_whole = offsets.ndim == 1 and offsets.dtype.kind in "iu" and offsets.size > 1
-    if (
-        not is_whole
-        or offsets[0] != 0
-        or offsets[-1] != n
-        or (np.diff(offsets.astype(np.int64)) < 0).any()
-    ):
+    if not is_whole or (offsets[0], offsets[-1]) != (0, n) or (offsets[1:] < offsets[:-1]).any():
         raise MalformedFileError(
             f"The offsets do not run from 0 to the {n} points.",
             remedy="Give non-decreasing whole numbers: the first row of each frame, and the end.",
@@ -520,14 +471,18 @@ def _clouds_in(arrays: Mapping[str, NDArray[Any]], limits: ReadLimits) -> list[N
 def _of_vtkhdf(data: bytes, parser: Parser) -> Recorded:
     answer = parser.parse("clouds", data)
     points, offsets = answer.arrays["points"], answer.arrays["offsets"]
-    frames = tuple(_cloud_of(points[a:b], k) for k, (a, b) in enumerate(pairwise(offsets)))
+    frames = _clouds([points[a:b] for a, b in pairwise(offsets)])
     return Recorded(frames, {}, answer.arrays.get("times"), answer.info["unit"])
 
 
-def _cloud_of(points: NDArray[Any], frame: int) -> tuple[Observation]:
-    try:
-        return (Observation(points),)
-    except InputError as error:
-        error.frame = frame
-        error.message = f"Frame {frame}: {error.message}"
-        raise
+def _clouds(clouds: Sequence[NDArray[Any]]) -> tuple[tuple[Observation], ...]:
+    """Frames of points; what is wrong with one names it."""
+    frames = []
+    for k, points in enumerate(clouds):
+        try:
+            frames.append((Observation(points),))
+        except InputError as error:
+            error.frame = k
+            error.message = f"Frame {k}: {error.message}"
+            raise
+    return tuple(frames)

@@ -22,10 +22,9 @@ from modalmotion.representation import FrozenArrays, shown
 from modalmotion.template.body_frame import affine_shapes
 from modalmotion.template.template import Template
 from modalmotion.template.vibration_modes import shapes_of
-from modalmotion.tracking.noise import Noise
+from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.normal_equations import NormalEquations
 from modalmotion.tracking.observation import Frame
-from modalmotion.tracking.prior import Prior
 
 Papillary: TypeAlias = Literal["pool", "wall"]
 """Convention of volumes of images: papillary muscles are cavity, or not."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import BaseModel, Field
 
 from modalmotion.classification import FLAGS, Classification
-from modalmotion.classification.explanation import ModeContribution
+from modalmotion.classification.answer import ModeContribution
 from modalmotion.clinical import ClinicalReadouts, Fraction, VolumeCurve
 from modalmotion.clinical.plain import ventricle_json
 from modalmotion.clinical.rates import Rates

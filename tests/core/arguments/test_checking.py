@@ -31,6 +31,7 @@ def packages() -> Iterator[str]:
             yield name
 
 
+@cache
 def doors() -> dict[str, Callable[..., Any]]:
     """Every function of a public list, by its name."""
     return {

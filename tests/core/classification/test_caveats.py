@@ -72,14 +72,3 @@ def test_chance_is_reported_as_often_as_stated() -> None:
         conditions = [{"a": float(v), "b": float(w)} for v, w in rng.normal(size=(40, 2))]
         n_sure += min(t["p_holm"] for t in confounds(conditions, y, np.arange(40), 0)) < 0.05
     assert n_sure <= 5
-
-
-def test_a_stated_frame_rate_that_is_the_measured_one_counts_once() -> None:
-    rng = np.random.default_rng(3)
-    y = np.arange(60) % 2
-    rates = rng.uniform(20, 40, 60) + 5 * y
-    conditions = [{"frame rate": float(f"{rate:.3g}"), "fps": float(rate)} for rate in rates]
-    (test,) = confounds(conditions, y, np.arange(60), 0)
-    assert test["name"] == "frame rate"
-    other = [{**case, "fps": case["fps"] * 2} for case in conditions]
-    assert len(confounds(other, y, np.arange(60), 0)) == 2

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from modalmotion import Facts
-from modalmotion.classification.manifest import manifest_rows
-from modalmotion.errors import MalformedFileError
+from modalmotion.classification.manifest import labelled_files, manifest_rows
+from modalmotion.errors import MalformedFileError, ParameterError
 
 HEADING, ROWS = ("Path", "Subject", "Label"), (("a b.npz", "Müller, E.", "rest"), ("c.npz", "", ""))
 
@@ -68,3 +70,10 @@ def test_facts_stand_in_columns_and_further_columns_are_covariates() -> None:
         covariates={"Age": 61, "sex": "f"},
     )
     assert [row.facts for row in manifest_rows(text, "cases.csv")] == [facts]
+
+
+def test_of_a_folder_with_a_table_the_table_is_asked_for(tmp_path: Path) -> None:
+    (tmp_path / "cases.csv").write_text(table(","))
+    with pytest.raises(ParameterError) as caught:
+        labelled_files([tmp_path])
+    assert "cases.csv" in caught.value.remedy

@@ -35,6 +35,9 @@ def test_a_model_comes_back_with_the_same_answers(tmp_path: Path) -> None:
     path.write_bytes(model_to_hdf5(curves_model()))
     one, other = classify(signature, curves_model()), classify(signature, load_model(path))
     assert one.probabilities.tolist() == other.probabilities.tolist()
+    assert load_model(str(path)).id == load_model(path).id
+    with pytest.raises(NotFoundError, match=r"no file .*none\.h5"):
+        load_model("none.h5")
 
 
 def test_a_file_holds_no_names_of_files_or_subjects() -> None:

@@ -57,6 +57,16 @@ def test_a_stage_that_lasts_is_named_once_where_there_is_no_terminal(
     assert capsys.readouterr().err == ""
 
 
+def test_a_bar_is_drawn_on_a_terminal_alone(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for is_terminal in (False, True):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda is_terminal=is_terminal: is_terminal)
+        with files.progress_bar([1, 2], label="cases") as bar:
+            assert list(bar) == [1, 2]
+        assert ("cases" in capsys.readouterr().err) == is_terminal
+
+
 def test_on_a_terminal_the_seconds_go_by(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

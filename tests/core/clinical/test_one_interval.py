@@ -55,7 +55,7 @@ def tracked(seed: int) -> MeshSequence:
 
 
 def test_no_output_states_less_than_the_track_does() -> None:
-    for seed in range(500):
+    for seed in range(100):
         sequence = tracked(seed)
         readouts = clinical_readouts(SIGNATURE, sequence)
         known = sequence.uncertainty
@@ -71,7 +71,7 @@ def test_no_output_states_less_than_the_track_does() -> None:
             assert high - low > 3.99 * sd.min()
         assert NOTE in readouts.notes
         assert known.source in readouts.notes[-2]
-        if seed % 100 == 0:
+        if seed % 25 == 0:
             check_outputs(sequence, width)
 
 

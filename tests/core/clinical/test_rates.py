@@ -56,11 +56,11 @@ def test_the_cycle_closes_only_where_a_period_says_so() -> None:
 def test_the_bound_holds_the_peak_of_the_continuous_curve(n: int, how: str) -> None:
     rng = np.random.default_rng(n)
     inside, off = [], []
+    readouts = beating(n)
     for _ in range(60):
         volume, rate = curve_of(rng)
         times = np.arange(n) / (n - 1 if how == "repeat" else n)
         fine = np.linspace(0.0, times[-1] if how == "open" else 1.0, 2001)
-        readouts = beating(n)
         noise = 500.0 * rng.choice([0.0, 0.5]) * rng.standard_normal(n)
         noise[-1] = noise[0] if how == "repeat" else noise[-1]
         sd = np.full(n, 500.0 if noise.any() else 0.0)

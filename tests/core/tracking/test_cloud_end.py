@@ -11,9 +11,8 @@ from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.template import make_template
 from modalmotion.tracking.closest import closest_points
-from modalmotion.tracking.cloud_end import DataEnd, end_of_cloud
-from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.rim import Rim, rim_of
+from modalmotion.tracking.deformable import Deformable, Rim, rim_of
+from modalmotion.tracking.ends_of_data import DataEnd, end_of_cloud
 
 RADIUS, LENGTH, N = 25.0, 60.0, 4000
 

@@ -208,7 +208,6 @@ def test_torsion_of_a_round_surface_is_not_seen_and_that_is_said() -> None:
     assert rms_distance(x[2], found.sequence.vertices[2], found.template.faces) < 0.6
     assert np.linalg.norm(error, axis=1).mean() > 2.0
     assert any("twist and sliding are not measured" in note for note in found.notes)
-    assert any("so round about the axis (-0.00, 0.00, 1.00)" in note for note in found.notes)
     across, along = np.median(found.deviations[2], axis=0)
     assert along > 2.0 * across
 

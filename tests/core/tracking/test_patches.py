@@ -10,8 +10,7 @@ from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CLOSED_CURVE, SPHERE
 from modalmotion.template import make_template
-from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.rim import alike_over
+from modalmotion.tracking.deformable import Deformable, alike_over
 
 
 def ball() -> Deformable:

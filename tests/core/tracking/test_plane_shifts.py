@@ -11,7 +11,7 @@ from ellipsoid_images import AXES, BASE, LANDMARKS, MIDDLE, Look, off_surface, p
 from modalmotion.images.edges import Levels
 from modalmotion.tracking import track
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.image_search import left_by_shifts
+from modalmotion.tracking.image_search import Scene, left_by_shifts
 from modalmotion.tracking.image_view import Facets, Floats, Sight, view_of
 from modalmotion.tracking.iterations import first_guess
 from modalmotion.tracking.noise import Noise
@@ -33,7 +33,7 @@ SEEN: Frame = (VIEW.observation(),)
 
 def left(sd: float, frame: Frame = SEEN) -> Floats:
     sight = replace(SIGHT, shift_sd=sd)
-    return left_by_shifts(SURFACE, frame, VIEW, START, PRIOR, NOISE, sight, NORMALS)
+    return left_by_shifts(Scene(SURFACE, frame, VIEW, START, PRIOR, NOISE, sight), NORMALS)
 
 
 def test_shifts_leave_what_the_whole_covariance_has_beyond_that_of_known_shifts() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from modalmotion.modes import lowest_modes
 from modalmotion.modes.topology import CUP
-from modalmotion.tracking.prior import Prior, most_likely_prior
+from modalmotion.tracking.noise import Prior, most_likely_prior
 
 LENGTHS = (80.0, 130.0)
 

@@ -13,9 +13,8 @@ from modalmotion.formats import ReadOptions, read_sequence, write_npz
 from modalmotion.formats.ply import write_ply
 from modalmotion.mesh import Facts
 from modalmotion.tracking.hdf5 import track_to_hdf5
-from modalmotion.tracking.parameters import TrackParameters
+from modalmotion.tracking.parameters import TrackParameters, sequence_of
 from modalmotion.tracking.reading import read_observed
-from modalmotion.tracking.recording import sequence_of
 
 BALL = breathing_spheroid(2)
 
