@@ -32,6 +32,7 @@ from modalmotion_service.http.connections import (
     SecurityHeaders,
 )
 from modalmotion_service.http.gate import Access, Gate, require_judged
+from modalmotion_service.http.judged_router import BODIES
 from modalmotion_service.http.observation import Observation
 from modalmotion_service.monitoring.metrics import Meter, Metrics, StateOfThings
 from modalmotion_service.monitoring.telemetry import Telemetry, Tracing
@@ -44,7 +45,7 @@ from modalmotion_service.routes import (
     signatures,
     views,
 )
-from modalmotion_service.routes.asked import BODIES, EXAMPLES
+from modalmotion_service.routes.asked import EXAMPLES
 from modalmotion_service.schemas.general import Problem
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.pool import WorkerPool, open_engine
@@ -164,35 +165,16 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
     # The last one added is the outermost.
     app.add_middleware(HeadAsGet)
     app.add_middleware(Departure)
-    app.add_middleware(
-        BodyLimits,
-        body_bytes=chosen.max_body_bytes,
-        image_bytes=chosen.max_image_body_bytes,
-        json_bytes=chosen.max_json_bytes,
-        query_ids=chosen.max_query_ids,
-        idle_seconds=chosen.idle_seconds,
-        upload_seconds=chosen.upload_seconds,
-    )
+    app.add_middleware(BodyLimits, settings=chosen)
     app.add_middleware(WholeAnswers)
-    app.add_middleware(
-        Concurrency,
-        most=chosen.max_concurrent_requests,
-        most_of_owner=chosen.max_concurrent_requests_of_owner,
-    )
+    app.add_middleware(Concurrency, settings=chosen)
     rates = Rates(
         chosen.max_requests_per_minute,
         chosen.max_anonymous_per_minute,
         chosen.max_failures_per_minute,
         is_replica=chosen.stateless,
     )
-    logins = logins_of(
-        chosen.oidc_issuer,
-        chosen.oidc_audience,
-        scope_prefix=chosen.oidc_scope_prefix,
-        owner_claim=chosen.oidc_owner_claim,
-        name_claim=chosen.oidc_name_claim,
-        roles=chosen.oidc_roles,
-    )
+    logins = logins_of(chosen)
     app.add_middleware(Gate, require_keys=chosen.require_keys, rates=rates, logins=logins)
     app.add_middleware(RequestHeadCheck)
     app.add_middleware(Meter, metrics=metrics)

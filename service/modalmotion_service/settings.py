@@ -197,22 +197,19 @@ class Settings(BaseSettings):
     @property
     def limits(self) -> dict[str, float]:
         """All limits on clients, by the names in errors."""
-        of_readers = ("frames", "vertices", "faces", "decompressed_bytes")
-        counts = ("query_ids", "batch_files", "training_sequences", "unfinished_jobs")
-        at_once = ("concurrent_requests", "concurrent_requests_of_owner")
-        of_images = ("image_body_bytes", "image_bytes")
-        names = ("body_bytes", "json_bytes", *of_readers, *of_images, *counts, *at_once)
-        rates = ("requests_per_minute", "anonymous_per_minute", "failures_per_minute")
-        of_requests = ("header_seconds", "idle_seconds", "upload_seconds")
-        seconds = (*of_requests, "task_seconds", "training_seconds")
-        limits: dict[str, float] = {name: getattr(self, f"max_{name}") for name in names + rates}
-        limits.update({name: getattr(self, name) for name in seconds})
-        limits["task_cost_factor"] = self.task_cost_factor
-        limits["task_cost_seconds"] = self.task_cost_seconds
-        limits["task_memory_bytes"] = self.task_memory_bytes
+        limits: dict[str, float] = {
+            name.removeprefix("max_"): getattr(self, name)
+            for name in (*type(self).model_fields, "max_concurrent_requests_of_owner")
+            if (name.startswith("max_") or name in _OF_WORK)
+            and name not in ("max_owner_bytes", "max_connections")
+        }
         return limits
 
 
+_OF_WORK: Final = (
+    *("header_seconds", "idle_seconds", "upload_seconds", "task_seconds", "training_seconds"),
+    *("task_cost_factor", "task_cost_seconds", "task_memory_bytes"),
+)
 _PREFIX: Final = "MODALMOTION_"
 
 # A cluster that runs a service of this name sets these for everything in it.

@@ -60,7 +60,7 @@ def mutant(name: str, data: bytes, number: int) -> bytes:
         if name == "glb":
             return _in_document(data, chance)
         if name == "hdf5":
-            return seal([_damaged(data[:-SEAL_LENGTH], chance)])
+            return seal(_damaged(data[:-SEAL_LENGTH], chance))
         if name == "vtkhdf":
             return data[:48] + _damaged(data[48:], chance)
     return _damaged(data, chance)

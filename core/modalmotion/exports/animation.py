@@ -20,7 +20,6 @@ from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import Oscillators, State, free_response
 from modalmotion.modes.oscillators import animate_along, directional_mode
-from modalmotion.modes.topology import Topology
 from modalmotion.numeric.products import product
 from modalmotion.representation import shown
 from modalmotion.signature.making import (
@@ -67,25 +66,20 @@ def modal_animation(
         If the sequence is not the one the signature was made from, or `max_targets` is
         negative.
     """
+    parameters = signature.parameters
     if sequence.id != signature.sequence_id:
         raise ParameterError(
             "The signature was made from another sequence.",
             remedy="Give the sequence whose id the signature names.",
         )
     if max_targets is not None and max_targets < 0:
+        raise ParameterError(f"{max_targets} targets were requested.", remedy="Ask for 0 or more.")
+    is_offset = signature.kind == SignatureKind.OFFSET
+    if is_offset or parameters.components != Components.CARTESIAN:
         raise ParameterError(
-            f"{max_targets} targets were requested.", remedy="Ask for none or more."
-        )
-    parameters = signature.parameters
-    if parameters.components != Components.CARTESIAN:
-        raise ParameterError(
-            "The amplitudes are radial, tangential and axial: directions that differ by vertex.",
-            remedy="Fit with components = cartesian.",
-        )
-    if signature.kind == SignatureKind.OFFSET:
-        raise ParameterError(
-            "Offsets move each vertex along its own normal; a target has one direction.",
-            remedy="Fit with kind = material, or write the superposed surfaces.",
+            "The amplitudes are along directions that differ by vertex; a target has one.",
+            remedy="Fit with kind = material and components = cartesian, or write the superposed "
+            "surfaces.",
         )
     resolved = resolve_sequence(sequence, parameters)
     used = resolve_template(resolved, parameters, template)
@@ -97,22 +91,26 @@ def modal_animation(
     a = signature.amplitudes
     drift = np.einsum("m,fmd->fd", means, a)
     phi = phi - means
-    energy = _energies(used.weights, phi, a)
-    order = np.argsort(-energy.ravel(), kind="stable")
-    moving = order[energy.ravel()[order] > 0]
+    # Mean squares are relative to the largest amplitude: those of extreme ones overflow or vanish.
+    scale = float(np.abs(a).max(initial=0.0)) or 1.0
+    shares = (a / scale) ** 2
+    energy = ((used.weights @ phi**2)[:, None] * shares.mean(axis=0)).ravel()
+    order = np.argsort(-energy, kind="stable")
+    moving = order[energy[order] > 0]
     taken = moving if max_targets is None else moving[:max_targets]
     modes, directions = np.divmod(taken, 3)
     targets = np.zeros((len(taken), *start.shape), dtype=np.float32)
     targets[np.arange(len(taken)), :, directions] = phi[:, modes].T
     left_out = moving[len(taken) :]
+    is_left = np.zeros(a.shape[1] * 3)
+    is_left[left_out] = 1.0
+    lost = np.einsum("vm,fmd->fvd", phi, a / scale * is_left.reshape(-1, 3))
+    rms = scale * float(np.sqrt((lost**2).sum(axis=2).mean()))
     labels = signature.modes.labels
     return MorphAnimation(
         base=start - centre,
         targets=targets,
-        target_names=tuple(
-            f"{labels[mode]} {'xyz'[direction]}"
-            for mode, direction in zip(modes.tolist(), directions.tolist(), strict=True)
-        ),
+        target_names=tuple(f"{labels[k // 3]} {'xyz'[k % 3]}" for k in taken.tolist()),
         weights=a.reshape(len(a), -1)[:, taken],
         rotations=signature.rotations.matrices,
         translations=centre + drift,
@@ -122,32 +120,8 @@ def modal_animation(
         topology=sequence.topology,
         grid=sequence.grid,
         n_left_out=len(left_out),
-        rms_left_out=_root_mean_square(phi, a, left_out),
+        rms_left_out=rms if len(left_out) else 0.0,
     )
-
-
-def _energies(
-    weights: NDArray[np.float64], phi: NDArray[np.float64], a: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Mean square displacement of each mode and direction, relative, (modes, 3) float64."""
-    # Relative to the largest amplitude: squares of extreme ones overflow or vanish.
-    scale = float(np.abs(a).max(initial=0.0)) or 1.0
-    energies: NDArray[np.float64] = (weights @ phi**2)[:, None] * ((a / scale) ** 2).mean(axis=0)
-    return energies
-
-
-def _root_mean_square(
-    phi: NDArray[np.float64],
-    a: NDArray[np.float64],
-    indices: NDArray[np.int64],
-) -> float:
-    if not len(indices):
-        return 0.0
-    some = np.zeros((a.shape[1] * 3,))
-    some[indices] = 1.0
-    scale = float(np.abs(a).max(initial=0.0)) or 1.0
-    u = np.einsum("vm,fmd->fvd", phi, a / scale * some.reshape(-1, 3))
-    return scale * float(np.sqrt((u**2).sum(axis=2).mean()))
 
 
 FORM: Final = Form("vibration_modes", 1)
@@ -184,38 +158,31 @@ _SECONDS_OF_EACH: Final = 1.0
 _REACH: Final = 0.15
 
 
-@shown("names", "amplitudes", "reference", "unit")
+@shown("modes", "amplitudes", "unit")
 @dataclass(frozen=True, eq=False)
 class Swing:
     """A surface moved by modes along one direction: x(t) = X + (Phi a(t)) d.
 
     Parameters
     ----------
-    reference : (vertices, 3) float64, length unit
+    template : Template
         X, the surface at rest.
-    faces : (faces, 3) int64
-    shapes : (vertices, modes) float64
+    modes : VibrationModes
         Phi.
-    names : tuple of str
-        Of the modes.
     direction : (vertices, 3) float64
         d, a unit vector at each vertex.
     amplitudes : (frames, modes) float64, length unit
         a(t).
     times : (frames,) float64, s
     unit : str or None
-    topology : Topology or None
     """
 
-    reference: Array
-    faces: NDArray[np.int64]
-    shapes: Array
-    names: tuple[str, ...]
+    template: Template
+    modes: VibrationModes
     direction: Array
     amplitudes: Array
     times: Array
     unit: str | None
-    topology: Topology | None
 
     @property
     def n_frames(self) -> int:
@@ -224,11 +191,12 @@ class Swing:
 
     def heights(self) -> Iterator[Array]:
         """Displacement of each vertex along its direction, (vertices,) for each frame."""
-        return (product(self.shapes, a[:, None])[:, 0] for a in self.amplitudes)
+        return (product(self.modes.shapes, a[:, None])[:, 0] for a in self.amplitudes)
 
     def positions(self) -> Iterator[Array]:
         """Positions, (vertices, 3) for each frame; memory does not grow with their number."""
-        return animate_along(self.reference, self.shapes, self.amplitudes, self.direction)
+        start, shapes = self.template.vertices, self.modes.shapes
+        return animate_along(start, shapes, self.amplitudes, self.direction)
 
     def sequence(self) -> MeshSequence:
         """All frames as a mesh sequence.
@@ -238,11 +206,11 @@ class Swing:
         LimitError
             If they would need more memory than a file may.
         """
-        size = self.n_frames * self.reference.nbytes
+        size = self.n_frames * self.template.vertices.nbytes
         most = DEFAULT_LIMITS.decompressed_bytes
         if size > most:
             raise LimitError(
-                f"{self.n_frames} frames of {len(self.reference)} vertices take {size} bytes; "
+                f"{self.n_frames} frames of {self.template.n_vertices} vertices take {size} bytes; "
                 f"at most {most} may be in memory at once.",
                 remedy="Ask for fewer frames, or write GLB, which contains modes only.",
                 limit="decompressed_bytes",
@@ -250,26 +218,26 @@ class Swing:
             )
         return mesh_sequence(
             np.stack([*self.positions()]),
-            self.faces,
-            topology=self.topology,
+            self.template.faces,
+            topology=self.template.surface,
             times=self.times,
             unit=self.unit,
         )
 
     def morph_animation(self) -> MorphAnimation:
         """Modes as morph targets, amplitudes as their weights."""
-        targets = [directional_mode(phi, self.direction) for phi in self.shapes.T]
+        targets = [directional_mode(phi, self.direction) for phi in self.modes.shapes.T]
         return MorphAnimation(
-            base=self.reference,
+            base=self.template.vertices,
             targets=np.stack(targets),
-            target_names=self.names,
+            target_names=tuple(map(str, self.modes.labels)),
             weights=self.amplitudes,
             rotations=np.broadcast_to(np.eye(3), (self.n_frames, 3, 3)),
             translations=np.zeros((self.n_frames, 3)),
-            faces=self.faces,
+            faces=self.template.faces,
             times=self.times,
             unit=self.unit,
-            topology=self.topology,
+            topology=self.template.surface,
         )
 
 
@@ -314,12 +282,10 @@ def swing(
         If there are too many frames.
     """
     a = np.asarray(amplitudes, dtype=np.float64)
-    wrong = np.flatnonzero(~np.isfinite(a))
-    if wrong.size:
-        label = modes.labels[int(wrong[0])]
-        raise ParameterError(
-            f"The amplitude of {label} is {a[wrong[0]]}.", remedy="Use a finite amplitude."
-        )
+    for label, amplitude in zip(modes.labels, a.tolist(), strict=True):
+        if not math.isfinite(amplitude):
+            what = f"The amplitude of {label} is {amplitude}."
+            raise ParameterError(what, remedy="Use a finite amplitude.")
     _require_frames(n_frames, seconds)
     if not (math.isfinite(damping) and damping >= 0):
         raise ParameterError(
@@ -334,7 +300,7 @@ def swing(
     states = free_response(
         Oscillators(omega, 2.0 * damping * omega), times, State(a, np.zeros_like(a))
     )
-    return _swing(template, modes, direction, states.amplitudes, times, unit)
+    return Swing(template, modes, direction, states.amplitudes, times, unit)
 
 
 def one_by_one(
@@ -359,22 +325,7 @@ def one_by_one(
         first = mode * _FRAMES_OF_EACH
         amplitudes[first : first + _FRAMES_OF_EACH, mode] = reach[mode] * turn
     times = np.linspace(0.0, n * _SECONDS_OF_EACH, len(amplitudes))
-    return _swing(template, modes, direction, amplitudes, times, unit)
-
-
-def _swing(
-    template: Template,
-    modes: VibrationModes,
-    direction: Array,
-    amplitudes: Array,
-    times: Array,
-    unit: str | None,
-) -> Swing:
-    names = tuple(map(str, modes.labels))
-    return Swing(
-        *(template.vertices, template.faces, modes.shapes, names, direction),
-        *(amplitudes, times, unit, template.surface),
-    )
+    return Swing(template, modes, direction, amplitudes, times, unit)
 
 
 def _require_frames(n_frames: int, seconds: float) -> None:

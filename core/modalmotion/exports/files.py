@@ -7,6 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
+from modalmotion import formats, store
 from modalmotion.arguments.checking import Plotted
 from modalmotion.classification import Classification, Model
 from modalmotion.codec import Encoded, decode
@@ -16,13 +17,6 @@ from modalmotion.exports.picture_files import PICTURES
 from modalmotion.exports.plotting import to_html
 from modalmotion.exports.reading import read
 from modalmotion.exports.tables import amplitude_table
-from modalmotion.formats import (
-    write_glb,
-    write_npz,
-    write_ply_zip,
-    write_raw,
-    write_vtkhdf,
-)
 from modalmotion.formats.gltf.animation import frame_animation
 from modalmotion.hdf5.form import form_of
 from modalmotion.hdf5.sealed import SIGNATURE
@@ -30,21 +24,6 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm import Norm, norm_from_hdf5, norm_to_hdf5
 from modalmotion.representation import with_article
 from modalmotion.signature.making import ModalSignature, modal_signature
-from modalmotion.store import (
-    classification_from_hdf5,
-    classification_to_hdf5,
-    model_from_hdf5,
-    model_to_hdf5,
-    sequence_from_hdf5,
-    sequence_to_hdf5,
-    signature_from_hdf5,
-    signature_to_hdf5,
-    template_from_hdf5,
-    template_to_hdf5,
-    track_from_hdf5,
-    track_to_hdf5,
-    write_atomic,
-)
 from modalmotion.template import Template
 from modalmotion.tracking import Track
 
@@ -56,41 +35,41 @@ def _page(sequence: MeshSequence) -> bytes:
 
 
 SURFACES: Final[dict[str, Callable[[MeshSequence], bytes]]] = {
-    ".npz": write_npz,
-    ".h5": sequence_to_hdf5,
-    ".vtkhdf": write_vtkhdf,
-    ".glb": lambda sequence: write_glb(frame_animation(sequence)),
-    ".zip": write_ply_zip,
-    ".raw": write_raw,
+    ".npz": formats.write_npz,
+    ".h5": store.sequence_to_hdf5,
+    ".vtkhdf": formats.write_vtkhdf,
+    ".glb": lambda sequence: formats.write_glb(frame_animation(sequence)),
+    ".zip": formats.write_ply_zip,
+    ".raw": formats.write_raw,
 }
 """Suffixes of files of moving surfaces that can be written and read."""
 
 _WRITERS: Final[tuple[tuple[type, dict[str, Callable[[Any], bytes]]], ...]] = (
     (MeshSequence, {**SURFACES, ".html": _page}),
-    (Track, {".h5": track_to_hdf5}),
+    (Track, {".h5": store.track_to_hdf5}),
     (
         ModalSignature,
         {
-            ".h5": signature_to_hdf5,
+            ".h5": store.signature_to_hdf5,
             ".csv": lambda value: amplitude_table(value).to_csv().encode(),
             ".html": lambda value: to_html(value).encode(),
         },
     ),
-    (Model, {".h5": model_to_hdf5}),
+    (Model, {".h5": store.model_to_hdf5}),
     (Norm, {".h5": norm_to_hdf5}),
-    (Template, {".h5": template_to_hdf5}),
-    (Classification, {".h5": classification_to_hdf5}),
+    (Template, {".h5": store.template_to_hdf5}),
+    (Classification, {".h5": store.classification_to_hdf5}),
     (Encoded, {".mms": lambda value: value.data}),
 )
 
 _READERS: Final[dict[str, Callable[[Path], Any]]] = {
-    "sequence": sequence_from_hdf5,
-    "track": track_from_hdf5,
-    "signature": signature_from_hdf5,
-    "model": model_from_hdf5,
+    "sequence": store.sequence_from_hdf5,
+    "track": store.track_from_hdf5,
+    "signature": store.signature_from_hdf5,
+    "model": store.model_from_hdf5,
     "norm": norm_from_hdf5,
-    "template": template_from_hdf5,
-    "classification": classification_from_hdf5,
+    "template": store.template_from_hdf5,
+    "classification": store.classification_from_hdf5,
 }
 
 
@@ -132,7 +111,7 @@ def save(value: Any, path: str | Path) -> Path:
             if known
             else "Give a sequence, a track, a signature, a model, a class or a stream.",
         )
-    write_atomic(path, writers[suffix](value))
+    store.write_atomic(path, writers[suffix](value))
     return path
 
 

@@ -127,17 +127,17 @@ def to_html(signature: ModalSignature) -> str:
     n = counted(signature.n_frames, "frame")
     motion = float(signature.motion_rms.max())
     order = np.argsort(-signature.deformation_spectrum, kind="stable")[:_MOST_ROWS]
-    rows = []
+    rows, colours = [], []
     for mode in order.tolist():
         label = signature.modes.labels[mode]
         name = plain_name(signature.topology, label, signature.parameters.components)
         rms = numeral(float(signature.deformation_spectrum[mode]), of=motion)
+        colours.append(mode_colour(label))
         rows.append(
-            f'<tr><td><span style="color:{mode_colour(label)}">■</span> {escape(name)}</td>'
+            f'<tr><td><span style="color:{colours[-1]}">■</span> {escape(name)}</td>'
             f"<td><code>{escape(str(label))}</code></td>"
             f'<td style="text-align:right">{rms}</td></tr>'
         )
-    colours = [mode_colour(signature.modes.labels[mode]) for mode in order.tolist()]
     others = len(signature.modes) - len(order)
     more = f"<p>and {counted(others, 'mode')} with less</p>" if others else ""
     notes = "".join(

@@ -7,6 +7,7 @@ import json
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -26,7 +27,6 @@ from modalmotion.exports.animation import modal_animation
 from modalmotion.formats import write_glb, write_npz, write_ply_zip, write_vtkhdf
 from modalmotion.hdf5.form import Form
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes import Modes
 from modalmotion.numeric.products import lengths
 from modalmotion.progress import Progress
 from modalmotion.signature.hdf5 import mode_datasets
@@ -57,42 +57,35 @@ class _Column(NamedTuple):
     axes: str
 
 
+def _by_frame(name: str) -> _Column:
+    return _Column(name, lambda s, _: getattr(s, name), "*", "frame")
+
+
+_AXES: Final = "frame, mode, direction"
 _COLUMNS: Final = (
-    _Column("amplitudes", lambda s, _: s.amplitudes, "*", "frame, mode, direction"),
+    _Column("amplitudes", lambda s, _: s.amplitudes, "*", _AXES),
     _Column(
-        "amplitude_deviations",
-        lambda s, _: _or_nan(s.amplitude_deviations, s.amplitudes),
-        *("*", "frame, mode, direction"),
+        *("amplitude_deviations", lambda s, _: _or_nan(s.amplitude_deviations, s.amplitudes)),
+        *("*", _AXES),
     ),
     _Column("times", lambda s, _: _or_nan(s.times, s.rms_errors), "s", "frame"),
     _Column("rotations", lambda s, _: s.rotations.matrices, "1", "frame, row, column"),
     _Column("translations", lambda s, _: s.translations, "*", "frame, direction"),
-    _Column("rms_errors", lambda s, _: s.rms_errors, "*", "frame"),
-    _Column("weighted_rms_errors", lambda s, _: s.weighted_rms_errors, "*", "frame"),
-    _Column("p95_errors", lambda s, _: s.p95_errors, "*", "frame"),
-    _Column("max_errors", lambda s, _: s.max_errors, "*", "frame"),
-    _Column("motion_rms", lambda s, _: s.motion_rms, "*", "frame"),
-    _Column("weighted_motion_rms", lambda s, _: s.weighted_motion_rms, "*", "frame"),
+    *map(_by_frame, ("rms_errors", "weighted_rms_errors", "p95_errors", "max_errors")),
+    *map(_by_frame, ("motion_rms", "weighted_motion_rms")),
     _Column("n_frames", lambda s, _: [s.n_frames], "1", "signature"),
     _Column("n_vertices", lambda s, _: [s.n_vertices], "1", "signature"),
     _Column("condition", lambda s, _: [s.condition], "1", "signature"),
     _Column("lengths", lambda s, _: [s.lengths], "*", "signature, axis"),
     _Column(
-        "angular_frequencies", lambda s, _: [s.angular_frequencies], "rad/s", "signature, mode"
+        *("angular_frequencies", lambda s, _: [s.angular_frequencies], "rad/s"),
+        "signature, mode",
     ),
     _Column("sequence_id", lambda s, _: [s.sequence_id], "none", "signature"),
     _Column("template_id", lambda s, _: [s.template_id], "none", "signature"),
     _Column("subject", lambda _, r: [r.subject or ""], "none", "signature"),
     _Column("label", lambda _, r: [r.label or ""], "none", "signature"),
 )
-
-
-class _Kind(NamedTuple):
-    """Properties common to the signatures of one group."""
-
-    key: str
-    modes: Modes
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -153,8 +146,6 @@ def export(
     StoreError
         If `out` exists or cannot be written, or another process has the store open.
     """
-    import h5py
-
     from modalmotion.store import ResultStore
     from modalmotion.store.recovery import existing_store
 
@@ -163,20 +154,27 @@ def export(
         raise StoreError(
             f"'{out.name}' exists already.", remedy="Choose another name, or remove it first."
         )
+    with _written(out) as file, ResultStore(root) as store:
+        return _pack_store(store, file, progress)
+
+
+@contextmanager
+def _written(out: Path) -> Iterator[Any]:
+    """Open an HDF5 file that takes its name only once it is written whole."""
+    import h5py
+
     temporary = temporary_beside(out)
     try:
-        try:
-            with ResultStore(root) as store, h5py.File(temporary, "w-", libver="v110") as file:
-                report = _pack_store(store, file, progress)
-            with temporary.open("rb") as written:
-                os.fsync(written.fileno())
-            temporary.replace(out)
-            sync_paths([out.parent])
-        finally:
-            temporary.unlink(missing_ok=True)
+        with h5py.File(temporary, "w-", libver="v110") as file:
+            yield file
+        with temporary.open("rb") as written:
+            os.fsync(written.fileno())
+        temporary.replace(out)
+        sync_paths([out.parent])
     except (OSError, RuntimeError) as error:
         raise cannot_write(out, _as_oserror(error)) from error
-    return report
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def _as_oserror(error: OSError | RuntimeError) -> OSError:
@@ -248,33 +246,32 @@ def _pack_store(store: ResultStore, file: Any, progress: Progress | None) -> Pac
 
 def _pack(file: Any, signatures: Iterable[tuple[ModalSignature, SequenceRecord]]) -> None:
     file.attrs.update(FORM.header())
-    groups: dict[_Kind, Any] = {}
-    waiting: dict[_Kind, list[tuple[ModalSignature, SequenceRecord]]] = {}
+    # By what its signatures have in common: parameters, modes and unit.
+    groups: dict[Any, Any] = {}
+    waiting: dict[Any, list[tuple[ModalSignature, SequenceRecord]]] = {}
     for signature, record in signatures:
-        kind = _Kind(signature.parameters.key, signature.modes, signature.unit or "unknown")
+        kind = (signature.parameters.key, signature.modes, signature.unit)
         if kind not in groups:
-            groups[kind] = _group(file, kind, signature, len(groups))
-            waiting[kind] = []
-        waiting[kind].append((signature, record))
+            groups[kind] = _group(file, signature, len(groups))
+        waiting.setdefault(kind, []).append((signature, record))
         if len(waiting[kind]) == _BATCH:
-            _append(groups[kind], waiting[kind])
-            waiting[kind] = []
+            _append(groups[kind], waiting.pop(kind))
     for kind, rest in waiting.items():
-        if rest:
-            _append(groups[kind], rest)
+        _append(groups[kind], rest)
 
 
-def _group(file: Any, kind: _Kind, signature: ModalSignature, number: int) -> Any:
+def _group(file: Any, signature: ModalSignature, number: int) -> Any:
     import h5py
 
     from modalmotion.store.folder import SequenceRecord
 
-    group = file.create_group(f"{number:03d}-{kind.key}")
+    key, unit = signature.parameters.key, signature.unit or "unknown"
+    group = file.create_group(f"{number:03d}-{key}")
     group.attrs["parameters"] = json.dumps(asdict(signature.parameters), sort_keys=True)
-    group.attrs["parameters_key"] = kind.key
+    group.attrs["parameters_key"] = key
     group.attrs["topology"] = signature.surface
-    group.attrs["unit"] = kind.unit
-    for mode_data in mode_datasets(kind.modes):
+    group.attrs["unit"] = unit
+    for mode_data in mode_datasets(signature.modes):
         dataset = group.create_dataset(mode_data.name, data=mode_data.values)
         dataset.attrs["unit"], dataset.attrs["axes"] = mode_data.unit, mode_data.axes
     placeholder = SequenceRecord("", 0, 0, 0, None, None, None, False, None, None, "", False)
@@ -289,7 +286,7 @@ def _group(file: Any, kind: _Kind, signature: ModalSignature, number: int) -> An
             dtype=h5py.string_dtype() if rows.dtype.kind == "U" else rows.dtype,
             chunks=(_CHUNK, *(n or 1 for n in rows.shape[1:])),
         )
-        dataset.attrs["unit"] = kind.unit if column.unit == "*" else column.unit
+        dataset.attrs["unit"] = unit if column.unit == "*" else column.unit
         dataset.attrs["axes"] = column.axes
     return group
 

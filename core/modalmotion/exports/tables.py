@@ -283,22 +283,19 @@ def to_xarray(
     with needs_extra("tables"):
         import xarray
 
-    unit = signature.unit or "length units"
-    lengths = {"units": unit}
+    unit, sds = signature.unit or "length units", signature.amplitude_deviations
+    lengths, of_all = {"units": unit}, ("frame", "mode", "direction")
     variables: dict[str, Any] = {
-        "amplitude": (("frame", "mode", "direction"), signature.amplitudes, lengths),
+        "amplitude": (of_all, signature.amplitudes, lengths),
         "spectrum": ("mode", signature.deformation_spectrum, lengths),
         "angular_frequency": ("mode", signature.angular_frequencies, {"units": "rad/s"}),
         "rotation": (("frame", "row", "column"), signature.rotations.matrices),
         "translation": (("frame", "axis_name"), signature.translations, lengths),
+        **({} if sds is None else {"deviation": (of_all, sds, lengths)}),
     }
-    if signature.amplitude_deviations is not None:
-        sds = signature.amplitude_deviations
-        variables["deviation"] = (("frame", "mode", "direction"), sds, lengths)
     for name, column in frame_table(signature, readouts).columns.items():
         if name not in ("frame", "time_s", "unit"):
-            volume = readouts.volume_unit if readouts is not None else ""
-            units = volume if "volume" in name else unit
+            units = readouts.volume_unit if readouts is not None and "volume" in name else unit
             variables[name] = ("frame", column, {"units": units})
     coordinates: dict[str, Any] = {
         "frame": np.arange(signature.n_frames),

@@ -8,7 +8,7 @@ import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Final
@@ -25,7 +25,7 @@ from modalmotion.formats.frame_lists import (
     require_safe_name,
     write_series,
 )
-from modalmotion.formats.frames import FrameFile, read_frames
+from modalmotion.formats.frames import read_frames
 from modalmotion.formats.npz import UNREADABLE, member_content
 from modalmotion.formats.ply import write_ply
 from modalmotion.formats.result import Parser, ParserOfFile, Reading
@@ -90,8 +90,9 @@ def read_files(
     if sizes is not None:
         total = sum(sizes[name] for name in listing.names)
         parser.limits.require("decompressed_bytes", total)
-    files = [FrameFile(name, partial(read, name)) for name in listing.names]
-    return listing.complete(read_frames(files, parser, listing.times, progress))
+    found = read_frames(listing.names, read, parser, listing.times, progress)
+    notes, ignored = (*found.notes, *listing.notes), (*found.ignored, *listing.others)
+    return replace(found, notes=notes, ignored=ignored)
 
 
 def _no_frames(names: list[str]) -> MalformedFileError:
@@ -166,6 +167,7 @@ _MEMBERS_PER_FRAME: Final = 4
 # Text that any archive may hold, however small: a second's reading.
 _SMALLEST_TEXT: Final = 8_000_000
 _ENCRYPTED: Final = 0x1
+_KNOWN: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _REMEDY: Final = "Pack the frames again as a plain .zip."
 # The earliest date that a zip can state: the same content makes the same bytes.
 _NO_DATE: Final = (1980, 1, 1, 0, 0, 0)
@@ -259,28 +261,30 @@ def write_ply_zip(sequence: MeshSequence) -> bytes:
     bytes
         `read_zip` reads it back with the same positions, faces, times and unit.
     """
-    statements = {}
-    if sequence.unit is not None:
-        statements["unit"] = sequence.unit
-    if sequence.topology is not None:
-        statements["topology"] = sequence.topology.name
-    if sequence.grid is not None:
-        statements["grid"] = " ".join(map(str, sequence.grid))
+    grid, topology = sequence.grid, sequence.topology
+    stated = {
+        "unit": sequence.unit,
+        "topology": None if topology is None else topology.name,
+        "grid": None if grid is None else " ".join(map(str, grid)),
+    }
+    statements = {name: value for name, value in stated.items() if value is not None}
     width = max(4, len(str(sequence.n_frames - 1)))
     names = [f"frame_{i:0{width}d}.ply" for i in range(sequence.n_frames)]
+    files = {
+        name: write_ply(positions, sequence.faces, statements)
+        for name, positions in zip(names, sequence.vertices, strict=True)
+    }
+    if sequence.times is not None:
+        files["frames.ply.series"] = write_series(names, sequence.times.tolist())
+    return stored_zip(files, zipfile.ZIP_DEFLATED)
+
+
+def stored_zip(files: Mapping[str, bytes], compression: int = zipfile.ZIP_STORED) -> bytes:
+    """Write files as a zip, the same bytes for the same files."""
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, positions in zip(names, sequence.vertices, strict=True):
-            archive.writestr(
-                zipfile.ZipInfo(name, _NO_DATE),
-                write_ply(positions, sequence.faces, statements),
-                compress_type=zipfile.ZIP_DEFLATED,
-            )
-        if sequence.times is not None:
-            archive.writestr(
-                zipfile.ZipInfo("frames.ply.series", _NO_DATE),
-                write_series(names, sequence.times.tolist()),
-            )
+    with zipfile.ZipFile(buffer, "w", compression) as archive:
+        for name, data in files.items():
+            archive.writestr(zipfile.ZipInfo(name, _NO_DATE), data, compress_type=compression)
     return buffer.getvalue()
 
 
@@ -298,18 +302,21 @@ def _plain_members(archive: zipfile.ZipFile, limits: ReadLimits) -> dict[str, zi
     for info in infos:
         # The name as it is in the archive, before Python turns separators around.
         require_safe_name(info.orig_filename)
-        if not info.filename:
-            raise _refused(info, "without a name")
-        if info.is_dir():
+        if info.filename.endswith("/"):
             continue
-        if stat.S_ISLNK(info.external_attr >> 16):
-            raise _refused(info, "a link")
-        if info.flag_bits & _ENCRYPTED:
-            raise _refused(info, "encrypted")
-        if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise _refused(info, "compressed in another way than 'deflate'")
-        if info.filename in members:
-            raise _refused(info, "there twice")
+        for is_so, what in (
+            (not info.filename, "without a name"),
+            (stat.S_ISLNK(info.external_attr >> 16), "a link"),
+            (info.flag_bits & _ENCRYPTED, "encrypted"),
+            (info.compress_type not in _KNOWN, "compressed in another way than 'deflate'"),
+            (info.filename in members, "there twice"),
+        ):
+            if is_so:
+                raise MalformedFileError(
+                    f"The member {info.filename[-60:]!r} of the archive is {what}.",
+                    remedy=_REMEDY,
+                    details={"name": info.filename[-200:]},
+                )
         members[info.filename] = info
     limits.require("decompressed_bytes", sum(info.file_size for info in members.values()))
     return members
@@ -326,11 +333,3 @@ def _content(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:
     except MalformedFileError as error:
         error.message = f"The member {info.filename[-60:]!r}: {error.message}"
         raise
-
-
-def _refused(info: zipfile.ZipInfo, what: str) -> MalformedFileError:
-    return MalformedFileError(
-        f"The member {info.filename[-60:]!r} of the archive is {what}.",
-        remedy=_REMEDY,
-        details={"name": info.filename[-200:]},
-    )

@@ -7,14 +7,13 @@ import math
 import posixpath
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from typing import Any, Final
 from xml.parsers import expat
 
 from modalmotion.errors import InputError, MalformedFileError
-from modalmotion.formats.result import Reading
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.representation import counted
 
@@ -69,23 +68,25 @@ _malformed: Final = partial(
 
 
 @dataclass(frozen=True)
-class Series:
-    """Frames in the order of their times.
+class Listing:
+    """Frames in the order of time.
 
     Parameters
     ----------
     names : tuple of str
-        As the file writes them.
-    times : tuple of float
+    times : tuple of float, s, or None
+    others : tuple of str
+        Files that are not frames.
     notes : tuple of str
     """
 
     names: tuple[str, ...]
-    times: tuple[float, ...]
-    notes: tuple[str, ...]
+    times: tuple[float, ...] | None
+    others: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
-def read_series(data: bytes, limits: ReadLimits = NO_LIMITS) -> Series:
+def read_series(data: bytes, limits: ReadLimits = NO_LIMITS) -> Listing:
     """Read a .pvd collection (XML) or a .series file (JSON).
 
     Parameters
@@ -108,7 +109,7 @@ def read_series(data: bytes, limits: ReadLimits = NO_LIMITS) -> Series:
     ordered = sorted(entries, key=lambda entry: entry[0])
     notes = ("The frames were sorted by their times.",) if ordered != entries else ()
     times, names = zip(*ordered, strict=True)
-    return Series(names, times, notes)
+    return Listing(names, times, notes=notes)
 
 
 def write_series(names: list[str], times: list[float]) -> bytes:
@@ -120,17 +121,10 @@ def write_series(names: list[str], times: list[float]) -> bytes:
 def _read_pvd(data: bytes, limits: ReadLimits) -> list[tuple[float, str]]:
     entries: list[tuple[float, str]] = []
 
-    def refuse(*_: object) -> None:
-        raise _malformed(
-            "The .pvd file contains a document type or entities, which are never read."
-        )
-
     def start(tag: str, attributes: dict[str, str]) -> None:
         if tag == "VTKFile" and attributes.get("type") != "Collection":
-            raise _malformed(
-                f"The .pvd file is of the type {attributes.get('type', '')[:40]!r}, not "
-                "'Collection'."
-            )
+            kind = attributes.get("type", "")
+            raise _malformed(f"The .pvd file is of the type {kind[:40]!r}, not 'Collection'.")
         if tag == "DataSet":
             if attributes.get("part", "0") not in ("0", ""):
                 raise MalformedFileError(
@@ -141,16 +135,39 @@ def _read_pvd(data: bytes, limits: ReadLimits) -> list[tuple[float, str]]:
             limits.require("frames", len(entries))
 
     parser = expat.ParserCreate()
-    parser.StartDoctypeDeclHandler = refuse
-    parser.EntityDeclHandler = refuse
     parser.StartElementHandler = start
+    parse_xml(parser, data, ".pvd", _malformed)
+    return entries
+
+
+def parse_xml(
+    parser: expat.XMLParserType,
+    data: bytes,
+    form: str,
+    malformed: Callable[[str], MalformedFileError],
+    *,
+    has_type: bool = False,
+) -> None:
+    """Parse XML that has no entities, nor a document type unless such files have it.
+
+    Raises
+    ------
+    MalformedFileError
+        Made by `malformed`, with the form in its message.
+    """
+
+    def refuse(*_: object) -> None:
+        raise malformed(f"The {form} file contains a document type or entities.")
+
+    parser.EntityDeclHandler = refuse
+    if not has_type:
+        parser.StartDoctypeDeclHandler = refuse
     try:
         parser.Parse(data, True)
+    except InputError:
+        raise
     except (expat.ExpatError, LookupError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise _malformed(f"The .pvd file is not readable XML ({str(error)[:80]}).") from error
-    return entries
+        raise malformed(f"The {form} file is not readable XML ({str(error)[:80]}).") from error
 
 
 def _read_json(data: bytes) -> list[tuple[float, str]]:
@@ -160,9 +177,8 @@ def _read_json(data: bytes) -> list[tuple[float, str]]:
     except MalformedFileError:
         raise
     except (KeyError, TypeError, ValueError, RecursionError) as error:
-        raise _malformed(
-            f"The .series file is not of the form that ParaView writes ({str(error)[:80]})."
-        ) from error
+        what = f"not of the form that ParaView writes ({str(error)[:80]})"
+        raise _malformed(f"The .series file is {what}.") from error
 
 
 def _entry(time: object, name: object) -> tuple[float, str]:
@@ -171,41 +187,12 @@ def _entry(time: object, name: object) -> tuple[float, str]:
     except (ValueError, OverflowError):
         value = math.nan
     if not isinstance(name, str) or not name or not math.isfinite(value):
-        raise _malformed(
-            f"An entry of the series file has the time {str(time)[:40]!r} and the file "
-            f"{str(name)[:40]!r}."
-        )
+        what = f"the time {str(time)[:40]!r} and the file {str(name)[:40]!r}"
+        raise _malformed(f"An entry of the series file has {what}.")
     return value, name
 
 
 _NUMBERED: Final = re.compile(r"(.*?)(\d{1,18})(\D*)", re.DOTALL)
-
-
-@dataclass(frozen=True)
-class Listing:
-    """Frames in the order of time.
-
-    Parameters
-    ----------
-    names : tuple of str
-    times : tuple of float, s, or None
-    others : tuple of str
-        Files that are not frames.
-    notes : tuple of str
-    """
-
-    names: tuple[str, ...]
-    times: tuple[float, ...] | None
-    others: tuple[str, ...]
-    notes: tuple[str, ...]
-
-    def complete(self, result: Reading) -> Reading:
-        """Add times, unused files and notes of the listing to a reading."""
-        return replace(
-            result,
-            ignored=(*result.ignored, *self.others),
-            notes=(*result.notes, *self.notes),
-        )
 
 
 def list_frames(names: list[str], read: Callable[[str], bytes], limits: ReadLimits) -> Listing:

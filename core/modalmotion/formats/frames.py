@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -21,15 +20,14 @@ from modalmotion.errors import (
 from modalmotion.formats.detect import MESH_FORMATS, Format, detect_format, unknown_format
 from modalmotion.formats.frame import ONE_MESH, Frame, MergeMap, merge_corners, triangulate
 from modalmotion.formats.ply import read_ply
-from modalmotion.formats.result import Parser, Reading
+from modalmotion.formats.result import Parser, Reading, reading_of
 from modalmotion.formats.stl import read_stl
 from modalmotion.formats.text_meshes import read_obj, read_off
 from modalmotion.formats.vtk_legacy_gate import require_plain_legacy
 from modalmotion.formats.vtk_xml_gate import require_plain_xml
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh import facts_from_texts
-from modalmotion.mesh.checks import FloatArray, given_up
-from modalmotion.mesh.sequence import in_time_order, mesh_sequence
+from modalmotion.mesh.checks import FloatArray
 from modalmotion.progress import Progress
 
 
@@ -76,11 +74,10 @@ class FrameStack:
                 f"It is {kind.upper()}, frame 0 is {self._format.upper()}.",
                 remedy="Send all frames in one format.",
             )
-        space = frame.stated("coordinate_system")
-        if space != first.stated("coordinate_system"):
+        space, expected = (one.stated("coordinate_system") for one in (frame, first))
+        if space != expected:
             raise ShapeError(
-                f"Its coordinate system is {space}, that of frame 0 "
-                f"{first.stated('coordinate_system')}.",
+                f"Its coordinate system is {space}, that of frame 0 {expected}.",
                 remedy="Save all frames in one coordinate system.",
             )
         positions = self._finite(frame, number)
@@ -104,32 +101,24 @@ class FrameStack:
         stated = [time for time in self._times if time is not None]
         if times is None and len(stated) == len(self._times):
             times = tuple(float(time) for time in stated)
-        vertices, ordered, notes = self._vertices, None, list(first.notes)
-        if times is not None:
-            vertices, ordered, done = in_time_order(self._vertices, list(times))
-            notes += done
-        sequence = mesh_sequence(
-            given_up(vertices),
-            self._faces,
-            grid=_grid(first.stated("grid")),
-            topology=first.stated("topology"),
-            times=ordered,
-            unit=first.stated("unit"),
-            facts=facts_from_texts({"coordinates": first.stated("coordinate_system")}),
-        )
+        notes = list(first.notes)
         if self._merge is not None:
             notes.append(
                 f"STL contains no vertices: {len(self._merge.vertex_of)} corners that coincide in "
                 f"frame 0 became {len(self._merge.first)} vertices in all frames."
             )
-        return Reading(
-            sequence,
-            ignored=first.ignored,
+        return reading_of(
+            self._vertices,
+            self._faces,
             format=self._format.value,
+            grid=_grid(first.stated("grid")),
+            topology=first.stated("topology"),
+            times=None if times is None else list(times),
+            unit=first.stated("unit"),
+            facts=facts_from_texts({"coordinates": first.stated("coordinate_system")}),
+            notes=notes,
+            ignored=first.ignored,
             coordinate_system=first.stated("coordinate_system"),
-            unit_from=None if sequence.unit is None else "file",
-            times_from=None if times is None else "file",
-            notes=tuple(notes),
         )
 
     @staticmethod
@@ -159,14 +148,11 @@ def _grid(stated: str | None) -> list[int] | None:
 
 
 def _other_faces(frame: Frame, first: Frame) -> ConnectivityError:
-    if len(frame.faces) != len(first.faces):
-        what = f"It has {len(frame.faces)} faces, frame 0 has {len(first.faces)}."
-        face = None
-    else:
-        face = int(np.flatnonzero((frame.faces != first.faces).any(axis=1))[0])
-        what = (
-            f"Face {face} is {frame.faces[face].tolist()}, in frame 0 {first.faces[face].tolist()}."
-        )
+    own, theirs = frame.faces, first.faces
+    what, face = f"It has {len(own)} faces, frame 0 has {len(theirs)}.", None
+    if len(own) == len(theirs):
+        face = int(np.flatnonzero((own != theirs).any(axis=1))[0])
+        what = f"Face {face} is {own[face].tolist()}, in frame 0 {theirs[face].tolist()}."
     return ConnectivityError(what, remedy=ONE_MESH, details={"face": face})
 
 
@@ -234,23 +220,9 @@ def _read_vtk(data: bytes, kind: Format, parser: Parser) -> Frame:
     )
 
 
-@dataclass(frozen=True)
-class FrameFile:
-    """A frame's file, not yet read.
-
-    Parameters
-    ----------
-    name : str
-    read : callable
-        Returns the bytes.
-    """
-
-    name: str
-    read: Callable[[], bytes]
-
-
 def read_frames(
-    files: list[FrameFile],
+    names: Sequence[str],
+    read: Callable[[str], bytes],
     parser: Parser,
     times: tuple[float, ...] | None = None,
     progress: Progress | None = None,
@@ -259,8 +231,10 @@ def read_frames(
 
     Parameters
     ----------
-    files : list of FrameFile
-        In the order of time.
+    names : sequence of str
+        Of the files, in the order of time.
+    read : callable
+        Returns the bytes of one of them.
     parser : Parser
         Its limits apply.
     times : tuple of float, s, optional
@@ -272,15 +246,18 @@ def read_frames(
         It names the frame and its file.
     """
     report = progress or (lambda _done, _all: None)
-    parser.limits.require("frames", len(files))
-    with _named(0, files[0].name):
-        frame, kind = read_mesh(files[0].read(), None, parser)
-        stack = FrameStack(frame, kind, len(files), parser.limits)
-    report(1, len(files))
-    for number, file in enumerate(files[1:], 1):
-        with _named(number, file.name):
-            stack.add(number, *read_mesh(file.read(), None, parser))
-        report(number + 1, len(files))
+    parser.limits.require("frames", len(names))
+    stack: FrameStack | None = None
+    for number, name in enumerate(names):
+        with _named(number, name):
+            frame, kind = read_mesh(read(name), None, parser)
+            if stack is None:
+                stack = FrameStack(frame, kind, len(names), parser.limits)
+            else:
+                stack.add(number, frame, kind)
+        report(number + 1, len(names))
+    if stack is None:
+        raise MalformedFileError("There are no frames.", remedy="Send one file or more.")
     return stack.result(times)
 
 
@@ -289,16 +266,9 @@ def _named(number: int, name: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise _in_frame(error, number, name) from error
-
-
-def _in_frame(error: InputError, number: int, name: str) -> InputError:
-    message = error.message.removeprefix(f"Frame {number}: ")
-    return type(error)(
-        f"Frame {number} ({name[-60:]!r}): {message}",
-        remedy=error.remedy,
-        frame=number,
-        vertex=error.vertex,
-        limit=error.limit,
-        details={**error.details, "file": name[-200:]},
-    )
+        error.message = (
+            f"Frame {number} ({name[-60:]!r}): {error.message.removeprefix(f'Frame {number}: ')}"
+        )
+        error.frame = number
+        error.details["file"] = name[-200:]
+        raise

@@ -217,14 +217,10 @@ def read_raw(
         n_vertices = prod(grid)
     if n_vertices is None or n_vertices < 1:
         raise ParameterError(
-            f"Raw numbers say nothing of their shape, and the number of vertices is {n_vertices}.",
+            f"Raw numbers state no shape, and the number of vertices is {n_vertices}.",
             remedy="State the number of vertices per frame, or the grid.",
         )
-    if dtype not in RAW_TYPES:
-        raise ParameterError(
-            f"The type {dtype[:20]!r} is not understood.",
-            remedy="Send little-endian float32 or float64.",
-        )
+    _require_type(dtype)
     kind = np.dtype(RAW_TYPES[dtype])
     frame_bytes = n_vertices * 3 * kind.itemsize
     n_frames, rest = divmod(len(data), frame_bytes)
@@ -258,10 +254,15 @@ def write_raw(sequence: MeshSequence, dtype: str = "float32") -> bytes:
     ParameterError
         If the type is neither "float32" nor "float64", or a position is beyond it.
     """
-    if dtype not in RAW_TYPES:
-        raise ParameterError(
-            f"The type {dtype[:20]!r} is not understood.", remedy="Use float32 or float64."
-        )
+    _require_type(dtype)
     if dtype == "float32":
         return single_precision(sequence.vertices, "A position").tobytes()
     return sequence.vertices.astype(RAW_TYPES[dtype]).tobytes()
+
+
+def _require_type(dtype: str) -> None:
+    if dtype not in RAW_TYPES:
+        raise ParameterError(
+            f"The type {dtype[:20]!r} is not understood.",
+            remedy="Use little-endian float32 or float64.",
+        )

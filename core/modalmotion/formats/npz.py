@@ -12,39 +12,31 @@ from __future__ import annotations
 import io
 import json
 import lzma
-import re
 import struct
 import zipfile
 import zlib
 from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final, cast
+from itertools import islice
+from math import prod
+from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError, ShapeError
 from modalmotion.formats.frame import TRACK
 from modalmotion.formats.named_arrays import aliases_in, note_on, positions_in
-from modalmotion.formats.result import Reading
+from modalmotion.formats.result import Reading, reading_of
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh import NAMES, Facts, facts_as_json, facts_from_texts
-from modalmotion.mesh.checks import given_up
-from modalmotion.mesh.sequence import MeshSequence, in_time_order, mesh_sequence
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.unpacking import PIECE, filled
 
 UNREADABLE: Final = (
-    zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-    struct.error,
-    ValueError,
-    EOFError,
-    OSError,
-    OverflowError,
-    NotImplementedError,
-    RuntimeError,
+    *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, OSError, EOFError),
+    *(ValueError, OverflowError, NotImplementedError, RuntimeError),
 )
 """Errors that zipfile and zlib raise on malformed bytes."""
 
@@ -111,25 +103,17 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     if "times_ms" in arrays:
         milliseconds = arrays["times_ms"]
         times = milliseconds / 1e3 if milliseconds.dtype.kind in "fiu" else milliseconds
-    vertices, notes = arrays["vertices"], tuple[str, ...]()
-    if times is not None and vertices.ndim == 3:
-        vertices, times, notes = in_time_order(vertices, times)
-    sequence = mesh_sequence(
-        given_up(vertices),
+    return reading_of(
+        arrays["vertices"],
         arrays.get("faces"),
+        format="npz",
         grid=arrays.get("grid"),
         topology=text_in(arrays, "topology"),
         times=times,
         unit=text_in(arrays, "unit"),
         facts=_facts(arrays),
-    )
-    return Reading(
-        sequence,
+        notes=note_on(aliases),
         ignored=tuple(name for name in names if name not in (*_KNOWN, *aliases.values())),
-        format="npz",
-        unit_from=None if sequence.unit is None else "file",
-        times_from=None if sequence.times is None else "file",
-        notes=(*note_on(aliases), *notes),
     )
 
 
@@ -175,7 +159,7 @@ def read_arrays(
         for name in needed:
             if name not in members:
                 raise _malformed(
-                    f"The archive contains {_listing(list(members))} but no {name!r}.",
+                    f"The archive contains {_some(members)} but no {name!r}.",
                     details={"arrays": [own[:40] for own in list(members)[:20]]},
                 )
         headers: dict[str, _Header] = {
@@ -219,85 +203,59 @@ def npz_arrays(sequence: MeshSequence) -> dict[str, Any]:
     return arrays
 
 
-@dataclass(frozen=True)
-class _Header:
+class _Header(NamedTuple):
     shape: tuple[int, ...]
-    fortran_order: bool
+    is_fortran: bool
     dtype: np.dtype[Any]
     offset: int
 
     @property
     def n_bytes(self) -> int:
-        count = 1
-        for n in self.shape:
-            count *= n
-        return count * self.dtype.itemsize
-
-
-# The header is a Python dict literal; only this plain form of it is written by NumPy.
-_HEADER: Final = re.compile(
-    rb"\{'descr': (?P<descr>'[<>|=][A-Za-z]\d{0,9}'|\[.*\]), "
-    rb"'fortran_order': (?P<fortran>True|False), "
-    rb"'shape': \((?P<shape>(?:\d{1,18}, ?)*(?:\d{1,18})?)\),? ?\}\s*",
-    re.DOTALL,
-)
+        return prod(self.shape) * self.dtype.itemsize
 
 
 def _read_header(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Header:
     name = info.filename.removesuffix(".npy")
     try:
         with archive.open(info) as stream:
-            start = stream.read(10)
-            # Magic, version, then the length of the header: 2 bytes in version 1, else 4.
-            wide = start[6:7] != b"\x01"
-            length = int.from_bytes(start[8:10] + (stream.read(2) if wide else b""), "little")
-            text = stream.read(min(length, _LONGEST_HEADER))
-            offset = stream.tell()
-    except UNREADABLE as error:
+            read_magic: Any = npy.read_magic
+            version = read_magic(stream)
+            read: Any = (
+                npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+            )
+            shape, is_fortran, dtype = read(stream)
+            header = _Header(shape, is_fortran, dtype, stream.tell())
+    except Exception as error:
+        # NumPy reads the header as Python writes it, and raises what Python does.
         raise _malformed(f"The array {name[:40]!r} cannot be read: {_reason(error)}.") from error
-    match = _HEADER.fullmatch(text)
-    if start[:6] != b"\x93NUMPY" or match is None:
-        raise _malformed(f"The array {name[:40]!r} has no readable header.")
-    dtype = _plain_dtype(name, match["descr"].decode("ascii", "replace"))
-    shape = tuple(int(n) for n in match["shape"].replace(b",", b" ").split())
-    header = _Header(shape, match["fortran"] == b"True", dtype, offset)
-    if offset + header.n_bytes != info.file_size:
-        raise _malformed(
-            f"The array {name!r} declares the shape {header.shape} of {dtype}, "
-            f"{header.n_bytes} bytes, but {info.file_size - offset} are there."
-        )
-    return header
-
-
-def _plain_dtype(name: str, descr: str) -> np.dtype[Any]:
-    kinds = "fiuU" if name in _TEXTS else "fiu"
-    if descr[2:3] == "O":
+    if dtype.hasobject:
         raise MalformedFileError(
             f"The array {name!r} contains pickled Python objects, which are never loaded.",
             remedy="Store plain numbers (float32, float64, int32, int64) and text.",
         )
-    try:
-        dtype: np.dtype[Any] = np.dtype(descr.strip("'"))
-    except (TypeError, ValueError, OverflowError):
-        dtype = np.dtype(np.void)
-    if dtype.kind not in kinds:
+    if dtype.kind not in ("fiuU" if name in _TEXTS else "fiu"):
         raise ShapeError(
-            f"The array {name!r} contains {descr[:20]}, which is not understood there.",
+            f"The array {name!r} contains {dtype.str[:20]}, which is not understood there.",
             remedy="Store plain numbers (float32, float64, int32, int64), and text only for "
             f"{', '.join(_TEXTS)}.",
-            details={"array": name, "dtype": descr[:20]},
+            details={"array": name, "dtype": dtype.str[:20]},
         )
-    return dtype
+    if min(shape, default=0) < 0 or header.offset + header.n_bytes != info.file_size:
+        raise _malformed(
+            f"The array {name!r} declares the shape {shape} of {dtype}, {header.n_bytes} bytes, "
+            f"but {info.file_size - header.offset} are there."
+        )
+    return header
 
 
 def _require_limits(headers: dict[str, _Header], limits: ReadLimits) -> None:
-    for name, axis, limit in (
-        ("vertices", 0, "frames"),
-        ("vertices", 1, "vertices"),
-        ("faces", 0, "faces"),
+    vertices, faces = (headers[n].shape if n in headers else () for n in ("vertices", "faces"))
+    for limit, size in (
+        ("frames", vertices[:1]),
+        ("vertices", vertices[1:2]),
+        ("faces", faces[:1]),
     ):
-        if name in headers and len(headers[name].shape) > axis:
-            limits.require(limit, headers[name].shape[axis])
+        limits.require(limit, max(size, default=0))
     limits.require("decompressed_bytes", sum(header.n_bytes for header in headers.values()))
 
 
@@ -312,7 +270,7 @@ def _read_array(
             remedy="Send the file again, or write it anew.",
         ) from error
     array = np.frombuffer(data, dtype=header.dtype, offset=header.offset)
-    return array.reshape(header.shape, order="F" if header.fortran_order else "C")
+    return array.reshape(header.shape, order="F" if header.is_fortran else "C")
 
 
 def text_in(arrays: dict[str, np.ndarray[Any, Any]], name: str) -> str | None:
@@ -348,13 +306,10 @@ def _facts(arrays: dict[str, np.ndarray[Any, Any]]) -> Facts:
     return facts_from_texts(texts)
 
 
-def _listing(names: list[str]) -> str:
-    shown = ", ".join(repr(name[:40]) for name in names[:8]) or "nothing"
-    return shown + (f" and {len(names) - 8} more" if len(names) > 8 else "")
-
-
 def _reason(error: Exception) -> str:
     return str(error).splitlines()[0][:120] if str(error) else type(error).__name__
 
 
-_LONGEST_HEADER: Final = 10_000
+def _some(names: Iterable[str]) -> str:
+    first = [repr(name[:40]) for name in islice(names, 9)]
+    return ", ".join(first[:8]) + " and more" * (len(first) > 8) or "nothing"

@@ -81,43 +81,37 @@ class ReadOptions:
         sequence = result.sequence.with_topology(
             None if self.topology is None else Topology.parse(self.topology), self.grid
         )
-        result = replace(result, sequence=sequence)
+        notes, unit_from, times_from = list(result.notes), result.unit_from, result.times_from
         if self.unit is not None:
-            result = replace(result, sequence=sequence.with_unit(self.unit), unit_from="caller")
             if sequence.unit not in (None, self.unit):
-                result = _noted(
-                    result,
-                    f"The file is in {sequence.unit}; it was taken for {self.unit}, as stated.",
+                notes.append(
+                    f"The file is in {sequence.unit}; it was taken for {self.unit}, as stated."
                 )
+            sequence, unit_from = sequence.with_unit(self.unit), "caller"
         if self.times is not None or self.frame_interval is not None:
-            n = sequence.n_frames
-            stated = self.times
-            if self.frame_interval is not None:
-                stated = tuple(i * self.frame_interval for i in range(n))
-            vertices, ordered, notes = in_time_order(sequence.vertices, list(stated or ()))
-            for note in notes:
-                result = _noted(result, note)
+            interval = self.frame_interval or 0.0
+            stated = self.times or tuple(k * interval for k in range(sequence.n_frames))
+            vertices, times, added = in_time_order(sequence.vertices, list(stated))
+            notes += added
             if vertices is not sequence.vertices:
                 # What is known of the frames' errors is in their old order.
-                moved = replace(result.sequence, vertices=vertices, uncertainty=None)
-                result = replace(result, sequence=moved)
-            times = require_times(ordered, n if len(vertices) == n else len(vertices))
-            result = replace(
-                result, sequence=replace(result.sequence, times=times), times_from="caller"
-            )
-        sequence = result.sequence
-        said = self.facts.stated
-        if not said and not sequence.facts.stated:
-            return result
-        facts = self.facts.over(sequence.facts)
-        for name in said:
-            if name in sequence.facts.stated and name in facts.changed(sequence.facts):
-                result = _noted(
-                    result,
-                    f"The file states another {name} than its sender, whose statement counts.",
-                )
-        return replace(result, sequence=sequence.with_facts(facts))
-
-
-def _noted(result: Reading, note: str) -> Reading:
-    return replace(result, notes=(*result.notes, note))
+                sequence = replace(sequence, vertices=vertices, times=None, uncertainty=None)
+            sequence = replace(sequence, times=require_times(times, len(vertices)))
+            times_from = "caller"
+        said, known = self.facts.stated, sequence.facts.stated
+        if said or known:
+            facts = self.facts.over(sequence.facts)
+            changed = facts.changed(sequence.facts)
+            notes += [
+                f"The file states another {name} than its sender, whose statement counts."
+                for name in said
+                if name in known and name in changed
+            ]
+            sequence = sequence.with_facts(facts)
+        return replace(
+            result,
+            sequence=sequence,
+            notes=tuple(notes),
+            unit_from=unit_from,
+            times_from=times_from,
+        )

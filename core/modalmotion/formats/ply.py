@@ -2,18 +2,18 @@
 
 The reader uses "x", "y", "z" of the element "vertex" and the list "vertex_indices" (or
 "vertex_index") of "face"; everything else is skipped and named. Texture files are never opened.
+Text is read as binary numbers of eight bytes: the two forms differ in nothing else.
 """
 
 from __future__ import annotations
 
 import struct
 from array import array
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
-from itertools import islice
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,29 +27,14 @@ from modalmotion.mesh.checks import FloatArray
 _malformed_body: Final = partial(
     MalformedFileError, remedy="The file may be cut short: send it again, or export it anew."
 )
-_BLOCK_ROWS: Final = 30_000
 _STRUCT_CODES: Final = {
     "i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4": "f", "f8": "d",
 }  # fmt: skip
-
-Arrays = dict[str, "array[int]"]
-Key = tuple[str, str]
-Columns = dict[Key, NDArray[Any]]
-Lists = dict[Key, tuple[NDArray[np.int64], NDArray[np.int64]]]
+_NUMBER_BYTES: Final = 8
 
 
-@dataclass(frozen=True)
-class Property:
-    """A number, or a list if it has a type for its length.
-
-    Parameters
-    ----------
-    name : str
-    item_type : str
-        NumPy's code of the number or of the list's numbers, without byte order.
-    count_type : str or None
-        NumPy's code of the list's length.
-    """
+class Property(NamedTuple):
+    """A number, or a list if it has a type for its length; types are NumPy's, without order."""
 
     name: str
     item_type: str
@@ -64,22 +49,31 @@ class Element:
     count: int
     properties: tuple[Property, ...]
 
-    def with_property(self, added: Property) -> Element:
-        """Return the element with one more property."""
-        if added.name in [p.name for p in self.properties] or added.count_type in ("f4", "f8"):
-            raise ValueError(added.name)
-        return replace(self, properties=(*self.properties, added))
-
     @property
     def has_lists(self) -> bool:
         """Whether rows may differ in length."""
         return any(p.count_type is not None for p in self.properties)
 
+    def too_few(self, n_read: int) -> MalformedFileError:
+        """Make the error for rows that are missing."""
+        return _malformed_body(
+            f"The PLY file declares {self.count} rows of {self.name!r} but ends after {n_read} of "
+            "them."
+        )
+
+
+class Rows(NamedTuple):
+    """Rows of an element: numbers by property, sizes and items of lists, bytes of each row."""
+
+    columns: dict[str, NDArray[Any]]
+    lists: dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]]
+    widths: NDArray[np.int64]
+
 
 def read_elements(
     data: bytes, start: int, elements: tuple[Element, ...], order: str | None
-) -> tuple[Columns, Lists]:
-    """Read all elements.
+) -> dict[str, Rows]:
+    """Read all elements, by their names.
 
     Parameters
     ----------
@@ -90,208 +84,151 @@ def read_elements(
     order : {"<", ">"} or None
         Byte order; None for text.
 
-    Returns
-    -------
-    columns : dict of (element, property) to (count,) ndarray
-        Numbers, in the type that the header states.
-    lists : dict of (element, property) to (sizes, items), int64
-        Lists of integers, one after the other.
-
     Raises
     ------
     MalformedFileError
         If the rows differ, in number or form, from the header's declaration.
     """
-    columns: Columns = {}
-    lists: Lists = {}
+    body, lines, line = memoryview(data), array("q"), 0
+    if order is None:
+        body, lines = _numbers_in(body[start:])
+        start = 0
+    found = {}
     for element in elements:
         if element.count and not element.properties:
             raise _malformed_body(f"The PLY element {element.name!r} has no properties.")
-    if order is None:
-        lines = lines_of(memoryview(data)[start:])
-        for element in elements:
-            _read_text(lines, element, columns, lists)
-        rest = next(lines, b"")
-    else:
-        for element in elements:
-            start = _read_binary(data, start, element, order, columns, lists)
-        rest = data[start : start + 1000].strip()
-    if rest:
+        plain = element
+        if order is None:
+            plain = Element(
+                element.name,
+                element.count,
+                tuple(Property(p.name, "f8", p.count_type and "f8") for p in element.properties),
+            )
+        rows = _rows(body, start, plain, order or "<")
+        start += int(rows.widths.sum())
+        if order is None:
+            # A line is a row: else a number left out would move all that follow.
+            widths = _NUMBER_BYTES * np.array(lines[line : line + element.count], dtype=np.int64)
+            wrong = np.flatnonzero(widths != rows.widths)
+            if wrong.size:
+                raise _malformed_body(
+                    f"Row {wrong[0]} of the PLY element {element.name!r} has "
+                    f"{widths[wrong[0]] // _NUMBER_BYTES} numbers."
+                )
+            line += element.count
+        found[element.name] = _typed(rows, element)
+    if bytes(body[start : start + 1000]).strip() or line < len(lines):
         raise _malformed_body(
             "The PLY file contains more than its header declares "
             f"({[(e.name, e.count) for e in elements][:8]})."
         )
-    return columns, lists
+    return found
 
 
-def _read_text(lines: Iterator[bytes], element: Element, columns: Columns, lists: Lists) -> None:
-    scalars = [p for p in element.properties if p.count_type is None]
-    sizes, items = _empty_lists(element)
-    blocks = []
-    for start in range(0, element.count, _BLOCK_ROWS):
-        n_rows = min(_BLOCK_ROWS, element.count - start)
-        numbers: list[float] = []
-        n_read = 0
-        for line in islice(lines, n_rows):
-            try:
-                _read_row(line.split(), element, numbers, sizes, items)
-            except (ValueError, IndexError, OverflowError):
-                raise _malformed_body(
-                    f"Row {start + n_read} of the PLY element {element.name!r} reads {line[:60]!r}."
-                ) from None
-            n_read += 1
-        if n_read != n_rows:
-            raise _too_few(element, start + n_read)
-        blocks.append(np.array(numbers).reshape(n_rows, len(scalars)))
-    table = np.concatenate(blocks) if blocks else np.zeros((0, len(scalars)))
-    for column, p in enumerate(scalars):
-        values = table[:, column]
-        if p.item_type == "f4":
-            # The header's type is the file's precision, in text as in binary.
-            with np.errstate(over="ignore"):
-                values = values.astype(np.float32)
-        columns[element.name, p.name] = values
-    _keep_lists(element, sizes, items, lists)
+def _numbers_in(text: memoryview) -> tuple[memoryview, array[int]]:
+    """Read all words as numbers, with the number of words of each line that has any."""
+    numbers, counts = array("d"), array("q")
+    for line in lines_of(text):
+        words = line.split()
+        counts.append(len(words))
+        try:
+            numbers.extend(map(float, words))
+        except ValueError:
+            raise _malformed_body(f"A row of the PLY file reads {line[:60]!r}.") from None
+    return memoryview(numbers.tobytes()), counts
 
 
-def _read_row(
-    words: list[bytes], element: Element, numbers: list[float], sizes: Arrays, items: Arrays
-) -> None:
-    at = 0
-    for p in element.properties:
-        if p.count_type is None:
-            numbers.append(float(words[at]))
-            at += 1
-            continue
-        size = int(words[at])
-        row = words[at + 1 : at + 1 + max(size, 0)]
-        if len(row) != size:
-            raise ValueError(size)
-        if p.name in sizes:
-            sizes[p.name].append(size)
-            items[p.name].extend(map(int, row))
-        at += 1 + size
-    if at != len(words):
-        raise ValueError(at)
+def _typed(rows: Rows, element: Element) -> Rows:
+    """Numbers in the type that the header states, text too; lists of whole numbers."""
+    types = {p.name: p.item_type for p in element.properties}
+    with np.errstate(over="ignore", invalid="ignore"):
+        columns = {name: values.astype(types[name]) for name, values in rows.columns.items()}
+    lists = {}
+    for name, of in rows.lists.items():
+        # Only lists of integers can name vertices.
+        if types[name][0] != "f":
+            sizes, items = (values.astype(np.int64) for values in of)
+            if (items != of[1]).any():
+                raise _malformed_body(f"A list of the PLY element {element.name!r} has fractions.")
+            lists[name] = sizes, items
+    return Rows(columns, lists, rows.widths)
 
 
-def _read_binary(
-    data: bytes, start: int, element: Element, order: str, columns: Columns, lists: Lists
-) -> int:
-    if element.count == 0:
-        for p in element.properties:
-            columns[element.name, p.name] = np.zeros(0, p.item_type)
-            lists[element.name, p.name] = (np.zeros(0, np.int64), np.zeros(0, np.int64))
-        return start
+def _rows(body: memoryview, start: int, element: Element, order: str) -> Rows:
     # Rows all as long as the first, as in most files, are read in one piece.
-    dtype = _row_type(data, start, element, order)
-    n_bytes = dtype.itemsize * element.count
-    if start + n_bytes <= len(data):
-        table = np.frombuffer(data, dtype, element.count, start)
-        counts = [f"{i}n" for i, p in enumerate(element.properties) if p.count_type is not None]
-        if all((table[name] == table[name][0]).all() for name in counts):
-            for i, p in enumerate(element.properties):
-                values = table[f"{i}"].astype(p.item_type)
-                if p.count_type is None:
-                    columns[element.name, p.name] = values
-                elif p.item_type[0] != "f":
-                    sizes = table[f"{i}n"].astype(np.int64)
-                    lists[element.name, p.name] = (sizes, values.astype(np.int64).ravel())
-            return start + n_bytes
+    dtype = _row_type(body, start, element, order)
+    table = np.zeros(0, dtype)
+    if element.count and start + dtype.itemsize * element.count <= len(body):
+        table = np.frombuffer(body, dtype, element.count, start)
+    numbered = list(enumerate(element.properties))
+    counts = [f"{i}n" for i, p in numbered if p.count_type is not None]
+    if len(table) == element.count and all((table[n] == table[n][:1]).all() for n in counts):
+        return Rows(
+            {p.name: table[f"{i}"] for i, p in numbered if p.count_type is None},
+            {p.name: (table[f"{i}n"], table[f"{i}"].ravel()) for i, p in numbered if p.count_type},
+            np.full(element.count, dtype.itemsize),
+        )
     if not element.has_lists:
-        raise _too_few(element, (len(data) - start) // max(dtype.itemsize, 1))
-    return _walk(data, start, element, order, lists)
+        raise element.too_few((len(body) - start) // max(dtype.itemsize, 1))
+    return _walk(body, start, element, order)
 
 
-def _row_type(data: bytes, start: int, element: Element, order: str) -> np.dtype[Any]:
+def _row_type(body: memoryview, at: int, element: Element, order: str) -> np.dtype[Any]:
     fields: list[Any] = []
-    at = start
     for i, p in enumerate(element.properties):
         if p.count_type is None:
             fields.append((f"{i}", order + p.item_type))
             at += int(p.item_type[1])
             continue
-        size = _unpack(data, at, order, p.count_type, element)
+        size = _size(body, at, order, p, element, 0) if element.count else 0
         at += int(p.count_type[1]) + size * int(p.item_type[1])
-        if at > len(data):
-            raise _too_few(element, 0)
         fields += [(f"{i}n", order + p.count_type), (f"{i}", order + p.item_type, (size,))]
     return np.dtype(fields)
 
 
-def _walk(data: bytes, start: int, element: Element, order: str, lists: Lists) -> int:
-    sizes, items = _empty_lists(element)
-    at = start
+def _walk(body: memoryview, start: int, element: Element, order: str) -> Rows:
+    """Read lists of any length, row by row; numbers beside them are skipped."""
+    names = [p.name for p in element.properties if p.count_type]
+    sizes, items = ({name: array("d") for name in names} for _ in range(2))
+    ends, at = array("q", [start]), start
     for row in range(element.count):
         for p in element.properties:
-            width = int(p.item_type[1])
             if p.count_type is None:
-                at += width
+                at += int(p.item_type[1])
                 continue
-            size = _unpack(data, at, order, p.count_type, element)
+            size = _size(body, at, order, p, element, row)
             at += int(p.count_type[1])
-            if at + size * width > len(data):
-                raise _too_few(element, row)
-            if p.name in sizes:
-                sizes[p.name].append(size)
-                code = f"{order}{size}{_STRUCT_CODES[p.item_type]}"
-                items[p.name].extend(struct.unpack_from(code, data, at))
-            at += size * width
-    if at > len(data):
-        raise _too_few(element, element.count - 1)
-    _keep_lists(element, sizes, items, lists)
-    return at
+            sizes[p.name].append(size)
+            code = f"{order}{size}{_STRUCT_CODES[p.item_type]}"
+            items[p.name].extend(struct.unpack_from(code, body, at))
+            at += size * int(p.item_type[1])
+        if at > len(body):
+            raise element.too_few(row)
+        ends.append(at)
+    lists: Any = {name: (np.array(sizes[name]), np.array(items[name])) for name in names}
+    return Rows({}, lists, np.diff(ends))
 
 
-def _empty_lists(element: Element) -> tuple[Arrays, Arrays]:
-    # Only lists of integers can name vertices.
-    names = [p.name for p in element.properties if p.count_type and p.item_type[0] != "f"]
-    return {name: array("q") for name in names}, {name: array("q") for name in names}
-
-
-def _keep_lists(element: Element, sizes: Arrays, items: Arrays, lists: Lists) -> None:
-    for name in sizes:
-        lists[element.name, name] = (
-            np.array(sizes[name], dtype=np.int64),
-            np.array(items[name], dtype=np.int64),
-        )
-
-
-def _unpack(data: bytes, at: int, order: str, count_type: str, element: Element) -> int:
-    if at + int(count_type[1]) > len(data):
-        raise _too_few(element, 0)
-    size: int = struct.unpack_from(order + _STRUCT_CODES[count_type], data, at)[0]
-    if size < 0:
+def _size(body: memoryview, at: int, order: str, p: Property, element: Element, row: int) -> int:
+    """Length of a list that the bytes contain whole."""
+    n_bytes = int((p.count_type or "0")[1:] or 0)
+    if at + n_bytes > len(body):
+        raise element.too_few(row)
+    size = struct.unpack_from(f"{order}{_STRUCT_CODES[p.count_type or '']}", body, at)[0]
+    if not size >= 0 or size != size // 1:
         raise _malformed_body(f"A list of the PLY element {element.name!r} has {size} items.")
-    return size
-
-
-def _too_few(element: Element, n_read: int) -> MalformedFileError:
-    return _malformed_body(
-        f"The PLY file declares {element.count} rows of {element.name!r} but ends after "
-        f"{n_read} of them."
-    )
+    if size > (len(body) - at - n_bytes) // int(p.item_type[1]):
+        raise element.too_few(row)
+    return int(size)
 
 
 _TYPES: Final = {
-    name: code
-    for code, names in {
-        "i1": "char int8",
-        "u1": "uchar uint8",
-        "i2": "short int16",
-        "u2": "ushort uint16",
-        "i4": "int int32",
-        "u4": "uint uint32",
-        "f4": "float float32",
-        "f8": "double float64",
-    }.items()
-    for name in names.split()
-}
-_ORDERS: Final = {
-    b"ascii": None,
-    b"binary_little_endian": "<",
-    b"binary_big_endian": ">",
-}
+    f"{'u' * (sign == 'u')}{name}": f"{sign}{n}"
+    for n, names in ((1, ("char", "int8")), (2, ("short", "int16")), (4, ("int", "int32")))
+    for name in names
+    for sign in "iu"
+} | {"float": "f4", "float32": "f4", "double": "f8", "float64": "f8"}
+_ORDERS: Final = {b"ascii": None, b"binary_little_endian": "<", b"binary_big_endian": ">"}
 _LISTS: Final = ("vertex_indices", "vertex_index")
 _LONGEST_HEADER: Final = 1 << 16
 _malformed: Final = partial(
@@ -334,23 +271,23 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
             f"The PLY file declares {[(e.name, e.count) for e in header.elements][:8]}, more "
             f"than its {len(data)} bytes can contain."
         )
-    columns, lists = read_elements(data, header.body, header.elements, header.order)
-    if not all(("vertex", axis) in columns for axis in "xyz"):
+    rows = read_elements(data, header.body, header.elements, header.order)
+    columns, faces = rows["vertex"].columns, rows["face"].lists if "face" in rows else {}
+    if not {*"xyz"} <= columns.keys():
         raise _malformed(
             "The PLY file's vertices have no x, y and z, or lists of varying length beside them."
         )
-    xyz: list[NDArray[Any]] = [columns["vertex", axis] for axis in "xyz"]
+    xyz = [columns[axis] for axis in "xyz"]
     is_single = all(a.dtype == np.float32 for a in xyz)
-    positions = np.stack(xyz, axis=1)
-    name = next((name for name in _LISTS if ("face", name) in lists), None)
+    stacked: NDArray[Any] = np.stack(xyz, axis=1)
+    positions: FloatArray = stacked if is_single else stacked.astype(np.float64)
+    name = next((name for name in _LISTS if name in faces), None)
     if name is None and "face" in by_name and by_name["face"].count:
         raise _malformed("The PLY file's faces have no vertex_indices.")
-    none = np.zeros(0, dtype=np.int64)
-    sizes, corners = (none, none) if name is None else lists["face", name]
-    polygons = triangulate_sizes(sizes, corners)
-    used = {("vertex", axis) for axis in "xyz"} | {("face", name)}
+    polygons = triangulate_sizes(*(((), ()) if name is None else faces[name]))
+    used = {*(("vertex", axis) for axis in "xyz"), ("face", name)}
     return Frame(
-        positions.astype(np.float32) if is_single else positions.astype(np.float64),
+        positions,
         polygons.faces,
         notes=polygons.notes,
         ignored=tuple(
@@ -402,8 +339,7 @@ def write_ply(
     return "\n".join(lines).encode() + little.tobytes() + table.tobytes()
 
 
-@dataclass(frozen=True)
-class _Header:
+class _Header(NamedTuple):
     order: str | None
     elements: tuple[Element, ...]
     statements: tuple[tuple[str, str], ...]
@@ -428,10 +364,10 @@ def _read_header(data: bytes) -> _Header:
                     statements.append((name, value))
             elif words[0] == b"format":
                 orders.append(_ORDERS[words[1]])
-            elif words[0] == b"element":
-                elements.append(_element(words))
+            elif words[0] == b"element" and words[2].isdigit():
+                elements.append(Element(words[1].decode(), int(words[2]), ()))
             else:
-                elements[-1] = elements[-1].with_property(_property(words))
+                elements[-1] = _with_property(elements[-1], [word.decode() for word in words])
         except (KeyError, IndexError, ValueError):
             raise _malformed(f"The PLY header has a line {line[:60]!r}.") from None
     if not orders:
@@ -439,17 +375,11 @@ def _read_header(data: bytes) -> _Header:
     return _Header(orders[-1], tuple(elements), tuple(statements), newline + 1)
 
 
-def _element(words: list[bytes]) -> Element:
-    count = int(words[2])
-    if count < 0:
-        raise ValueError(count)
-    return Element(words[1].decode(), count, ())
-
-
-def _property(words: list[bytes]) -> Property:
-    keyword, *rest = (word.decode() for word in words)
-    if keyword != "property":
-        raise ValueError(keyword)
-    if rest[0] == "list":
-        return Property(rest[3], _TYPES[rest[2]], _TYPES[rest[1]])
-    return Property(rest[1], _TYPES[rest[0]], None)
+def _with_property(element: Element, words: list[str]) -> Element:
+    keyword, *kinds, name = words
+    count = _TYPES[kinds[1]] if kinds[0] == "list" else None
+    added = Property(name, _TYPES[kinds[-1]], count)
+    names = [p.name for p in element.properties]
+    if keyword != "property" or name in names or count in ("f4", "f8"):
+        raise ValueError(name)
+    return Element(element.name, element.count, (*element.properties, added))

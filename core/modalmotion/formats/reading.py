@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from modalmotion.errors import InputError, MalformedFileError
 from modalmotion.formats.detect import Format, detect_format, unknown_format
 from modalmotion.formats.frame_files import is_pattern, read_folder, read_zip
@@ -16,72 +14,25 @@ from modalmotion.formats.named_arrays import read_raw
 from modalmotion.formats.npz import read_npz
 from modalmotion.formats.options import ReadOptions
 from modalmotion.formats.parser.process import ParserProcess
-from modalmotion.formats.result import Answer, Parser, Reading, Source
+from modalmotion.formats.result import Answer, Parser, Reading, reading_of
 from modalmotion.formats.xdmf import XDMF_SUFFIXES, read_xdmf
-from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh import facts_from_json
-from modalmotion.mesh.checks import given_up
-from modalmotion.mesh.sequence import MeshSequence, in_time_order, mesh_sequence
 from modalmotion.progress import Progress
-
-
-def read_hdf5(
-    data: bytes,
-    limits: ReadLimits = DEFAULT_LIMITS,
-    parser: Parser | None = None,
-    task: str = "hdf5",
-) -> Reading:
-    """Read a sequence from an HDF5 file: VTKHDF PolyData, one of the store's, or named datasets.
-
-    The file is parsed in a process of its own, after the checks of `hdf5.sealed`.
-
-    Parameters
-    ----------
-    data : bytes
-    limits : ReadLimits, optional
-    parser : Parser, optional
-        Parser to reuse; its own limits apply.
-    task : {"hdf5", "mat"}
-        Its name: MATLAB's files of other versions hold the same.
-
-    Raises
-    ------
-    MalformedFileError
-        If the file is damaged, leads out of itself, or contains no sequence.
-    LimitError
-        If it declares more than `limits` accept.
-    InputError
-        If its arrays do not form a sequence.
-    """
-    if parser is None:
-        with ParserProcess(limits) as own:
-            return _result(own.parse(task, data))
-    return _result(parser.parse(task, data))
 
 
 def _result(answer: Answer) -> Reading:
     info, arrays = answer.info, answer.arrays
-    vertices, times, notes = arrays["vertices"], arrays.get("times"), tuple[str, ...]()
-    if times is not None and vertices.ndim == 3:
-        vertices, times, notes = in_time_order(vertices, times)
-    sequence: MeshSequence = mesh_sequence(
-        given_up(vertices),
+    return reading_of(
+        arrays["vertices"],
         arrays["faces"],
-        grid=None if info["grid"] is None else np.array(info["grid"]),
+        format=str(info["format"]),
+        grid=info["grid"],
         topology=info["topology"],
-        times=times,
+        times=arrays.get("times"),
         unit=info["unit"],
         facts=facts_from_json(info.get("facts", {})),
-    )
-    stated: Source = "file"
-    return Reading(
-        sequence,
+        notes=info["notes"],
         ignored=tuple(info["ignored"]),
-        format=str(info["format"]),
-        coordinate_system=info.get("coordinate_system"),
-        unit_from=None if sequence.unit is None else stated,
-        times_from=None if sequence.times is None else stated,
-        notes=(*info["notes"], *notes),
     )
 
 
@@ -167,7 +118,7 @@ def _read_bytes(
         if kind is Format.ZIP:
             return read_zip(data, parser, progress)
         if kind in (Format.HDF5, Format.MAT):
-            return read_hdf5(data, limits, parser, kind.value)
+            return _result(parser.parse(kind.value, data))
         if kind is Format.XDMF:
             return read_xdmf(data, _nothing_beside, parser)
         if kind is Format.GLB:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.limits import ReadLimits
-from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.mesh import NO_FACTS, Facts
+from modalmotion.mesh.checks import FloatArray, given_up
+from modalmotion.mesh.sequence import MeshSequence, in_time_order, mesh_sequence
 from modalmotion.representation import shown
 
 Source = Literal["file", "format", "caller"]
@@ -43,6 +47,62 @@ class Reading:
     unit_from: Source | None = None
     times_from: Source | None = None
     notes: tuple[str, ...] = ()
+
+
+def reading_of(
+    vertices: FloatArray,
+    faces: NDArray[np.int64] | None,
+    *,
+    format: str,  # noqa: A002 - the name of the field
+    grid: Any = None,
+    topology: str | None = None,
+    times: Any = None,
+    unit: str | None = None,
+    facts: Facts = NO_FACTS,
+    unit_from: Source = "file",
+    notes: Iterable[str] = (),
+    **more: Any,
+) -> Reading:
+    """Make the sequence of what a reader found, its frames in the order of their times.
+
+    Parameters
+    ----------
+    vertices : (frames, vertices, 3) float
+        Its maker gives it up: see `given_up`.
+    faces : (faces, 3) int64 or None
+    format : str
+    grid, topology, times, unit, facts
+        As of `mesh_sequence`.
+    unit_from : {"file", "format"}
+    notes : iterable of str
+    **more
+        Further fields of the reading.
+
+    Raises
+    ------
+    InputError
+        If they form no sequence.
+    """
+    added: tuple[str, ...] = ()
+    if times is not None and vertices.ndim == 3:
+        vertices, times, added = in_time_order(vertices, times)
+    sequence = mesh_sequence(
+        given_up(vertices),
+        faces,
+        grid=grid,
+        topology=topology,
+        times=times,
+        unit=unit,
+        facts=facts,
+    )
+    return Reading(
+        sequence,
+        format=format,
+        unit_from=None if sequence.unit is None else unit_from,
+        times_from=None if sequence.times is None else "file",
+        notes=(*notes, *added),
+        **more,
+    )
 
 
 Parsed = tuple[dict[str, Any], dict[str, NDArray[Any]]]

@@ -13,13 +13,12 @@ from __future__ import annotations
 import io
 import re
 from array import array
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import islice
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frame import Frame, space_in, triangulate_sizes
@@ -61,26 +60,14 @@ def lines_of(data: bytes | memoryview) -> Iterator[bytes]:
                 yield stripped
 
 
-def parse_points(rows: list[list[bytes]]) -> NDArray[np.float64]:
-    """Turn rows of three words into positions.
-
-    Parameters
-    ----------
-    rows : list of list of bytes
-
-    Returns
-    -------
-    (rows, 3) float64
-
-    Raises
-    ------
-    ValueError
-        If a row is not three numbers.
-    """
-    for row in rows:
-        if len(row) != 3:
-            raise ValueError(f"{len(row)} coordinates in place of three")
-    return np.array([float(word) for row in rows for word in row]).reshape(-1, 3)
+def _point(words: list[bytes], malformed: Callable[[str], MalformedFileError]) -> list[float]:
+    """Three coordinates in words."""
+    if len(words) != 3:
+        raise malformed(f"A vertex has {len(words)} coordinates in place of three.")
+    try:
+        return [float(word) for word in words]
+    except ValueError:
+        raise malformed(f"A vertex reads {b' '.join(words)[:60]!r}.") from None
 
 
 KEYWORDS: Final = frozenset(
@@ -90,10 +77,6 @@ KEYWORDS: Final = frozenset(
 )
 """First words of lines that the format knows."""
 
-# Texture and normal of a corner: everything from its first slash.
-_AFTER_VERTEX: Final = re.compile(rb"/\S*")
-# Starts of lines that are indented, or separated by tabs.
-_UNUSUAL: Final = (b" ", b"\t", b"v\t", b"f\t")
 _MOST_COMMENTS: Final = 20
 _malformed_obj: Final = partial(
     MalformedFileError, remedy="Export the frame again as OBJ, without free-form surfaces."
@@ -122,90 +105,37 @@ def read_obj(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     """
     if b"\\\n" in data or b"\\\r\n" in data:
         data = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
-    blocks = []
-    n_vertices = 0
-    sizes, corners = array("q"), array("q")
-    others: dict[bytes, None] = {}
+    positions, sizes, corners = array("d"), array("q"), array("q")
+    others: dict[str, None] = {}
     comments: list[bytes] = []
     for lines in line_blocks(data):
-        plain = _plain_block(lines)
-        if plain is None:
-            positions = _read_block(lines, n_vertices, sizes, corners)
-        else:
-            positions, triangles = plain
-            corners += triangles
-            sizes.extend([3] * (len(triangles) // 3))
-        _note_others(lines, others, comments)
-        blocks.append(positions)
-        n_vertices += len(positions)
-        limits.require("vertices", n_vertices)
+        for line in lines:
+            words = line.split()
+            if not words:
+                continue
+            if words[0] == b"v":
+                positions.extend(_point(words[1:4], _malformed_obj))
+            elif words[0] == b"f":
+                corners += _corners(words[1:], len(positions) // 3)
+                sizes.append(len(words) - 1)
+            elif words[0].startswith(b"#"):
+                comments += [line] * (len(comments) < _MOST_COMMENTS)
+            elif words[0] in KEYWORDS:
+                others[words[0].decode()] = None
+            else:
+                raise _malformed_obj(f"The OBJ file has a line {line[:40]!r}.")
+        limits.require("vertices", len(positions) // 3)
         limits.require("faces", len(sizes))
-    if not n_vertices:
+    if not positions:
         raise _malformed_obj("The OBJ file contains no vertex.")
     polygons = triangulate_sizes(sizes, corners)
     return Frame(
-        np.concatenate(blocks),
+        np.array(positions).reshape(-1, 3),
         polygons.faces,
         notes=polygons.notes,
-        ignored=tuple(word.decode() for word in others),
+        ignored=tuple(others),
         statements=space_in(b"".join(comments)),
     )
-
-
-def _plain_block(lines: list[bytes]) -> tuple[NDArray[np.float64], array[int]] | None:
-    """Read vertices and triangles in bulk; None if any line is unusual."""
-    vertices = [line for line in lines if line.startswith(b"v ")]
-    faces = [line for line in lines if line.startswith(b"f ")]
-    text = b" ".join(faces)
-    numbers = b" ".join(vertices).split()
-    indices = (_AFTER_VERTEX.sub(b"", text) if b"/" in text else text).split()
-    is_plain = (
-        # Negative indices count back from the latest vertex, so the order of lines matters.
-        b"-" not in text
-        and len(numbers) == 4 * len(vertices)
-        and len(indices) == 4 * len(faces)
-        and numbers[::4].count(b"v") == len(vertices)
-        and indices[::4].count(b"f") == len(faces)
-        and not any(line.startswith(_UNUSUAL) for line in lines)
-    )
-    if not is_plain:
-        return None
-    del numbers[::4], indices[::4]
-    try:
-        positions = np.array(list(map(float, numbers))).reshape(-1, 3)
-        corners = array("q", [int(word) - 1 for word in indices])
-    except (ValueError, OverflowError):
-        return None
-    return None if corners and min(corners) < 0 else (positions, corners)
-
-
-def _read_block(
-    lines: list[bytes], n_vertices: int, sizes: array[int], corners: array[int]
-) -> NDArray[np.float64]:
-    """Read vertices and polygons one by one; returns the block's positions."""
-    rows: list[list[bytes]] = []
-    for line in lines:
-        words = line.split()
-        if words[:1] == [b"v"]:
-            rows.append(words[1:4])
-        elif words[:1] == [b"f"]:
-            corners += _corners(words[1:], n_vertices + len(rows))
-            sizes.append(len(words) - 1)
-    return _positions(rows)
-
-
-def _note_others(lines: list[bytes], others: dict[bytes, None], comments: list[bytes]) -> None:
-    for line in lines:
-        if line.startswith((b"v ", b"f ")):
-            continue
-        if line.lstrip().startswith(b"#"):
-            if len(comments) < _MOST_COMMENTS:
-                comments.append(line)
-        elif words := line.split(None, 1):
-            if words[0] not in KEYWORDS:
-                raise _malformed_obj(f"The OBJ file has a line {line[:40]!r}.")
-            if words[0] not in (b"v", b"f"):
-                others[words[0]] = None
 
 
 def _corners(words: list[bytes], n_vertices: int) -> array[int]:
@@ -223,18 +153,8 @@ def _corners(words: list[bytes], n_vertices: int) -> array[int]:
     return corners
 
 
-def _positions(rows: list[list[bytes]]) -> NDArray[np.float64]:
-    try:
-        return parse_points(rows)
-    except ValueError as error:
-        raise _malformed_obj(
-            f"A vertex of the OBJ file is not a point ({str(error)[:60]})."
-        ) from error
-
-
 # ST, C, N say what follows x, y and z on a line; forms with 4 or n coordinates are not read.
 _KEYWORD: Final = re.compile(rb"(?:ST)?C?N?OFF(?=\s|$)")
-_BLOCK_ROWS: Final = 30_000
 _malformed_off: Final = partial(
     MalformedFileError,
     remedy="Export the frame again as OFF text: 'OFF', the counts, vertices, polygons.",
@@ -274,7 +194,13 @@ def read_off(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
         raise _malformed_off("The OFF file has a negative count.")
     limits.require("vertices", n_vertices)
     limits.require("faces", n_faces)
-    positions = _read_vertices(lines, n_vertices)
+    positions = array("d")
+    for line in islice(lines, n_vertices):
+        positions.extend(_point(line.split()[:3], _malformed_off))
+    if len(positions) != 3 * n_vertices:
+        raise _malformed_off(
+            f"The OFF file declares {n_vertices} vertices but ends after {len(positions) // 3}."
+        )
     sizes, corners = array("q"), array("q")
     for line in islice(lines, n_faces):
         words = line.split()
@@ -294,30 +220,11 @@ def read_off(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
             "lines follow."
         )
     polygons = triangulate_sizes(sizes, corners)
-    return Frame(positions, polygons.faces, notes=polygons.notes, statements=space_in(data[:1024]))
+    vertices = np.array(positions).reshape(-1, 3)
+    return Frame(vertices, polygons.faces, notes=polygons.notes, statements=space_in(data[:1024]))
 
 
 def _without_comments(data: bytes) -> Iterator[bytes]:
     for line in lines_of(data):
         if stripped := line.partition(b"#")[0].strip():
             yield stripped
-
-
-def _read_vertices(lines: Iterator[bytes], n_vertices: int) -> NDArray[np.float64]:
-    blocks = []
-    n_read = 0
-    while n_read < n_vertices:
-        rows = [line.split()[:3] for line in islice(lines, min(_BLOCK_ROWS, n_vertices - n_read))]
-        try:
-            block = parse_points(rows)
-        except ValueError as error:
-            raise _malformed_off(
-                f"A vertex of the OFF file is not a point ({str(error)[:60]})."
-            ) from error
-        if not rows:
-            raise _malformed_off(
-                f"The OFF file declares {n_vertices} vertices but ends after {n_read}."
-            )
-        blocks.append(block)
-        n_read += len(rows)
-    return np.concatenate(blocks) if blocks else np.zeros((0, 3))

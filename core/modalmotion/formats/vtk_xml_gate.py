@@ -14,7 +14,6 @@ import binascii
 import re
 import struct
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from typing import Final
 from xml.parsers import expat
@@ -25,81 +24,6 @@ from modalmotion.limits import UNFOLDING, ReadLimits
 _ITEM_BYTES: Final = {
     f"{kind}{bits}": bits // 8 for kind in ("Int", "UInt", "Float") for bits in (8, 16, 32, 64)
 }
-
-
-@dataclass
-class ArrayHeads:
-    """Reads heads, and adds up what they declare.
-
-    Parameters
-    ----------
-    data : bytes
-    limits : ReadLimits
-        On a file of that size: `decompressed_bytes` applies to all arrays together.
-    word_bytes : int
-        Of a number in a head.
-    order : {"<", ">"}
-        Of its bytes, the least or the greatest first.
-    is_compressed : bool
-    """
-
-    data: bytes
-    limits: ReadLimits
-    word_bytes: int = 4
-    order: str = "<"
-    is_compressed: bool = False
-    n_bytes: int = 0
-
-    def require(self, name: str, kind: str, n_values: int, at: int, *, is_raw: bool) -> None:
-        """Refuse an array whose head declares more than its file or its element can contain.
-
-        Parameters
-        ----------
-        name, kind : str
-            Of the array, and of its numbers.
-        n_values : int
-            That its element declares; 0 where it declares none.
-        at : int
-            First byte of the head.
-        is_raw : bool
-            Bytes as they are, and not in base64.
-
-        Raises
-        ------
-        MalformedFileError, LimitError
-        """
-        n_words = 3 if self.is_compressed else 1
-        words = self._words(at, n_words, is_raw=is_raw)
-        if words is None:
-            raise _malformed(f"The array {name[:40]!r} of the .vtp file has no readable head.")
-        n_bytes, n_heads = words[0], 0
-        if self.is_compressed:
-            n_blocks, block, last = words
-            n_bytes = max(0, n_blocks - bool(last)) * block + last
-            # The head goes on with the packed size of each block.
-            n_heads = n_blocks * self.word_bytes
-        # More than its element states, or than there is where nothing is packed.
-        room = n_values * _ITEM_BYTES.get(kind, 0) or n_bytes
-        if not self.is_compressed:
-            room = min(room, len(self.data))
-        if n_bytes > room or n_heads > len(self.data):
-            raise _malformed(
-                f"The array {name[:40]!r} of the .vtp file begins with {words}: {n_bytes} bytes, "
-                f"more than its element or its file of {len(self.data)} bytes can contain."
-            )
-        self.n_bytes += n_bytes
-        self.limits.require("decompressed_bytes", self.n_bytes)
-
-    def _words(self, at: int, n: int, *, is_raw: bool) -> tuple[int, ...] | None:
-        n_bytes = n * self.word_bytes
-        head = self.data[at : at + n_bytes] if is_raw else b""
-        if not is_raw:
-            # Three bytes in four letters.
-            with suppress(binascii.Error):
-                head = binascii.a2b_base64(self.data[at : at + 4 * -(-n_bytes // 3)])
-        if len(head) < n_bytes:
-            return None
-        return struct.unpack_from(f"{self.order}{n}{'Q' if self.word_bytes == 8 else 'I'}", head)
 
 
 _malformed: Final = partial(
@@ -118,7 +42,6 @@ _LONG_TAG: Final = re.compile(rb"<[^<>]{%d}" % _LONGEST_MARKUP)
 _TYPES: Final = ("PolyData", "UnstructuredGrid")
 
 _ENCODINGS: Final = ("utf-8", "us-ascii", "ascii", "iso-8859-1")
-_REFUSED: Final = "a document type or entities"
 
 
 class _AppendedDataError(Exception):
@@ -169,14 +92,14 @@ class _Walk:
     """Counts what the elements of a .vtp file declare."""
 
     def __init__(self, data: bytes, limits: ReadLimits, parser: expat.XMLParserType) -> None:
-        self.limits = limits
-        self.parser = parser
-        self.most_values = self.n_bytes = len(data)
-        self.heads = ArrayHeads(data, limits.of_file(len(data)))
+        self.data, self.limits, self.parser = data, limits, parser
+        # What arrays unpack to, together.
+        self.of_file, self.n_bytes = limits.of_file(len(data)), 0
+        self.most_values, self.n_values, self.n_elements = len(data), 0, 0
+        # Of the numbers in heads: the order of their bytes, and their type.
+        self.order, self.word, self.is_compressed = "<", "I", False
         self.appended: list[tuple[str, str, int, int]] = []
-        self.appended_at = -1
-        self.is_raw = False
-        self.n_elements = self.n_values = 0
+        self.appended_at, self.is_raw = -1, False
         self.path: list[str] = []
         self.n_points = self.n_cells = 0
         self.totals = {"vertices": 0, "faces": 0}
@@ -195,12 +118,9 @@ class _Walk:
             if (kind := attributes.get("type", "")) not in _TYPES:
                 raise _malformed(f"The .vtp file is of the type {kind[:40]!r}, not 'PolyData'.")
             if attributes.get("compressor", ""):
-                self.most_values = UNFOLDING * self.n_bytes
-                self.heads.is_compressed = True
-            if attributes.get("byte_order") == "BigEndian":
-                self.heads.order = ">"
-            if attributes.get("header_type") == "UInt64":
-                self.heads.word_bytes = 8
+                self.most_values, self.is_compressed = UNFOLDING * len(self.data), True
+            self.order = ">" if attributes.get("byte_order") == "BigEndian" else "<"
+            self.word = "Q" if attributes.get("header_type") == "UInt64" else "I"
         elif tag == "AppendedData":
             self.is_raw = attributes.get("encoding") == "raw"
             self.appended_at = self.parser.CurrentByteIndex
@@ -241,11 +161,10 @@ class _Walk:
         if "offset" in attributes:
             self.appended.append((name, kind, n_values, _whole(attributes, "offset")))
         elif attributes.get("format") == "binary":
-            data = self.heads.data
-            at = data.find(b">", self.parser.CurrentByteIndex) + 1
-            while data[at : at + 1].isspace():
+            at = self.data.find(b">", self.parser.CurrentByteIndex) + 1
+            while self.data[at : at + 1].isspace():
                 at += 1
-            self.heads.require(name, kind, n_values, at, is_raw=False)
+            self._require_head(name, kind, n_values, at, is_raw=False)
 
     def require_appended(self, found: int) -> None:
         """Refuse arrays behind the elements whose heads declare too much.
@@ -257,17 +176,60 @@ class _Walk:
         """
         if found != self.appended_at:
             raise _malformed("The .vtp file names 'AppendedData' outside of its element.")
-        data = self.heads.data
-        first = data.find(b"_", data.find(b">", found)) + 1
+        first = self.data.find(b"_", self.data.find(b">", found)) + 1
         for name, kind, n_values, offset in self.appended:
-            self.heads.require(name, kind, n_values, first + offset, is_raw=self.is_raw)
+            self._require_head(name, kind, n_values, first + offset, is_raw=self.is_raw)
+
+    def _require_head(self, name: str, kind: str, n_values: int, at: int, *, is_raw: bool) -> None:
+        """Refuse an array whose head declares more than its file or its element can contain.
+
+        Parameters
+        ----------
+        name, kind : str
+            Of the array, and of its numbers.
+        n_values : int
+            That its element declares; 0 where it declares none.
+        at : int
+            First byte of the head.
+        is_raw : bool
+            Bytes as they are, and not in base64.
+        """
+        form = f"{self.order}{3 if self.is_compressed else 1}{self.word}"
+        size, head = struct.calcsize(form), b""
+        with suppress(binascii.Error):
+            # Three bytes in four letters.
+            head = (
+                self.data[at : at + size]
+                if is_raw
+                else binascii.a2b_base64(self.data[at : at + 4 * -(-size // 3)])
+            )
+        if len(head) < size:
+            raise _malformed(f"The array {name[:40]!r} of the .vtp file has no readable head.")
+        words = struct.unpack_from(form, head)
+        n_bytes, n_heads = words[0], 0
+        if self.is_compressed:
+            n_blocks, block, last = words
+            n_bytes = max(0, n_blocks - bool(last)) * block + last
+            # The head goes on with the packed size of each block.
+            n_heads = n_blocks * size // 3
+        # More than its element states, or than there is where nothing is packed.
+        room = n_values * _ITEM_BYTES.get(kind, 0) or n_bytes
+        if not self.is_compressed:
+            room = min(room, len(self.data))
+        if n_bytes > room or n_heads > len(self.data):
+            raise _malformed(
+                f"The array {name[:40]!r} of the .vtp file begins with {words}: {n_bytes} bytes, "
+                f"more than its element or its file of {len(self.data)} bytes can contain."
+            )
+        self.n_bytes += n_bytes
+        self.of_file.require("decompressed_bytes", self.n_bytes)
 
     def _hold(self, what: str, n_values: int) -> None:
         self.n_values += n_values
         if self.n_values > self.most_values:
             raise _malformed(
                 f"The .vtp file declares {self.n_values} numbers up to {what}, more than its "
-                f"{self.n_bytes} bytes can contain."
+                f"{len(self.data)} bytes can contain."
             )
 
 
@@ -279,10 +241,7 @@ def _whole(attributes: dict[str, str], name: str, default: int = 0) -> int:
 
 
 def _refuse(*_: object) -> None:
-    raise MalformedFileError(
-        f"The .vtp file contains {_REFUSED}, which are never read.",
-        remedy="Save the frame again without them.",
-    )
+    raise _malformed("The .vtp file contains a document type or entities, which are never read.")
 
 
 def _require_encoding(_version: str, encoding: str | None, _standalone: int) -> None:
@@ -291,9 +250,7 @@ def _require_encoding(_version: str, encoding: str | None, _standalone: int) -> 
 
 
 def _other_encoding(name: str) -> MalformedFileError:
-    return MalformedFileError(
-        f"The .vtp file is written in {name}, not in UTF-8.", remedy="Save the frame as UTF-8."
-    )
+    return _malformed(f"The .vtp file is written in {name}, not in UTF-8.")
 
 
 def _require_short(text: str) -> None:

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,68 +57,89 @@ def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
     ConnectivityError
         If a frame has other faces than frame 0.
     """
-    root = file["VTKHDF"]
-    require_poly_data(root)
-    n_points = integers_of(root, "NumberOfPoints")
-    steps = steps_of(root, len(n_points))
-    limits.require("frames", len(steps.parts))
-    limits.require("vertices", int(n_points[steps.parts].max(initial=0)))
-    polygons = root["Polygons"]
+    points = _points(file, limits)
+    steps, polygons = points.steps, points.root["Polygons"]
     cells = _Cells(
-        n_cells=integers_of(polygons, "NumberOfCells"),
-        n_corners=integers_of(polygons, "NumberOfConnectivityIds"),
-        offsets=integers_of(polygons, "Offsets"),
-        corners=integers_of(polygons, "Connectivity"),
+        *(
+            integers_of(polygons, name)
+            for name in ("NumberOfCells", "NumberOfConnectivityIds", "Offsets", "Connectivity")
+        )
     )
-    if not len(n_points) == len(cells.n_cells) == len(cells.n_corners):
+    if not points.n_parts == len(cells.n_cells) == len(cells.n_corners):
         raise malformed("The VTKHDF file's lists of parts differ.")
     faces = _same_faces(cells, steps, limits)
-    vertices = _positions(points_of(root), n_points[steps.parts], steps.points, limits)
-    if "Strips" in root and integers_of(root["Strips"], "NumberOfCells").any():
+    if "Strips" in points.root and integers_of(points.root["Strips"], "NumberOfCells").any():
         raise MalformedFileError(
             "The VTKHDF file contains triangle strips.",
             remedy="Apply the filter 'Triangulate' and save again.",
         )
-    arrays: dict[str, NDArray[Any]] = {"vertices": vertices, "faces": faces.faces}
-    ours = file[OURS].attrs if OURS in file else {}
+    arrays: dict[str, NDArray[Any]] = {
+        "vertices": _positions(points, limits),
+        "faces": faces.faces,
+        **_times(points),
+    }
     notes = list(faces.notes)
-    if steps.times is not None and "times_unknown" not in ours:
-        arrays["times"] = steps.times
-        if OURS not in file:
-            notes.append("The format has no unit of time; its values were read as seconds.")
+    if "times" in arrays and OURS not in file:
+        notes.append("The format has no unit of time; its values were read as seconds.")
     info = {
         "format": "vtkhdf",
-        "unit": text_of(ours["unit"]) if "unit" in ours else None,
-        "topology": text_of(ours["topology"]) if "topology" in ours else None,
-        "grid": [int(n) for n in np.atleast_1d(ours["grid"])] if "grid" in ours else None,
-        "ignored": _ignored(root),
+        "unit": points.stated("unit"),
+        "topology": points.stated("topology"),
+        "grid": np.atleast_1d(points.ours["grid"]).tolist() if "grid" in points.ours else None,
+        "ignored": _ignored(points.root),
         "notes": notes,
     }
     return info, arrays
 
 
-def points_of(root: Any) -> Any:
-    """Give the dataset of points, which are numbers in threes."""
-    points = root["Points"]
-    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind != "f":
-        raise malformed(
-            f"The VTKHDF file's points have the shape {points.shape} of {points.dtype}."
-        )
-    return points
+class _Points(NamedTuple):
+    """Points of all steps, not yet read: where those of each step begin, and how many they are."""
+
+    root: Any
+    # What our own files state beside it.
+    ours: Any
+    dataset: Any
+    sizes: NDArray[np.int64]
+    steps: Steps
+    n_parts: int
+
+    def stated(self, name: str) -> str | None:
+        return text_of(self.ours[name]) if name in self.ours else None
 
 
-def require_poly_data(root: Any) -> None:
-    """Refuse what is not PolyData."""
+def _points(file: Any, limits: ReadLimits) -> _Points:
+    root = file["VTKHDF"]
     kind = text_of(root.attrs.get("Type"))
     if kind != "PolyData":
         raise MalformedFileError(
             f"The VTKHDF file is of the type {kind[:40]!r}, not 'PolyData'.",
             remedy="Apply 'Extract Surface' in ParaView, and save again.",
         )
+    n_points = integers_of(root, "NumberOfPoints")
+    steps = steps_of(root, len(n_points))
+    sizes = n_points[steps.parts]
+    limits.require("frames", len(sizes))
+    limits.require("vertices", int(sizes.max(initial=0)))
+    dataset = root["Points"]
+    if dataset.ndim != 2 or dataset.shape[1] != 3 or dataset.dtype.kind != "f":
+        raise malformed(
+            f"The VTKHDF file's points have the shape {dataset.shape} of {dataset.dtype}."
+        )
+    starts = steps.points
+    if sizes.min() < 0 or starts.min() < 0 or int((starts + sizes).max()) > len(dataset):
+        raise malformed(
+            f"The VTKHDF file contains {len(dataset)} points, fewer than its steps name."
+        )
+    ours = file[OURS].attrs if OURS in file else {}
+    return _Points(root, ours, dataset, sizes, steps, len(n_points))
 
 
-@dataclass(frozen=True, eq=False)
-class Steps:
+def _times(points: _Points) -> dict[str, NDArray[np.float64]]:
+    times = points.steps.times
+    return {} if times is None or "times_unknown" in points.ours else {"times": times}
+
+
+class Steps(NamedTuple):
     """Where each step begins: part, point, polygon, corner; (frames,) int64 each."""
 
     parts: NDArray[np.int64]
@@ -129,8 +149,7 @@ class Steps:
     times: NDArray[np.float64] | None
 
 
-@dataclass(frozen=True, eq=False)
-class _Cells:
+class _Cells(NamedTuple):
     n_cells: NDArray[np.int64]
     n_corners: NDArray[np.int64]
     offsets: NDArray[np.int64]
@@ -152,10 +171,11 @@ def steps_of(root: Any, n_parts: int) -> Steps:
         return Steps(zero, zero, zero, zero, None)
     group = root["Steps"]
     n_steps = int(group.attrs["NSteps"])
-    parts = integers_of(group, "PartOffsets")
-    points = integers_of(group, "PointOffsets")
-    cells = integers_of(group, "CellOffsets", columns=len(TOPOLOGIES))[:, _POLYGONS]
-    corners = integers_of(group, "ConnectivityIdOffsets", columns=len(TOPOLOGIES))[:, _POLYGONS]
+    parts, points = (integers_of(group, f"{name}Offsets") for name in ("Part", "Point"))
+    cells, corners = (
+        integers_of(group, f"{name}Offsets", columns=len(TOPOLOGIES))[:, _POLYGONS]
+        for name in ("Cell", "ConnectivityId")
+    )
     times = np.asarray(group["Values"][()], dtype=np.float64)
     lengths = {len(a) for a in (parts, points, cells, corners, times)}
     if n_steps < 1 or lengths != {n_steps}:
@@ -169,21 +189,15 @@ def steps_of(root: Any, n_parts: int) -> Steps:
 
 def _same_faces(cells: _Cells, steps: Steps, limits: ReadLimits) -> Triangles:
     limits.require("faces", int(cells.n_cells[steps.parts].max(initial=0)))
-    places = zip(
-        steps.cells.tolist(),
-        steps.corners.tolist(),
-        steps.parts.tolist(),
-        cells.n_cells[steps.parts].tolist(),
-        cells.n_corners[steps.parts].tolist(),
-        strict=True,
-    )
+    sizes = cells.n_cells[steps.parts], cells.n_corners[steps.parts]
+    # Each part before has one offset more than polygons, unless steps share theirs.
+    places = np.stack([steps.cells + steps.parts, steps.corners, *sizes], axis=1)
     first: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
     known = None
-    for frame, (cell, corner, part, n_cells, n_corners) in enumerate(places):
-        # Each part before has one offset more than polygons, unless steps share theirs.
-        start = cell + part
-        if (place := (start, corner, n_cells, n_corners)) == known:
+    for frame, place in enumerate(places.tolist()):
+        if place == known:
             continue
+        start, corner, n_cells, n_corners = place
         offsets = cells.offsets[start : start + n_cells + 1] if start >= 0 else cells.offsets[:0]
         corners = cells.corners[corner : corner + n_corners] if corner >= 0 else cells.corners[:0]
         fits = len(offsets) == n_cells + 1 and len(corners) == n_corners
@@ -205,33 +219,24 @@ def _same_faces(cells: _Cells, steps: Steps, limits: ReadLimits) -> Triangles:
     return triangulate(*first)
 
 
-def _positions(
-    points: Any, n_points: NDArray[np.int64], starts: NDArray[np.int64], limits: ReadLimits
-) -> NDArray[Any]:
-    different = np.flatnonzero(n_points != n_points[0])
+def _positions(points: _Points, limits: ReadLimits) -> NDArray[Any]:
+    n, starts = int(points.sizes[0]), points.steps.points
+    different = np.flatnonzero(points.sizes != n)
     if different.size:
         frame = int(different[0])
         raise ShapeError(
-            f"Frame {frame} has {n_points[frame]} vertices, frame 0 has {n_points[0]}.",
+            f"Frame {frame} has {points.sizes[frame]} vertices, frame 0 has {n}.",
             remedy=ONE_MESH,
             frame=frame,
         )
-    n = int(n_points[0])
-    if n < 0 or starts.min() < 0 or int(starts.max()) + n > len(points):
-        raise malformed(
-            f"The VTKHDF file contains {len(points)} points, fewer than its steps name."
-        )
-    dtype = np.dtype(np.float32 if points.dtype.itemsize == 4 else np.float64)
+    dtype = np.dtype(np.float32 if points.dataset.dtype.itemsize == 4 else np.float64)
     # Steps may all name the same points, so this can be far more than the file declares.
     limits.require("decompressed_bytes", len(starts) * n * 3 * dtype.itemsize)
     # All at once: a chunk that contains many frames would be unpacked again for each of them.
-    values = given_up(np.asarray(points[()], dtype=dtype))
+    values = given_up(np.asarray(points.dataset[()], dtype=dtype))
     if np.array_equal(starts, n * np.arange(len(starts))):
         return values[: n * len(starts)].reshape(len(starts), n, 3)
-    vertices = np.empty((len(starts), n, 3), dtype)
-    for frame, start in enumerate(starts.tolist()):
-        vertices[frame] = values[start : start + n]
-    return vertices
+    return np.stack([values[start : start + n] for start in starts.tolist()])
 
 
 def integers_of(group: Any, name: str, columns: int | None = None) -> NDArray[np.int64]:
@@ -295,30 +300,15 @@ def parse_vtkhdf_clouds(file: Any, limits: ReadLimits) -> Parsed:
     MalformedFileError
         If it is not PolyData of one part, or its offsets lead nowhere.
     """
-    root = file["VTKHDF"]
-    require_poly_data(root)
-    n_points = integers_of(root, "NumberOfPoints")
-    steps = steps_of(root, len(n_points))
-    limits.require("frames", len(steps.parts))
-    sizes = n_points[steps.parts]
-    limits.require("vertices", int(sizes.max(initial=0)))
-    points, starts = points_of(root), steps.points
-    if sizes.min() < 0 or starts.min() < 0 or int((starts + sizes).max()) > len(points):
-        raise malformed(
-            f"The VTKHDF file contains {len(points)} points, fewer than its steps name."
-        )
+    points = _points(file, limits)
+    sizes, starts = points.sizes, points.steps.points
     # Steps may all name the same points.
     limits.require("decompressed_bytes", 24 * int(sizes.sum()))
-    values = np.asarray(points[()], dtype=np.float64)
+    values = np.asarray(points.dataset[()], dtype=np.float64)
     rows = [values[a : a + n] for a, n in zip(starts.tolist(), sizes.tolist(), strict=True)]
-    arrays: dict[str, NDArray[Any]] = {
-        "points": np.concatenate(rows),
-        "offsets": np.concatenate([[0], np.cumsum(sizes)]),
-    }
-    ours = file[OURS].attrs if OURS in file else {}
-    if steps.times is not None and "times_unknown" not in ours:
-        arrays["times"] = steps.times
-    return {"unit": text_of(ours["unit"]) if "unit" in ours else None}, arrays
+    offsets = np.concatenate([[0], np.cumsum(sizes)])
+    arrays = {"points": np.concatenate(rows), "offsets": offsets, **_times(points)}
+    return {"unit": points.stated("unit")}, arrays
 
 
 # The first version that has PolyData over time.
@@ -411,16 +401,16 @@ def _write_cells(group: Any, corners: NDArray[np.int64]) -> None:
 def _write_ours(
     group: Any, sequence: MeshSequence, attributes: Mapping[str, str | int | float]
 ) -> None:
-    for name, value in attributes.items():
-        group.attrs[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
-    if sequence.unit is not None:
-        group.attrs["unit"] = np.bytes_(sequence.unit.encode())
-    if sequence.topology is not None:
-        group.attrs["topology"] = np.bytes_(sequence.topology.name.encode())
-    if sequence.grid is not None:
-        group.attrs["grid"] = np.array(sequence.grid, dtype=np.int64)
-    if sequence.times is None:
-        group.attrs["times_unknown"] = 1
+    stated: dict[str, Any] = {
+        **attributes,
+        "unit": sequence.unit,
+        "topology": None if sequence.topology is None else sequence.topology.name,
+        "grid": None if sequence.grid is None else np.array(sequence.grid, dtype=np.int64),
+        "times_unknown": 1 if sequence.times is None else None,
+    }
+    for name, value in stated.items():
+        if value is not None:
+            group.attrs[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
 
 
 def _require_field(name: str, values: NDArray[Any], sequence: MeshSequence) -> None:

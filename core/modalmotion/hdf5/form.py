@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 from modalmotion.errors import CorruptFileError, ModalMotionError, OlderFileError, StoreError
 from modalmotion.hdf5.image import (
@@ -14,7 +13,6 @@ from modalmotion.hdf5.image import (
     Attribute,
     Contents,
     Dataset,
-    contents_in,
     contents_of,
     header_of,
     sealed_image,
@@ -56,17 +54,17 @@ class Form:
         Parameters
         ----------
         ids : mapping
-            ASCII text that differs from file to file.
+            Attributes of the root, such as ids.
         datasets : sequence of Dataset
         **more : text, int, tuple of int or None
-            Further attributes; see `header`.
+            Further attributes of the root; see `header`.
 
         Raises
         ------
         StoreError
             If an attribute is not a text that HDF5 can contain.
         """
-        return sealed_image(self.header(**more), ids, datasets)
+        return sealed_image({**self.header(**more), **ids}, datasets)
 
     def digest(self, path: Path) -> str:
         """sha256 in the seal of a file of this form; seal and header are checked.
@@ -99,17 +97,20 @@ class Form:
             If it is damaged, foreign, of another kind or written by a newer version.
         """
         name, data = load_sealed(source)
-        with _explained(name, self.kind):
-            contents = contents_of(name, data)
-            self._require(contents)
+        with self._read(name, data) as contents:
             yield contents
 
     @contextmanager
     def mapped(self, path: Path) -> Iterator[Contents]:
         """Read a file too large for memory: its datasets are maps of it; errors as of `read`."""
         require_sealed(path)
-        with _explained(f"'{path.name}'", self.kind):
-            contents = contents_in(path)
+        with self._read(f"'{path.name}'", path) as contents:
+            yield contents
+
+    @contextmanager
+    def _read(self, name: str, source: bytes | Path) -> Iterator[Contents]:
+        with _explained(name, self.kind):
+            contents = contents_of(name, source)
             self._require(contents)
             yield contents
 
@@ -156,24 +157,12 @@ def _form(contents: Contents) -> Form:
 def _explained(name: str, kind: str) -> Iterator[None]:
     try:
         yield
-    except StoreError:
+    except (StoreError, MemoryError):
         raise
-    except _UNREADABLE as error:
+    except Exception as error:
         # The seal is right, so the file was not damaged: it was written like this.
         reason = error.message if isinstance(error, ModalMotionError) else str(error)
         raise CorruptFileError(
             f"{name} does not contain a {kind} as modalmotion writes it ({reason[:200]}).",
             remedy="Name an HDF5 file written by modalmotion.",
         ) from error
-
-
-# What h5py, JSON and our own readers raise on files that were written by others.
-_UNREADABLE: Final = (
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    OSError,
-    RuntimeError,
-    TypeError,
-    ValueError,
-)

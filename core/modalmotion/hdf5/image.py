@@ -1,10 +1,4 @@
-"""HDF5 files in memory: written with the same bytes each time, and read.
-
-The HDF5 library takes 2 ms for the forty objects and attributes of a signature, five times as
-long as writing them durably. So it lays out each kind of image once (names, types, shapes,
-attributes), and values are put where it left room for them. The result is byte for byte what
-the library itself would have written, which the tests check.
-"""
+"""HDF5 files of results: written, the same bytes for the same contents, and read."""
 
 from __future__ import annotations
 
@@ -12,7 +6,6 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeVar
 
@@ -27,10 +20,8 @@ Attribute = str | int | tuple[int, ...]
 UNKNOWN: Final = "unknown"
 """Unit of lengths whose unit nobody stated."""
 
-# Texts are padded to a multiple of this, so that few layouts serve many results.
-_TEXT_STEP: Final = 64
 _LONGEST_ATTRIBUTE: Final = 10_000
-_JSON: Final = json.JSONEncoder(sort_keys=True)
+_LIBVER: Final = ("earliest", "latest")
 
 
 class Dataset(NamedTuple):
@@ -52,89 +43,9 @@ class Dataset(NamedTuple):
     axes: str
 
 
-@dataclass(frozen=True)
-class Layout:
-    """All of an image but the values of its datasets and its ids.
-
-    Parameters
-    ----------
-    attributes : tuple of (name, value)
-        Of the root, in order of writing.
-    ids : tuple of (name, length)
-        Attributes of the root whose text differs from file to file.
-    datasets : tuple of (name, shape, dtype, unit, axes)
-    """
-
-    attributes: tuple[tuple[str, Attribute], ...]
-    ids: tuple[tuple[str, int], ...]
-    datasets: tuple[tuple[str, tuple[int, ...], str, str, str], ...]
-
-
 def json_text(name: str, value: object) -> Dataset:
     """Dataset that contains a value as JSON, in ASCII."""
-    text = _JSON.encode(value).encode()
-    size = -(-len(text) // _TEXT_STEP) * _TEXT_STEP
-    return Dataset(name, np.array(text.ljust(size), dtype=f"S{size}"), "none", "")
-
-
-def sealed_image(
-    attributes: Mapping[str, Attribute], ids: Mapping[str, str], datasets: Sequence[Dataset]
-) -> bytes:
-    """Build a sealed HDF5 file in memory.
-
-    Parameters
-    ----------
-    attributes : mapping
-        Of the root.
-    ids : mapping
-        More attributes of the root: ASCII text that differs from file to file.
-    datasets : sequence of Dataset
-
-    Raises
-    ------
-    StoreError
-        If an attribute is not a text that HDF5 can contain.
-    """
-    arrays = [d.values if d.values.flags.c_contiguous else d.values.copy() for d in datasets]
-    layout = Layout(
-        tuple(attributes.items()),
-        tuple((name, len(value)) for name, value in ids.items()),
-        tuple(
-            (d.name, a.shape, a.dtype.str, d.unit, d.axes)
-            for d, a in zip(datasets, arrays, strict=True)
-        ),
-    )
-    # Arrays are joined as they are in memory, without a copy of their own.
-    values: list[bytes | memoryview] = [value.encode("ascii") for value in ids.values()]
-    values += [array.data for array in arrays]
-    return seal([values[p] if isinstance(p, int) else p for p in _skeleton(layout)])
-
-
-def write_image(layout: Layout, ids: Sequence[str], arrays: Sequence[NDArray[Any]]) -> Any:
-    """Let the HDF5 library write an image.
-
-    Returns
-    -------
-    image : bytes
-    offsets : list of int or None
-        Where the values of each dataset are; None for those without any.
-    """
-    import h5py
-
-    file = h5py.File.in_memory(libver=("earliest", "latest"))
-    with file:
-        for name, value in layout.attributes:
-            file.attrs[name] = _as_attribute(value)
-        for (name, _), text in zip(layout.ids, ids, strict=True):
-            file.attrs[name] = _as_attribute(text)
-        offsets = []
-        for (name, _, _, unit, axes), array in zip(layout.datasets, arrays, strict=True):
-            dataset = file.create_dataset(name, data=array, track_times=False)
-            dataset.attrs["unit"] = _as_attribute(unit)
-            dataset.attrs["axes"] = _as_attribute(axes)
-            offsets.append(dataset.id.get_offset())
-        file.flush()
-        return file.id.get_file_image(), offsets
+    return Dataset(name, np.array(json.dumps(value, sort_keys=True).encode()), "none", "")
 
 
 class Rows(NamedTuple):
@@ -155,6 +66,29 @@ class Rows(NamedTuple):
     axes: str
 
 
+def sealed_image(attributes: Mapping[str, Attribute], datasets: Sequence[Dataset]) -> bytes:
+    """Build a sealed HDF5 file in memory.
+
+    Parameters
+    ----------
+    attributes : mapping
+        Of the root.
+    datasets : sequence of Dataset
+
+    Raises
+    ------
+    StoreError
+        If an attribute is not a text that HDF5 can contain.
+    """
+    import h5py
+
+    _require_storable(attributes)
+    with h5py.File.in_memory(libver=_LIBVER) as file:
+        _write(file, attributes, datasets)
+        file.flush()
+        return seal(file.id.get_file_image())
+
+
 def write_sealed(
     path: Path, attributes: Mapping[str, Attribute], datasets: Sequence[Dataset | Rows]
 ) -> None:
@@ -170,52 +104,27 @@ def write_sealed(
     """
     import h5py
 
-    for name, value in attributes.items():
-        _require_storable(name, value)
-    with h5py.File(path, "w", libver=("earliest", "latest")) as file:
-        for name, value in attributes.items():
-            file.attrs[name] = _as_attribute(value)
-        for one in datasets:
-            if isinstance(one, Dataset):
-                dataset = file.create_dataset(one.name, data=one.values, track_times=False)
-            else:
-                shape = (len(one.rows), *one.rows[0].shape)
-                dataset = file.create_dataset(one.name, shape, one.rows[0].dtype, track_times=False)
-                for k, row in enumerate(one.rows):
-                    dataset[k] = row
-            dataset.attrs["unit"] = _as_attribute(one.unit)
-            dataset.attrs["axes"] = _as_attribute(one.axes)
+    _require_storable(attributes)
+    with h5py.File(path, "w", libver=_LIBVER) as file:
+        _write(file, attributes, datasets)
     seal_file(path)
 
 
-@lru_cache(maxsize=256)
-def _skeleton(layout: Layout) -> tuple[bytes | int, ...]:
-    """Pieces of an image: bytes as they are, and the number of the value to put in."""
-    for name, value in layout.attributes:
-        _require_storable(name, value)
-    marks = _marks(layout)
-    zeros = [np.zeros(shape, dtype) for _, shape, dtype, _, _ in layout.datasets]
-    image, offsets = write_image(layout, marks, zeros)
-    places = []
-    for number, mark in enumerate(marks):
-        places.append((image.index(mark.encode()), len(mark), number))
-    for number, (offset, array) in enumerate(zip(offsets, zeros, strict=True), len(marks)):
-        if array.size:
-            places.append((offset, array.nbytes, number))
-    pieces: list[bytes | int] = []
-    end = 0
-    for start, length, number in sorted(places):
-        pieces += [image[end:start], number]
-        end = start + length
-    return (*pieces, image[end:])
-
-
-def _marks(layout: Layout) -> list[str]:
-    # Text that occurs nowhere else in the image, for control characters are in no attribute.
-    return [
-        f"\x01{number:02x}".ljust(length, "\x02")[:length]
-        for number, (_, length) in enumerate(layout.ids)
-    ]
+def _write(
+    file: Any, attributes: Mapping[str, Attribute], datasets: Sequence[Dataset | Rows]
+) -> None:
+    for name, value in attributes.items():
+        file.attrs[name] = _as_attribute(value)
+    for one in datasets:
+        if isinstance(one, Dataset):
+            dataset = file.create_dataset(one.name, data=one.values, track_times=False)
+        else:
+            shape = (len(one.rows), *one.rows[0].shape)
+            dataset = file.create_dataset(one.name, shape, one.rows[0].dtype, track_times=False)
+            for k, row in enumerate(one.rows):
+                dataset[k] = row
+        dataset.attrs["unit"] = _as_attribute(one.unit)
+        dataset.attrs["axes"] = _as_attribute(one.axes)
 
 
 def _as_attribute(value: Attribute) -> Any:
@@ -227,14 +136,13 @@ def _as_attribute(value: Attribute) -> Any:
     return np.asarray(value, dtype="<i8")
 
 
-def _require_storable(name: str, value: Attribute) -> None:
-    if not isinstance(value, str):
-        return
-    if len(value) > _LONGEST_ATTRIBUTE or not value.isprintable():
-        raise StoreError(
-            f"The {name.replace('_', ' ')} {value[:40]!r} cannot be kept as an attribute.",
-            remedy="Use a short text that can be printed.",
-        )
+def _require_storable(attributes: Mapping[str, Attribute]) -> None:
+    for name, value in attributes.items():
+        if isinstance(value, str) and (len(value) > _LONGEST_ATTRIBUTE or not value.isprintable()):
+            raise StoreError(
+                f"The {name.replace('_', ' ')} {value[:40]!r} cannot be kept as an attribute.",
+                remedy="Use a short text that can be printed.",
+            )
 
 
 INTENDED_USE: Final = (
@@ -302,8 +210,10 @@ class Contents:
         return array
 
 
-def contents_of(name: str, data: bytes) -> Contents:
+def contents_of(name: str, source: bytes | Path) -> Contents:
     """Read all of an HDF5 file, and nothing that is outside of it or takes more than its size.
+
+    The datasets of a path stay where they are, as maps of the file.
 
     Raises
     ------
@@ -311,31 +221,29 @@ def contents_of(name: str, data: bytes) -> Contents:
         If it is not made of plain datasets.
     """
     # The library's lower level, which takes half the time on many small datasets.
-    from h5py import h5f, h5g, h5s
+    from h5py import h5s
 
-    root = h5g.open(h5f.open_file_image(data), b"/")
+    root = _root(source)
+    size = len(source) if isinstance(source, bytes) else source.stat().st_size
     arrays: dict[str, NDArray[Any]] = {}
-    for key, dataset in _datasets(root, len(data)):
-        array = np.empty(dataset.shape, dataset.dtype)
-        if array.size:
-            dataset.read(h5s.ALL, h5s.ALL, array)
+    for key, dataset in _datasets(root, size):
+        kind, shape, offset = dataset.dtype, dataset.shape, dataset.get_offset()
+        if isinstance(source, bytes) or offset is None:
+            array = np.empty(shape, kind)
+            if array.size:
+                dataset.read(h5s.ALL, h5s.ALL, array)
+        else:
+            array = np.asarray(np.memmap(source, kind, "r", offset, shape))
         arrays[key] = array
     return Contents(name, _attributes(root), arrays)
 
 
-def contents_in(path: Path) -> Contents:
-    """Read a file whose datasets stay where they are, as maps of the file: see `contents_of`."""
+def _root(source: bytes | Path) -> Any:
     from h5py import h5f, h5g
 
-    root = h5g.open(h5f.open(str(path).encode(), h5f.ACC_RDONLY), b"/")
-    arrays: dict[str, NDArray[Any]] = {}
-    for key, dataset in _datasets(root, path.stat().st_size):
-        kind, shape, offset = dataset.dtype, dataset.shape, dataset.get_offset()
-        if offset is None:
-            arrays[key] = np.empty(shape, kind)
-        else:
-            arrays[key] = np.asarray(np.memmap(path, kind, "r", offset, shape))
-    return Contents(f"'{path.name}'", _attributes(root), arrays)
+    if isinstance(source, bytes):
+        return h5g.open(h5f.open_file_image(source), b"/")
+    return h5g.open(h5f.open(str(source).encode(), h5f.ACC_RDONLY), b"/")
 
 
 def _datasets(root: Any, most_bytes: int) -> Iterator[tuple[str, Any]]:
@@ -358,9 +266,7 @@ def _datasets(root: Any, most_bytes: int) -> Iterator[tuple[str, Any]]:
 
 def header_of(name: str, data: bytes) -> Contents:
     """Read the attributes of the root alone; see `contents_of`."""
-    from h5py import h5f, h5g
-
-    return Contents(name, _attributes(h5g.open(h5f.open_file_image(data), b"/")), {})
+    return Contents(name, _attributes(_root(data)), {})
 
 
 def _attributes(root: Any) -> dict[str, Any]:

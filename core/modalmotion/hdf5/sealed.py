@@ -14,7 +14,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -83,9 +83,9 @@ def open_gated(data: bytes, limits: ReadLimits) -> Iterator[Any]:
         with h5py.File(h5py.h5f.open_file_image(data)) as file:
             _walk(h5py, file, limits)
             yield file
-    except InputError:
+    except (InputError, MemoryError):
         raise
-    except _UNREADABLE as error:
+    except Exception as error:
         raise MalformedFileError(
             f"The HDF5 file cannot be read ({_first_line(error)}).",
             remedy="The file may be cut short: send it again, or write it anew.",
@@ -215,20 +215,6 @@ def _first_line(error: Exception) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0][:120]
 
 
-# What h5py raises on damaged files, wherever in them it meets the damage.
-_UNREADABLE: Final = (
-    OSError,
-    RuntimeError,
-    ValueError,
-    KeyError,
-    IndexError,
-    TypeError,
-    OverflowError,
-    NotImplementedError,
-    AttributeError,
-)
-
-
 _MARK: Final = b"\nmodalmotion sha256 "
 _SEAL: Final = re.compile(rb"\nmodalmotion sha256 ([0-9a-f]{64})\n")
 SEAL_LENGTH: Final = len(_MARK) + 64 + 1
@@ -239,12 +225,9 @@ _PIECE: Final = 1 << 20
 _RESTORE = "Restore it from a copy, or delete it and make the result again."
 
 
-def seal(pieces: Sequence[bytes | memoryview]) -> bytes:
-    """Join the pieces of an HDF5 image and put the seal behind them."""
-    digest = hashlib.sha256()
-    for piece in pieces:
-        digest.update(piece)
-    return b"".join((*pieces, _MARK, digest.hexdigest().encode(), b"\n"))
+def seal(image: bytes) -> bytes:
+    """Put the seal behind an HDF5 image."""
+    return image + _MARK + hashlib.sha256(image).hexdigest().encode() + b"\n"
 
 
 def seal_file(path: Path) -> None:
@@ -278,10 +261,21 @@ def require_sealed(path: Path) -> None:
             match = _SEAL.fullmatch(file.read())
     except OSError as error:
         raise _unreadable(path, error) from error
-    if match is None or digest.hexdigest().encode() != match[1]:
+    _require_seal(name, match, digest.hexdigest())
+
+
+def _require_seal(name: str, match: re.Match[bytes] | None, digest: str) -> None:
+    if match is None:
         raise CorruptFileError(
-            f"{name} is damaged: its bytes do not have the sha256 of a seal at its end.",
+            f"{name} does not end with the seal that modalmotion writes: it is cut "
+            "short, was changed, or comes from another program.",
             remedy=_RESTORE,
+        )
+    if digest.encode() != match[1]:
+        raise CorruptFileError(
+            f"{name} is damaged: its bytes do not have the sha256 that its seal states.",
+            remedy=_RESTORE,
+            details={"stated": match[1].decode(), "found": digest},
         )
 
 
@@ -312,30 +306,18 @@ def load_sealed(source: bytes | Path) -> tuple[str, bytes]:
         If it is not an HDF5 file, has no seal, or differs from what was sealed.
     """
     if isinstance(source, bytes):
-        name, data = "the HDF5 image", source
+        name, data = "The HDF5 image", source
     else:
         name = f"'{source.name}'"
         data = read_file(source)
     if not data.startswith(SIGNATURE):
         what = "is empty" if not data else "does not begin as an HDF5 file does"
         raise CorruptFileError(
-            f"{_capital(name)} {what}.",
+            f"{name} {what}.",
             remedy=f"Name an HDF5 file written by modalmotion. If this was one: {_RESTORE}",
         )
-    match = _SEAL.fullmatch(data, max(0, len(data) - SEAL_LENGTH))
-    if match is None:
-        raise CorruptFileError(
-            f"{_capital(name)} does not end with the seal that modalmotion writes: it is cut "
-            "short, was changed, or comes from another program.",
-            remedy=_RESTORE,
-        )
     digest = hashlib.sha256(memoryview(data)[:-SEAL_LENGTH]).hexdigest()
-    if digest.encode() != match[1]:
-        raise CorruptFileError(
-            f"{_capital(name)} is damaged: its bytes do not have the sha256 that its seal states.",
-            remedy=_RESTORE,
-            details={"stated": match[1].decode(), "found": digest},
-        )
+    _require_seal(name, _SEAL.fullmatch(data, max(0, len(data) - SEAL_LENGTH)), digest)
     return name, data
 
 
@@ -373,7 +355,3 @@ def _unreadable(path: Path, error: OSError) -> StoreError:
         f"'{path.name}' could not be read: {error.strerror}.",
         remedy="Check that it is a file, that this user may read it, and the disk.",
     )
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import scipy
@@ -138,9 +138,50 @@ def _among_missing(values: NDArray[Any], indices: NDArray[np.float64]) -> NDArra
     return found
 
 
+@dataclass(frozen=True, eq=False)
+class _Samples(FrozenArrays):
+    """Samples in space, along as many axes as a subclass has."""
+
+    values: NDArray[Any]
+    affine: NDArray[np.float64]
+
+    _n_axes: ClassVar[int]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", require_samples(self.values, self._n_axes))
+        object.__setattr__(self, "affine", require_affine(self.affine, self._n_axes))
+
+    @property
+    def spacing(self) -> tuple[float, ...]:
+        """Distance from sample to sample along each axis, mm."""
+        return tuple(np.linalg.norm(self.affine[:, :-1], axis=0).tolist())
+
+    @property
+    def origin(self) -> NDArray[np.float64]:
+        """Middle of the first sample, (3,) float64, mm."""
+        return self.affine[:, -1]
+
+    @cached_property
+    def _are_missing(self) -> bool:
+        return are_missing(self.values)
+
+    @cached_property
+    def _inverse(self) -> NDArray[np.float64]:
+        return np.asarray(np.linalg.pinv(self.affine[:, :-1]), dtype=np.float64)
+
+    def indices(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Turn points (n, 3), mm, or their feet on a plane, to indices (n, axes)."""
+        found: NDArray[np.float64] = (points - self.origin) @ self._inverse.T
+        return found
+
+    def sample(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Interpolate at points (n, 3), mm, or at their feet on a plane; NaN outside the image."""
+        return interpolated(self.values, self.indices(points), are_missing=self._are_missing)
+
+
 @shown("values", "spacing")
 @dataclass(frozen=True, eq=False)
-class Volume(FrozenArrays):
+class Volume(_Samples):
     """An image I[i, j, k] in space.
 
     Parameters
@@ -159,41 +200,13 @@ class Volume(FrozenArrays):
         If the affine is not finite or flat.
     """
 
-    values: NDArray[Any]
-    affine: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "values", require_samples(self.values, 3))
-        object.__setattr__(self, "affine", require_affine(self.affine, 3))
+    _n_axes = 3
 
     @property
     def shape(self) -> tuple[int, int, int]:
         """Number of voxels along each axis."""
         i, j, k = self.values.shape
         return i, j, k
-
-    @property
-    def spacing(self) -> tuple[float, float, float]:
-        """Distance from voxel to voxel along each axis, mm."""
-        i, j, k = np.linalg.norm(self.affine[:, :3], axis=0).tolist()
-        return i, j, k
-
-    @cached_property
-    def _are_missing(self) -> bool:
-        return are_missing(self.values)
-
-    @cached_property
-    def _inverse(self) -> NDArray[np.float64]:
-        return np.asarray(np.linalg.inv(self.affine[:, :3]), dtype=np.float64)
-
-    def indices(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Turn points (n, 3), mm, to indices (n, 3)."""
-        found: NDArray[np.float64] = (points - self.affine[:, 3]) @ self._inverse.T
-        return found
-
-    def sample(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Interpolate at points (n, 3), mm; NaN outside."""
-        return interpolated(self.values, self.indices(points), are_missing=self._are_missing)
 
     def extents(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
         """How far a voxel reaches along unit vectors (n, 3): (n,) float64, mm."""
@@ -205,7 +218,7 @@ class Volume(FrozenArrays):
 
 @shown("values", "spacing", "thickness")
 @dataclass(frozen=True, eq=False)
-class Plane(FrozenArrays):
+class Plane(_Samples):
     """An image I[i, j] on a plane in space.
 
     Parameters
@@ -218,28 +231,16 @@ class Plane(FrozenArrays):
         Of the slice, which a pixel is the mean over.
     """
 
-    values: NDArray[Any]
-    affine: NDArray[np.float64]
     thickness: float = 1.0
 
+    _n_axes = 2
+
     def __post_init__(self) -> None:
-        object.__setattr__(self, "values", require_samples(self.values, 2))
-        object.__setattr__(self, "affine", require_affine(self.affine, 2))
+        super().__post_init__()
         if not (np.isfinite(self.thickness) and self.thickness > 0):
             raise ParameterError(
                 f"A slice is {self.thickness} mm thick.", remedy="Give a thickness above zero."
             )
-
-    @property
-    def spacing(self) -> tuple[float, float]:
-        """Distance from pixel to pixel along each axis, mm."""
-        i, j = np.linalg.norm(self.affine[:, :2], axis=0).tolist()
-        return i, j
-
-    @property
-    def origin(self) -> NDArray[np.float64]:
-        """Middle of the first pixel, (3,) float64, mm."""
-        return self.affine[:, 2]
 
     @cached_property
     def normal(self) -> NDArray[np.float64]:
@@ -248,27 +249,10 @@ class Plane(FrozenArrays):
         unit: NDArray[np.float64] = across / np.linalg.norm(across)
         return unit
 
-    @cached_property
-    def _inverse(self) -> NDArray[np.float64]:
-        return np.asarray(np.linalg.pinv(self.affine[:, :2]), dtype=np.float64)
-
-    @cached_property
-    def _are_missing(self) -> bool:
-        return are_missing(self.values)
-
     def heights(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distance of points (n, 3) above the plane, (n,) float64, mm."""
         heights: NDArray[np.float64] = (points - self.origin) @ self.normal
         return heights
-
-    def indices(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Turn the feet of points (n, 3), mm, to indices (n, 2)."""
-        found: NDArray[np.float64] = (points - self.origin) @ self._inverse.T
-        return found
-
-    def sample(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Interpolate at the feet of points (n, 3), mm, on the plane; NaN outside the image."""
-        return interpolated(self.values, self.indices(points), are_missing=self._are_missing)
 
 
 @shown("planes")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from modalmotion.classification.answer import Classification
 from modalmotion.classification.card import ModelCard
-from modalmotion.errors import needs_extra
+from modalmotion.pictures.view import lighten, new_figure
 from modalmotion.representation import numeral, probability
 
 if TYPE_CHECKING:
@@ -48,10 +48,6 @@ def answer_figure(result: Classification) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    with needs_extra("plot"):
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
     has_label = result.label is not None
     n_classes = min(len(result.classes), _MOST_CLASSES)
     n_modes = min(len(result.explanation), _MOST_MODES)
@@ -62,8 +58,9 @@ def answer_figure(result: Classification) -> Figure:
     text = "\n".join(fill(note, int(_LETTERS_PER_INCH * width)) for note in notes)
     bars = 1.6 + 0.34 * max(n_classes, n_modes, 3) if has_label else 0.6
     height = bars + _LINE * (text.count("\n") + 1) * bool(text)
-    figure = Figure(figsize=(width, height), dpi=110)
-    FigureCanvasAgg(figure)
+    below, above = (height - bars) / height, 0.35 / height
+    figure = new_figure(width, height, dpi=110)
+    figure.set_layout_engine("constrained", rect=(0.0, below, 1.0, 1.0 - below - above))
     if has_label:
         panels = figure.subplots(1, n_panels, squeeze=False)[0]
         _draw_classes(panels[0], result)
@@ -72,11 +69,9 @@ def answer_figure(result: Classification) -> Figure:
     said = f"{result.label}, {probability(result.probability)}" if has_label else "no class"
     flags = f" ({', '.join(result.flags)})" if result.flags else ""
     title = f"{result.model}: {said}{flags}"
-    figure.text(0.5, 1 - 0.1 / height, title, fontsize=12, color=_INK, ha="center", va="top")
-    figure.text(0.15 / width, 0.1 / height, text, fontsize=9, color=_INK, va="bottom")
-    if has_label:
-        below = (height - bars) / height
-        figure.tight_layout(rect=(0.0, below, 1.0, 1.0 - 0.35 / height))
+    style: dict[str, Any] = {"color": _INK, "in_layout": False}
+    figure.text(0.5, 1 - 0.1 / height, title, fontsize=12, ha="center", va="top", **style)
+    figure.text(0.15 / width, 0.1 / height, text, fontsize=9, va="bottom", **style)
     return figure
 
 
@@ -85,17 +80,12 @@ def _draw_classes(axes: Any, result: Classification) -> None:
     ranked = sorted(shares, key=lambda name: -shares[name])[:_MOST_CLASSES][::-1]
     colours = [_IN_SET if name in result.class_set else _RULED_OUT for name in ranked]
     values = [shares[name] for name in ranked]
-    axes.barh(range(len(ranked)), values, color=colours, height=0.7)
-    for row, value in enumerate(values):
-        axes.text(value + 0.015, row, probability(value), va="center", fontsize=8, color=_INK)
-    axes.set_yticks(range(len(ranked)), ranked, fontsize=9)
-    axes.set_xlim(0.0, 1.12)
-    axes.set_xlabel("probability", color=_INK)
+    bars = axes.barh(ranked, values, color=colours, height=0.7)
+    axes.bar_label(bars, [probability(value) for value in values], padding=4, fontsize=8)
     level = f"{100 * result.coverage:g} %"
-    title = f"Blue cannot be excluded at {level}"
-    if not result.class_set:
-        title = f"Unlike every class at {level}"
-    axes.set_title(title, fontsize=10, color=_INK)
+    axes.set(xlim=(0.0, 1.12), xlabel="probability")
+    title = "Blue cannot be excluded at" if result.class_set else "Unlike every class at"
+    axes.set_title(f"{title} {level}", fontsize=10, color=_INK)
     _plain(axes)
 
 
@@ -109,18 +99,15 @@ def _draw_modes(axes: Any, result: Classification) -> None:
         f"{' '.join(part.modes)}   {numeral(part.amplitude, 2)} {part.unit or ''}".rstrip()
         for part in parts
     ]
-    axes.set_yticks(range(len(parts)), names, fontsize=8)
-    axes.set_xlabel("for (blue) and against the class, log of odds", color=_INK)
+    axes.set_yticks(range(len(parts)), names)
+    axes.set_xlabel("for (blue) and against the class, log of odds")
     axes.set_title("Modes that determined it, with their RMS amplitude", fontsize=10, color=_INK)
     _plain(axes)
 
 
 def _plain(axes: Any) -> None:
-    axes.tick_params(axis="y", length=0)
-    axes.grid(axis="x", alpha=0.25)
-    axes.set_axisbelow(True)
-    for side in ("top", "right", "left"):
-        axes.spines[side].set_visible(False)
+    axes.tick_params(axis="y", length=0, labelsize=8)
+    lighten(axes, "top", "right", "left", grid="x")
 
 
 _BLUE = "#2f6690"
@@ -160,20 +147,13 @@ def _figure(
     classes: tuple[str, ...],
     measured: ModelCard | Evaluation,
 ) -> Figure:
-    with needs_extra("plot"):
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
     n = max(len(classes), 1)
     side = min(max(3.6, 0.62 * n + 1.6), 9.0)
     n_rows = 2 if measured.confusion else 1
-    figure = Figure(
-        figsize=(side + 6.2, side + 0.9 + 4.2 * (n_rows - 1)), dpi=110, layout="constrained"
-    )
-    FigureCanvasAgg(figure)
+    figure = new_figure(side + 6.2, side + 0.9 + 4.2 * (n_rows - 1), dpi=110)
     heights = [side, 3.8][:n_rows]
     panels = figure.subplots(
-        n_rows, 2, width_ratios=[side, 4.2], height_ratios=heights, squeeze=False
+        n_rows, 2, squeeze=False, width_ratios=[side, 4.2], height_ratios=heights
     )
     n_repetitions = max(1, len(measured.repetitions)) if isinstance(measured, ModelCard) else 1
     _draw_confusion(panels[0, 0], classes, measured.confusion)
@@ -181,9 +161,8 @@ def _figure(
         panels[0, 0].set_title(
             f"Confusion, {n_repetitions} repetitions together", fontsize=10, color=_INK
         )
-    _draw_calibration(
-        panels[0, 1], measured.calibration_curve, measured.calibration_error, n_repetitions
-    )
+    curve, error = measured.calibration_curve, measured.calibration_error
+    _draw_calibration(panels[0, 1], curve, error, n_repetitions)
     if n_rows > 1:
         _draw_roc(panels[1, 0], classes, measured)
         panels[1, 1].set_axis_off()
@@ -207,18 +186,13 @@ def _draw_roc(axes: Any, classes: tuple[str, ...], measured: ModelCard | Evaluat
         colour = _COLOURS[number % len(_COLOURS)]
         style = "-" if number < len(_COLOURS) else ":"
         axes.plot(x, y, color=colour, linestyle=style, linewidth=1.6, label=name)
-    axes.set_xlim(-0.02, 1.02)
-    axes.set_ylim(-0.02, 1.02)
-    axes.set_xlabel("1 − specificity", color=_INK)
-    axes.set_ylabel("sensitivity", color=_INK)
     axes.legend(loc="lower right", fontsize=7 if len(shown) <= 10 else 5, frameon=False)
-    _lighten(axes)
+    _square(axes, "1 − specificity", "sensitivity")
 
 
-def _lighten(axes: Any) -> None:
-    axes.grid(alpha=0.25)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+def _square(axes: Any, x: str, y: str) -> None:
+    axes.set(xlim=(-0.02, 1.03), ylim=(-0.02, 1.03), xlabel=x, ylabel=y)
+    lighten(axes)
 
 
 def _accuracy(card: ModelCard) -> str:
@@ -253,25 +227,15 @@ def _draw_confusion(
         for (row, column), count in np.ndenumerate(counts):
             if count:
                 colour = "white" if shares[row, column] > 0.55 else _INK
-                axes.text(
-                    *(column, row, f"{count:.0f}"),
-                    ha="center",
-                    va="center",
-                    color=colour,
-                    fontsize=size,
-                )
+                style = {"ha": "center", "va": "center", "color": colour, "fontsize": size}
+                axes.text(column, row, f"{count:.0f}", **style)
     axes.set_xticks(range(len(answers)), [_short(name) for name in answers], fontsize=size)
     axes.set_yticks(range(len(classes)), [_short(name) for name in classes], fontsize=size)
-    axes.tick_params(axis="x", rotation=35 if _are_long(answers) else 0, length=0)
-    axes.tick_params(axis="y", length=0)
+    axes.tick_params(length=0)
     if _are_long(answers):
         for label in axes.get_xticklabels():
-            label.set_horizontalalignment("right")
-            label.set_rotation_mode("anchor")
-    axes.set_xlabel("answer", color=_INK)
-    axes.set_ylabel("true class", color=_INK)
-    for spine in axes.spines.values():
-        spine.set_color(_SOFT)
+            label.set(rotation=35, horizontalalignment="right", rotation_mode="anchor")
+    axes.set(xlabel="answer", ylabel="true class")
 
 
 def _draw_calibration(
@@ -287,23 +251,12 @@ def _draw_calibration(
     axes.plot([0, 1], [0, 1], color=_SOFT, linewidth=1, linestyle="--", label="as stated")
     # Repetitions are on the same cases.
     low, high = _wilson(share, n_cases / n_repetitions)
-    axes.errorbar(
-        *(probability, share),
-        yerr=np.maximum([share - low, high - share], 0.0),
-        color=_BLUE,
-        marker="o",
-        markersize=5,
-        linewidth=1.5,
-        capsize=2,
-        elinewidth=1,
-        label="measured, with its 95 % interval",
-    )
-    axes.set_xlim(-0.02, 1.04)
-    axes.set_ylim(-0.02, 1.04)
-    axes.set_xlabel("probability stated", color=_INK)
-    axes.set_ylabel("share that was right", color=_INK)
+    reach = np.maximum([share - low, high - share], 0.0)
+    style = {"color": _BLUE, "marker": "o", "linewidth": 1.5, "capsize": 2, "elinewidth": 1}
+    words = "measured, with its 95 % interval"
+    axes.errorbar(probability, share, yerr=reach, label=words, **style)
     axes.legend(loc="lower right", fontsize=8, frameon=False)
-    _lighten(axes)
+    _square(axes, "probability stated", "share that was right")
 
 
 def _wilson(

@@ -8,9 +8,16 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import TopologyError, needs_extra
+from modalmotion.errors import TopologyError
 from modalmotion.modes.topology import CLOSED
-from modalmotion.pictures.view import faces_viewer, fill_cube, size_of, tilted, upright
+from modalmotion.pictures.view import (
+    drawn_vertices,
+    faces_viewer,
+    new_figure,
+    size_of,
+    tilted,
+    upright,
+)
 from modalmotion.representation import counted, numeral
 from modalmotion.template.axis import corner_steps
 from modalmotion.template.template import Template
@@ -42,18 +49,15 @@ def modes_figure(template: Template, modes: VibrationModes) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    # Imported here because only pictures need it. A bare Figure has no window or global state.
-    with needs_extra("plot"):
-        from matplotlib.cm import ScalarMappable
-        from matplotlib.colors import Normalize
-        from matplotlib.figure import Figure
-
     n = min(len(modes), _MOST_PANELS)
     rows = math.ceil(n / _MOST_COLUMNS)
     columns = math.ceil(n / rows)
-    figure = Figure(figsize=(2.3 * columns + 1.0, 2.6 * rows + 0.7), dpi=120, layout="constrained")
+    figure = new_figure(2.3 * columns + 1.0, 2.6 * rows + 0.7)
     is_surface = len(template.faces) > 0
     largest = float(np.abs(modes.shapes[:, :n]).max())
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
     scale = ScalarMappable(Normalize(-largest, largest), COLOURS)
     panels = []
     for mode in range(n):
@@ -76,9 +80,7 @@ def modes_figure(template: Template, modes: VibrationModes) -> Figure:
     return figure
 
 
-def draw_shape(
-    panel: Any, template: Template, phi: NDArray[np.float64], scale: Any, tilt: float | None = None
-) -> None:
+def draw_shape(panel: Any, template: Template, phi: NDArray[np.float64], scale: Any) -> None:
     """Draw one shape in colour on the surface at rest.
 
     Parameters
@@ -88,19 +90,13 @@ def draw_shape(
         Of a surface with triangles.
     phi : (vertices,) float64
     scale : matplotlib ScalarMappable
-    tilt : float, optional, rad
-        Angle of view from above; a sheet is seen along its normal by default.
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     is_sheet = template.surface is not None and not template.surface.closed_axes
-    view = tilted(upright(template), (0.0 if is_sheet else _TILT) if tilt is None else tilt)
-    used = np.unique(template.faces)
-    size = size_of(template)
-    vertices = (template.vertices / size - (template.vertices[used] / size).mean(axis=0)) @ view
-    fill_cube(panel, vertices[used])
-    panel.view_init(elev=0, azim=-90)
-    panel.set_proj_type("ortho")
+    # A sheet is seen along its normal.
+    view = tilted(upright(template), 0.0 if is_sheet else _TILT)
+    vertices = drawn_vertices(panel, template, view)
     shown = template.faces
     # A tube shows its inside as well, a closed surface only its outside.
     if template.surface is not None and all(e == CLOSED for e in template.surface.ends):
@@ -120,15 +116,15 @@ def _draw_line(panel: Any, template: Template, phi: NDArray[np.float64], largest
     panel.tick_params(labelsize=7)
 
 
-# Lines of equal coordinate per unit: tenths of s, twelfths of a turn.
-_LINES = {True: 12, False: 10}
+# Bands of colour per unit: tenths of s, twelfths of a turn.
+_BANDS: Final = {True: 12, False: 10}
 
 
 def template_figure(template: Template) -> Figure:
     """Draw each natural coordinate on the surface, from two sides.
 
-    Colours show the coordinate, cyclic ones for angles; dark lines its tenths or twelfths. Red
-    marks theta = 0, the arrow the axis.
+    Bands of colour are its tenths, or of angles, whose colours are cyclic, its twelfths. Red marks
+    theta = 0, the arrow the axis.
 
     Parameters
     ----------
@@ -144,10 +140,6 @@ def template_figure(template: Template) -> Figure:
     TopologyError
         If it has no triangles, or no natural coordinates.
     """
-    # Imported here because only pictures need it. A bare Figure has no window or global state.
-    with needs_extra("plot"):
-        from matplotlib.figure import Figure
-
     topology = template.topology
     if not len(template.faces):
         raise TopologyError(
@@ -156,7 +148,7 @@ def template_figure(template: Template) -> Figure:
         )
     view = upright(template)
     names = _names(topology.n_axes, len(topology.closed_axes))
-    figure = Figure(figsize=(13.0, 3.8), dpi=120, layout="constrained")
+    figure = new_figure(13.0, 3.8)
     for axis in range(topology.n_axes):
         closed = topology.ends[axis] == CLOSED
         scale: Any = None
@@ -192,71 +184,34 @@ def _draw(
     panel: Any, template: Template, axis: int, closed: bool, view: NDArray[np.float64]
 ) -> Any:
     from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+    from matplotlib.colors import BoundaryNorm, to_rgba
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    used = np.unique(template.faces)
-    # The picture has no axes, so its unit is arbitrary.
-    size = size_of(template)
-    centre = (template.vertices[used] / size).mean(axis=0)
-    vertices = (template.vertices / size - centre) @ view
-    fill_cube(panel, vertices[used])
-    panel.view_init(elev=0, azim=-90)
-    panel.set_proj_type("ortho")
-    # Lines are on the triangles; Matplotlib would sort them behind.
-    panel.computed_zorder = False
-    # Triangles that face away are not drawn, because lines would show through them.
-    values = _corners(template, axis, closed)
-    corners = vertices[template.faces]
+    vertices = drawn_vertices(panel, template, view)
+    # Triangles that face away are not drawn.
     ahead = faces_viewer(vertices, template)
-    scale = ScalarMappable(Normalize(0.0, 1.0), "twilight" if closed else "viridis")
-    shown = values[ahead].mean(axis=1)
-    colours = scale.to_rgba(shown % 1.0 if closed else shown)
-    panel.add_collection3d(
-        Poly3DCollection(
-            corners[ahead], facecolors=colours, edgecolors=colours, linewidths=0.3, zorder=1
-        )
+    faces, column = template.faces[ahead], template.coordinates[:, axis]
+    # An angle has no jump inside a triangle.
+    steps = corner_steps(column, faces) if closed else column[faces] - column[faces][:, :1]
+    corners = column[faces][:, :1] + steps
+    n = _BANDS[closed]
+    scale = ScalarMappable(
+        BoundaryNorm(np.linspace(0.0, 1.0, n + 1), 256), "twilight" if closed else "viridis"
     )
-    for colour, segments in _lines(corners[ahead], values[ahead], closed):
-        panel.add_collection3d(Line3DCollection(segments, colors=colour, linewidths=0.9, zorder=2))
+    values = corners.mean(axis=1)
+    colours = scale.to_rgba(values % 1.0 if closed else values)
+    if closed:
+        least, most = np.floor(corners.min(axis=1)), np.floor(corners.max(axis=1))
+        colours[least < most] = to_rgba("#d62728")
+    panel.add_collection3d(
+        Poly3DCollection(vertices[faces], facecolors=colours, edgecolors=colours, linewidths=0.3)
+    )
     if template.landmarks is not None and template.topology.closed_axes:
-        origin = (template.landmarks.origin / size - centre) @ view
+        panel.computed_zorder = False
+        used = np.unique(template.faces)
+        plain = template.landmarks.origin / size_of(template)
+        origin = (plain - (template.vertices[used] / size_of(template)).mean(axis=0)) @ view
         reach = 1.2 * (vertices[used, 2].max() - origin[2])
         tip = origin + reach * (template.landmarks.axis @ view)
         panel.plot(*np.stack([origin, tip], axis=1), color="black", linewidth=1.2, zorder=0)
     return scale
-
-
-def _corners(template: Template, axis: int, closed: bool) -> NDArray[np.float64]:
-    """Coordinate at the corners of each triangle, angles without a jump inside."""
-    column = template.coordinates[:, axis]
-    if not closed:
-        return column[template.faces]
-    return column[template.faces][:, :1] + corner_steps(column, template.faces)
-
-
-def _lines(
-    corners: NDArray[np.float64], values: NDArray[np.float64], closed: bool
-) -> list[tuple[str, NDArray[np.float64]]]:
-    """Segments of triangles at whole multiples of the coordinate's step."""
-    n = _LINES[closed]
-    scaled = values * n
-    segments: dict[bool, list[NDArray[np.float64]]] = {True: [], False: []}
-    first, last = int(np.floor(scaled.min())), int(np.ceil(scaled.max()))
-    for level in range(first, last + 1):
-        ends = []
-        for k in range(3):
-            a, b = scaled[:, k] - level, scaled[:, (k + 1) % 3] - level
-            crosses = (a < 0) != (b < 0)
-            share = np.where(crosses, a / np.where(crosses, a - b, 1.0), np.nan)[:, None]
-            ends.append(corners[:, k] + share * (corners[:, (k + 1) % 3] - corners[:, k]))
-        points = np.stack(ends, axis=1)
-        inside = np.isfinite(points[:, :, 0])
-        cut = inside.sum(axis=1) == 2
-        is_zero = closed and level % n == 0
-        segments[is_zero].append(points[cut][inside[cut]].reshape(-1, 2, 3))
-    return [
-        (colour, np.concatenate(segments[kind]))
-        for kind, colour in ((False, "#222222"), (True, "#d62728"))
-        if sum(map(len, segments[kind]))
-    ]

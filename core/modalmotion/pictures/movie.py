@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable, Iterator
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import needs_extra
 from modalmotion.mesh import face_normals
 from modalmotion.modes.topology import CLOSED_CURVE
 from modalmotion.numeric.products import lengths
 from modalmotion.pictures.modes import COLOURS
-from modalmotion.pictures.view import fill_cube, tilted, upright
+from modalmotion.pictures.view import fill_cube, new_figure, tilted, upright
 from modalmotion.template.template import Template
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -48,18 +50,21 @@ def draw_frames(
     ------
     (height, width, 3) uint8
     """
-    with needs_extra("plot"):
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(_INCHES, _INCHES), dpi=_DPI)
-    canvas = FigureCanvasAgg(figure)
+    figure = new_figure(_INCHES, _INCHES, dpi=_DPI, layout=None)
     panel: Any = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d")
     for x, height in zip(positions, heights, strict=True):
         panel.clear()
         draw_moved(panel, template, x, height, extent)
-        canvas.draw()
-        yield np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+        yield pixels_of(figure)
+
+
+def pixels_of(figure: Figure) -> NDArray[np.uint8]:
+    """Draw a figure to pixels, (height, width, 3) uint8."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 class Extent:
@@ -103,8 +108,6 @@ def draw_moved(panel: Any, template: Template, x: Array, height: Array, extent: 
 
     shown = x / extent.size @ extent.view
     fill_cube(panel, extent.box)
-    panel.view_init(elev=0, azim=-90)
-    panel.set_proj_type("ortho")
     colours = colormaps[COLOURS]
     if len(template.faces):
         values = height[template.faces].mean(axis=1)

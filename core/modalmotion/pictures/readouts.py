@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.segments import RegionalMotion
 from modalmotion.clinical.strain import DEFINITIONS, Strain
-from modalmotion.errors import needs_extra
+from modalmotion.pictures.view import lighten, new_figure
 from modalmotion.representation import numeral
 
 if TYPE_CHECKING:
@@ -33,21 +33,12 @@ def volume_figure(readouts: ClinicalReadouts) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    # Imported here because only pictures need it. A bare Figure has no window or global state.
-    with needs_extra("plot"):
-        from matplotlib.figure import Figure
-
     factor, unit = readouts.shown_in, readouts.volume_unit
     curve, mesh = readouts.curve, readouts.mesh_curve
-    v, b = curve.volumes * factor, curve.bounds * factor
-    times = readouts.times
-    at = np.arange(len(v), dtype=np.float64) if times is None else times
-    figure = Figure(figsize=(7.2, 4.2), dpi=120, layout="constrained")
+    v = curve.volumes * factor
+    figure = new_figure(7.2, 4.2)
     axes = figure.add_subplot()
-    axes.fill_between(at, v - b, v + b, color=_SIGNATURE, alpha=0.22, lw=0, label="its bound")
-    axes.plot(
-        at, v, "o-", ms=3.5, color=_SIGNATURE, label=f"from {readouts.n_amplitudes} amplitudes"
-    )
+    at = draw_volume(axes, readouts, v, curve.bounds * factor)
     axes.plot(at, mesh.volumes * factor, "--", lw=1.2, color=_MESH, label="the mesh itself")
     for frame, name, above in (
         (curve.end_diastole, "end diastole", True),
@@ -69,11 +60,24 @@ def volume_figure(readouts: ClinicalReadouts) -> Figure:
             f"mesh {mesh.share:.1f} %",
             fontsize=11,
         )
-    axes.set(xlabel="frame" if times is None else "time (s)", ylabel=f"volume ({unit})")
     axes.margins(x=0.03, y=0.22)
-    axes.grid(alpha=0.25)
     axes.legend(fontsize=9, frameon=False, loc="upper center")
     return figure
+
+
+def draw_volume(
+    axes: Axes, readouts: ClinicalReadouts, v: NDArray[np.float64], reach: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Draw volumes with a band of their reach, by time in s or by frame, which is returned."""
+    times = readouts.times
+    at = np.arange(len(v), dtype=np.float64) if times is None else times
+    axes.fill_between(at, v - reach, v + reach, color=_SIGNATURE, alpha=0.22, lw=0)
+    words = f"from {readouts.n_amplitudes} amplitudes, with its bound"
+    axes.plot(at, v, "o-", ms=2.5, lw=1.2, color=_SIGNATURE, label=words)
+    axes.set(xlabel="frame" if times is None else "time (s)")
+    axes.set(ylabel=f"volume ({readouts.volume_unit})")
+    lighten(axes)
+    return at
 
 
 def _side(frame: int, n_frames: int) -> str:
@@ -98,10 +102,7 @@ def strain_figure(strain: Strain) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    with needs_extra("plot"):
-        from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.2, 4.2), dpi=120, layout="constrained")
+    figure = new_figure(7.2, 4.2)
     draw_strain(figure.add_subplot(), strain, None)
     return figure
 
@@ -118,12 +119,8 @@ def draw_strain(axes: Axes, strain: Strain, times: NDArray[np.float64] | None) -
             name, (at[-1], curve[strain.end_systole]), fontsize=7, color=colour, ha="right"
         )
     mark_moments(axes, at, strain.end_diastole, strain.end_systole)
-    axes.set_xlabel("frame" if times is None else "time (s)", fontsize=8)
-    axes.set_ylabel("strain (%)", fontsize=8)
-    axes.tick_params(labelsize=7.5)
-    axes.grid(alpha=0.25)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    axes.set(xlabel="frame" if times is None else "time (s)", ylabel="strain (%)")
+    lighten(axes)
 
 
 def mark_moments(axes: Axes, at: NDArray[Any], start: int, end: int) -> None:
@@ -153,63 +150,55 @@ def bulls_eye_figure(regions: RegionalMotion, frame: int | None = None) -> Figur
     -------
     matplotlib.figure.Figure
     """
-    with needs_extra("plot"):
-        from matplotlib import colormaps
-        from matplotlib.cm import ScalarMappable
-        from matplotlib.colors import Normalize
-        from matplotlib.figure import Figure
-        from matplotlib.patches import Wedge
-
     if frame is None:
         frame = most_moved(regions)
-    values = regions.shares[frame]
-    known = values[np.isfinite(values)]
-    norm = Normalize(min(0.0, float(known.min(initial=0.0))), float(known.max(initial=1.0)))
-    colours = colormaps["viridis"]
-    figure = Figure(figsize=(5.4, 5.6), dpi=120, layout="constrained")
+    figure = new_figure(5.4, 5.6)
     axes: Any = figure.add_subplot()
-    for number, value in enumerate(values.tolist()):
-        inner, outer, middle, width = _place(number, regions.has_segments)
-        is_known = bool(np.isfinite(value))
-        colour = colours(norm(value)) if is_known else (1.0, 1.0, 1.0, 1.0)
-        start, end = middle - width / 2, middle + width / 2
-        axes.add_patch(
-            Wedge((0, 0), outer, start, end, width=outer - inner, fc=colour, ec="white", lw=1.5)
-        )
-        at = 0.0 if inner == 0.0 else (inner + outer) / 2
-        angle = np.radians(90.0 if width == 360.0 else middle)
-        axes.text(
-            at * np.cos(angle),
-            at * np.sin(angle),
-            f"{value:.0f}" if is_known else "–",
-            ha="center",
-            va="center",
-            fontsize=9,
-            color="#10151c" if not is_known or norm(value) > 0.55 else "white",
-        )
+    scale = draw_bulls_eye(axes, regions, frame)
     if regions.has_segments:
-        for name, x, y in (
-            *(("anterior", 0.0, 1.08), ("inferior", 0.0, -1.08)),
-            *(("septal", -1.1, 0.0), ("lateral", 1.1, 0.0)),
+        for name, x, y, turn in (
+            *(("anterior", 0.0, 1.08, 0), ("inferior", 0.0, -1.08, 0)),
+            *(("septal", -1.1, 0.0, 90), ("lateral", 1.1, 0.0, 270)),
         ):
-            turn = {"septal": 90, "lateral": 270}.get(name, 0)
             axes.text(x, y, name, ha="center", va="center", fontsize=9, rotation=turn)
-    axes.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2), aspect="equal")
-    axes.set_axis_off()
+    axes.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2))
     axes.set_title(
         f"Inward motion since frame {regions.end_diastole}, in frame {frame}", fontsize=11
     )
-    figure.colorbar(
-        ScalarMappable(norm, "viridis"),
-        ax=axes,
-        orientation="horizontal",
-        shrink=0.75,
-        pad=0.02,
-        label="% of the radius at end diastole",
-    )
+    label = "% of the radius at end diastole"
+    figure.colorbar(scale, ax=axes, orientation="horizontal", shrink=0.75, pad=0.02, label=label)
     if regions.reason:
         figure.supxlabel(fill(regions.reason, _LETTERS), fontsize=8, color="#5b6675")
     return figure
+
+
+def draw_bulls_eye(axes: Any, regions: RegionalMotion, frame: int, fontsize: float = 9.0) -> Any:
+    """Draw the disc of segments, or of rings, and return the scale of its colours."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.patches import Wedge
+
+    values = regions.shares[frame]
+    known = values[np.isfinite(values)]
+    norm = Normalize(min(0.0, float(known.min(initial=0.0))), float(known.max(initial=1.0)))
+    scale = ScalarMappable(norm, "viridis")
+    for number, value in enumerate(values.tolist()):
+        inner, outer, middle, width = _place(number, regions.has_segments)
+        is_known = bool(np.isfinite(value))
+        colour = scale.to_rgba(value) if is_known else "#dddddd"
+        ends = middle - width / 2, middle + width / 2
+        axes.add_patch(
+            Wedge((0, 0), outer, *ends, width=outer - inner, fc=colour, ec="white", lw=1.5)
+        )
+        at = 0.0 if inner == 0.0 else (inner + outer) / 2
+        angle = np.radians(90.0 if width == 360.0 else middle)
+        ink = "white" if is_known and norm(value) <= 0.55 else "#10151c"
+        style = {"ha": "center", "va": "center", "fontsize": fontsize, "color": ink}
+        words = f"{value:.0f}" if is_known else "–"
+        axes.text(at * np.cos(angle), at * np.sin(angle), words, **style)
+    axes.set(xlim=(-1, 1), ylim=(-1, 1), aspect="equal")
+    axes.set_axis_off()
+    return scale
 
 
 def most_moved(regions: RegionalMotion) -> int:

@@ -7,11 +7,18 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import needs_extra
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.reference import reference_positions
-from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
-from modalmotion.pictures.view import ShownUnit, draw_scale, fill_cube, shown_unit
+from modalmotion.mesh.sequence import MEAN, MeshSequence
+from modalmotion.pictures.view import (
+    ShownUnit,
+    apex_down,
+    draw_scale,
+    fill_cube,
+    lighten,
+    new_figure,
+    shown_unit,
+)
 from modalmotion.representation import counted, numeral
 from modalmotion.signature.making import ModalSignature, SignatureKind, resolve_sequence
 from modalmotion.signature.mode_names import COLOURS, mode_colour, mode_dash, plain_name
@@ -59,7 +66,7 @@ def draw_trajectories(axes: Any, signature: ModalSignature, shown: ShownUnit) ->
         )
     axes.set_title("Amplitudes, each along its main direction", fontsize=10)
     axes.set(xlabel=label, ylabel=shown.name)
-    axes.grid(alpha=0.25)
+    lighten(axes)
 
 
 def draw_spectrum(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
@@ -74,7 +81,7 @@ def draw_spectrum(axes: Any, signature: ModalSignature, shown: ShownUnit) -> Non
         axes.set_ylabel("mode, by its place in the signature")
     axes.set_title("Deformation spectrum: RMS over frames", fontsize=10)
     axes.set_xlabel(shown.name)
-    axes.grid(axis="x", alpha=0.25)
+    lighten(axes, grid="x")
 
 
 def draw_errors(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
@@ -95,7 +102,7 @@ def draw_errors(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
     axes.set(xlabel=label, ylabel=shown.name)
     # There is space for the legend above the curves.
     axes.set_ylim(0.0, 1.18 * max(float(motion.max()), float(largest.max())) or 1.0)
-    axes.grid(alpha=0.25)
+    lighten(axes)
     axes.legend(fontsize=8, frameon=False, ncols=3, loc="upper center", columnspacing=1.2)
 
 
@@ -155,11 +162,7 @@ def signature_figure(sequence: MeshSequence, signature: ModalSignature) -> Figur
     -------
     matplotlib.figure.Figure
     """
-    # Imported here because only pictures need it. A bare Figure has no window or global state.
-    with needs_extra("plot"):
-        from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(14.0, 8.4), dpi=120, layout="constrained")
+    figure = new_figure(14.0, 8.4)
     above, below = figure.subfigures(2, 1, height_ratios=(1.15, 1.0), squeeze=False)[:, 0]
     _draw_surfaces(above, sequence, signature, _shown_unit(signature))
     _draw_amplitudes(below, signature)
@@ -178,10 +181,7 @@ def amplitudes_figure(signature: ModalSignature) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    with needs_extra("plot"):
-        from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(14.0, 4.0), dpi=120, layout="constrained")
+    figure = new_figure(14.0, 4.0)
     _draw_amplitudes(figure, signature)
     figure.suptitle(_title(signature), fontsize=12)
     return figure
@@ -222,18 +222,17 @@ def _draw_surfaces(
         float(values[frame]) / shown.size
         for values in (signature.motion_rms, signature.rms_errors, signature.max_errors)
     )
-    error_title = (
-        f"Error {numeral(left, 2, of=moved)} {shown.name} RMS, max {numeral(most, 2, of=moved)}"
-    )
+    start = signature.parameters.reference
+    left_words, most_words = (numeral(one, 2, of=moved) for one in (left, most))
     panels = [
-        (reference, None, _named(signature.parameters.reference)),
+        (reference, None, "Mean shape" if start == MEAN else f"Reference (frame {start})"),
         (true, None, f"Frame {frame}, moved {numeral(moved, 2)} {shown.name} RMS"),
         (superposed, None, f"From {signature.n_amplitudes} amplitudes"),
-        (true, error, error_title),
+        (true, error, f"Error {left_words} {shown.name} RMS, max {most_words}"),
     ]
     # Surfaces have no axes, and so no unit.
     size = float(max(np.abs(reference).max(), np.abs(true).max())) or 1.0
-    view = _view(reference / size)
+    view = apex_down(reference / size)
     box = np.concatenate([reference, true]) / size @ view
     faces = _faces(sequence, signature)
     for column, (vertices, values, title) in enumerate(panels):
@@ -241,15 +240,11 @@ def _draw_surfaces(
         drawn = _draw(axis, vertices / size @ view, faces, values, box)
         axis.set_title(title, fontsize=10)
         if column == 0:
-            draw_scale(
-                axis,
-                box,
-                view,
-                size=size,
-                unit=sequence.unit,
-                coordinates=sequence.facts.coordinates,
-                azimuth=_AZIMUTH,
-            )
+            stated: dict[str, Any] = {
+                "unit": sequence.unit,
+                "coordinates": sequence.facts.coordinates,
+            }
+            draw_scale(axis, box, view, size=size, azimuth=_AZIMUTH, **stated)
         if values is not None:
             label = f"distance to true vertex ({shown.name})"
             figure.colorbar(drawn, ax=axis, shrink=0.7, pad=0.02, label=label)
@@ -265,24 +260,6 @@ def _faces(sequence: MeshSequence, signature: ModalSignature) -> NDArray[np.int6
     return sequence.faces
 
 
-def _view(reference: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation that makes the longest axis upright, the next one horizontal.
-
-    The wider end is at the top, as ventricles are shown: the apex points down, for any axes of the
-    file.
-    """
-    offsets = reference - reference.mean(axis=0)
-    _, _, rows = np.linalg.svd(offsets, full_matrices=False)
-    height = offsets @ rows[0]
-    widths = np.square(offsets).sum(axis=1) - np.square(height)
-    if float(height @ (widths - widths.mean())) < 0.0:
-        rows = -rows
-    view = np.stack([rows[1], rows[2], rows[0]], axis=1)
-    if np.linalg.det(view) < 0:
-        view[:, 1] *= -1
-    return view
-
-
 def _draw(
     axis: Any,
     vertices: NDArray[np.float64],
@@ -293,9 +270,7 @@ def _draw(
     from matplotlib.colors import LightSource
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-    fill_cube(axis, box)
-    axis.view_init(elev=_ELEVATION, azim=_AZIMUTH)
-    axis.set_proj_type("ortho")
+    fill_cube(axis, box, _ELEVATION, _AZIMUTH)
     if not len(faces):
         segments = np.stack([vertices[:-1], vertices[1:]], axis=1)
         drawn = Line3DCollection(segments, colors=_REFERENCE, linewidths=1.5)
@@ -319,7 +294,3 @@ def _draw(
         drawn.set_clim(0.0, max(float(values.max()), 1e-12))
     axis.add_collection3d(drawn)
     return drawn
-
-
-def _named(reference: Reference) -> str:
-    return "Mean shape" if reference == MEAN else f"Reference (frame {reference})"

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import ParameterError, TopologyError, needs_extra
+from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.images.sequence import Image
 from modalmotion.mesh.normal_lines import Edges
-from modalmotion.pictures.movie import write_gif
-from modalmotion.pictures.view import shown_unit, size_of, tilted, upright
+from modalmotion.pictures.movie import pixels_of, write_gif
+from modalmotion.pictures.view import new_figure, shown_unit, size_of, tilted, upright
 from modalmotion.representation import numeral
 from modalmotion.tracking.result import STRAY, Track
 
@@ -47,9 +47,6 @@ def data_figure(track: Track) -> Figure:
     ParameterError
         If it has none of its data.
     """
-    with needs_extra("plot"):
-        from matplotlib.figure import Figure
-
     _require_surface(track)
     data = track.data
     if data is None:
@@ -60,7 +57,7 @@ def data_figure(track: Track) -> Figure:
     shown = np.unique(np.linspace(0, track.n_frames - 1, _N_FRAMES).astype(np.int64))
     view = tilted(upright(track.template))
     size = size_of(track.template)
-    figure = Figure(figsize=(2.6 * len(shown), 3.2), dpi=120, layout="constrained")
+    figure = new_figure(2.6 * len(shown), 3.2)
     middle = track.template.weights @ track.template.vertices
     for panel, k in enumerate(shown.tolist()):
         axes: Any = figure.add_subplot(1, len(shown), panel + 1)
@@ -116,14 +113,11 @@ def deviations_figure(track: Track, frame: int) -> Figure:
     TopologyError
         If the track is that of a curve.
     """
-    with needs_extra("plot"):
-        from matplotlib.figure import Figure
-
     _require_surface(track)
     view = tilted(upright(track.template))
     x = track.sequence.vertices[frame] @ view / size_of(track.template)
     faces = track.template.faces
-    figure = Figure(figsize=(8.2, 4.0), dpi=120, layout="constrained")
+    figure = new_figure(8.2, 4.0)
     unit = shown_unit(float(track.deviations[frame].max()), track.sequence.unit)
     for k, name in enumerate(("across the surface", "along it, from the prior")):
         axes: Any = figure.add_subplot(1, 2, k + 1, projection="3d")
@@ -149,13 +143,11 @@ def determined_figure(track: Track) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    with needs_extra("plot"):
-        from matplotlib.figure import Figure
-        from matplotlib.ticker import MaxNLocator
+    figure = new_figure(7.2, 3.6)
+    from matplotlib.ticker import MaxNLocator
 
     share: NDArray[np.float64] = 100.0 * track.determined
     at = np.arange(len(share))
-    figure = Figure(figsize=(7.2, 3.6), dpi=120, layout="constrained")
     axes = figure.add_subplot()
     axes.bar(at - 0.2, share[:, 0], 0.4, color=_NORMAL, label="across the surface")
     axes.bar(at + 0.2, share[:, 1], 0.4, color=_TANGENTIAL, label="along it")
@@ -202,13 +194,10 @@ def overlay_figure(track: Track, images: ImageSequence) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    with needs_extra("plot"):
-        from matplotlib.figure import Figure
-
     overlay = _Overlay(track, images.sliced())
     frames = np.unique(np.linspace(0, track.n_frames - 1, _N_PHASES).round().astype(np.int64))
     rows, columns = overlay.n_planes, len(frames)
-    figure = Figure(figsize=(2.0 * columns, 2.0 * rows), dpi=120, layout="constrained")
+    figure = new_figure(2.0 * columns, 2.0 * rows)
     for column, k in enumerate(frames.tolist()):
         places = [row * columns + column + 1 for row in range(rows)]
         overlay.draw(k, [figure.add_subplot(rows, columns, place) for place in places])
@@ -229,19 +218,13 @@ def overlay_gif(track: Track, images: ImageSequence) -> bytes:
     bytes
         Its duration is that of the recording if its times are known, otherwise a second.
     """
-    with needs_extra("plot"):
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
     overlay = _Overlay(track, images.sliced())
     n = overlay.n_planes
 
     def drawn(k: int) -> NDArray[np.uint8]:
-        figure = Figure(figsize=(2.4 * n, 2.6), dpi=100, layout="constrained")
-        canvas = FigureCanvasAgg(figure)
+        figure = new_figure(2.4 * n, 2.6, dpi=100)
         overlay.draw(k, [figure.add_subplot(1, n, place) for place in range(1, n + 1)])
-        canvas.draw()
-        return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+        return pixels_of(figure)
 
     times = track.sequence.times
     step = 1.0 / track.n_frames if times is None or len(times) < 2 else float(np.diff(times).mean())
@@ -322,10 +305,10 @@ def _cuts(volume: Volume, x: NDArray[np.float64]) -> list[Plane]:
     for a, b in ((0, 1), (0, 2), (1, 2)):
         u, v = step * np.eye(3)[a], step * np.eye(3)[b]
         origin = middle - (_N_SAMPLES - 1) / 2 * (u + v)
-        i, j = np.meshgrid(np.arange(_N_SAMPLES), np.arange(_N_SAMPLES), indexing="ij")
-        points = origin + i[..., None] * v + j[..., None] * u
-        values = volume.sample(points.reshape(-1, 3)).reshape(i.shape)
-        planes.append(Plane(values, np.column_stack([v, u, origin])))
+        i, j = np.indices((_N_SAMPLES, _N_SAMPLES))[..., None]
+        values = volume.sample((origin + i * v + j * u).reshape(-1, 3))
+        affine = np.column_stack([v, u, origin])
+        planes.append(Plane(values.reshape(_N_SAMPLES, _N_SAMPLES), affine))
     return planes
 
 

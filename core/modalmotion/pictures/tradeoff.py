@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import needs_extra
 from modalmotion.mesh.sequence import MM_PER_UNIT
-from modalmotion.pictures.view import ShownUnit, shown_unit
+from modalmotion.pictures.view import ShownUnit, new_figure, shown_unit
 from modalmotion.signature.front import Front
 from modalmotion.signature.model import n_functions
 from modalmotion.signature.tradeoff import Tradeoff
@@ -38,17 +37,13 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    # Imported here because only pictures need it. A bare Figure has no window or global state.
-    with needs_extra("plot"):
-        from matplotlib.figure import Figure
-
     front = tradeoff.front
     factor = 1.0 if front.unit is None else MM_PER_UNIT[front.unit]
     shown = shown_unit(factor * front.motion_rms, None if front.unit is None else "mm")
     unit = shown.name
     factor /= shown.size
     has_times = bool(tradeoff.fit_milliseconds)
-    figure = Figure(figsize=(14.0 if has_times else 10.0, 4.6), dpi=120, layout="constrained")
+    figure = new_figure(14.0 if has_times else 10.0, 4.6)
     panels: list[Any] = [figure.add_subplot(1, 3 if has_times else 2, 1)]
     panels.append(figure.add_subplot(1, 3 if has_times else 2, 2, sharey=panels[0]))
     for number, branch in enumerate(front.branches):
@@ -59,38 +54,23 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
         whole = np.array([8 * front.numbers(n) for n in branch.counts.tolist()])
         panels[1].plot(whole, factor * branch.rms, **style)
     sizes, errors = _lower_hull(front)
-    panels[1].plot(
-        sizes,
-        factor * errors,
-        color="#222222",
-        linewidth=1.2,
-        linestyle=":",
-        label="best with fewer harmonics",
-        zorder=4,
-    )
+    style = {"color": "#222222", "linewidth": 1.2, "linestyle": ":", "zorder": 4}
+    panels[1].plot(sizes, factor * errors, label="best with fewer harmonics", **style)
     _simple_kinds(panels, tradeoff, factor)
     price = tradeoff.chosen.price
     # Prices are in mm already if the unit is known.
     left = price.rms_error / shown.size
+    star = {"marker": "*", "markersize": 15, "markeredgecolor": "white", "zorder": 6}
     # A logarithmic scale has no zero.
-    at = [(max(price.amplitudes_per_frame, 1), 0), (max(price.bytes, 8), 1)]
-    for x, panel in at:
+    for panel, x in zip(
+        panels, (max(price.amplitudes_per_frame, 1), max(price.bytes, 8)), strict=True
+    ):
         if left > 0:
-            panels[panel].plot(
-                x,
-                left,
-                marker="*",
-                markersize=15,
-                color=_CHOSEN,
-                linestyle="none",
-                markeredgecolor="white",
-                zorder=6,
-                label=f"chosen: {left:.3g} {unit} RMS",
-            )
+            words = f"chosen: {left:.3g} {unit} RMS"
+            panel.plot(x, left, color=_CHOSEN, linestyle="none", label=words, **star)
         if tradeoff.limit is not None:
-            panels[panel].axhline(
-                factor * tradeoff.limit, color=_CHOSEN, linewidth=0.8, linestyle="--", zorder=1
-            )
+            limit = factor * tradeoff.limit
+            panel.axhline(limit, color=_CHOSEN, linewidth=0.8, linestyle="--", zorder=1)
     largest = max(factor * front.motion_rms, 1e-300)
     errors = np.concatenate([branch.rms for branch in front.branches]) * factor
     smallest = float(errors[errors > _SMALLEST_SHARE * largest].min(initial=largest))
@@ -137,14 +117,7 @@ def _simple_kinds(panels: list[Any], tradeoff: Tradeoff, factor: float) -> None:
             continue
         for panel, x in ((panels[0], numbers), (panels[1], 8 * numbers * tradeoff.front.n_frames)):
             panel.plot(x, error, marker="D", markersize=5, color="#555555", zorder=5)
-            panel.annotate(
-                motion.kind.value,
-                (x, error),
-                textcoords="offset points",
-                xytext=(6, 4),
-                fontsize=8,
-                color="#555555",
-            )
+            _note(panel, motion.kind.value, (x, error), (6, 4))
 
 
 def _draw_times(panel: Any, tradeoff: Tradeoff, factor: float, unit: str) -> None:
@@ -154,14 +127,7 @@ def _draw_times(panel: Any, tradeoff: Tradeoff, factor: float, unit: str) -> Non
     errors = factor * branch.rms[np.searchsorted(branch.counts, counts)]
     panel.plot(3 * counts, spent, color=_COLOURS[0], marker="o", markersize=4, linewidth=1.6)
     for n, ms, error in zip(counts.tolist(), spent.tolist(), errors.tolist(), strict=True):
-        panel.annotate(
-            f"{error:.2g} {unit}",
-            (3 * n, ms),
-            textcoords="offset points",
-            xytext=(5, -10),
-            fontsize=8,
-            color="#444444",
-        )
+        _note(panel, f"{error:.2g} {unit}", (3 * n, ms), (5, -10))
     panel.set(
         xscale="log",
         yscale="log",
@@ -183,6 +149,11 @@ def _draw_times(panel: Any, tradeoff: Tradeoff, factor: float, unit: str) -> Non
     _plain_ticks(above.xaxis, (1.0, 3.0))
     above.set_xlabel("bytes of the trajectory", fontsize=8)
     above.tick_params(labelsize=8)
+
+
+def _note(panel: Any, text: str, at: tuple[float, float], aside: tuple[int, int]) -> None:
+    style = {"textcoords": "offset points", "fontsize": 8, "color": "#555555"}
+    panel.annotate(text, at, xytext=aside, **style)
 
 
 def _plain_ticks(axis: Any, at: tuple[float, ...] = (1.0, 2.0, 5.0)) -> None:

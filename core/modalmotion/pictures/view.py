@@ -1,19 +1,45 @@
-"""Views of surfaces in space: direction, cube, unit and scale bar."""
+"""What pictures share: empty figures, plain axes; direction, cube, unit and scale of views."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.errors import needs_extra
 from modalmotion.mesh import face_normals, oriented_faces
 from modalmotion.template.template import Template
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 # Angle of view from above, in radians.
 _TILT: Final = 0.2
+
+
+def new_figure(width: float, height: float, **options: Any) -> Figure:
+    """Make an empty figure, of so many inches.
+
+    It has no window and no global state; matplotlib is imported here, as only pictures need it.
+
+    Raises
+    ------
+    MissingExtraError
+        If matplotlib is not installed.
+    """
+    with needs_extra("plot"):
+        from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), **{"dpi": 120, "layout": "constrained", **options})
+
+
+def lighten(axes: Any, *sides: str, grid: Literal["both", "x", "y"] = "both") -> None:
+    """Draw a light grid, and no frame at these sides: top and right by default."""
+    axes.grid(axis=grid, alpha=0.25)
+    axes.set_axisbelow(True)
+    axes.spines[[*(sides or ("top", "right"))]].set_visible(False)
 
 
 def upright(template: Template) -> NDArray[np.float64]:
@@ -36,6 +62,24 @@ def upright(template: Template) -> NDArray[np.float64]:
     else:
         axis, zero = landmarks.theta_zero, landmarks.axis
     return np.stack([np.cross(axis, zero), -zero, axis], axis=1)
+
+
+def apex_down(reference: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Columns that make the longest axis of points upright, the next one horizontal.
+
+    The wider end is at the top, as ventricles are shown: the apex points down, for any axes of the
+    file.
+    """
+    offsets = reference - reference.mean(axis=0)
+    _, _, rows = np.linalg.svd(offsets, full_matrices=False)
+    height = offsets @ rows[0]
+    widths = np.square(offsets).sum(axis=1) - np.square(height)
+    if float(height @ (widths - widths.mean())) < 0.0:
+        rows = -rows
+    view = np.stack([rows[1], rows[2], rows[0]], axis=1)
+    if np.linalg.det(view) < 0:
+        view[:, 1] *= -1
+    return view
 
 
 def size_of(template: Template) -> float:
@@ -62,13 +106,17 @@ def faces_viewer(vertices: NDArray[np.float64], template: Template) -> NDArray[n
     return towards
 
 
-def fill_cube(axes: Any, points: NDArray[np.float64]) -> None:
-    """Set invisible axes of equal scale that the points fill.
+def fill_cube(
+    axes: Any, points: NDArray[np.float64], elevation: float = 0.0, azimuth: float = -90.0
+) -> None:
+    """Set invisible axes of equal scale that the points fill, in a parallel projection.
 
     Parameters
     ----------
     axes : matplotlib 3D axes
     points : (points, 3) float64
+    elevation, azimuth : float
+        Of the view, degrees.
     """
     low, high = points.min(axis=0), points.max(axis=0)
     reach, middle = float((high - low).max()) / 2 or 1.0, (low + high) / 2
@@ -79,14 +127,24 @@ def fill_cube(axes: Any, points: NDArray[np.float64]) -> None:
     )
     axes.set_box_aspect((1, 1, 1), zoom=1.5)
     axes.set_axis_off()
+    axes.view_init(elev=elevation, azim=azimuth)
+    axes.set_proj_type("ortho")
+
+
+def drawn_vertices(axes: Any, template: Template, view: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Set axes that a surface fills, and give its vertices in them, which have no unit."""
+    used = np.unique(template.faces)
+    plain = template.vertices / size_of(template)
+    vertices: NDArray[np.float64] = (plain - plain[used].mean(axis=0)) @ view
+    fill_cube(axes, vertices[used])
+    return vertices
 
 
 _SMALLEST: Final = 1e-9
 _LARGEST: Final = 1e9
 
 
-@dataclass(frozen=True)
-class ShownUnit:
+class ShownUnit(NamedTuple):
     """The unit of a picture's axes.
 
     Parameters

@@ -10,7 +10,7 @@ import hashlib
 import re
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -71,16 +71,12 @@ class Report:
     @property
     def caveats(self) -> tuple[str, ...]:
         """Caveats for the reader, each once."""
-        notes = []
+        notes: list[str] = []
         if self.deviation is not None:
             theirs = f"Recorded differently from the controls of {self.deviation.norm}"
             notes += [f"{theirs}: {words}" for words in self.deviation.warnings]
-            notes += self.deviation.notes
-        notes += self.signature.notes
-        if self.readouts is not None:
-            notes += self.readouts.notes
-        if self.classification is not None:
-            notes += self.classification.notes
+        for result in (self.deviation, self.signature, self.readouts, self.classification):
+            notes += () if result is None else result.notes
         # Readers of a report have no command line.
         plain = [_OF_COMMANDS.sub("", note) for note in (*notes, *self.absent)]
         return tuple(dict.fromkeys(plain))
@@ -93,14 +89,12 @@ class Report:
     @property
     def digest(self) -> str:
         """sha256 of what the report is based on, in hex: the recording and each result's origin."""
-        signature = self.signature
+        signature, answer, deviation = self.signature, self.classification, self.deviation
         parts = [signature.sequence_id, signature.parameters.key, str(signature.provenance)]
-        if self.classification is not None:
-            parts.append(self.classification.model_id)
-        if self.deviation is not None:
-            parts += [self.deviation.norm_id, repr(self.deviation.level)]
-        parts.append(self.issued.isoformat())
-        return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+        parts += [] if answer is None else [answer.model_id]
+        parts += [] if deviation is None else [deviation.norm_id, repr(deviation.level)]
+        text = "\n".join([*parts, self.issued.isoformat()])
+        return hashlib.sha256(text.encode()).hexdigest()
 
 
 def report_of(
@@ -217,11 +211,55 @@ def quantities_of(report: Report) -> tuple[Quantity, ...]:
     return tuple(found)
 
 
-def errors_of(report: Report) -> tuple[float, float]:
-    """Return the RMS and the largest error of the modes, in the unit of lengths."""
-    signature = report.signature
+class Number(NamedTuple):
+    """A number of a report: its code in `OWN`, its text if that is another, value and unit."""
+
+    code: str
+    text: str | None
+    value: float
+    unit: str
+    ucum: str
+
+
+def numbers_of(report: Report) -> dict[str, list[Number]]:
+    """Return the numbers of each group that there are: volumes, fit, class, deviation.
+
+    A quantity is followed by the ends of its interval; that of all groups together is the first of
+    the deviation.
+    """
+    signature, answer, deviation = report.signature, report.classification, report.deviation
+    unit, ucum = length_unit(signature.unit)
     rms = float(np.sqrt(np.mean(signature.rms_errors**2)))
-    return rms, float(signature.max_errors.max())
+    groups = {
+        "volumes": [
+            Number(f"{one.name}{end}", None, value, one.unit, one.ucum)
+            for one in quantities_of(report)
+            for end, value in (("", one.value), ("_low", one.low), ("_high", one.high))
+        ],
+        "fit": [
+            Number("rms_error", None, rms, unit, ucum),
+            Number("max_error", None, float(signature.max_errors.max()), unit, ucum),
+        ],
+    }
+    if answer is not None:
+        groups["class"] = [
+            Number("probability", f"Probability of {name}", float(p), "1", "1")
+            for name, p in zip(answer.classes, answer.probabilities, strict=True)
+        ]
+    if deviation is not None:
+        groups["deviation"] = [
+            Number("p", None, deviation.p, "1", "1"),
+            *(
+                Number("p", f"p-value of {one.name}, corrected", one.p, "1", "1")
+                for one in deviation.groups
+            ),
+        ]
+    return groups
+
+
+def length_unit(unit: str | None) -> tuple[str, str]:
+    """Name a unit of length, in words and as UCUM."""
+    return ("length units", "1") if unit is None else (unit, unit)
 
 
 SYSTEM: Final = "urn:modalmotion:codes"
@@ -232,7 +270,7 @@ UCUM: Final = "http://unitsofmeasure.org"
 ABSENT: Final = "http://terminology.hl7.org/CodeSystem/data-absent-reason"
 CATEGORY: Final = "http://terminology.hl7.org/CodeSystem/observation-category"
 
-OWN: Final = {
+_PLAIN: Final = {
     "analysis": "Motion analysis of a surface",
     "volumes": "Volumes of a moving cavity",
     "ejection_fraction": "Ejection fraction",
@@ -257,13 +295,16 @@ OWN: Final = {
     "deviation": "Deviation from controls",
     "p": "p-value",
 }
-"""Displays of our own codes."""
 
-WITH_ENDS: Final = (
-    *("ejection_fraction", "volume_change", "end_diastolic_volume", "end_systolic_volume"),
-    *("stroke_volume", "gls", "gcs", "gas", "sdi"),
-)
-"""Codes whose numbers have an interval; its ends have codes too."""
+OWN: Final = _PLAIN | {
+    f"{code}_{end}": f"{_PLAIN[code]}: {_PLAIN[end].lower()}"
+    for code in (
+        *("ejection_fraction", "volume_change", "end_diastolic_volume", "end_systolic_volume"),
+        *("stroke_volume", "gls", "gcs", "gas", "sdi"),
+    )
+    for end in ("low", "high")
+}
+"""Displays of our own codes, those of the ends of intervals included."""
 
 # (code, cavities, modalities) -> LOINC code and its exact display.
 _LOINC: Final = {
@@ -282,12 +323,6 @@ def own_coding(code: str) -> dict[str, str]:
     return {"system": SYSTEM, "code": code.replace("_", "-"), "display": OWN[code]}
 
 
-def end_coding(code: str, end: str) -> dict[str, str]:
-    """Return the Coding of the lower ("low") or upper ("high") end of a number's interval."""
-    text = f"{OWN[code]}: {OWN[end].lower()}"
-    return {"system": SYSTEM, "code": f"{code}-{end}".replace("_", "-"), "display": text}
-
-
 def code_systems() -> list[dict[str, Any]]:
     """Return the codes of all reports as FHIR resources, for validators.
 
@@ -297,7 +332,6 @@ def code_systems() -> list[dict[str, Any]]:
         CodeSystems, ready for JSON: our own, complete, and the LOINC terms that are used.
     """
     own = [own_coding(code) for code in OWN]
-    own += [end_coding(code, end) for code in WITH_ENDS for end in ("low", "high")]
     loinc = [{"code": code, "display": display} for code, display in _LOINC.values()]
     return [
         {

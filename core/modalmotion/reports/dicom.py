@@ -6,13 +6,14 @@ import io
 import logging
 import uuid
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.errors import MalformedFileError, ParameterError, needs_extra
 from modalmotion.formats import Parser
+from modalmotion.formats.frame_files import stored_zip
 from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.formats.stl import write_stl
 from modalmotion.formats.volumes.stack import unheard
@@ -23,11 +24,11 @@ from modalmotion.reports.content import (
     LOINC,
     OWN,
     SYSTEM,
+    Number,
     Report,
     concept,
-    errors_of,
     moments_of,
-    quantities_of,
+    numbers_of,
 )
 from modalmotion.representation import shown
 
@@ -91,10 +92,6 @@ def read_study(source: bytes | Path, *, parser: Parser | None = None) -> Study:
     return Study(parser.parse("study", data).info["header"])
 
 
-# The earliest time in a zip.
-_NO_DATE: Final = (1980, 1, 1, 0, 0, 0)
-
-
 def dicom_instances(report: Report, study: Study) -> dict[str, bytes]:
     """Write a report as objects of the patient's study.
 
@@ -141,13 +138,7 @@ def dicom_instances(report: Report, study: Study) -> dict[str, bytes]:
 
 def dicom_zip(report: Report, study: Study) -> bytes:
     """Write the objects of `dicom_instances` as one zip, the same bytes for the same objects."""
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, data in dicom_instances(report, study).items():
-            archive.writestr(
-                zipfile.ZipInfo(name, _NO_DATE), data, compress_type=zipfile.ZIP_DEFLATED
-            )
-    return buffer.getvalue()
+    return stored_zip(dicom_instances(report, study), zipfile.ZIP_DEFLATED)
 
 
 def require_space(facts: Facts, unit: str | None) -> None:
@@ -174,13 +165,11 @@ def require_space(facts: Facts, unit: str | None) -> None:
         )
 
 
-_LIBRARIES: Final = ("highdicom", "pydicom")
-
-
 SCHEME: Final = "99MODALMOTION"
 """Of our own codes; DICOM requires 99 before unregistered ones."""
 
 _NAMESPACE: Final = uuid.uuid5(uuid.NAMESPACE_OID, f"{SYSTEM}:dicom")
+_LIBRARIES: Final = ("highdicom", "pydicom")
 # Longest code and longest meaning.
 _MEANING: Final = 64
 
@@ -196,29 +185,29 @@ def uid_of(report: Report, study: Study, name: str) -> str:
 
 def own_code(code: str, meaning: str | None = None) -> Any:
     """Return a code of our own table."""
-    from highdicom.sr import CodedConcept
+    from highdicom import sr
 
     said = OWN[code] if meaning is None else meaning
-    return CodedConcept(code.replace("_", "-"), SCHEME, said[:_MEANING])
+    return sr.CodedConcept(code.replace("_", "-")[:_MEANING], SCHEME, said[:_MEANING])
 
 
-def code_of(code: str, facts: Facts) -> Any:
-    """Return the code of a quantity: DICOM's, LOINC's as in the FHIR bundle, or our own."""
-    from highdicom.sr import CodedConcept
+def measured(one: Number, facts: Facts) -> Any:
+    """Write a number with DICOM's code, LOINC's as in the FHIR bundle, or our own."""
+    from highdicom import sr
 
-    if code in DICOM:
-        return CodedConcept(DICOM[code][0], "DCM", DICOM[code][1])
-    first = concept(code, facts)["coding"][0]
-    if first["system"] == LOINC:
-        return CodedConcept(first["code"], "LN", first["display"])
-    return own_code(code)
+    name = own_code(one.code, one.text)
+    if one.code in DICOM:
+        name = sr.CodedConcept(DICOM[one.code][0], "DCM", DICOM[one.code][1])
+    elif (first := concept(one.code, facts)["coding"][0])["system"] == LOINC:
+        name = sr.CodedConcept(first["code"], "LN", first["display"])
+    return sr.Measurement(name=name, value=one.value, unit=ucum(one.ucum))
 
 
 def ucum(code: str) -> Any:
     """Give a unit."""
-    from highdicom.sr import CodedConcept
+    from highdicom import sr
 
-    return CodedConcept(code, "UCUM", {"1": "no units", "%": "percent"}.get(code, code))
+    return sr.CodedConcept(code, "UCUM", {"1": "no units", "%": "percent"}.get(code, code))
 
 
 def stamp(dataset: Any, report: Report) -> None:
@@ -261,11 +250,11 @@ def structured_report(report: Report, study: Study) -> Any:
     ParameterError
         If the instance that the study was read from is of an unknown kind.
     """
+    from highdicom import sr
     from highdicom.coding_schemes import CodingSchemeIdentificationItem
-    from highdicom.sr import ComprehensiveSR
 
     try:
-        written = ComprehensiveSR(
+        written = sr.ComprehensiveSR(
             evidence=[study.dataset()],
             content=_content(report, study)[0],
             series_instance_uid=uid_of(report, study, "SR series"),
@@ -289,119 +278,64 @@ def structured_report(report: Report, study: Study) -> Any:
 
 
 def _content(report: Report, study: Study) -> Any:
-    from highdicom.sr import (
-        DeviceObserverIdentifyingAttributes,
-        MeasurementReport,
-        ObservationContext,
-        ObserverContext,
-    )
+    from highdicom import sr
     from pydicom.sr.codedict import codes
 
     version = version_of(report)
-    device = DeviceObserverIdentifyingAttributes(
+    device = sr.DeviceObserverIdentifyingAttributes(
         uid=uid_of(report, study, "device"),
         name="modalmotion",
         manufacturer_name="modalmotion",
         model_name=f"modalmotion {version}",
     )
-    context = ObservationContext(observer_device_context=ObserverContext(codes.DCM.Device, device))
-    return MeasurementReport(
+    context = sr.ObservationContext(
+        observer_device_context=sr.ObserverContext(codes.DCM.Device, device)
+    )
+    return sr.MeasurementReport(
         observation_context=context,
         procedure_reported=own_code("analysis"),
         imaging_measurements=list(_groups(report, study)),
     )
 
 
-def _groups(report: Report, study: Study) -> Sequence[Any]:
-    facts = report.sequence.facts
-    groups = []
-    quantities = quantities_of(report)
-    if quantities:
-        measured = []
-        for one in quantities:
-            measured.append(_measured(code_of(one.name, facts), one.value, one.ucum))
-            for end, value in (("low", one.low), ("high", one.high)):
-                meaning = f"{OWN[one.name]}: {OWN[end].lower()}"
-                name = _own(f"{one.name}-{end}", meaning)
-                measured.append(_measured(name, value, one.ucum))
-        groups.append(_group(report, study, "volumes", measured))
-    rms, largest = errors_of(report)
-    fit = [
-        _measured(own_code("rms_error"), rms, "mm"),
-        _measured(own_code("max_error"), largest, "mm"),
-    ]
-    groups.append(_group(report, study, "fit", fit))
-    groups.append(_class(report, study))
-    if report.deviation is not None:
-        p_values = [_measured(own_code("p"), report.deviation.p, "1")]
-        p_values += [
-            _measured(own_code("p", f"p-value of {one.name}, corrected"), one.p, "1")
-            for one in report.deviation.groups
-        ]
-        groups.append(_group(report, study, "deviation", p_values))
-    return groups
+def _groups(report: Report, study: Study) -> Iterator[Any]:
+    from highdicom import sr
+
+    numbers, facts = numbers_of(report), report.sequence.facts
+    for name in ("volumes", "fit", "class", "deviation"):
+        of_group = [measured(one, facts) for one in numbers.get(name, ())]
+        said = [sr.QualitativeEvaluation(own_code("class"), _class(report))] * (name == "class")
+        if of_group or said:
+            yield sr.MeasurementsAndQualitativeEvaluations(
+                tracking_identifier=sr.TrackingIdentifier(
+                    uid=uid_of(report, study, f"tracking {name}"),
+                    identifier=f"{report.sequence_id[:12]} {OWN[name]}",
+                ),
+                finding_type=own_code(name),
+                measurements=of_group or None,
+                qualitative_evaluations=said or None,
+                source_images=_sources(study),
+            )
 
 
-def _class(report: Report, study: Study) -> Any:
-    from highdicom.sr import QualitativeEvaluation
-
+def _class(report: Report) -> Any:
     answer = report.classification
     if answer is None:
-        said = _own("not-asked", "No model was asked")
-        probabilities = []
-    else:
-        why = "; ".join(answer.flags) or "inconclusive"
-        said = (
-            _own("no-class", f"No class: {why}")
-            if answer.label is None
-            else _own("-".join(answer.label.split()), answer.label)
-        )
-        probabilities = [
-            _measured(own_code("probability", f"Probability of {name}"), float(p), "1")
-            for name, p in zip(answer.classes, answer.probabilities, strict=True)
-        ]
-    stated = [QualitativeEvaluation(own_code("class"), said)]
-    return _group(report, study, "class", probabilities, stated)
-
-
-def _own(code: str, meaning: str) -> Any:
-    from highdicom.sr import CodedConcept
-
-    return CodedConcept(code.replace("_", "-")[:64], SCHEME, meaning[:64])
-
-
-def _measured(name: Any, value: float, unit: str) -> Any:
-    from highdicom.sr import Measurement
-
-    return Measurement(name=name, value=float(value), unit=ucum(unit))
-
-
-def _group(
-    report: Report, study: Study, name: str, measured: Sequence[Any], stated: Sequence[Any] = ()
-) -> Any:
-    from highdicom.sr import MeasurementsAndQualitativeEvaluations, TrackingIdentifier
-
-    return MeasurementsAndQualitativeEvaluations(
-        tracking_identifier=TrackingIdentifier(
-            uid=uid_of(report, study, f"tracking {name}"),
-            identifier=f"{report.sequence_id[:12]} {OWN[name]}",
-        ),
-        finding_type=own_code(name),
-        measurements=list(measured) or None,
-        qualitative_evaluations=list(stated) or None,
-        source_images=_sources(study),
-    )
+        return own_code("not-asked", "No model was asked")
+    if answer.label is None:
+        return own_code("no-class", f"No class: {'; '.join(answer.flags) or 'inconclusive'}")
+    return own_code("-".join(answer.label.split()), answer.label)
 
 
 def _sources(study: Study) -> list[Any] | None:
-    from highdicom.sr import SourceImageForMeasurementGroup
+    from highdicom import sr
     from pydicom.uid import UID
 
     kind = study.header["SOPClassUID"]
     if "Image Storage" not in UID(kind).name:
         return None
     return [
-        SourceImageForMeasurementGroup(
+        sr.SourceImageForMeasurementGroup(
             referenced_sop_class_uid=kind,
             referenced_sop_instance_uid=study.header["SOPInstanceUID"],
         )

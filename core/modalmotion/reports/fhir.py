@@ -20,11 +20,11 @@ from modalmotion.reports.content import (
     OWN,
     SYSTEM,
     UCUM,
-    Quantity,
+    Number,
     Report,
     concept,
-    end_coding,
-    errors_of,
+    length_unit,
+    numbers_of,
     quantities_of,
 )
 from modalmotion.representation import probability
@@ -195,16 +195,16 @@ class Found(NamedTuple):
 
 
 def _found(report: Report) -> list[Found]:
-    found = [_amplitudes(report), _fit(report)]
+    numbers = numbers_of(report)
+    found = [_amplitudes(report), _fit(report, numbers["fit"])]
     if report.readouts is not None:
-        volumes = _volumes(report, quantities_of(report))
-        found = [volumes, *found, _volume_curve(report.readouts)]
+        found = [_volumes(report, numbers["volumes"]), *found, _volume_curve(report.readouts)]
     times = report.signature.times
     if times is not None and not _is_even(times):
         found.append(_times(times))
-    found.append(_class(report))
+    found.append(_class(report, numbers.get("class", ())))
     if report.deviation is not None:
-        found.append(_deviation(report.deviation))
+        found.append(_deviation(report, report.deviation, numbers["deviation"]))
     return found
 
 
@@ -225,32 +225,22 @@ def _observation(key: uuid.UUID, report: Report, found: Found) -> Resource:
     }
 
 
-def _volumes(report: Report, quantities: Sequence[Quantity]) -> Found:
-    components, lines = [], []
-    for one in quantities:
-        code = concept(one.name, report.sequence.facts)
-        components.append({"code": code, "valueQuantity": quantity(one.value, one.unit, one.ucum)})
-        for end, value in (("low", one.low), ("high", one.high)):
-            text = f"{OWN[one.name]}: {OWN[end].lower()}"
-            components.append(
-                {
-                    "code": {"coding": [end_coding(one.name, end)], "text": text},
-                    "valueQuantity": quantity(value, one.unit, one.ucum),
-                }
-            )
-        lines.append(
-            f"{OWN[one.name]} {one.value:.1f} {one.unit} ({one.low:.1f} to {one.high:.1f})"
-        )
-    return Found("volumes", [f"{line}." for line in lines], {"component": components})
+def _component(report: Report, one: Number) -> Resource:
+    code = concept(one.code, report.sequence.facts, one.text)
+    return {"code": code, "valueQuantity": quantity(one.value, one.unit, one.ucum)}
 
 
-def _length(unit: str | None) -> tuple[str, str]:
-    return ("length units", "1") if unit is None else (unit, unit)
+def _volumes(report: Report, numbers: Sequence[Number]) -> Found:
+    lines = [
+        f"{OWN[one.name]} {one.value:.1f} {one.unit} ({one.low:.1f} to {one.high:.1f})."
+        for one in quantities_of(report)
+    ]
+    return Found("volumes", lines, {"component": [_component(report, one) for one in numbers]})
 
 
 def _amplitudes(report: Report) -> Found:
     signature = report.signature
-    unit, ucum = _length(signature.unit)
+    unit, ucum = length_unit(signature.unit)
     directions = direction_names(signature)
     n = signature.amplitudes.shape[1] * len(directions)
     labels = ", ".join(f"{label} {way}" for label in signature.modes.labels for way in directions)
@@ -291,70 +281,41 @@ def _is_even(times: NDArray[np.float64]) -> bool:
     return bool(np.ptp(steps) <= _EVEN * np.median(steps))
 
 
-def _fit(report: Report) -> Found:
-    unit, ucum = _length(report.signature.unit)
-    rms, most = errors_of(report)
-    components = [
-        {"code": concept("rms_error"), "valueQuantity": quantity(rms, unit, ucum)},
-        {"code": concept("max_error"), "valueQuantity": quantity(most, unit, ucum)},
-    ]
-    line = f"The error of the modes is {rms:.3g} {unit} (RMS), at most {most:.3g} {unit}."
-    return Found("fit", [line], {"component": components})
+def _fit(report: Report, numbers: Sequence[Number]) -> Found:
+    rms, most = numbers
+    line = f"The error of the modes is {rms.value:.3g} {rms.unit} (RMS), at most {most.value:.3g}"
+    components = [_component(report, one) for one in numbers]
+    return Found("fit", [f"{line} {most.unit}."], {"component": components})
 
 
-def _class(report: Report) -> Found:
+def _class(report: Report, numbers: Sequence[Number]) -> Found:
     answer = report.classification
     if answer is None:
         nothing = absent("not-asked", "No model was asked.")
         return Found("class", ["No class was asked for."], nothing)
-    components = [
-        {
-            "code": concept("probability", text=f"Probability of {name}"),
-            "valueQuantity": quantity(float(p), "1", "1"),
-        }
-        for name, p in zip(answer.classes, answer.probabilities, strict=True)
-    ]
+    method = {"method": {"text": f"model {answer.model}, id {answer.model_id}"}}
     if answer.label is None:
         why = "; ".join(answer.flags) or "inconclusive"
-        return Found(
-            "class",
-            [f"No class of motion: {why}."],
-            {**absent("unknown", why), "method": _model(answer.model, answer.model_id)},
-        )
+        return Found("class", [f"No class of motion: {why}."], {**absent("unknown", why), **method})
     line = f"Class of motion: {answer.label} (probability {probability(answer.probability)})."
-    value = {"coding": [_own_class(answer.label)], "text": answer.label}
-    method = _model(answer.model, answer.model_id)
-    return Found(
-        "class",
-        [line],
-        {"valueCodeableConcept": value, "method": method, "component": components},
-    )
+    code = "-".join(answer.label.split())
+    coding = [{"system": f"{SYSTEM}:class", "code": code, "display": answer.label}]
+    content = {
+        "valueCodeableConcept": {"coding": coding, "text": answer.label},
+        **method,
+        "component": [_component(report, one) for one in numbers],
+    }
+    return Found("class", [line], content)
 
 
-def _own_class(label: str) -> Resource:
-    return {"system": f"{SYSTEM}:class", "code": "-".join(label.split()), "display": label}
-
-
-def _model(name: str, model_id: str) -> Resource:
-    return {"text": f"model {name}, id {model_id}"}
-
-
-def _deviation(one: Deviation) -> Found:
-    components = [
-        {
-            "code": concept("p", text=f"p-value of {group.name}, corrected"),
-            "valueQuantity": quantity(group.p, "1", "1"),
-        }
-        for group in one.groups
-    ]
+def _deviation(report: Report, one: Deviation, numbers: Sequence[Number]) -> Found:
     content: Resource = {"valueQuantity": quantity(one.p, "1", "1")}
-    if components:
-        content["component"] = components
+    if len(numbers) > 1:
+        content["component"] = [_component(report, number) for number in numbers[1:]]
+    content["method"] = {"text": f"norm {one.norm}, id {one.norm_id}"}
     verdict = "Deviates from" if one.deviates else "Lies within"
     line = f"{verdict} the {one.n_controls} controls of {one.norm}: p = {one.p:.3g}."
-    return Found(
-        "deviation", [line], {**content, "method": {"text": f"norm {one.norm}, id {one.norm_id}"}}
-    )
+    return Found("deviation", [line], content)
 
 
 def _provenance(key: uuid.UUID, report: Report, targets: Sequence[Resource]) -> Resource:

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import io
 from textwrap import fill, shorten
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modalmotion.clinical import ClinicalReadouts, Fraction
-from modalmotion.clinical.segments import RegionalMotion
+from modalmotion.clinical import Fraction
 from modalmotion.clinical.strain import DEFINITIONS
-from modalmotion.errors import needs_extra
 from modalmotion.mesh import face_normals, oriented_faces
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.pictures.readouts import draw_strain, mark_moments
+from modalmotion.pictures.readouts import (
+    draw_bulls_eye,
+    draw_strain,
+    draw_volume,
+    mark_moments,
+)
+from modalmotion.pictures.view import apex_down, new_figure, round_length
 from modalmotion.reports.content import OWN, Report, moments_of, quantities_of
 from modalmotion.representation import counted, probability, with_interval
 
@@ -39,11 +42,6 @@ _MOST_LINES: Final = 14
 _TITLE: Final = 0.034
 _LINE: Final = 0.0127
 _ORIGIN: Final = 0.105
-
-# Rings of the bull's-eye from the base inward, and the first angle of each.
-_RINGS: Final = ((6, 60.0), (6, 60.0), (4, 45.0), (1, 0.0))
-
-Array = NDArray[np.float64]
 
 
 def report_pdf(report: Report) -> bytes:
@@ -71,28 +69,18 @@ def report_figure(report: Report) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    with needs_extra("plot"):
-        from matplotlib.figure import Figure
-
-    figure = Figure(figsize=_A4, dpi=110)
+    figure = new_figure(*_A4, dpi=110, layout=None)
     title = shorten(report.name, _LONGEST_NAME, placeholder=" ...") or "Motion analysis"
     figure.text(0.07, 0.955, title, fontsize=18, color=_INK, weight="bold")
     facts = report.sequence.facts
     stated = [word for word in (facts.modality, _cavity(str(facts.cavity))) if word]
-    figure.text(
-        0.07,
-        0.935,
-        " · ".join(
-            [
-                f"Motion analysis, {report.issued:%Y-%m-%d %H:%M} UTC",
-                f"recording {report.sequence_id[:12]}",
-                *stated,
-                _duration(report.sequence),
-            ]
-        ),
-        fontsize=9,
-        color=_SOFT,
+    line = (
+        f"Motion analysis, {report.issued:%Y-%m-%d %H:%M} UTC",
+        f"recording {report.sequence_id[:12]}",
+        *stated,
+        _duration(report.sequence),
     )
+    figure.text(0.07, 0.935, " · ".join(line), fontsize=9, color=_SOFT)
     figure.text(0.93, 0.955, "preliminary", fontsize=11, color="#b5533c", ha="right")
     frames = moments_of(report)
     for k, (frame, name) in enumerate(frames):
@@ -100,14 +88,28 @@ def report_figure(report: Report) -> Figure:
         _draw_surface(axes, report, frame)
         axes.set_title(name, fontsize=9.5, color=_INK)
     if report.ventricle is not None and report.ventricle.regions is not None:
-        axes = figure.add_axes((0.67, 0.70, 0.27, 0.20), projection="polar")
-        _draw_regions(figure, axes, report.ventricle.regions, frames[-1][0])
-    if report.readouts is not None:
+        axes = figure.add_axes((0.67, 0.70, 0.27, 0.20))
+        scale = draw_bulls_eye(axes, report.ventricle.regions, frames[-1][0], fontsize=6.5)
+        title = "inward motion at end systole, % of the radius"
+        axes.set_title(title, fontsize=9, color=_INK)
+        bar = figure.colorbar(scale, cax=figure.add_axes((0.95, 0.73, 0.008, 0.14)))
+        bar.ax.tick_params(labelsize=6.5)
+    readouts = report.readouts
+    if readouts is not None:
+        curve = readouts.stated
         strain = None if report.ventricle is None else report.ventricle.strain
-        wide = 0.50 if strain is None else 0.22
-        _draw_volume(figure.add_axes((0.10, 0.475, wide, 0.17)), report.readouts)
+        panels = [figure.add_axes((0.10, 0.475, 0.50 if strain is None else 0.22, 0.17))]
+        scaled = curve.volumes * readouts.shown_in, curve.reach * readouts.shown_in
+        at = draw_volume(panels[0], readouts, *scaled)
+        if curve.fraction == Fraction.EJECTION_FRACTION:
+            mark_moments(panels[0], at, curve.end_diastole, curve.end_systole)
         if strain is not None:
-            draw_strain(figure.add_axes((0.39, 0.475, 0.22, 0.17)), strain, report.readouts.times)
+            panels.append(figure.add_axes((0.39, 0.475, 0.22, 0.17)))
+            draw_strain(panels[1], strain, readouts.times)
+        for axes in panels:
+            axes.tick_params(labelsize=7.5)
+            axes.xaxis.label.set_fontsize(8)
+            axes.yaxis.label.set_fontsize(8)
     _write_quantities(figure, report)
     _write_words(figure, report)
     return figure
@@ -130,11 +132,8 @@ def _draw_surface(axes: Axes, report: Report, frame: int) -> None:
     everything = sequence.vertices.reshape(-1, 3).astype(np.float64)
     centre = everything.mean(axis=0)
     size = float(np.abs(everything - centre).max()) or 1.0
-    # The longest axis upright, the same view for both frames.
-    _, _, (third, second, first) = np.linalg.svd(
-        (sequence.vertices[0] - centre) / size, full_matrices=False
-    )
-    view = np.stack([second, first, third], axis=1)
+    # The same view for both frames.
+    view = apex_down((sequence.vertices[0] - centre) / size)
     points = (sequence.vertices[frame] - centre) / size @ view
     axes.set_aspect("equal")
     axes.axis("off")
@@ -150,90 +149,19 @@ def _draw_surface(axes: Axes, report: Report, frame: int) -> None:
     order = np.argsort(-points[faces].mean(axis=1)[:, 1])
     shade = 0.35 + 0.6 * facing[order]
     colours = np.stack([0.25 + 0.6 * shade, 0.40 + 0.5 * shade, 0.60 + 0.38 * shade], axis=1)
+    shown, is_large = points[faces][order][:, :, [0, 2]], len(faces) > 2000
+    colours = np.clip(colours, 0, 1)
     axes.add_collection(
-        PolyCollection(
-            points[faces][order][:, :, [0, 2]],
-            facecolors=np.clip(colours, 0, 1),
-            edgecolors="none",
-            rasterized=len(faces) > 2000,
-        )
+        PolyCollection(shown, facecolors=colours, edgecolors="none", rasterized=is_large)
     )
     _scale_bar(axes, size, sequence.unit)
 
 
 def _scale_bar(axes: Axes, size: float, unit: str | None) -> None:
-    length = 10.0 ** np.floor(np.log10(size))
-    while length < 0.4 * size:
-        length *= 2.0
+    length = round_length(0.8 * size)
     share = length / size
     axes.plot([-1.0, -1.0 + share], [-1.0, -1.0], color=_INK, lw=1.5)
     axes.text(-1.0, -0.97, f"{length:g} {unit or 'units'}", fontsize=7, va="bottom", color=_INK)
-
-
-def _draw_regions(figure: Figure, axes: Any, regions: RegionalMotion, frame: int) -> None:
-    shares = regions.shares[frame]
-    from matplotlib import colormaps
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
-    scale = Normalize(min(0.0, float(np.nanmin(shares))), max(1.0, float(np.nanmax(shares))))
-    colours = colormaps["viridis"]
-    # If the anterior wall is unknown there are rings only.
-    rings = _RINGS if regions.has_segments else tuple((1, 0.0) for _ in shares)
-    k, n_rings = 0, len(rings)
-    turn = np.linspace(0.0, 2.0 * np.pi, 181)
-    for ring, (n, start) in enumerate(rings):
-        outer = 1.0 - ring / n_rings
-        width = 2.0 * np.pi / n
-        axes.plot(turn, np.full(len(turn), outer), color="white", lw=0.8, zorder=3)
-        for j in range(n):
-            value = float(shares[k])
-            middle = np.deg2rad(start) + np.pi / 2 - np.deg2rad(30.0 * (n == 6)) + j * width
-            colour = "#dddddd" if np.isnan(value) else colours(scale(value))
-            axes.bar(
-                middle,
-                1.0 / n_rings,
-                width=width,
-                bottom=outer - 1.0 / n_rings,
-                color=colour,
-                edgecolor="none" if n == 1 else "white",
-                lw=0.8,
-            )
-            if not np.isnan(value):
-                radius = 0.0 if n == 1 and ring == n_rings - 1 else outer - 0.5 / n_rings
-                dark = scale(value) < 0.6
-                axes.text(
-                    middle,
-                    radius,
-                    f"{value:.0f}",
-                    ha="center",
-                    va="center",
-                    fontsize=6.5,
-                    color="white" if dark else _INK,
-                )
-            k += 1
-    axes.set(xticks=[], yticks=[], ylim=(0, 1))
-    axes.spines["polar"].set_visible(False)
-    axes.set_title("inward motion at end systole, % of the radius", fontsize=9, color=_INK)
-    bar = figure.add_axes((0.95, 0.73, 0.008, 0.14))
-    figure.colorbar(ScalarMappable(scale, colours), cax=bar).ax.tick_params(labelsize=6.5)
-
-
-def _draw_volume(axes: Axes, readouts: ClinicalReadouts) -> None:
-    times = readouts.times
-    v = readouts.stated.volumes * readouts.shown_in
-    b = readouts.stated.reach * readouts.shown_in
-    at = np.arange(len(v)) if times is None else times
-    axes.fill_between(at, v - b, v + b, color=_BLUE, alpha=0.22, lw=0)
-    axes.plot(at, v, "o-", ms=2.5, lw=1.2, color=_BLUE)
-    if readouts.stated.fraction == Fraction.EJECTION_FRACTION:
-        mark_moments(axes, at, readouts.stated.end_diastole, readouts.stated.end_systole)
-    axes.set_xlabel("frame" if times is None else "time (s)", fontsize=8)
-    axes.set_ylabel(f"volume ({readouts.volume_unit})", fontsize=8)
-    axes.tick_params(labelsize=7.5)
-    axes.grid(alpha=0.25)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
 
 
 def _write_quantities(figure: Figure, report: Report) -> None:
@@ -260,14 +188,10 @@ def _write_words(figure: Figure, report: Report) -> None:
         y -= _TITLE + _LINE * len(filled)
     signature = report.signature
     versions = ", ".join(f"{name} {value}" for name, value in signature.provenance.items())
-    origin = [
-        f"recording {report.sequence_id}",
-        f"report {report.digest}",
-        versions,
-        report.intended_use,
-    ]
-    if report.classification is not None:
-        origin.insert(1, f"model {report.classification.model} {report.classification.model_id}")
+    answer = report.classification
+    model = [] if answer is None else [f"model {answer.model} {answer.model_id}"]
+    origin = (f"recording {report.sequence_id}", *model, f"report {report.digest}", versions)
+    origin = (*origin, report.intended_use)
     text = "\n".join(fill(line, 132) for line in origin)
     figure.text(0.07, 0.03, text, fontsize=6.5, color=_SOFT, va="bottom")
 
@@ -302,9 +226,7 @@ def _sections(report: Report) -> list[tuple[str, list[str], str]]:
             f"{strain.end_systole} (end systole, smallest volume), from {strain.source}, "
             f"{strain.layer}; with 95 % intervals."
         )
-    compared: list[str] = []
-    if deviation is not None:
-        compared = list(deviation.findings)
+    compared = [] if deviation is None else list(deviation.findings)
     return [
         ("Class of motion", said, _INK),
         ("Compared with own controls", compared, _INK),

@@ -106,7 +106,7 @@ def slices_payload(images: ImageSequence, frame: int = 0, track: Track | None = 
     Returns
     -------
     bytes
-        `read_container` reads them. The header names of each part its `shape`, `affine` (3, axes
+        As of `write_container`. The header names of each part its `shape`, `affine` (3, axes
         + 1; mm, LPS), `thickness` (mm) and the `stack` of parallel planes that it is in; `pixels`
         has one part after the other, the first index fastest; 0 where nothing is known. Of a track
         each part has the `shift` (3; mm) by which it shows everything aside, and `vertices` (n, 3;
@@ -132,10 +132,11 @@ def slices_payload(images: ImageSequence, frame: int = 0, track: Track | None = 
             remedy="Name a track that was made of these images.",
         )
     parts = parts_of(image)
-    shifts = _shifts(track, len(parts))
+    shifts = () if track is None or track.images is None else track.images.shifts
+    if len(shifts) != len(parts):
+        shifts = ((0.0, 0.0, 0.0),) * len(parts)
     low, high = _window(parts)
     coarse = [_thinned(part) for part in parts]
-    stacks = _stacks(parts)
     header = {
         "kind": "planes" if isinstance(image, PlaneSet) else "volume",
         "frame": frame,
@@ -148,10 +149,10 @@ def slices_payload(images: ImageSequence, frame: int = 0, track: Track | None = 
                 "affine": affine.tolist(),
                 "thickness": part.thickness if isinstance(part, Plane) else min(part.spacing),
                 "stack": stack,
-                "shift": shift,
+                "shift": list(shift),
             }
             for part, (values, affine), stack, shift in zip(
-                parts, coarse, stacks, shifts, strict=True
+                parts, coarse, _stacks(parts), shifts, strict=True
             )
         ],
     }
@@ -163,22 +164,13 @@ def slices_payload(images: ImageSequence, frame: int = 0, track: Track | None = 
     return write_container(header, arrays)
 
 
-def _shifts(track: Track | None, n_parts: int) -> list[list[float]]:
-    """By which each part shows everything aside, mm."""
-    known = () if track is None or track.images is None else track.images.shifts
-    if len(known) != n_parts:
-        return [[0.0, 0.0, 0.0]] * n_parts
-    return [list(shift) for shift in known]
-
-
 def _window(parts: tuple[Volume | Plane, ...]) -> tuple[float, float]:
     """Give the samples that are black and white: the same in all planes of a frame."""
     total = sum(part.values.size for part in parts)
     # Steps of the golden ratio fall in with no row.
     spread = np.arange(_ENOUGH_SAMPLES) * 0.6180339887498949 % 1.0
     samples = []
-    for part in parts:
-        values = part.values
+    for values in (part.values for part in parts):
         n = -(-_ENOUGH_SAMPLES * values.size // total)
         places = np.unravel_index((spread[:n] * values.size).astype(np.intp), values.shape)
         samples.append(np.asarray(values[places], dtype=np.float64))

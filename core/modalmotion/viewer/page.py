@@ -79,7 +79,7 @@ def data_payload(data: SampledData) -> bytes:
     Returns
     -------
     bytes
-        `read_container` reads them. `points` (n, 3) are float32 from the header's `origin`, in its
+        As of `write_container`. `points` (n, 3) are float32 from the header's `origin`, in its
         `length`: 1 in the unit of the sequence, but for extremes; `weights` (n,) from 0 of a
         stray to 255; `landmarks` (n,) 0 or 1; `counts` in the header has the points of each frame.
     """

@@ -80,7 +80,7 @@ def view_payload(
     Returns
     -------
     bytes
-        As `read_container` reads them. The frames as sent follow in `frames_payload`.
+        As of `write_container`. The frames as sent follow in `frames_payload`.
 
     Raises
     ------
@@ -89,16 +89,12 @@ def view_payload(
     LimitError
         If the surface has no natural coordinates, and too many shapes to be sent.
     """
-    used = fitted_on(signature, sequence, template)
-    start = reference_positions(sequence, signature.parameters.reference)
+    used, start, centre, offsets = _placed(signature, sequence, template)
     is_offset = signature.kind == SignatureKind.OFFSET
     arrays: dict[str, NDArray[Any]] = {}
-    if is_offset:
-        directions, centre = offset_reference(used, start)
-    else:
-        directions, centre = None, used.weights @ start
-        if signature.parameters.components != Components.CARTESIAN:
-            directions = local_frames(used)
+    directions = offsets
+    if not is_offset and signature.parameters.components != Components.CARTESIAN:
+        directions = local_frames(used)
     scale = length_scale(sequence, centre)
     arrays["rest"] = _single((start - centre) / scale)
     arrays["faces"] = used.faces.astype(np.uint16 if used.n_vertices <= 2**16 else np.uint32)
@@ -175,12 +171,7 @@ def frames_payload(
     template : Template, optional
         The one that the signature's parameters name, if they name one.
     """
-    used = fitted_on(signature, sequence, template)
-    start = reference_positions(sequence, signature.parameters.reference)
-    if signature.kind == SignatureKind.OFFSET:
-        _, centre = offset_reference(used, start)
-    else:
-        centre = used.weights @ start
+    _, _, centre, _ = _placed(signature, sequence, template)
     scale = length_scale(sequence, centre)
     x = (sequence.vertices[first:stop].astype(np.float64) - centre) / scale
     low = x.min(axis=(0, 1)) if x.size else np.zeros(3)
@@ -189,6 +180,18 @@ def frames_payload(
     frames = np.rint((x - low) / steps).astype(np.uint16)
     header = {"first": first, "low": low.tolist(), "step": step.tolist()}
     return write_container(header, {"frames": frames})
+
+
+def _placed(
+    signature: ModalSignature, sequence: MeshSequence, template: Template | None
+) -> tuple[Template, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]:
+    """Give the template, the surface at rest, its centroid, and the directions of offsets."""
+    used = fitted_on(signature, sequence, template)
+    start = reference_positions(sequence, signature.parameters.reference)
+    if signature.kind != SignatureKind.OFFSET:
+        return used, start, used.weights @ start, None
+    directions, centre = offset_reference(used, start)
+    return used, start, centre, directions
 
 
 def length_scale(sequence: MeshSequence, centre: NDArray[np.float64]) -> float:
@@ -231,11 +234,9 @@ def _mesh_shapes(signature: ModalSignature, template: Template) -> NDArray[np.fl
 def _waves(signature: ModalSignature, template: Template) -> list[dict[str, Any]]:
     """Modes by waves, a cosine with its sine, each with its words."""
     spectrum, labels = signature.deformation_spectrum, signature.modes.labels
-    waves, seen = [], set()
-    for cosine, sine in zip(*map(np.ndarray.tolist, wave_pairs(signature.modes)), strict=True):
-        modes = [cosine] if sine < 0 else [cosine, sine]
-        seen.update(modes)
-        waves.append(modes)
+    pairs = zip(*map(np.ndarray.tolist, wave_pairs(signature.modes)), strict=True)
+    waves = [[cosine] if sine < 0 else [cosine, sine] for cosine, sine in pairs]
+    seen = {mode for modes in waves for mode in modes}
     waves += [[mode] for mode in range(len(labels)) if mode not in seen]
     entries = []
     for modes in waves:
@@ -272,25 +273,18 @@ def _volume(
     arrays: dict[str, NDArray[Any]],
 ) -> dict[str, Any]:
     """Volume, strain and segments, or why there are none."""
+    words: dict[str, Any] = {"rates": [], "reasons": []}
     try:
         readouts = clinical_readouts(signature, sequence, template=template)
     except InputError as error:
         refused = {"refused": error.message}
-        return {
-            "volume": refused,
-            "rates": [],
-            "strain": refused,
-            "segments": refused,
-            "reasons": [],
-        }
+        return {**words, **dict.fromkeys(("volume", "strain", "segments"), refused)}
     ventricle = ventricle_readouts(signature, sequence, readouts, template=template)
     refused = {"refused": " ".join(ventricle.reasons)}
-    regions, strain = ventricle.regions, ventricle.strain
+    rates, regions, strain = ventricle.rates, ventricle.regions, ventricle.strain
     return {
         "volume": _volume_words(readouts, arrays),
-        "rates": []
-        if ventricle.rates is None
-        else _rate_words(ventricle.rates, readouts, sequence),
+        "rates": [] if rates is None else _rate_words(rates, readouts, sequence),
         "strain": refused if strain is None else _strain_words(strain, sequence, arrays),
         "reasons": list(ventricle.reasons),
         "segments": refused if regions is None else _segment_words(regions, strain, readouts),
@@ -349,52 +343,45 @@ def _volume_words(readouts: ClinicalReadouts, arrays: dict[str, NDArray[Any]]) -
     is_ejected = curve.fraction == Fraction.EJECTION_FRACTION
     moments = ("end diastole", "end systole") if is_ejected else ("largest", "smallest")
     names = ("EDV", "ESV", "SV") if is_ejected else ("Largest", "Smallest", "Difference")
-    definitions = (
-        f"volume at {moments[0]}, the largest of all frames",
-        f"volume at {moments[1]}, the smallest of all frames",
-        "the largest volume less the smallest",
+    largest, smallest = (
+        f"volume at {name}, the {size} of all frames" if is_ejected else f"{size} volume"
+        for name, size in zip(moments, ("largest", "smallest"), strict=True)
     )
-    if not is_ejected:
-        definitions = ("largest volume", "smallest volume", definitions[2])
+    difference = "the largest volume less the smallest"
     values = (
-        (curve.end_diastolic_volume, curve.end_diastolic_range),
-        (curve.end_systolic_volume, curve.end_systolic_range),
-        (curve.stroke_volume, curve.stroke_range),
+        (curve.end_diastolic_volume, *curve.end_diastolic_range),
+        (curve.end_systolic_volume, *curve.end_systolic_range),
+        (curve.stroke_volume, *curve.stroke_range),
     )
+    unit = readouts.volume_unit
     words: dict[str, Any] = {
-        "unit": readouts.volume_unit,
+        "unit": unit,
         "end_diastole": curve.end_diastole,
         "end_systole": curve.end_systole,
         "moments": ["ED", "ES"] if is_ejected else list(moments),
         "is_tracked": readouts.is_tracked,
         "n_openings": readouts.n_openings,
         "figures": [
-            {
-                "name": name,
-                "definition": definition,
-                "unit": readouts.volume_unit,
-                "value": value * factor,
-                "low": low * factor,
-                "high": high * factor,
-            }
-            for name, definition, (value, (low, high)) in zip(
-                names, definitions, values, strict=True
+            _figure(name, unit, *(factor * one for one in three), definition=definition)
+            for name, definition, three in zip(
+                names, (largest, smallest, difference), values, strict=True
             )
         ],
         "notes": list(readouts.notes),
     }
-    if curve.fraction is not None and curve.share_range is not None:
-        words["share"] = {
-            "name": curve.fraction.words,
-            "definition": "stroke volume over end-diastolic volume"
-            if is_ejected
-            else "difference of volumes over the largest",
-            "unit": "%",
-            "value": curve.share,
-            "low": curve.share_range[0],
-            "high": curve.share_range[1],
-        }
+    if curve.fraction is not None and curve.share is not None and curve.share_range is not None:
+        definition = "difference of volumes over the largest"
+        if is_ejected:
+            definition = "stroke volume over end-diastolic volume"
+        share = (curve.share, *curve.share_range)
+        words["share"] = _figure(curve.fraction.words, "%", *share, definition=definition)
     return words
+
+
+def _figure(
+    name: str, unit: str, value: float, low: float, high: float, **more: Any
+) -> dict[str, Any]:
+    return {"name": name, "unit": unit, "value": value, "low": low, "high": high, **more}
 
 
 def _rate_words(
@@ -402,25 +389,19 @@ def _rate_words(
 ) -> list[dict[str, Any]]:
     start, unit = readouts.stated.end_diastole, readouts.volume_unit
     words = [
-        {
-            "name": f"Peak {name}",
-            "unit": f"{unit}/s",
-            "value": rate,
-            "low": rate - bound,
-            "high": rate + bound,
-            "time_to_peak": _time_from(sequence, start, frame),
-        }
+        _figure(
+            *(f"Peak {name}", f"{unit}/s", rate, rate - bound, rate + bound),
+            time_to_peak=_time_from(sequence, start, frame),
+        )
         for name, rate, bound, frame in (
             ("ejection", rates.peak_ejection_rate, rates.ejection_bound, rates.ejection_frame),
             ("filling", rates.peak_filling_rate, rates.filling_bound, rates.filling_frame),
         )
     ]
     if rates.cardiac_output is not None and rates.output_range is not None:
-        low, high = rates.output_range
         litres, unit = (1e-3, "l") if readouts.unit is not None else (1.0, unit)
-        values = (rates.cardiac_output, low, high)
-        output = dict(zip(("value", "low", "high"), (litres * x for x in values), strict=True))
-        words.append({"name": "Output", "unit": f"{unit}/min", **output, "time_to_peak": None})
+        values = (litres * one for one in (rates.cardiac_output, *rates.output_range))
+        words.append(_figure("Output", f"{unit}/min", *values, time_to_peak=None))
     return words
 
 
@@ -463,18 +444,15 @@ def _known(
 def _classification(answer: Classification | None) -> dict[str, Any]:
     if answer is None:
         return {"classification": None}
+    plain = ("model", "label", "probability", "coverage")
+    parts = [
+        {"modes": list(part.modes), "score": part.score, "amplitude": part.amplitude}
+        for part in answer.explanation[:8]
+    ]
     return {
         "classification": {
-            "model": answer.model,
-            "label": answer.label,
-            "probability": answer.probability,
-            "class_set": list(answer.class_set),
-            "coverage": answer.coverage,
-            "flags": list(answer.flags),
-            "explanation": [
-                {"modes": list(part.modes), "score": part.score, "amplitude": part.amplitude}
-                for part in answer.explanation[:8]
-            ],
-            "notes": list(answer.notes),
+            **{name: getattr(answer, name) for name in plain},
+            **{name: list(getattr(answer, name)) for name in ("class_set", "flags", "notes")},
+            "explanation": parts,
         }
     }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import abc
-import contextlib
 import hashlib
 import hmac
 import os
@@ -12,12 +11,11 @@ import secrets
 import sqlite3
 import threading
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Final, Self
-from urllib.parse import quote
 
 from modalmotion.errors import CorruptFileError, NotFoundError, ParameterError, StoreError
 from modalmotion.store.disk import sync_paths
@@ -327,7 +325,7 @@ def _key(row: tuple[Any, ...]) -> Key:
 
 
 class KeySnapshot(Authenticator):
-    """Keys as they are in a file, which is read anew when another one takes its place.
+    """Keys as they are in a file now, which may be replaced at any time.
 
     Nothing is written, not even beside it: the folder may be one that nobody can write to. While
     the file is away or damaged every key is refused with an error of the store.
@@ -340,43 +338,27 @@ class KeySnapshot(Authenticator):
 
     def __init__(self, data_dir: Path | None) -> None:
         self._path = None if data_dir is None else data_dir / "access" / "keys.sqlite"
-        self._lock = threading.Lock()
-        self._seen: tuple[int, ...] = ()
-        self._rows: dict[str, tuple[Any, ...]] = {}
         if self._path is not None and self._path.exists():
             self._row("")
 
     def __len__(self) -> int:
         """Give how many keys are known, whether they are active or not."""
-        return len(self._rows)
+        if self._path is None or not self._path.exists():
+            return 0
+        return int(self._rows("SELECT count(*) FROM keys")[0][0])
 
     def _row(self, key_id: str) -> tuple[Any, ...] | None:
+        rows = self._rows("SELECT * FROM keys WHERE id = ?", key_id)
+        return rows[0] if rows else None
+
+    def _rows(self, statement: str, *values: str) -> list[tuple[Any, ...]]:
         if self._path is None:
-            return None
-        with self._lock, explained(self._path.name):
+            return []
+        with explained(self._path.name):
             log = self._path.with_name(f"{self._path.name}-wal")
-            try:
-                status = self._path.stat()
-            except OSError as error:
-                raise sqlite3.OperationalError(error.strerror) from error
-            seen = [status]
-            with contextlib.suppress(OSError):
-                seen.append(log.stat())
-            marks = tuple(
-                mark for one in seen for mark in (one.st_ino, one.st_mtime_ns, one.st_size)
-            )
-            if marks != self._seen:
-                is_live = len(seen) > 1 and seen[1].st_size > 0
-                self._rows, self._seen = _rows_of(self._path, is_live=is_live), marks
-        return self._rows.get(key_id)
-
-
-def _rows_of(path: Path, *, is_live: bool) -> dict[str, tuple[Any, ...]]:
-    # Immutable, unless a service has it open whose newest rows are beside it: else SQLite would
-    # make files there, to share it with writers.
-    address = f"file:{quote(str(path.absolute()))}?mode=ro{'' if is_live else '&immutable=1'}"
-    connection = sqlite3.connect(address, uri=True)
-    try:
-        return {row[0]: row for row in connection.execute("SELECT * FROM keys")}
-    finally:
-        connection.close()
+            # Immutable, unless a service has it open whose newest rows are beside it: else SQLite
+            # would make files there, to share it with writers.
+            is_live = log.exists() and log.stat().st_size > 0
+            address = f"{self._path.absolute().as_uri()}?mode=ro{'' if is_live else '&immutable=1'}"
+            with closing(sqlite3.connect(address, uri=True)) as file:
+                return file.execute(statement, values).fetchall()

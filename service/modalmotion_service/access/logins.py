@@ -20,6 +20,7 @@ from modalmotion.errors import ParameterError, needs_extra
 from modalmotion_service.access.rates import is_loopback
 from modalmotion_service.access.scopes import Principal, Scope
 from modalmotion_service.errors import AuthenticationError, ProviderError
+from modalmotion_service.settings import Settings
 
 REFRESH_SECONDS: Final = 600.0
 """Age from which keys are fetched again: one that the provider has withdrawn is of no use then."""
@@ -209,16 +210,7 @@ class Logins:
     Parameters
     ----------
     provider : Provider
-    audience : str
-        That tokens must be for.
-    scope_prefix : str
-        Of our scopes among those of a token.
-    owner_claim : str
-        Claim that says who an owner is.
-    name_claim : str, optional
-        Claim by which the audit log names people; by a digest without it.
-    roles : mapping of str to str, optional
-        Scopes, separated by commas, that roles and groups open.
+    settings : Settings
 
     Raises
     ------
@@ -228,27 +220,16 @@ class Logins:
         If a role opens what is no scope.
     """
 
-    def __init__(
-        self,
-        provider: Provider,
-        audience: str,
-        *,
-        scope_prefix: str,
-        owner_claim: str,
-        name_claim: str | None = None,
-        roles: Mapping[str, str] | None = None,
-    ) -> None:
+    def __init__(self, provider: Provider, settings: Settings) -> None:
         with needs_extra("oidc"):
             import cryptography  # noqa: F401 (without it PyJWT has no such algorithms)
             import jwt
 
         self._jwt = jwt
         self._provider = provider
-        self._audience = audience
-        self._scope_prefix = scope_prefix
-        self._owner_claim = owner_claim
-        self._name_claim = name_claim
-        self._roles = {role: _scopes_of(role, words) for role, words in (roles or {}).items()}
+        self._settings = settings
+        roles = settings.oidc_roles.items()
+        self._roles = {role: _scopes_of(role, words) for role, words in roles}
 
     async def principal(self, token: str) -> Principal:
         """Check a token.
@@ -282,7 +263,7 @@ class Logins:
                 token,
                 key,
                 algorithms=[algorithm],
-                audience=self._audience,
+                audience=self._settings.oidc_audience,
                 issuer=self._provider.issuer,
                 leeway=_LEEWAY_SECONDS,
                 options={"require": ["exp", "iss", "aud", "sub"]},
@@ -300,13 +281,14 @@ class Logins:
         return claims
 
     def _principal(self, claims: Mapping[str, Any]) -> Principal:
-        who = claims.get(self._owner_claim)
+        claim, of_name = self._settings.oidc_owner_claim, self._settings.oidc_name_claim
+        who = claims.get(claim)
         if not isinstance(who, str) or not who:
-            raise _refused(f"has no claim {self._owner_claim}")
+            raise _refused(f"has no claim {claim}")
         # A name of a folder that tells nothing of the person, and is nobody's of another issuer.
-        owner = f"oidc-{_digest(self._provider.issuer, self._owner_claim, who)[:40]}"
+        owner = f"oidc-{_digest(self._provider.issuer, claim, who)[:40]}"
         key_id = f"oidc-{_digest(self._provider.issuer, str(claims['sub']))[:16]}"
-        name = claims.get(self._name_claim) if self._name_claim else None
+        name = claims.get(of_name) if of_name else None
         if isinstance(name, str) and _NAME.fullmatch(name):
             key_id = f"{key_id}:{name}"
         return Principal(owner, key_id, self._scopes(claims))
@@ -318,14 +300,14 @@ class Logins:
         realm = claims.get("realm_access")
         held = [word for name in ("roles", "groups") for word in _words(claims.get(name))]
         held += _words(realm.get("roles")) if isinstance(realm, Mapping) else []
-        prefix = self._scope_prefix
+        prefix = self._settings.oidc_scope_prefix
         named = {word.removeprefix(prefix) for word in stated + held if word.startswith(prefix)}
         by_role = frozenset[Scope]().union(*(self._roles.get(word, ()) for word in held))
         return by_role | {scope for scope in Scope if str(scope) in named}
 
 
-def logins_of(issuer: str | None, audience: str | None, **options: Any) -> Logins | None:
-    """Make the logins that settings name, with options of `Logins`; None if they name no issuer.
+def logins_of(settings: Settings) -> Logins | None:
+    """Make the logins that settings name; None if they name no issuer.
 
     Raises
     ------
@@ -334,16 +316,15 @@ def logins_of(issuer: str | None, audience: str | None, **options: Any) -> Login
     MissingExtraError
         If PyJWT is absent.
     """
-    if issuer is None:
+    if settings.oidc_issuer is None:
         return None
-    if audience is None:
+    if settings.oidc_audience is None:
         raise ParameterError(
             "MODALMOTION_OIDC_ISSUER is set without MODALMOTION_OIDC_AUDIENCE.",
             remedy="State the audience of this service's tokens: those for other services of the "
             "same issuer must not open it.",
         )
-    provider = Provider(issuer)
-    return Logins(provider, audience, **options)
+    return Logins(Provider(settings.oidc_issuer), settings)
 
 
 def is_login(token: str) -> bool:

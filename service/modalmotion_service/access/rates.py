@@ -12,7 +12,6 @@ import re
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 from starlette.datastructures import Headers
@@ -21,33 +20,6 @@ from starlette.types import Scope as Connection
 from modalmotion_service.errors import ForbiddenError, RateLimitedError
 
 _WINDOW_SECONDS: Final = 60.0
-
-
-@dataclass(frozen=True)
-class Allowance:
-    """Remaining requests under a limit.
-
-    Parameters
-    ----------
-    most : int
-        Requests a minute.
-    remaining : int
-    reset_seconds : int
-        Until there is room for another one.
-    """
-
-    most: int
-    remaining: int
-    reset_seconds: int
-
-    @property
-    def headers(self) -> dict[str, str]:
-        """As headers of an answer."""
-        return {
-            "RateLimit-Limit": str(self.most),
-            "RateLimit-Remaining": str(self.remaining),
-            "RateLimit-Reset": str(self.reset_seconds),
-        }
 
 
 class Rates:
@@ -90,8 +62,8 @@ class Rates:
         """Give how many keys and addresses are remembered."""
         return len(self._seen)
 
-    def key(self, key_id: str) -> Allowance:
-        """Count a request with a key.
+    def key(self, key_id: str) -> dict[str, str]:
+        """Count a request with a key; gives headers that say how many may follow, and when.
 
         Raises
         ------
@@ -100,15 +72,15 @@ class Rates:
         """
         return self._count("requests_per_minute", key_id)
 
-    def address(self, client: str) -> Allowance:
+    def address(self, client: str) -> dict[str, str]:
         """Count a request without a key to what is open to everybody."""
         return self._count("anonymous_per_minute", _network(client))
 
-    def failure(self, client: str) -> Allowance:
+    def failure(self, client: str) -> dict[str, str]:
         """Count a request without the key that it needs."""
         return self._count("failures_per_minute", _network(client))
 
-    def _count(self, limit: str, who: str) -> Allowance:
+    def _count(self, limit: str, who: str) -> dict[str, str]:
         now, most = self._now(), self._most[limit]
         if now >= self._sweep_at:
             self._sweep(now)
@@ -120,7 +92,9 @@ class Rates:
             seen.append(now)
         wait = max(1, math.ceil(seen[0] + _WINDOW_SECONDS - now))
         if has_room:
-            return Allowance(most, most - len(seen), wait)
+            left = most - len(seen)
+            counts = {"Limit": most, "Remaining": left, "Reset": wait}
+            return {f"RateLimit-{name}": str(number) for name, number in counts.items()}
         raise RateLimitedError(
             f"{most} requests came within a minute, as many as may.",
             remedy=f"Wait {wait} s and send it again; ask for many signatures in one request.",

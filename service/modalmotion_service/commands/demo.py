@@ -47,29 +47,25 @@ def main(file: Path | None, output: Path, stays: bool) -> None:
     output.mkdir(parents=True, exist_ok=True)
     with _service(output / "results") as (client, base):
         sequence = client.upload(body)
-        here = f"/v1/sequences/{sequence.id}"
-        client.request("PATCH", here, json={"name": name})
+        client.update(sequence.id, name=name)
         click.echo(
             f"sequence   {name}: {sequence.n_frames} frames of {sequence.n_vertices} vertices, "
             f"id {sequence.id[:12]}..."
         )
-        made = client.request("POST", f"{here}/signatures").json
-        signed = f"/v1/signatures/{made['key']}"
-        signature = signature_from_hdf5(
-            client.request("GET", signed, accept="application/x-hdf5").content
-        )
+        signature = client.signature(sequence.id, modes=7)
+        kept = client.request("GET", f"/v1/sequences/{sequence.id}/signature").json["file"]
         unit = signature.unit or "length units"
         click.echo(
             f"signature  {signature.surface}, {signature.compression:.0f}:1, RMS error "
             f"{signature.rms_error:.3g} {unit} of {np.sqrt(np.mean(signature.motion_rms**2)):.3g}"
         )
-        click.echo(f"volume     {_volumes(client, signed)}")
+        click.echo(f"volume     {_volumes(client, sequence.id)}")
         answer = client.classify(sequence.id)
         click.echo(f"class      {answer.label or 'none'} (probability {answer.probability:.3f})")
         for note in [*signature.notes, *answer.notes]:
             click.echo(f"           note: {note}")
         page = output / "beat.html"
-        page.write_bytes(client.request("GET", f"{signed}/view", accept="text/html").content)
+        client.save("view", page, sequence.id)
         click.echo(f"page       {page} (open it in a browser: the surface moves)")
         until = "Ctrl-C ends the service" if stays else "while it runs: make demo OPEN=1"
         click.echo(f"look at    {base}/view/{sequence.id} ({until})")
@@ -79,7 +75,7 @@ def main(file: Path | None, output: Path, stays: bool) -> None:
             with contextlib.suppress(KeyboardInterrupt):
                 while True:
                     time.sleep(3600)
-    path = output / "results" / made["file"]
+    path = output / "results" / kept
     # Bytes differ: an answer has the facts of its sequence, which its file does not.
     is_same = np.array_equal(signature_from_hdf5(path).amplitudes, signature.amplitudes)
     click.echo(f"HDF5       {path} (the same amplitudes over HTTP: {'yes' if is_same else 'NO'})")
@@ -88,10 +84,10 @@ def main(file: Path | None, output: Path, stays: bool) -> None:
     click.echo(f"picture    {picture}")
 
 
-def _volumes(client: Client, signature: str) -> str:
+def _volumes(client: Client, sequence_id: str) -> str:
     """Ask for volumes and their change; a surface that encloses nothing has none."""
     try:
-        answer = client.request("GET", f"{signature}/readouts").json
+        answer = client.readouts(sequence_id)
     except InputError as error:
         return f"none: {error.message}"
     found = answer["from_signature"]

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
 
@@ -14,7 +13,9 @@ from modalmotion.cli.options import aligned, example, json_option, tell
 from modalmotion_service.access.keys import Key, KeyRing
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.audit.log import make_key, take_back_key
-from modalmotion_service.commands.options import DATA_DIR, Moment, folder_of
+from modalmotion_service.commands.options import DATA_DIR, Moment, folder_of, tell_rows
+
+_HEAD: Final = ("key", "state", "owner", "scopes", "made", "until", "note")
 
 
 class _Scopes(click.ParamType[frozenset[Scope]]):
@@ -61,7 +62,7 @@ def create(
     folder = folder_of(data_dir)
     is_first = not _keys_of(folder).is_file()
     key, token = make_key(folder, owner, scopes, note=note, expires=expires)
-    click.echo(_line(key), err=True)
+    click.echo(aligned([_HEAD, _row(key)]), err=True)
     if is_first:
         # In a wrong folder it would open nothing, and nobody would know why.
         click.echo(f"It is the first key of {folder.absolute()}.", err=True)
@@ -75,11 +76,7 @@ def list_keys(as_json: bool, data_dir: Path | None) -> None:
     """List all keys that were ever made, with their scopes."""
     with KeyRing(_folder_with_keys(data_dir)) as ring:
         known = list(ring.all())
-    if as_json:
-        click.echo(json.dumps(list(map(_told, known)), indent=1))
-        return
-    head = ("key", "state", "owner", "scopes", "made", "until", "note")
-    click.echo(aligned([head, *map(_row, known)]))
+    tell_rows(_HEAD, map(_row, known), list(map(_told, known)), as_json=as_json)
 
 
 @keys.command(epilog=example("keys revoke ID"))
@@ -89,7 +86,7 @@ def list_keys(as_json: bool, data_dir: Path | None) -> None:
 def revoke(key_id: str, as_json: bool, data_dir: Path | None) -> None:
     """Take the key with that ID back, at once and for good."""
     key = take_back_key(_folder_with_keys(data_dir), key_id)
-    tell(_told(key), [_line(key)], as_json=as_json)
+    tell(_told(key), [aligned([_HEAD, _row(key)])], as_json=as_json)
 
 
 def _told(key: Key) -> dict[str, object]:
@@ -99,13 +96,6 @@ def _told(key: Key) -> dict[str, object]:
 def _row(key: Key) -> tuple[str, ...]:
     scopes = ",".join(sorted(key.scopes))
     return (key.id, key.state, key.owner, scopes, key.created, key.expires or "-", key.note)
-
-
-def _line(key: Key) -> str:
-    end = f", until {key.expires}" if key.expires else ""
-    note = f"  {key.note}" if key.note else ""
-    scopes = ",".join(sorted(key.scopes))
-    return f"{key.id}  {key.state:<8} {key.owner}  {scopes}  made {key.created}{end}{note}"
 
 
 def _keys_of(folder: Path) -> Path:

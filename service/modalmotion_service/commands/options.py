@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import re
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Final
 
 import click
+
+from modalmotion.cli.options import aligned
 
 DATA_DIR = click.option(
     "--data-dir",
@@ -22,6 +26,13 @@ def folder_of(data_dir: Path | None) -> Path:
     from modalmotion_service.settings import read_settings
 
     return read_settings().data_dir if data_dir is None else data_dir
+
+
+def tell_rows(
+    head: Sequence[str], rows: Iterable[Sequence[object]], values: object, *, as_json: bool
+) -> None:
+    """Print a table, or what it shows as JSON."""
+    click.echo(json.dumps(values, indent=1) if as_json else aligned([head, *rows]))
 
 
 class Moment(click.ParamType[datetime]):

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 from typing import Final, get_args
 
 import click
 
-from modalmotion.cli.options import aligned, example, json_option, tell
+from modalmotion.cli.options import example, json_option, tell
 from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
 from modalmotion.store.deletion import bury, digest_of_owner
 from modalmotion.store.disk import cannot_write, folder_lock, sync_paths
@@ -20,15 +19,13 @@ from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import LOCAL
 from modalmotion_service.audit.entry import BEGUN
 from modalmotion_service.audit.log import AuditLog, of_command, take_back_key
-from modalmotion_service.commands.options import DATA_DIR
+from modalmotion_service.commands.options import DATA_DIR, tell_rows
 from modalmotion_service.commands.options import folder_of as data_folder_of
 from modalmotion_service.workspace.owners import FOLDER, folder_of
 from modalmotion_service.workspace.spool import sizes
 
 # No owner's name begins so: the service skips folders under removal.
 _REMOVED: Final = ".removed-"
-
-# Of the data folder, and not part of the store of its own owner.
 
 
 @dataclass(frozen=True)
@@ -158,22 +155,9 @@ def owners() -> None:
 def list_owners(as_json: bool, data_dir: Path | None) -> None:
     """List sequences, results, models, megabytes and active keys; a service may be running."""
     usage = list(usage_of(_folder(data_dir)))
-    if as_json:
-        click.echo(json.dumps([asdict(one) for one in usage], indent=1))
-        return
+    rows = [(*astuple(one)[:4], f"{one.n_bytes / 1e6:.1f}", one.n_keys) for one in usage]
     head = ("owner", "sequences", "results", "models", "MB", "keys")
-    rows = [
-        (
-            one.owner,
-            one.n_sequences,
-            one.n_results,
-            one.n_models,
-            f"{one.n_bytes / 1e6:.1f}",
-            one.n_keys,
-        )
-        for one in usage
-    ]
-    click.echo(aligned([head, *rows]))
+    tell_rows(head, rows, [asdict(one) for one in usage], as_json=as_json)
 
 
 @owners.command(epilog=example("owners remove lab"))

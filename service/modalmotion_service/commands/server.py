@@ -189,11 +189,7 @@ def run_app(
         app,
         host=host,
         port=port,
-        http=protocol_with_deadline(
-            settings.header_seconds,
-            settings.idle_seconds,
-            connections,
-        ),
+        http=protocol_with_deadline(settings, connections),
         backlog=at_once,
         log_config=log_config(settings.log_level),
         access_log=False,

@@ -20,6 +20,7 @@ from modalmotion_service.errors import BusyError, SlowClientError
 from modalmotion_service.http.gate import route_of
 from modalmotion_service.http.middleware import Middleware, with_headers
 from modalmotion_service.http.problems import problem_of
+from modalmotion_service.settings import Settings
 
 UPLOADS: Final = frozenset(
     (
@@ -57,55 +58,36 @@ class BodyLimits(Middleware):
     Parameters
     ----------
     app : ASGIApp
-    body_bytes : int
-    image_bytes : int
-        Of images.
-    json_bytes : int
-        Of requests that are not uploads; for all but trainings it is less, by what they need.
-    query_ids : int
-        Most ids in one request.
-    idle_seconds : float
-        Longest pause between two pieces.
-    upload_seconds : float
-        Time for all of it.
+    settings : Settings
     """
 
-    def __init__(
-        self,
-        app: ASGIApp,
-        body_bytes: int,
-        image_bytes: int,
-        json_bytes: int,
-        query_ids: int,
-        idle_seconds: float,
-        upload_seconds: float,
-    ) -> None:
+    def __init__(self, app: ASGIApp, settings: Settings) -> None:
         super().__init__(app)
-        self.body_bytes = body_bytes
-        self.image_bytes = image_bytes
-        # Where there is no route, nothing is read.
-        self.json_bytes: dict[str | None, int] = {None: json_bytes, _TRAINING: json_bytes}
-        for route in _MANY:
-            self.json_bytes[route] = min(json_bytes, _SMALL_BYTES + _BYTES_OF_ID * query_ids)
-        self.other_bytes = min(json_bytes, _SMALL_BYTES)
-        self.idle_seconds = idle_seconds
-        self.upload_seconds = upload_seconds
+        self.settings = settings
+
+    def _most(self, route: str | None) -> tuple[int, str]:
+        """Give the most bytes of a body, and the name of that limit."""
+        limits = self.settings
+        if route == _IMAGES:
+            return limits.max_image_body_bytes, "image_body_bytes"
+        of_json = limits.max_body_bytes if route in UPLOADS else limits.max_json_bytes
+        # Where there is no route, nothing is read. Of trainings the limit alone counts.
+        if route not in UPLOADS | {None, _TRAINING}:
+            of_ids = _BYTES_OF_ID * limits.max_query_ids if route in _MANY else 0
+            of_json = min(of_json, _SMALL_BYTES + of_ids)
+        if of_json < limits.max_body_bytes:
+            return of_json, "json_bytes"
+        return limits.max_body_bytes, "body_bytes"
 
     async def pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on, watching what it receives."""
-        most, name = self.body_bytes, "body_bytes"
-        route = route_of(scope)
-        if route == _IMAGES:
-            most, name = self.image_bytes, "image_body_bytes"
-        of_json = self.json_bytes.get(route, self.other_bytes)
-        if route not in UPLOADS and of_json < most:
-            most, name = of_json, "json_bytes"
+        most, name = self._most(route_of(scope))
         declared = dict(scope["headers"]).get(b"content-length", b"")
         if declared.isdigit() and int(declared) > most:
             await problem_of(_too_large(most, name))(scope, receive, send)
             return
         loop = asyncio.get_running_loop()
-        end = loop.time() + self.upload_seconds
+        end = loop.time() + self.settings.upload_seconds
         received, complete = 0, False
 
         async def watched() -> Message:
@@ -116,7 +98,7 @@ class BodyLimits(Middleware):
             left = end - loop.time()
             try:
                 # Not `wait_for`, which makes a task of each of the body's many pieces.
-                async with asyncio.timeout(min(self.idle_seconds, max(left, 0))):
+                async with asyncio.timeout(min(self.settings.idle_seconds, max(left, 0))):
                     message = await receive()
             except TimeoutError:
                 raise self._too_slow(received, left) from None
@@ -129,10 +111,10 @@ class BodyLimits(Middleware):
         await self.app(scope, watched, send)
 
     def _too_slow(self, received: int, left: float) -> SlowClientError:
-        if left > self.idle_seconds:
-            name, most, what = "idle_seconds", self.idle_seconds, "nothing more came for"
+        if left > self.settings.idle_seconds:
+            name, most, what = "idle_seconds", self.settings.idle_seconds, "nothing more came for"
         else:
-            name, most, what = "upload_seconds", self.upload_seconds, "it took longer than"
+            name, most, what = "upload_seconds", self.settings.upload_seconds, "it took longer than"
         return SlowClientError(
             f"The request body stopped after {received} bytes: {what} {most:g} s.",
             remedy="Send it again over a faster connection, or in a smaller form.",
@@ -186,15 +168,13 @@ class Concurrency(Middleware):
     Parameters
     ----------
     app : ASGIApp
-    most : int
-    most_of_owner : int
-        Of them, with keys of one owner.
+    settings : Settings
     """
 
-    def __init__(self, app: ASGIApp, most: int, most_of_owner: int) -> None:
+    def __init__(self, app: ASGIApp, settings: Settings) -> None:
         super().__init__(app)
-        self.most = most
-        self.most_of_owner = most_of_owner
+        self.most = settings.max_concurrent_requests
+        self.most_of_owner = settings.max_concurrent_requests_of_owner
         self._under_way = 0
         self._of_owner: Counter[str] = Counter()
 

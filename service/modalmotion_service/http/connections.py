@@ -23,6 +23,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 from modalmotion.errors import InputError, LimitError, MalformedFileError
 from modalmotion_service.http.middleware import Middleware, with_headers
 from modalmotion_service.http.problems import problem_of
+from modalmotion_service.settings import Settings
 
 # Open files that a process asks for, where it may have that many; and connections that uvicorn
 # has asyncio accept in one go by default.
@@ -52,9 +53,7 @@ def room_for_connections(most: int) -> tuple[int, int]:
     return max(1, min(most, files // 3)), max(8, min(_MOST_AT_ONCE, files // 8))
 
 
-def protocol_with_deadline(
-    header_seconds: float, idle_seconds: float, most: int
-) -> type[H11Protocol]:
+def protocol_with_deadline(settings: Settings, most: int) -> type[H11Protocol]:
     """Make a protocol that closes connections whose client does not do its part.
 
     uvicorn limits how long an idle connection stays open after an answer, but neither how long a
@@ -63,10 +62,9 @@ def protocol_with_deadline(
 
     Parameters
     ----------
-    header_seconds : float
-        For a request line and headers to arrive.
-    idle_seconds : float
-        For a client to take the next 48 KiB of an answer.
+    settings : Settings
+        `header_seconds` for a request line and headers to arrive, `idle_seconds` for a client to
+        take the next 48 KiB of an answer.
     most : int
         Connections. Beyond them the one that has been silent longest is closed: a client that
         opens many and sends nothing keeps nobody else out.
@@ -94,7 +92,7 @@ def protocol_with_deadline(
         def pause_writing(self) -> None:
             super().pause_writing()
             # Abort, not close: closing waits until everything is read.
-            self._unread = self.loop.call_later(idle_seconds, self.transport.abort)
+            self._unread = self.loop.call_later(settings.idle_seconds, self.transport.abort)
 
         def resume_writing(self) -> None:
             super().resume_writing()
@@ -165,7 +163,7 @@ def protocol_with_deadline(
             self.transport.close()
 
         def _wait_for_headers(self) -> None:
-            self._timer = self.loop.call_later(header_seconds, self._give_up)
+            self._timer = self.loop.call_later(settings.header_seconds, self._give_up)
 
         def _stop_waiting(self) -> None:
             if self._timer is not None:

@@ -186,7 +186,7 @@ class Gate:
         if target is not None and target.scope is None:
             if not needs_key or target.template.startswith(PROBES):
                 return {}
-            return self.rates.address(client).headers
+            return self.rates.address(client)
         try:
             principal, headers = await self._recognise(connection, needs_key)
         except AuthenticationError as error:
@@ -218,7 +218,7 @@ class Gate:
         else:
             access: Access = connection.app.state.access
             principal = access.keys.authenticate(token).principal
-        return principal, self.rates.key(principal.key_id or "").headers
+        return principal, self.rates.key(principal.key_id or "")
 
     async def _note(
         self, connection: HTTPConnection, target: Target | None, status: int, answer: Headers

@@ -1,4 +1,4 @@
-"""Routes that are refused unless the gate has judged them, and whose query and body are checked."""
+"""Routes that the gate must have judged, and whose query and body are checked and described."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ from typing import Any, Final, TypeVar
 from fastapi import APIRouter, Depends, Request
 from fastapi.dependencies.models import Dependant
 from fastapi.exceptions import RequestValidationError
+from fastapi.routing import APIRoute
 from pydantic import BaseModel, ValidationError
 
 from modalmotion_service.http.gate import require_judged
+from modalmotion_service.http.negotiation import JSON
 
 Body = TypeVar("Body", bound=BaseModel)
 
@@ -39,7 +41,20 @@ def body_of(
             return checked(model, data, "body")
         return await asyncio.to_thread(checked, model, data, "body")
 
+    content = {JSON: {"schema": described_as(model)}}
+    described = {"requestBody": {"content": content, "required": not is_optional}}
+    read.described = described  # type: ignore[attr-defined]
     return read
+
+
+BODIES: Final[list[type[BaseModel]]] = []
+"""Models that bodies and statements of calls are read as."""
+
+
+def described_as(model: type[BaseModel]) -> dict[str, str]:
+    """Refer to a model in the document, which has it then."""
+    BODIES.append(model)
+    return {"$ref": f"#/components/schemas/{model.__name__}"}
 
 
 def checked(model: type[Body], data: bytes | str | dict[str, Any], where: str) -> Body:
@@ -133,3 +148,7 @@ class JudgedRouter(APIRouter):
             line.removeprefix("    ") for line in rest.strip().splitlines()
         )
         super().add_api_route(path, endpoint, **options)
+        route = self.routes[-1]
+        assert isinstance(route, APIRoute)  # noqa: S101 (it was made just now)
+        for part in route.dependant.dependencies:
+            route.openapi_extra = getattr(part.call, "described", route.openapi_extra)

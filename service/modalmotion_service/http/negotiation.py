@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-from dataclasses import dataclass
 from typing import Final
 
 from starlette.exceptions import HTTPException
@@ -79,32 +78,19 @@ def _matches(name: str, offer: str, octets: bool) -> bool:
 _WAIT = re.compile(r"wait\s*=\s*\"?(\d{1,6})\"?")
 
 
-@dataclass(frozen=True)
-class Preference:
-    """How long a client wants to wait for an answer.
+def preferred_wait(header: str) -> float | None:
+    """Read from a Prefer header after how many seconds a job is wanted in place of an answer.
 
-    Parameters
-    ----------
-    is_async : bool
-        It wants a job at once.
-    wait_seconds : float or None
-        It wants an answer or a job after so long; None if it does not say.
+    0 where it says respond-async, None where it says nothing; unknown parts are ignored, as the
+    standard requires.
     """
-
-    is_async: bool
-    wait_seconds: float | None
-
-
-def parse_preference(header: str) -> Preference:
-    """Read a Prefer header; unknown parts are ignored, as the standard requires."""
-    is_async, wait = False, None
-    for part in re.split("[,;]", header.lower()):
-        word = part.strip()
+    wait = None
+    for word in map(str.strip, re.split("[,;]", header.lower())):
         if word == "respond-async":
-            is_async = True
-        elif (match := _WAIT.fullmatch(word)) is not None:
+            return 0.0
+        if (match := _WAIT.fullmatch(word)) is not None:
             wait = float(match[1])
-    return Preference(is_async, wait)
+    return wait
 
 
 _TAG: Final = re.compile(r'(?:W/)?("[\x21\x23-\x7e\x80-\xff]*")')

@@ -213,30 +213,17 @@ class StateOfThings(Collector):
         lengths = self._engine.n_waiting
         for lane, length in lengths.items():
             waiting.add_metric([lane], length)
+        yield from (jobs, waiting, stored)
         busy = max(0, self._metrics.tasks_under_way - sum(lengths.values()))
-        yield jobs
-        yield waiting
-        yield stored
-        yield GaugeMetricFamily(
-            "modalmotion_ready", "Whether results can be made and stored: 1 or 0.", self._is_ready()
-        )
-        yield GaugeMetricFamily("modalmotion_owners", "Stores that are open.", len(states))
-        yield GaugeMetricFamily(
-            "modalmotion_owners_failed", "Stores that cannot be opened.", self._owners.n_failed
-        )
-        yield GaugeMetricFamily(
-            "modalmotion_workers",
-            "Worker processes, but for that of the short lane.",
-            self._engine.n_workers,
-        )
-        yield GaugeMetricFamily(
-            "modalmotion_workers_busy", "Processes with a task, that of the short lane too.", busy
-        )
-        yield GaugeMetricFamily(
-            "modalmotion_disk_free_bytes",
-            "Free space on the data folder's disk.",
-            self._owners.free_bytes(),
-        )
+        for name, meaning, value in (
+            ("ready", "Whether results can be made and stored: 1 or 0.", self._is_ready()),
+            ("owners", "Stores that are open.", len(states)),
+            ("owners_failed", "Stores that cannot be opened.", self._owners.n_failed),
+            ("workers", "Worker processes, but for the lane's.", self._engine.n_workers),
+            ("workers_busy", "Processes with a task, that of the short lane too.", busy),
+            ("disk_free_bytes", "Free space of the data folder.", self._owners.free_bytes()),
+        ):
+            yield GaugeMetricFamily(f"modalmotion_{name}", meaning, value)
 
     def _is_ready(self) -> bool:
         try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import base64
 import contextlib
 import json
 from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -14,7 +13,6 @@ from typing import Annotated, Any, Final
 from fastapi import Depends, Header, Query
 from fastapi import Request as HttpRequest
 from fastapi.exceptions import RequestValidationError
-from pydantic import BaseModel
 from starlette.background import BackgroundTask
 from starlette.responses import FileResponse, Response
 
@@ -31,11 +29,10 @@ from modalmotion_service.http.gate import note_facts, note_ids
 from modalmotion_service.http.negotiation import (
     FHIR,
     JSON,
-    Preference,
     best_type,
     is_known,
     not_modified,
-    parse_preference,
+    preferred_wait,
     tag_of,
 )
 from modalmotion_service.schemas.from_core import JsonBody
@@ -59,12 +56,13 @@ class Asked:
     ----------
     state : State
     http : fastapi.Request
-    preference : Preference
+    wait : float or None, s
+        For which the client would wait; 0 for a job at once.
     """
 
     state: State
     http: HttpRequest
-    preference: Preference
+    wait: float | None
 
     @property
     def store(self) -> ResultStore:
@@ -117,9 +115,7 @@ class Asked:
         if tag is not None and (known := self.knows(tag)) is not None:
             return known
         self.note(getattr(request.query, "template", None))
-        done = await self.state.performance.perform(
-            self.state, self.preference, what, request, file
-        )
+        done = await self.state.performance.perform(self.state, self.wait, what, request, file)
         if not isinstance(done, Outcome):
             return accepted(done)
         note_facts(self.http, done.filled)
@@ -134,8 +130,7 @@ class Asked:
         self, what: Operation, request: Request, file: SpoolFile | None = None
     ) -> Response:
         """Answer 202 with a job."""
-        at_once = Preference(is_async=True, wait_seconds=None)
-        job = await self.state.performance.perform(self.state, at_once, what, request, file)
+        job = await self.state.performance.perform(self.state, 0.0, what, request, file)
         assert isinstance(job, Job)  # noqa: S101 (it was asked for)
         return accepted(job)
 
@@ -173,7 +168,7 @@ class Asked:
                     await asyncio.to_thread(keys.release, key)
                 raise
             response = {
-                "body": base64.b64encode(bytes(answer.body)).decode("ascii"),
+                "body": bytes(answer.body).decode(),
                 "headers": {n: v for n, v in answer.headers.items() if n in _KEPT_HEADERS},
             }
             await asyncio.to_thread(keys.complete, key, answer.status_code, response)
@@ -189,7 +184,7 @@ class Asked:
                 remedy="Wait a second and send it again.",
             )
         return Response(
-            base64.b64decode(known.response["body"]),
+            known.response["body"],
             status_code=known.status,
             headers={**known.response["headers"], "Idempotency-Replayed": "true"},
         )
@@ -225,7 +220,7 @@ async def get_state(request: HttpRequest) -> State:
 
 
 async def _asked(request: HttpRequest) -> Asked:
-    return Asked(await get_state(request), request, Preference(is_async=False, wait_seconds=None))
+    return Asked(await get_state(request), request, None)
 
 
 async def _waiting(
@@ -253,10 +248,10 @@ async def _waiting(
                 }
             ]
         )
-    preference = parse_preference(header)
-    if wait is not None:
-        preference = Preference(preference.is_async or wait == 0, wait)
-    return Asked(await get_state(request), request, preference)
+    stated = preferred_wait(header)
+    # Of both the sooner: a job at once is one, whatever else is said.
+    wait = stated if wait is None or stated == 0 else wait
+    return Asked(await get_state(request), request, wait)
 
 
 AskedNow = Annotated[Asked, Depends(_asked)]
@@ -322,9 +317,6 @@ ACCEPTED: Final[dict[int | str, dict[str, Any]]] = {
     202: {"model": JobAnswer, "description": "Continued as a job; fetch the result later."}
 }
 
-BODIES: Final[list[type[BaseModel]]] = []
-"""Models that bodies and statements of calls are read as."""
-
 _ID: Final = "3f5c" * 16
 
 
@@ -371,7 +363,6 @@ def answers(
     status: int = 200,
     is_new: bool = False,
     waits: bool = True,
-    **extra: Any,
 ) -> dict[str, Any]:
     """Describe the answers of a call, for the router.
 
@@ -387,8 +378,6 @@ def answers(
         Whether 201 says that something was made, and 200 that it was known.
     waits : bool
         Whether it may become a job.
-    **extra
-        As of `body` and `upload`.
     """
     content = {
         kind: _OBJECT if kind == FHIR else _BINARY if is_file(kind) else _TEXT
@@ -410,59 +399,4 @@ def answers(
         from starlette.responses import Response
 
         made |= {"response_class": Response, "response_model": None}
-    return made | extra
-
-
-def body(model: type[BaseModel], *, is_optional: bool = False) -> dict[str, Any]:
-    """Describe a JSON body that `body_of` reads."""
-    BODIES.append(model)
-    content = {JSON: {"schema": {"$ref": f"#/components/schemas/{model.__name__}"}}}
-    described = {"content": content, "required": not is_optional}
-    return {"openapi_extra": {"requestBody": described}}
-
-
-def upload(
-    model: type[BaseModel], *, many: bool = False, is_optional: bool = False
-) -> dict[str, Any]:
-    """Describe an upload with statements in the query, in fields of a form, or as JSON in it.
-
-    Parameters
-    ----------
-    model : type of BaseModel
-        Of the statements.
-    many : bool
-        Whether it may be many files.
-    is_optional : bool
-        Whether something else may be in place of a file.
-    """
-    BODIES.append(model)
-    statements = {"$ref": f"#/components/schemas/{model.__name__}"}
-    file = {"type": "string", "format": "binary"}
-    properties: dict[str, Any] = {"file": file, "parameters": statements}
-    if many:
-        properties |= {"files": {"type": "array", "items": file}, "manifest": {"type": "string"}}
-    form = {"type": "object", "properties": properties}
-    if not many and not is_optional:
-        form["required"] = ["file"]
-    content = {
-        "application/octet-stream": {"schema": file},
-        "multipart/form-data": {
-            "schema": form,
-            "encoding": {"parameters": {"contentType": JSON}},
-        },
-    }
-    query = {
-        "name": "parameters",
-        "in": "query",
-        "required": False,
-        "style": "form",
-        "explode": True,
-        "schema": statements,
-        "description": "Each by its name, over those of a form; a list as 1,2,3.",
-    }
-    return {
-        "openapi_extra": {
-            "requestBody": {"required": not is_optional, "content": content},
-            "parameters": [query],
-        }
-    }
+    return made

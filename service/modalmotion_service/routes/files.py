@@ -9,7 +9,7 @@ from fastapi import Depends, Response
 
 from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import JSON, NDJSON, NPZ, RAW, STREAM, VTKHDF, ZIP
-from modalmotion_service.routes.asked import Asked, AskedAny, answers, upload
+from modalmotion_service.routes.asked import Asked, AskedAny, answers
 from modalmotion_service.routes.uploads import Sent, receiving
 from modalmotion_service.schemas.queries import DecodingRequest
 from modalmotion_service.schemas.requests import CLASS_OF_FILE, ENCODING_OF_FILE, SIGNATURE_OF_FILE
@@ -30,7 +30,6 @@ router = JudgedRouter(prefix="/v1", tags=["files"])
 @router.post(
     "/signature",
     **answers(*SIGNATURE_TYPES, NDJSON, ZIP, of=SignatureAnswer | SignatureResults),
-    **upload(SIGNATURE_OF_FILE, many=True),
 )
 async def sign_file(
     sent: Annotated[Sent, Depends(receiving(SIGNATURE_OF_FILE, takes_many=True))], asked: AskedAny
@@ -51,7 +50,6 @@ async def sign_file(
 @router.post(
     "/classify",
     **answers(JSON, NDJSON, of=UploadClassificationAnswer | ClassificationResults),
-    **upload(CLASS_OF_FILE, many=True),
 )
 async def classify_file(
     sent: Annotated[Sent, Depends(receiving(CLASS_OF_FILE, takes_many=True))], asked: AskedAny
@@ -68,7 +66,7 @@ async def classify_file(
         )
 
 
-@router.post("/encode", **answers(STREAM), **upload(ENCODING_OF_FILE))
+@router.post("/encode", **answers(STREAM))
 async def encode_file(
     sent: Annotated[Sent, Depends(receiving(ENCODING_OF_FILE))], asked: AskedAny
 ) -> Response:
@@ -79,7 +77,7 @@ async def encode_file(
     return await _answered(asked, sent, operations.sent_encoding)
 
 
-@router.post("/decode", **answers(NPZ, VTKHDF, RAW), **upload(DecodingRequest))
+@router.post("/decode", **answers(NPZ, VTKHDF, RAW))
 async def decode_file(
     sent: Annotated[Sent, Depends(receiving(DecodingRequest))], asked: AskedAny
 ) -> Response:

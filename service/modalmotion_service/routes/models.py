@@ -18,7 +18,6 @@ from modalmotion_service.routes.asked import (
     AskedNow,
     IdempotencyKey,
     answers,
-    body,
     page_of,
 )
 from modalmotion_service.schemas.from_core import ModelName, ModelReference, Paging
@@ -55,7 +54,7 @@ from modalmotion_service.workspace.training import (
 router = JudgedRouter(prefix="/v1/models", tags=["models"])
 
 
-@router.post("", **answers(status=202), **body(TrainingRequest))
+@router.post("", **answers(status=202))
 async def train_model(
     wanted: Annotated[TrainingRequest, Depends(body_of(TrainingRequest))],
     asked: AskedNow,
@@ -144,7 +143,6 @@ async def delete_model(name: ModelReference, asked: AskedNow) -> None:
 @router.post(
     "/{name}/evaluations",
     **answers(JSON, CSV, PNG, of=EvaluationAnswer | ComparisonAnswer),
-    **body(EvaluationRequest),
 )
 async def evaluate_model(
     name: ModelReference,
@@ -176,7 +174,7 @@ def _summary(records: list[ModelRecord]) -> ModelSummary:
 of_norms = JudgedRouter(prefix="/v1/norms", tags=["norms"])
 
 
-@of_norms.post("", **answers(status=202), **body(NormRequest))
+@of_norms.post("", **answers(status=202))
 async def make_norm(
     wanted: Annotated[NormRequest, Depends(body_of(NormRequest))],
     asked: AskedNow,
@@ -229,7 +227,7 @@ async def delete_norm(name: ModelName, asked: AskedNow) -> None:
     await asyncio.to_thread(asked.store.delete_norm, name)
 
 
-@of_norms.post("/{name}/deviations", **answers(of=CohortDeviationAnswer), **body(DeviationRequest))
+@of_norms.post("/{name}/deviations", **answers(of=CohortDeviationAnswer))
 async def compare_with_norm(
     name: ModelName,
     wanted: Annotated[DeviationRequest, Depends(body_of(DeviationRequest))],

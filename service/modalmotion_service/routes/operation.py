@@ -41,9 +41,9 @@ class JobList(Paging):
 @of_jobs.get("", response_model=JobPageAnswer)
 def list_jobs(query: Annotated[JobList, Query()], asked: AskedNow) -> JobPageAnswer:
     """List jobs from the newest to the oldest, a page at a time."""
-    page = asked.state.jobs.list(state=query.state, limit=query.limit, cursor=query.cursor)
-    jobs = [job_answer(job, asked.state.runner.text(job)) for job in page.jobs]
-    return JobPageAnswer(jobs=jobs, cursor=page.cursor)
+    page, cursor = asked.state.jobs.list(**query.model_dump())
+    jobs = [job_answer(job, asked.state.runner.text(job)) for job in page]
+    return JobPageAnswer(jobs=jobs, cursor=cursor)
 
 
 @of_jobs.get("/{job_id}", response_model=JobAnswer)

@@ -11,7 +11,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.store import record_to_json
 from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import HDF5, JSON, PNG, VIEW
-from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey, answers, upload
+from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey, answers
 from modalmotion_service.routes.uploads import Sent, receiving
 from modalmotion_service.schemas.from_core import Paging, SequenceId
 from modalmotion_service.schemas.queries import ImagesView, TrackView
@@ -26,12 +26,7 @@ from modalmotion_service.workspace.spool import SpoolFile
 router = JudgedRouter(prefix="/v1")
 
 
-@router.post(
-    "/images",
-    tags=["images"],
-    **answers(of=ImagesSummary, is_new=True),
-    **upload(ImagesStatements),
-)
+@router.post("/images", tags=["images"], **answers(of=ImagesSummary, is_new=True))
 async def upload_images(
     sent: Annotated[Sent, Depends(receiving(ImagesStatements))],
     asked: AskedAny,
@@ -84,14 +79,9 @@ async def delete_images(images_id: SequenceId, asked: AskedNow) -> None:
     await erase_images(asked.state, images_id)
 
 
-@router.post(
-    "/tracks",
-    tags=["tracks"],
-    **answers(of=TrackAnswer, is_new=True),
-    **upload(TRACK, is_optional=True),
-)
+@router.post("/tracks", tags=["tracks"], **answers(of=TrackAnswer, is_new=True))
 async def track_recording(
-    sent: Annotated[Sent, Depends(receiving(TRACK))],
+    sent: Annotated[Sent, Depends(receiving(TRACK, is_optional=True))],
     asked: AskedAny,
     idempotency_key: IdempotencyKey = None,
 ) -> Response:
@@ -128,11 +118,7 @@ async def track_recording(
         )
 
 
-@router.get(
-    "/tracks/{track_id}",
-    tags=["tracks"],
-    **answers(JSON, HDF5, PNG, VIEW, of=TrackAnswer),
-)
+@router.get("/tracks/{track_id}", tags=["tracks"], **answers(JSON, HDF5, PNG, VIEW, of=TrackAnswer))
 async def show_track(
     track_id: SequenceId, query: Annotated[TrackView, Query()], asked: AskedAny
 ) -> Response:

@@ -18,9 +18,7 @@ from modalmotion_service.routes.asked import (
     AskedNow,
     IdempotencyKey,
     answers,
-    body,
     page_of,
-    upload,
 )
 from modalmotion_service.routes.uploads import Sent, receiving
 from modalmotion_service.schemas.from_core import Paging, SequenceId
@@ -47,7 +45,7 @@ from modalmotion_service.workspace.operation import Request
 router = JudgedRouter(prefix="/v1/sequences", tags=["sequences"])
 
 
-@router.post("", **answers(of=SequenceSummary, is_new=True), **upload(SEQUENCE))
+@router.post("", **answers(of=SequenceSummary, is_new=True))
 async def upload_sequence(
     asked: AskedAny,
     sent: Annotated[Sent, Depends(receiving(SEQUENCE))],
@@ -93,7 +91,7 @@ def describe_sequence(sequence_id: SequenceId, asked: AskedNow) -> Response:
     return _summary(asked, SequenceSummary.of(asked.store.sequence_record(sequence_id)))
 
 
-@router.patch("/{sequence_id}", response_model=SequenceSummary, **body(SequenceChange))
+@router.patch("/{sequence_id}", response_model=SequenceSummary)
 async def change_sequence(
     sequence_id: SequenceId,
     change: Annotated[SequenceChange, Depends(body_of(SequenceChange))],
@@ -130,6 +128,8 @@ async def change_sequence(
         record = await asyncio.to_thread(
             asked.store.update_sequence, sequence_id, change=changed_facts, **names
         )
+    places = (f"/v1/{kind}/{current}" for kind in ("sequences", "tracks"))
+    await asyncio.to_thread(asked.state.idempotency.forget_names, *places)
     note_facts(asked.http, changed)
     answer = _summary(asked, SequenceSummary.of(record))
     answer.headers["Content-Location"] = answer.headers["location"]
@@ -142,11 +142,7 @@ async def delete_sequence(sequence_id: SequenceId, asked: AskedNow) -> None:
     await erase(asked.state, sequence_id)
 
 
-@router.post(
-    "/{sequence_id}/tradeoff",
-    **answers(JSON, PNG, of=TradeoffAnswer),
-    **body(TRADE, is_optional=True),
-)
+@router.post("/{sequence_id}/tradeoff", **answers(JSON, PNG, of=TradeoffAnswer))
 async def trade_sequence(
     sequence_id: SequenceId,
     trade: Annotated[TradeRequest, Depends(body_of(TRADE, is_optional=True))],
@@ -182,7 +178,7 @@ def _summary(asked: AskedNow, summary: SequenceSummary) -> Response:
 of_templates = JudgedRouter(prefix="/v1/templates", tags=["templates"])
 
 
-@of_templates.post("", **answers(of=TemplateAnswer, is_new=True), **upload(SIGNATURE_OF_FILE))
+@of_templates.post("", **answers(of=TemplateAnswer, is_new=True))
 async def make_template(
     sent: Annotated[Sent, Depends(receiving(SIGNATURE_OF_FILE))], asked: AskedAny
 ) -> Response:

@@ -24,7 +24,6 @@ from modalmotion_service.routes.asked import (
     AskedAny,
     AskedNow,
     answers,
-    body,
     get_state,
     page_of,
     temporary_file,
@@ -82,7 +81,6 @@ _DICOM: Final = {
 @router.post(
     "/sequences/{sequence_id}/signatures",
     **answers(*SIGNATURE_TYPES, of=SignatureAnswer, is_new=True),
-    **body(SIGNATURE, is_optional=True),
 )
 async def make_signature(
     sequence_id: SequenceId,
@@ -269,11 +267,7 @@ async def compare_signature(
     return await _shown(asked, operations.distance, key, query=query, ids=(other,))
 
 
-@router.post(
-    "/signatures/{key}/classifications",
-    **answers(of=ClassificationAnswer, is_new=True),
-    **body(ClassificationRequest, is_optional=True),
-)
+@router.post("/signatures/{key}/classifications", **answers(of=ClassificationAnswer, is_new=True))
 async def classify_signature(
     key: SignatureKey,
     wanted: Annotated[
@@ -307,11 +301,7 @@ async def list_classifications(
     return ClassificationPageAnswer(classifications=answers, cursor=cursor)
 
 
-@router.post(
-    "/signatures/query",
-    **answers(*operations.signatures_query.media_types),
-    **body(MANY_SIGNATURES),
-)
+@router.post("/signatures/query", **answers(*operations.signatures_query.media_types))
 async def pack_signatures(
     wanted: Annotated[ManySignatures, Depends(body_of(MANY_SIGNATURES))], asked: AskedAny
 ) -> Response:
@@ -337,7 +327,7 @@ async def pack_signatures(
     return await asked.do(operations.signatures_query, request)
 
 
-@router.post("/features", **answers(JSON, CSV, of=FeaturesAnswer), **body(FeaturesRequest))
+@router.post("/features", **answers(JSON, CSV, of=FeaturesAnswer))
 async def tabulate_features(
     wanted: Annotated[FeaturesRequest, Depends(body_of(FeaturesRequest))], asked: AskedAny
 ) -> Response:

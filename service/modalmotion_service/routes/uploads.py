@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any, Final
 
 from fastapi import Request
@@ -18,7 +17,6 @@ from modalmotion.errors import LimitError, MalformedFileError, ParameterError
 from modalmotion.mesh.fact_forms import column_of, facts_from_texts, is_fact
 from modalmotion.mesh.facts import NAMES, NO_FACTS, Facts
 from modalmotion.store.folder import require_name
-from modalmotion_service.access.scopes import principal_of
 from modalmotion_service.http.forms import (
     FILES,
     MANIFEST,
@@ -26,7 +24,8 @@ from modalmotion_service.http.forms import (
     SentPart,
     received_form,
 )
-from modalmotion_service.http.judged_router import checked
+from modalmotion_service.http.judged_router import checked, described_as
+from modalmotion_service.http.negotiation import JSON, RAW
 from modalmotion_service.http.observation import stage
 from modalmotion_service.routes.asked import get_state
 from modalmotion_service.schemas.from_core import JsonBody, is_listed
@@ -40,8 +39,6 @@ PARAMETERS: Final = "parameters"
 _MOST_BYTES: Final = 4_000_000
 # Bytes at a time when a form's part is copied.
 _PIECE: Final = 1 << 20
-# Longer queries state their own times, and are seldom repeated.
-_LONGEST_KEPT: Final = 2000
 
 
 @dataclass(frozen=True)
@@ -61,7 +58,7 @@ class Sent:
 
 
 def receiving(
-    model: type[JsonBody], *, takes_many: bool = False
+    model: type[JsonBody], *, takes_many: bool = False, is_optional: bool = False
 ) -> Callable[[Request], Awaitable[Sent]]:
     """Make the dependency that receives an upload into the spool.
 
@@ -72,6 +69,8 @@ def receiving(
     takes_many : bool
         Whether it may be parts named "files", each a sequence, and a part named "manifest" that
         describes them.
+    is_optional : bool
+        Whether something else may be in place of a file.
     """
 
     async def receive(request: Request) -> Sent:
@@ -84,7 +83,38 @@ def receiving(
         return sent
 
     receive.query_model = model  # type: ignore[attr-defined]
+    receive.described = _description(  # type: ignore[attr-defined]
+        model, takes_many=takes_many, is_optional=is_optional
+    )
     return receive
+
+
+def _description(model: type[JsonBody], *, takes_many: bool, is_optional: bool) -> dict[str, Any]:
+    """Describe an upload with statements in the query, in fields of a form, or as JSON in it."""
+    stated = described_as(model)
+    file = {"type": "string", "format": "binary"}
+    form: dict[str, Any] = {"type": "object", "properties": {"file": file, PARAMETERS: stated}}
+    if takes_many:
+        many = {FILES: {"type": "array", "items": file}, MANIFEST: {"type": "string"}}
+        form["properties"] |= many
+    elif not is_optional:
+        form["required"] = ["file"]
+    encoding = {PARAMETERS: {"contentType": JSON}}
+    query = {
+        "name": PARAMETERS,
+        "in": "query",
+        "required": False,
+        "style": "form",
+        "explode": True,
+        "schema": stated,
+        "description": "Each by its name, over those of a form; a list as 1,2,3.",
+    }
+    content = {
+        RAW: {"schema": file},
+        "multipart/form-data": {"schema": form, "encoding": encoding},
+    }
+    body = {"required": not is_optional, "content": content}
+    return {"requestBody": body, "parameters": [query]}
 
 
 async def _receive(
@@ -94,7 +124,7 @@ async def _receive(
     hashed = "idempotency-key" in request.headers
     kind = request.headers.get("content-type", "").lower()
     if not kind.startswith("multipart/form-data"):
-        query, facts = _of_query(request, model)
+        query, facts = statements(model, _texts(request.scope["query_string"], model))
         file = await state.spool.receive(request.stream(), hashed=hashed)
         return Sent(replace(file, facts=facts), query)
     # Before the form is received, not after.
@@ -114,25 +144,6 @@ async def _receive(
         if many is not None:
             many.discard()
         raise
-
-
-def _of_query(request: Request, model: type[JsonBody]) -> tuple[JsonBody, Facts]:
-    """Read the statements of a query, once for all requests of an owner that repeat it."""
-    text: bytes = request.scope["query_string"]
-    # Each owner's by itself: the time that it takes tells nobody what others ask.
-    principal = principal_of(request.scope)
-    owner = None if principal is None else principal.owner
-    read = _read_once if len(text) <= _LONGEST_KEPT else _read_once.__wrapped__
-    return read(owner, model, text)
-
-
-@lru_cache(maxsize=256)
-def _read_once(
-    owner: str | None,  # noqa: ARG001 (a part of the cache's key)
-    model: type[JsonBody],
-    text: bytes,
-) -> tuple[JsonBody, Facts]:
-    return statements(model, _texts(text, model))
 
 
 def _texts(query: bytes, model: type[JsonBody]) -> dict[str, Any]:

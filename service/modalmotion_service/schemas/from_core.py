@@ -100,7 +100,8 @@ def model_of(base: type[Body], *kinds: type, **replaced: Any) -> type[Body]:
     Parameters
     ----------
     base : type of JsonBody
-        Gives the name and the documentation, and what is done with the fields.
+        Gives the name and the documentation, what is done with the fields, and those that are other
+        than the classes say.
     *kinds : dataclass
         Of several that have a field the last one counts.
     **replaced
@@ -111,6 +112,8 @@ def model_of(base: type[Body], *kinds: type, **replaced: Any) -> type[Body]:
     for kind in kinds:
         hints, words = get_type_hints(kind), descriptions(kind)
         for one in fields(kind):
+            if one.name in base.model_fields:
+                continue
             made = one.default_factory
             default = {"default": one.default} if made is MISSING else {"default_factory": made}
             known[one.name] = (

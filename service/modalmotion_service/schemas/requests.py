@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, get_type_hints
 
 from pydantic import FailFast, Field, StringConstraints
 
@@ -13,15 +12,7 @@ from modalmotion.classification.model_files import RULE
 from modalmotion.codec import Effort
 from modalmotion.errors import ParameterError
 from modalmotion.formats import ReadLimits, ReadOptions
-from modalmotion.mesh.facts import (
-    LONGEST_MODALITY,
-    NO_FACTS,
-    Cavity,
-    CoordinateSystem,
-    Facts,
-    Handedness,
-    Tracking,
-)
+from modalmotion.mesh.facts import LONGEST_MODALITY, NO_FACTS, Facts
 from modalmotion.signature.front import MOST_OF_FRONT
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.signature.parameters import MOST_MODES
@@ -49,28 +40,24 @@ LONGEST_NAME: Final = 200
 Name = Annotated[str, StringConstraints(max_length=LONGEST_NAME)]
 
 
-def _unknown(name: str, hint: Any, **limits: Any) -> Any:
-    return (hint | None, Field(None, description=_FACTS[name], **limits))
-
-
-# As the library takes them: absent for unknown.
+# As the library takes them: absent for unknown. The values of the last two are checked by it, which
+# stops at the first fault.
+_HINTS: Final[dict[str, Any]] = {
+    **get_type_hints(Facts),
+    "period": Annotated[float, Field(gt=0)],
+    "modality": Annotated[str, StringConstraints(max_length=LONGEST_MODALITY)],
+    **dict.fromkeys(("landmarks", "covariates"), dict[str, Any]),
+}
 _FACT_FIELDS: Final[dict[str, Any]] = {
-    "tracking": _unknown("tracking", Tracking),
-    "handedness": _unknown("handedness", Handedness),
-    "coordinates": _unknown("coordinates", CoordinateSystem),
-    "period": _unknown("period", float, gt=0),
-    "cavity": _unknown("cavity", Cavity),
-    "modality": _unknown("modality", str, max_length=LONGEST_MODALITY),
-    # Their values are checked by the library, which stops at the first fault.
-    "landmarks": _unknown("landmarks", dict[str, Any]),
-    "covariates": _unknown("covariates", dict[str, Any]),
+    name: (hint | None, Field(None, description=_FACTS[name])) for name, hint in _HINTS.items()
 }
 
 
-_NAME_FIELDS: Final[dict[str, Any]] = {
-    "subject": (Name | None, Field(None, description="Whose surface it is.")),
-    "label": (Name | None, Field(None, description="Known motion class.")),
-}
+class Named(JsonBody):
+    """Whose recording it is, and what it shows."""
+
+    subject: Name | None = Field(None, description="Whose surface it is.")
+    label: Name | None = Field(None, description="Known motion class.")
 
 
 class FactsChange(JsonBody):
@@ -85,12 +72,10 @@ class FactsChange(JsonBody):
 FACTS_CHANGE: Final = model_of(FactsChange, **_FACT_FIELDS)
 
 
-class SequenceChange(JsonBody):
+class SequenceChange(Named):
     """What is stated of a sequence: a missing member stays, null removes it."""
 
     name: Name | None = Field(None, description="What to call it, such as the name of a file.")
-    subject: Name | None = Field(None, description="Whose surface it is.")
-    label: Name | None = Field(None, description="Known motion class.")
     if TYPE_CHECKING:
         facts: FactsChange | None
     else:
@@ -111,20 +96,15 @@ class SequenceChange(JsonBody):
 class Reading(JsonBody):
     """How to read a file, and statements that override its own."""
 
-    @cached_property
-    def _options(self) -> ReadOptions:
-        return value_of(self, ReadOptions, facts=NO_FACTS)
-
     def options(self, limits: ReadLimits, facts: Facts = NO_FACTS) -> ReadOptions:
-        """Translate to the reader's options; once but for limits and facts, for requests repeat."""
-        return replace(self._options, limits=limits, facts=facts)
+        """Translate to the reader's options."""
+        return value_of(self, ReadOptions, limits=limits, facts=facts)
 
 
 _GRID: Final = (
     tuple[Annotated[int, Field(ge=1, lt=10**9)], ...] | None,
     Field(None, description="Nodes along each axis of a lattice."),
 )
-
 
 _READING: Final[dict[str, Any]] = {
     "grid": _GRID,
@@ -136,46 +116,35 @@ _READING: Final[dict[str, Any]] = {
 }
 
 
-class SequenceStatements(Reading):
+class SequenceStatements(Reading, Named):
     """Statements about a sequence to be stored."""
 
-    subject: str | None
-    label: str | None
 
-
-SEQUENCE: Final = model_of(SequenceStatements, ReadOptions, **_READING, **_NAME_FIELDS)
+SEQUENCE: Final = model_of(SequenceStatements, ReadOptions, **_READING)
 
 
 class SignatureRequest(JsonBody):
     """Which signature: its modes by number, tolerance or noise, and what they are measured from."""
 
-    amplitudes: int | None
+    amplitudes: int | None = Field(
+        None,
+        ge=1,
+        le=3 * MOST_MODES,
+        description=descriptions(SignatureParameters)["amplitudes"],
+    )
 
-    @cached_property
-    def _parameters(self) -> SignatureParameters:
+    def parameters(self) -> SignatureParameters:
+        """Translate to the library's parameters."""
         # Of a file landmarks are facts, which the fit reads itself.
         given = getattr(self, "landmarks", None)
         landmarks = given if isinstance(given, GivenLandmarks) else GivenLandmarks()
         return value_of(self, SignatureParameters, amplitudes=self.amplitudes, landmarks=landmarks)
-
-    def parameters(self) -> SignatureParameters:
-        """Translate to the library's parameters; once, for requests share what they repeat."""
-        return self._parameters
 
 
 _SIGNATURE: Final[dict[str, Any]] = {
     "grid": _GRID,
     "modes": {"ge": 1, "le": MOST_MODES},
     "harmonics": {"le": 10_000},
-    "amplitudes": (
-        int | None,
-        Field(
-            None,
-            ge=1,
-            le=3 * MOST_MODES,
-            description=descriptions(SignatureParameters)["amplitudes"],
-        ),
-    ),
 }
 
 
@@ -271,20 +240,37 @@ class ClassOfFile(Reading, ClassificationRequest):
 CLASS_OF_FILE: Final = model_of(ClassOfFile, ReadOptions, **_READING)
 
 
-class TrackRequest(JsonBody):
+class TrackRequest(Named):
     """How to track, and statements about the recording, which override its files'."""
 
     own_names: ClassVar[frozenset[str]] = frozenset({"landmarks"})
 
-    start: str | None
-    images: str | None
-    keep: bool
-    report: bool
-    model: str | None
-    times: tuple[float, ...] | None
-    frame_interval: float | None
-    subject: str | None
-    label: str | None
+    start: SequenceId | None = Field(
+        None,
+        description="A stored sequence: the surface of its first frame is started from, and the "
+        "result has its vertices.",
+    )
+    images: SequenceId | None = Field(
+        None, description="Images that were sent before, in place of a body."
+    )
+    keep: bool = Field(
+        False, description="Keep the images; they are deleted once tracked otherwise."
+    )
+    report: bool = Field(
+        False, description="Make a zip with every form of a report, as a job whose result it is."
+    )
+    model: str | None = Field(
+        None, max_length=80, description="Whose class the report states; none by default."
+    )
+    landmarks: dict[str, Any] | None = Field(
+        None,
+        description="By name: apex and base as a point [x, y, z] in the reference frame, or one "
+        "for each frame with null where it is unknown.",
+    )
+    times: tuple[float, ...] | None = Field(
+        None, max_length=100_000, description="Of all frames, in s."
+    )
+    frame_interval: float | None = Field(None, gt=0, description="In s, in place of times.")
 
     def parameters(self, facts: Facts) -> TrackParameters:
         """Translate to the library's parameters.
@@ -309,8 +295,8 @@ class TrackRequest(JsonBody):
                 "Both times and an interval between frames are stated.", remedy="Keep one."
             )
         times = self.frame_interval if self.times is None else self.times
-        own = getattr(self, "landmarks", None) or {}
-        landmarks = landmarks_of(facts) | {name: places_of(name, at) for name, at in own.items()}
+        own = {name: places_of(name, at) for name, at in (self.landmarks or {}).items()}
+        landmarks = landmarks_of(facts) | own
         return value_of(
             self,
             TrackParameters,
@@ -323,58 +309,10 @@ class TrackRequest(JsonBody):
 TRACK: Final = model_of(
     TrackRequest,
     TrackParameters,
-    **{
-        **_FACT_FIELDS,
-        "facts": None,
-        "landmarks": (
-            dict[str, Any] | None,
-            Field(
-                None,
-                description="By name: apex and base as a point [x, y, z] in the reference frame, "
-                "or one for each frame with null where it is unknown.",
-            ),
-        ),
-        "times": (
-            tuple[float, ...] | None,
-            Field(None, max_length=100_000, description="Of all frames, in s."),
-        ),
-        "frame_interval": (
-            float | None,
-            Field(None, gt=0, description="In s, in place of times."),
-        ),
-        "modes": {"ge": 2, "le": 400},
-        "reference": {"ge": 0},
-        "start": (
-            SequenceId | None,
-            Field(
-                None,
-                description="A stored sequence: the surface of its first frame is started from, "
-                "and the result has its vertices.",
-            ),
-        ),
-        "images": (
-            SequenceId | None,
-            Field(None, description="Images that were sent before, in place of a body."),
-        ),
-        "keep": (
-            bool,
-            Field(False, description="Keep the images; they are deleted once tracked otherwise."),
-        ),
-        "report": (
-            bool,
-            Field(
-                False,
-                description="Make a zip with every form of a report, as a job whose result it is.",
-            ),
-        ),
-        "model": (
-            str | None,
-            Field(
-                None, max_length=80, description="Whose class the report states; none by default."
-            ),
-        ),
-        **_NAME_FIELDS,
-    },
+    **{name: how for name, how in _FACT_FIELDS.items() if name != "landmarks"},
+    facts=None,
+    modes={"ge": 2, "le": 400},
+    reference={"ge": 0},
 )
 
 

@@ -57,6 +57,8 @@ class ImagesSummary(Mirror):
     """Images over time, in LPS mm."""
 
     kind: Literal["volumes", "planes"]
+    apex: list[list[float] | None]
+    base: list[list[float] | None]
     links: dict[str, str]
 
     @staticmethod

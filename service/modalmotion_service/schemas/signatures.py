@@ -166,10 +166,7 @@ class FrameErrors(BaseModel):
     max: list[float] = Field(description="Of any vertex.")
 
 
-@mirrors(
-    ModalSignature,
-    without=["rms_errors", "weighted_rms_errors", "p95_errors", "max_errors"],
-)
+@mirrors(ModalSignature, without=["rms_errors", "weighted_rms_errors", "p95_errors", "max_errors"])
 class SignatureAnswer(Mirror):
     """A modal signature."""
 

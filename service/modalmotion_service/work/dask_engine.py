@@ -99,7 +99,7 @@ class DaskEngine(Engine):
             executor = self._reached().get_executor(pure=False, retries=_ATTEMPTS - 1)
             work = executor.submit(
                 work_here,
-                *(payload_of(fn, args, kwargs), terms),
+                *(payload_of(terms, fn, args, kwargs), terms),
                 *(self._limits, self._mark, version("modalmotion")),
             )
         except ClusterError as error:

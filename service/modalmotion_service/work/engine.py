@@ -11,10 +11,8 @@ import math
 import pickle
 import sys
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
-from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any, Final, ParamSpec, TypeVar
 
@@ -34,7 +32,7 @@ class Terms:
     Parameters
     ----------
     owner : str
-        Whose turn it takes.
+        Whose turn it takes: the folder of their store; empty for nobody's.
     price : float, s
         Processor time that an honest file of its size takes; infinite where nobody knows.
     most_seconds : float, s
@@ -99,32 +97,9 @@ class Engine(Executor):
 
 
 # Of the program itself, or by paths, which are in one owner's folder.
-_OF_NOBODY: Final = frozenset({"_load_shipped", "_loaded", "_hints", "result_type"})
+_OF_NOBODY: Final = frozenset({"_load_shipped", "_reader", "result_type"})
 
-_owner: ContextVar[str | None] = ContextVar("owner", default=None)
 _served: list[str] = []
-
-
-@contextmanager
-def work_of(owner: str) -> Iterator[None]:
-    """Have the tasks that are handed on in this block done as the work of an owner.
-
-    Parameters
-    ----------
-    owner : str
-        Folder of their store.
-    """
-    token = _owner.set(owner)
-    try:
-        yield
-    finally:
-        _owner.reset(token)
-
-
-def attributed(function: Callable[..., Any], args: Any) -> tuple[Callable[..., Any], Any]:
-    """Give a task as one that says whose it is, with its arguments."""
-    owner = _owner.get()
-    return (function, args) if owner is None else (serve, (owner, function, *args))
 
 
 def serve(owner: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
@@ -156,9 +131,11 @@ def _depends(cache: Any) -> bool:
     return bool(inspect.signature(function).parameters) and function.__name__ not in _OF_NOBODY
 
 
-def payload_of(function: Callable[..., Any], args: Any, kwargs: Any) -> bytes:
-    """Write a task, as the work of whoever it is done for."""
-    return pickle.dumps((*attributed(function, args), kwargs))
+def payload_of(terms: Terms, function: Callable[..., Any], args: Any, kwargs: Any) -> bytes:
+    """Write a task, as one that says whose work it is where it is somebody's."""
+    if terms.owner:
+        function, args = serve, (terms.owner, function, *args)
+    return pickle.dumps((function, args, kwargs))
 
 
 def run_payload(payload: bytes) -> bytes:

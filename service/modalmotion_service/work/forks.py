@@ -52,11 +52,6 @@ class Forks:
         self._control: socket.socket | None = None
         self.pid = 0
 
-    def begin(self) -> None:
-        """Begin it, unless it runs."""
-        with self._lock:
-            self._begun()
-
     def split_off(self) -> None:
         """Begin it as a fork of this process, which has one thread and has opened nothing."""
         for name in PRELOADED:

@@ -130,7 +130,7 @@ class WorkerPool(Engine):
     ) -> Future[T]:
         """Run a task in a worker; cancelling the future ends its process."""
         future: Future[T] = Future()
-        request = payload_of(fn, args, kwargs)
+        request = payload_of(terms, fn, args, kwargs)
         task = Task(future, fn, request, self._attempts, self._task_seconds, terms)
         if not self._lanes.put(task):
             raise RuntimeError("The worker pool takes no more tasks.")

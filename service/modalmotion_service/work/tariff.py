@@ -75,6 +75,7 @@ class Tariff:
     Parameters
     ----------
     owner : str
+        As `Terms` has it.
     factor : float
         Most processor time of a task, in multiples of its price.
     least_seconds : float, s
@@ -208,8 +209,7 @@ _SHOWN: Final = _rule(_PICTURE, _READ_OUT + _SURFACE)
 
 _RULES: Final[dict[Callable[..., Any], Rule]] = {
     **dict.fromkeys((sequences.ingest, sequences.restated, sequences.sample), _USUAL),
-    sequences.describe_template: _USUAL,
-    sequences.draw_template: _DRAWN,
+    sequences.show_template: _USUAL,
     sequences.make_template: _signature,
     sequences.modes_of_template: _modes,
     sequences.encode_upload: _encoding,
@@ -235,10 +235,8 @@ _RULES: Final[dict[Callable[..., Any], Rule]] = {
     derived.make_frames: _SHOWN,
     tracks.ingest_images: _rule(_TRACK, _IMAGES),
     tracks.follow: _tracking,
-    **dict.fromkeys((tracks.show_slices, tracks.show_data), _USUAL),
-    **dict.fromkeys((tracks.describe_track, tracks.track_with_facts), _USUAL),
-    tracks.draw_track: _DRAWN,
-    tracks.draw_overlay: _rule(_PICTURE, _IMAGES),
+    tracks.show_slices: _USUAL,
+    tracks.show_track: _rule(per_byte=_IMAGES),
     classification.name_class: _USUAL,
     classification.classify_upload: _signature,
     classification.draw_card: _DRAWN,

@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from modalmotion.errors import InputError, LimitError
+from modalmotion.errors import InputError
 from modalmotion.formats import Parser, ParserHere, Reading, ReadLimits, ReadOptions, read_sequence
 from modalmotion.formats.frame import SIGNATURE, TRACK
 from modalmotion.formats.parser.child import landlock_version
@@ -146,13 +147,9 @@ class Upload:
         InputError
             If it is not understood, or beyond a limit.
         """
-        parser = parser_for(self.options.limits)
-        data = self.data()
-        try:
-            return read_sequence(data, self.options, parser=parser, progress=progress)
-        except InputError as error:
-            _name_doors(error)
-            raise
+        with _own_words():
+            parser = parser_for(self.options.limits)
+            return read_sequence(self.data(), self.options, parser=parser, progress=progress)
 
     def observed(
         self,
@@ -175,18 +172,14 @@ class Upload:
         InputError
             If it is not understood, or beyond a limit.
         """
-        parser = parser_for(self.options.limits)
-        try:
+        with _own_words():
             return read_observed(
                 self.data(),
                 contours=contours,
                 coordinates=coordinates,
-                parser=parser,
+                parser=parser_for(self.options.limits),
                 progress=progress,
             )
-        except InputError as error:
-            _name_doors(error)
-            raise
 
     def images(self, progress: Progress | None = None) -> ImageSequence:
         """Read it as images, in a worker.
@@ -200,19 +193,21 @@ class Upload:
         InputError
             If it holds none, or is beyond a limit.
         """
-        parser = parser_for(self.options.limits)
-        try:
+        with _own_words(decompressed_bytes="image_bytes"):
+            parser = parser_for(self.options.limits)
             return read_images(self.data(), parser=parser, progress=progress)
-        except LimitError as error:
-            # As `/v1/limits` calls it.
-            if error.limit == "decompressed_bytes":
-                error.limit = "image_bytes"
-            raise
 
 
-def _name_doors(error: InputError) -> None:
-    for command, door in _DOORS.items():
-        error.remedy = error.remedy.replace(command, door)
+@contextmanager
+def _own_words(**limits: str) -> Iterator[None]:
+    """Have errors name calls and limits as they are called here."""
+    try:
+        yield
+    except InputError as error:
+        for command, door in _DOORS.items():
+            error.remedy = error.remedy.replace(command, door)
+        error.limit = limits.get(error.limit or "", error.limit)
+        raise
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ async def _each(
                 under_way.append((part, asyncio.ensure_future(work(part))))
             first, task = under_way.popleft()
             try:
-                outcome = _Outcome(first, await _until_done(task), None)
+                outcome = _Outcome(first, await task, None)
             except (StoreError, ClusterError):
                 raise
             except ModalMotionError as error:
@@ -140,14 +140,6 @@ async def _archived(state: State, outcomes: AsyncIterator[_Outcome]) -> tuple[Pa
         n_failed = sum(one["error"] is not None for one in listed)
         archive.writestr(RESULTS, json.dumps({"results": listed, "n_failed": n_failed}))
     return output, n_failed
-
-
-async def _until_done(task: asyncio.Task[bytes]) -> bytes:
-    try:
-        return await task
-    except asyncio.CancelledError:
-        task.cancel()
-        raise
 
 
 def _named(part: Part) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import hmac
 import json
 import secrets
@@ -80,21 +79,6 @@ class Job:
     def is_finished(self) -> bool:
         """Whether nothing more will happen to it."""
         return self.state not in (JobState.QUEUED, JobState.RUNNING)
-
-
-@dataclass(frozen=True)
-class JobPage:
-    """Part of a list of jobs, newest first.
-
-    Parameters
-    ----------
-    jobs : tuple of Job
-    cursor : str or None
-        For the page after this one; None on the last.
-    """
-
-    jobs: tuple[Job, ...]
-    cursor: str | None
 
 
 def results_of(jobs: Iterable[Job]) -> list[str]:
@@ -197,8 +181,8 @@ class Jobs:
 
     def list(
         self, *, state: JobState | None = None, limit: int = 100, cursor: str | None = None
-    ) -> JobPage:
-        """Jobs from the newest to the oldest.
+    ) -> tuple[tuple[Job, ...], str | None]:
+        """Jobs of a page, from the newest on, and the cursor for the next; None on the last.
 
         Raises
         ------
@@ -214,7 +198,7 @@ class Jobs:
         )
         page = jobs[:limit]
         last = to_cursor(page[-1].created, page[-1].id) if len(jobs) > limit else None
-        return JobPage(page, last)
+        return page, last
 
     def count(self) -> dict[tuple[str, JobState], int]:
         """Count jobs by kind and state."""
@@ -291,29 +275,27 @@ _TABLES_OF_KEYS: Final = (
 )
 
 
+_PLACE: Final = "json_extract(response, '$.headers.location')"
+_KNOWN: Final = "SELECT fingerprint, status, response FROM idempotency WHERE key = ?"
+
+
 @dataclass(frozen=True)
 class IdempotentRequest:
-    """One row of the table of idempotency keys.
+    """What is known of a request by its idempotency key.
 
     Parameters
     ----------
-    key : str
-        Keyed digest of what the client chose, which may name a person.
     fingerprint : str
         Digest of the request; another one under the same key is a mistake of the client.
     status : int or None
         Of the answer; None while the request is under way.
     response : JSON value
         The answer.
-    created : str
-        UTC, ISO 8601 with microseconds.
     """
 
-    key: str
     fingerprint: str
     status: int | None
     response: Any
-    created: str
 
 
 class IdempotencyKeys:
@@ -350,13 +332,12 @@ class IdempotencyKeys:
             )
             if done.rowcount == 1:
                 return None
-            row = connection.execute("SELECT * FROM idempotency WHERE key = ?", (name,)).fetchone()
-        return _request(row)
+            return _request(connection.execute(_KNOWN, (name,)).fetchone())
 
     def get(self, key: str) -> IdempotentRequest | None:
         """Request that a key was taken with, None if it is free."""
         name = self._digest(key)
-        rows = self._database.read("SELECT * FROM idempotency WHERE key = ?", (name,))
+        rows = self._database.read(_KNOWN, (name,))
         return _request(rows[0]) if rows else None
 
     def complete(self, key: str, status: int, response: Any) -> None:
@@ -421,16 +402,31 @@ class IdempotencyKeys:
             Answers replaced. Their keys stay taken: what was deleted is not to come back by a
             request that is sent again.
         """
-        location = "json_extract(response, '$.headers.location')"
         self.settle()
         # Below a place is what comes between "-" or "/" and the character after them.
         below = (f"{place}-", f"{place}0")
         with self._database.write(erases=True) as connection:
             return connection.execute(
                 f"UPDATE idempotency SET status = ?, response = ? "  # noqa: S608 (of constants)
-                f"WHERE {location} = ? OR ({location} >= ? AND {location} < ?)",
+                f"WHERE {_PLACE} = ? OR ({_PLACE} >= ? AND {_PLACE} < ?)",
                 (status, json.dumps(response), place, *below),
             ).rowcount
+
+    def forget_names(self, *places: str) -> None:
+        """Have the answers of requests whose result is at these places name nobody any more."""
+        kept = "json_extract(response, '$.body')"
+        names = "".join(
+            f", '$.{of}{name}', NULL"
+            for of in ("", "sequence.")
+            for name in ("name", "subject", "label")
+        )
+        # As text again, for a value of SQLite's functions would be put in as an object.
+        statement = (
+            f"UPDATE idempotency SET response = json_replace(response, '$.body', "  # noqa: S608
+            f"json_replace({kept}{names}) || '') WHERE {_PLACE} = ?"
+        )
+        with self._database.write(erases=True) as connection:
+            connection.executemany(statement, [(place,) for place in places])
 
     def _secret_of_file(self) -> bytes:
         """Give the secret that digests are keyed with, made where it is missing."""
@@ -443,17 +439,15 @@ class IdempotencyKeys:
         return secret
 
     def _digest(self, key: str) -> str:
-        return _keyed(self._secret, key)
-
-
-def _keyed(secret: bytes, key: str) -> str:
-    return hmac.digest(secret, key.encode(), "sha256").hex()
+        # What the client chose may name a person.
+        return hmac.digest(self._secret, key.encode(), "sha256").hex()
 
 
 def _request(row: tuple[Any, ...]) -> IdempotentRequest:
-    key, fingerprint, status, response, created = row
-    answer = None if response is None else json.loads(response)
-    return IdempotentRequest(key, fingerprint, status, answer, created)
+    fingerprint, status, response = row
+    return IdempotentRequest(
+        fingerprint, status, None if response is None else json.loads(response)
+    )
 
 
 def gone() -> tuple[int, dict[str, object]]:
@@ -464,7 +458,7 @@ def gone() -> tuple[int, dict[str, object]]:
             remedy="Send it with a new Idempotency-Key to have it again.",
         )
     )
-    text = base64.b64encode(json.dumps(body).encode()).decode("ascii")
     status = body["status"]
     assert isinstance(status, int)  # noqa: S101 (as `problem_body` makes it)
-    return status, {"body": text, "headers": {"content-type": "application/problem+json"}}
+    headers = {"content-type": "application/problem+json"}
+    return status, {"body": json.dumps(body), "headers": headers}

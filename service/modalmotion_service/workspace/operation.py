@@ -18,7 +18,7 @@ from pydantic import BaseModel
 from modalmotion.errors import LostFileError
 from modalmotion.mesh.fact_forms import facts_as_json, facts_from_json
 from modalmotion.mesh.facts import NO_FACTS, Facts
-from modalmotion_service.http.negotiation import JSON, Preference
+from modalmotion_service.http.negotiation import JSON
 from modalmotion_service.schemas.from_core import JsonBody
 from modalmotion_service.work.upload import Part, parts_as_json, parts_from_json
 from modalmotion_service.workspace.job_runner import Report
@@ -216,7 +216,7 @@ class Performance:
     async def perform(
         self,
         state: State,
-        preference: Preference,
+        wait: float | None,
         what: Operation,
         request: Request,
         file: SpoolFile | None = None,
@@ -228,7 +228,8 @@ class Performance:
         Parameters
         ----------
         state : State
-        preference : Preference
+        wait : float or None, s
+            For which the client would; 0 for a job at once.
         what : Operation
         request : Request
         file : SpoolFile, optional
@@ -241,15 +242,13 @@ class Performance:
         if state.settings.stateless:
             # Another replica would not know the job; the work has limits of its own.
             return await work
-        wait = state.settings.wait_seconds
-        if preference.wait_seconds is not None:
-            wait = min(wait, preference.wait_seconds)
-        task = None if preference.is_async else asyncio.ensure_future(work)
+        task = None if wait == 0 else asyncio.ensure_future(work)
+        most = state.settings.wait_seconds
         try:
             if task is None:
                 work.close()  # type: ignore[attr-defined]
             else:
-                await asyncio.wait([task], timeout=wait)
+                await asyncio.wait([task], timeout=most if wait is None else min(wait, most))
                 if task.done():
                     outcome = task.result()
                     await settled(state, what, request, outcome.link)

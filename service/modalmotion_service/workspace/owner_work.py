@@ -20,7 +20,7 @@ from modalmotion.progress import StageReport
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ResultStore
 from modalmotion_service.http.observation import add_milliseconds, stage
-from modalmotion_service.work.engine import Engine, work_of
+from modalmotion_service.work.engine import Engine
 from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.work.task_progress import followed
 from modalmotion_service.workspace.spool import Quota, Spool, remove_with_beside
@@ -120,9 +120,7 @@ class OwnerWork:
         """Have a worker do a task."""
         terms = self._tariff.terms(task, args)
         # Cancelling the wait cancels the future, and with it ends the worker's process.
-        with work_of(str(self._store.root)):
-            future = self.engine.run(terms, task, *args, **kwargs)
-        return await asyncio.wrap_future(future)
+        return await asyncio.wrap_future(self.engine.run(terms, task, *args, **kwargs))
 
     async def followed(self, report: StageReport, task: Callable[..., T], *args: Any) -> T:
         """Have a worker do a task whose last argument is a `ProgressFile`; report what it tells."""

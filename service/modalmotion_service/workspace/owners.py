@@ -240,7 +240,7 @@ class Owners:
                 job_age=timedelta(days=settings.job_days),
             )
             spool.clear(keep=await asyncio.to_thread(retention.needed))
-            tariff = Tariff(owner, settings.task_cost_factor, settings.task_cost_seconds)
+            tariff = Tariff(str(root), settings.task_cost_factor, settings.task_cost_seconds)
             quota = Quota(root, settings.max_owner_bytes)
             analysis = Analysis(store, self._engine, spool, tariff, quota)
             performance = Performance(spool)
@@ -260,7 +260,7 @@ class Owners:
                 retry_seconds=3600.0 * settings.retry_hours,
             )
             state = State(
-                *(owner, settings, store, spool, analysis, self._training_engine),
+                *(settings, store, spool, analysis, self._training_engine),
                 *(jobs, runner, performance, keys),
             )
             for name, what in OPERATIONS.items():

@@ -19,7 +19,7 @@ from modalmotion_service.schemas.sequences import SequenceSummary
 from modalmotion_service.work.tasks import derived, sequences
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.operation import Outcome, Request, as_json, made, operation
+from modalmotion_service.workspace.operation import Outcome, Request, made, operation
 from modalmotion_service.workspace.state import State
 
 SAMPLE: Final = "Sample heart (simulated)"
@@ -122,9 +122,8 @@ async def template(state: State, request: Request, report: Report) -> Outcome:
 async def template_view(state: State, request: Request, _: Report) -> Outcome:
     """Describe or draw a stored template."""
     path = await asyncio.to_thread(state.store.template_path, request.reference)
-    if request.media_type == PNG:
-        return Outcome(await state.analysis.work(sequences.draw_template, path), PNG)
-    return as_json(await state.analysis.work(sequences.describe_template, path))
+    kind = request.media_type
+    return Outcome(await state.analysis.work(sequences.show_template, path, kind), kind)
 
 
 @operation(JSON, NPZ, HDF5, PNG, query=ModesRequest)

@@ -10,7 +10,7 @@ import os
 import secrets
 import time
 from collections.abc import AsyncIterator, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Self
 
@@ -155,8 +155,6 @@ class SpoolFile:
         Of the bytes, in hex; empty if it was not requested.
     facts : Facts
         Stated in the form of the upload.
-    names : dict of str to str
-        Subject and label that the form states.
     is_left : bool
         Whether a job has it now, and removes it.
     parts : tuple of Part
@@ -166,7 +164,6 @@ class SpoolFile:
     path: Path
     sha256: str = ""
     facts: Facts = NO_FACTS
-    names: dict[str, str] = field(default_factory=dict)
     is_left: bool = False
     parts: tuple[Part, ...] = ()
 

@@ -20,7 +20,6 @@ class State:
 
     Parameters
     ----------
-    owner : str
     settings : Settings
     store : ResultStore
     spool : Spool
@@ -33,7 +32,6 @@ class State:
     idempotency : IdempotencyKeys
     """
 
-    owner: str
     settings: Settings
     store: ResultStore
     spool: Spool

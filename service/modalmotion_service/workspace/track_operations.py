@@ -32,7 +32,7 @@ from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace import models
 from modalmotion_service.workspace.erasure import forget_images, link_of_images
 from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.operation import Outcome, Request, as_json, made, operation
+from modalmotion_service.workspace.operation import Outcome, Request, made, operation
 from modalmotion_service.workspace.spool import SpoolFile, remove_with_beside
 from modalmotion_service.workspace.state import State
 
@@ -141,23 +141,17 @@ async def track(state: State, request: Request, report: Report) -> Outcome:
 @operation(JSON, HDF5, PNG, VIEW, query=TrackView)
 async def track_view(state: State, request: Request, _: Report) -> Outcome:
     """Describe or draw a stored track, or give its file or its data."""
-    track_id, kind, query = request.sequence_id, request.media_type, request.query
-    work, store = state.analysis.work, state.store
+    track_id, kind, store = request.sequence_id, request.media_type, state.store
     path = await asyncio.to_thread(store.track_path, track_id)
+    images_id, shown = await asyncio.to_thread(store.images_id_of_track, track_id), None
+    if kind == PNG and request.query.picture == "overlay":
+        shown = await asyncio.to_thread(store.images_of_track, track_id)
     record = store.track_record(track_id)
-    if kind == HDF5:
-        return Outcome(await work(tracks.track_with_facts, path, record.facts), kind)
-    if kind == VIEW:
-        return Outcome(await work(tracks.show_data, path), kind)
-    if kind == PNG:
-        with stage("draw"):
-            if query.picture != "overlay":
-                return Outcome(await work(tracks.draw_track, path, query.picture, query.frame), PNG)
-            shown = await asyncio.to_thread(store.images_of_track, track_id)
-            return Outcome(await work(tracks.draw_overlay, path, shown), PNG)
-    estimate = await work(tracks.describe_track, path)
-    images_id = await asyncio.to_thread(store.images_id_of_track, track_id)
-    return as_json(TrackAnswer.joined(estimate, record, images_id))
+    with stage("draw"):
+        body = await state.analysis.work(
+            tracks.show_track, path, record, images_id, shown, request.query, kind
+        )
+    return Outcome(body, kind)
 
 
 @operation(ZIP, query=TRACK, settle=settle)

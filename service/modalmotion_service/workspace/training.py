@@ -9,9 +9,9 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from modalmotion.classification import TrainingOptions
+from modalmotion.classification import CaseFile, TrainingOptions
 from modalmotion.classification.cases import UNUSABLE, LeftOut, case_name, named
 from modalmotion.classification.options import FEWER_MODES, OnError
 from modalmotion.errors import (
@@ -22,7 +22,7 @@ from modalmotion.errors import (
     ParameterError,
     StoreError,
 )
-from modalmotion.mesh import Facts
+from modalmotion.mesh import Facts, Named
 from modalmotion.modes.topology import MESH
 from modalmotion.signature.making import SignatureKind, SignatureParameters
 from modalmotion.store import ModelRecord, ResultStore, model_from_hdf5
@@ -30,9 +30,9 @@ from modalmotion.store.disk import cannot_write
 from modalmotion.store.folder import require_name
 from modalmotion_service.errors import CostError
 from modalmotion_service.schemas.queries import LabelledSequence
-from modalmotion_service.work.engine import Terms, work_of
+from modalmotion_service.work.engine import Terms
 from modalmotion_service.work.task_progress import followed
-from modalmotion_service.work.tasks.training import train_model
+from modalmotion_service.work.tasks.training import Cases, Unfitted, train_model
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Case
 from modalmotion_service.workspace.owner_work import in_one_basis
@@ -183,7 +183,8 @@ def _count(ids: list[str]) -> str:
 
 def _short(words: list[str]) -> str:
     more = f" and {len(words) - 3} more" if len(words) > 3 else ""
-    return ", ".join(word[:12] for word in words[:3]) + more
+    # Of an id the beginning.
+    return ", ".join(word[:12] if len(word) == 64 else word for word in words[:3]) + more
 
 
 def _ids(ids: list[str]) -> dict[str, object]:
@@ -223,32 +224,37 @@ async def train(
     if known is not None:
         return known
     parameters = options.signature_parameters
-    plan, image, other, progress = (state.spool.new_path() for _ in range(4))
+    image, other, progress = (state.spool.new_path() for _ in range(3))
     leaves_out = options.on_error == OnError.LEAVE_OUT
     weighs_kinds = options.kind is None and await asyncio.to_thread(_may_slide, state, cases)
 
     async def train_with(asked: SignatureParameters, image: Path) -> None:
         paths = await _fit(state, cases, asked, report, leaves_out=leaves_out)
-        offsets: list[Path | LeftOut] | None = None
+        offsets: Cases | None = None
         if weighs_kinds:
             # Curves and volumes have none.
             with contextlib.suppress(ModalMotionError):
                 other = replace(asked, kind=SignatureKind.OFFSET)
-                offsets = await _fit(state, cases, other, report, leaves_out=leaves_out)
-        await asyncio.to_thread(_write_plan, plan, cases, paths, offsets)
-        with work_of(str(state.store.root)):
-            future = state.training_engine.run(
-                Terms(state.owner),
-                train_model,
-                plan,
-                name,
-                options.as_json(),
-                training,
-                image,
-                progress,
-                state.settings.scheduler,
-                state.settings.workers,
-            )
+                found = await _fit(state, cases, other, report, leaves_out=leaves_out)
+                # What lacks one of them has neither.
+                both = list(zip(paths, found, strict=True))
+                paths = [two if isinstance(two, LeftOut) else one for one, two in both]
+                offsets = _cases(
+                    cases, [one if isinstance(one, LeftOut) else two for one, two in both]
+                )
+        future = state.training_engine.run(
+            Terms(str(state.store.root)),
+            train_model,
+            _cases(cases, paths),
+            offsets,
+            name,
+            options.as_json(),
+            training,
+            image,
+            progress,
+            state.settings.scheduler,
+            state.settings.workers,
+        )
 
         def report_training(share: float, text: str) -> None:
             report(_FITTING + (1 - _FITTING) * share, text)
@@ -281,7 +287,7 @@ async def train(
                     image, other = other, image
         return await asyncio.to_thread(state.store.put_model_image, image)
     finally:
-        for path in (plan, image, other, progress):
+        for path in (image, other, progress):
             remove_with_beside(path)
 
 
@@ -337,22 +343,10 @@ async def _n_cases(image: Path) -> int:
     return sum(model.card.n_cases.values())
 
 
-def _write_plan(
-    plan: Path,
-    cases: list[Case],
-    paths: list[Path | LeftOut],
-    offsets: list[Path | LeftOut] | None,
-) -> None:
-    # A line for each case: the worker reads them one by one.
-    with plan.open("w") as file:
-        for number, case in enumerate(cases):
-            line: dict[str, Any] = asdict(case)
-            files = [paths[number], paths[number] if offsets is None else offsets[number]]
-            left_out = [one for one in files if isinstance(one, LeftOut)]
-            if left_out:
-                line["left_out"] = left_out[0].reason
-            else:
-                line["path"] = str(files[0])
-                if offsets is not None:
-                    line["offsets"] = str(files[1])
-            file.write(json.dumps(line) + "\n")
+def _cases(cases: list[Case], paths: list[Path | LeftOut]) -> Cases:
+    return [
+        Unfitted(case_name(case.id), path.reason)
+        if isinstance(path, LeftOut)
+        else CaseFile(path, case.id, case.label, case.subject, Named(case.covariates))
+        for case, path in zip(cases, paths, strict=True)
+    ]

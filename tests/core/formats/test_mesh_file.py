@@ -119,11 +119,10 @@ def test_negative_indices_count_from_the_last_vertex_so_far() -> None:
     assert frame.faces.tolist() == [[0, 1, 2], [3, 2, 1]]
 
 
-def test_lines_one_by_one_read_as_in_bulk() -> None:
-    bulk = obj(VERTICES[0])
-    # A polygon of four corners, and words set in, take the other way.
-    slow = bulk.replace(b"\nv ", b"\n  v\t").replace(b"\nf ", b"\nf\t") + b"f 1 2 3 4\n"
-    first, second = read_obj(bulk), read_obj(slow)
+def test_words_set_in_and_tabs_are_read() -> None:
+    plain = obj(VERTICES[0])
+    other = plain.replace(b"\nv ", b"\n  v\t").replace(b"\nf ", b"\nf\t") + b"f 1 2 3 4\n"
+    first, second = read_obj(plain), read_obj(other)
     assert np.array_equal(first.positions, second.positions)
     assert np.array_equal(first.faces, second.faces[:-2])
     assert first.ignored == second.ignored
@@ -214,7 +213,9 @@ def test_a_stated_coordinate_system_is_found(name: str, data: bytes) -> None:
         ("ply", ply_binary(VERTICES[0])[:-1], "ends after"),
         ("ply", ply_binary(VERTICES[0], MIXED)[:-1], "ends after 13"),
         ("ply", ply_binary(VERTICES[0]) + b"x", "more than its header"),
-        ("ply", ply_text(VERTICES[0])[:-6], "Row 11"),
+        ("ply", ply_text(VERTICES[0])[:-6], "ends after 11"),
+        ("ply", ply_header("ascii", 2, 0) + b"0 0 0\n7 1 1 1 7\n", "Row 0"),
+        ("ply", ply_header("ascii", 1, 0) + b"0 0 zero 7\n", "zero"),
         ("ply", ply_text(VERTICES[0]) + b"1 2 3\n", "more than its header"),
         ("ply", b"ply\nformat ascii 1.0\n", "no PLY header"),
         ("ply", b"ply\nelement vertex 0\nend_header\n", "states no format"),

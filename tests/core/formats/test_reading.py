@@ -39,7 +39,6 @@ from modalmotion.formats import (
     write_raw,
     write_vtkhdf,
 )
-from modalmotion.formats.reading import read_hdf5
 from modalmotion.mesh.sequence import MeshSequence
 
 EXPECTED = {name: name.partition(" ")[0] for name in all_files()} | {
@@ -224,7 +223,7 @@ def test_an_error_names_the_format_it_comes_from() -> None:
 def test_a_parser_that_takes_too_long_is_ended() -> None:
     with ParserProcess(ReadLimits(), seconds=0.001) as parser:
         with pytest.raises(LimitError) as caught:
-            read_hdf5(write_vtkhdf(sequence()), parser=parser)
+            read_sequence(write_vtkhdf(sequence()), parser=parser)
         assert caught.value.limit == "parser_seconds"
         assert caught.value.remedy
 
@@ -236,7 +235,7 @@ def test_a_parser_without_work_starts_no_process() -> None:
 
 
 def test_reading_hdf5_by_itself_needs_no_parser() -> None:
-    assert read_hdf5(write_vtkhdf(sequence())).sequence.n_frames == N_FRAMES
+    assert read_sequence(write_vtkhdf(sequence())).sequence.n_frames == N_FRAMES
 
 
 def test_importing_the_formats_needs_none_of_their_libraries() -> None:

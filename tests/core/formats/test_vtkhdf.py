@@ -265,7 +265,7 @@ def set_attribute(name: str, key: str, value: Any) -> Callable[[h5py.File], obje
         (edited(lambda file: file["VTKHDF"].pop("Points")), MalformedFileError, "Points", None),
         (write_vtkhdf(sequence())[:9000], MalformedFileError, "cut short", None),
         (write_vtkhdf(sequence())[:7], MalformedFileError, "Unrecognised file format", None),
-        (seal([b"\x89HDF\r\n\x1a\n" + bytes(900)]), MalformedFileError, "cannot be read", None),
+        (seal(b"\x89HDF\r\n\x1a\n" + bytes(900)), MalformedFileError, "cannot be read", None),
     ],
 )
 def test_what_is_no_sequence_says_why(

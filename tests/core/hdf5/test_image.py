@@ -18,15 +18,7 @@ from store_samples import assert_same, sample_classification, sample_sequence, s
 
 from modalmotion.classification.answer import Classification
 from modalmotion.errors import StoreError
-from modalmotion.hdf5.image import (
-    INTENDED_USE,
-    Attribute,
-    Dataset,
-    Layout,
-    sealed_image,
-    write_image,
-)
-from modalmotion.hdf5.sealed import SEAL_LENGTH
+from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence, mesh_sequence
 from modalmotion.mesh.spring_modes import SpringModes
@@ -249,50 +241,6 @@ def test_an_unknown_unit_is_called_unknown(tmp_path: Path) -> None:
     with h5py.File(path, "r") as file:
         assert file["amplitudes"].attrs["unit"] == b"unknown"
     assert signature_from_hdf5(path).unit is None
-
-
-LAYOUT_DTYPES = st.sampled_from(["<f8", "<f4", "<i8", "|u1", "|S64"])
-
-
-@given(
-    st.lists(
-        st.tuples(LAYOUT_DTYPES, hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=5)),
-        max_size=6,
-    ),
-    IDS,
-    st.integers(0, 2**32 - 1),
-)
-def test_an_image_is_what_the_hdf5_library_would_have_written(
-    kinds: list[tuple[str, tuple[int, ...]]], number: str, seed: int
-) -> None:
-    rng = np.random.default_rng(seed)
-    datasets = [
-        Dataset(
-            f"data{i}",
-            np.frombuffer(
-                rng.integers(1, 120, int(np.prod(shape)) * np.dtype(dtype).itemsize)
-                .astype(np.uint8)
-                .tobytes(),
-                dtype,
-            ).reshape(shape),
-            "mm",
-            "some axes",
-        )
-        for i, (dtype, shape) in enumerate(kinds)
-    ]
-    attributes: dict[str, Attribute] = {
-        "schema": "modalmotion.test",
-        "schema_version": 3,
-        "grid": (4, 5),
-    }
-    fast = sealed_image(attributes, {"some_id": number}, datasets)
-    layout = Layout(
-        tuple(attributes.items()),
-        (("some_id", 64),),
-        tuple((d.name, d.values.shape, d.values.dtype.str, d.unit, d.axes) for d in datasets),
-    )
-    slow, _ = write_image(layout, [number], [d.values for d in datasets])
-    assert fast[:-SEAL_LENGTH] == slow
 
 
 def test_a_text_that_no_attribute_can_hold_is_refused_before_it_is_written() -> None:

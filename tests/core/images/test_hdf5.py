@@ -71,10 +71,11 @@ def test_damage_is_found_before_the_file_is_opened(tmp_path: Path, at: int) -> N
     data = bytearray(path.read_bytes())
     data[at] ^= 1
     path.write_bytes(data)
-    with pytest.raises(CorruptFileError, match="damaged"):
+    # Of one in the seal itself nothing more is known than that it is none.
+    with pytest.raises(CorruptFileError, match=r"sha256|seal"):
         read_images_file(path)
     path.write_bytes(data[:40])
-    with pytest.raises(CorruptFileError, match="damaged"):
+    with pytest.raises(CorruptFileError, match="cut short"):
         read_images_file(path)
     with pytest.raises(NotFoundError):
         read_images_file(tmp_path / "none.h5")

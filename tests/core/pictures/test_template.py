@@ -6,13 +6,12 @@ import io
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from template_surfaces import MAKERS, make_ventricle
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.template import make_template
-
-pytest.importorskip("matplotlib")
 
 
 @pytest.mark.every(3)
@@ -21,13 +20,21 @@ def test_both_coordinates_from_both_sides(topology: str) -> None:
     from modalmotion.pictures.modes import template_figure
 
     sequence = mesh_sequence(*MAKERS[topology](200, np.random.default_rng(0)), topology=topology)
-    figure = template_figure(make_template(sequence))
+    template = make_template(sequence)
+    figure = template_figure(template)
     panels = [axis for axis in figure.axes if axis.name == "3d"]
     assert len(panels) == 4
     assert len(figure.axes) == 6
     assert all("front" in p.get_title() or "back" in p.get_title() for p in panels)
-    # Triangles, lines, and in red the line theta = 0 where there is one.
-    assert all(len(panel.collections) >= 2 for panel in panels)
+    # In red the triangles at theta = 0 where there is one.
+    red = [
+        (np.asarray(panel.collections[0].get_facecolor())[:, :3] == to_rgb("#d62728"))
+        .all(axis=1)
+        .sum()
+        for panel in panels
+    ]
+    assert (max(red) > 0) == bool(template.topology.closed_axes)
+    assert max(red) < 0.3 * len(template.faces)
     buffer = io.BytesIO()
     figure.savefig(buffer)
     assert buffer.getvalue().startswith(b"\x89PNG")

@@ -34,7 +34,7 @@ def sample_image() -> bytes:
 
 def test_the_seal_is_the_digest_of_what_lies_before_it() -> None:
     image = sample_image()
-    assert seal([image[:-SEAL_LENGTH]]) == image
+    assert seal(image[:-SEAL_LENGTH]) == image
     assert digest_of(image) in image[-SEAL_LENGTH:].decode()
 
 
@@ -98,7 +98,7 @@ def test_hdf5_of_another_program_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CorruptFileError, match="seal"):
         signature_from_hdf5(path)
     with pytest.raises(CorruptFileError, match="does not contain a signature"):
-        signature_from_hdf5(seal([path.read_bytes()]))
+        signature_from_hdf5(seal(path.read_bytes()))
 
 
 def test_another_kind_of_file_is_named() -> None:
@@ -113,7 +113,7 @@ def test_a_newer_schema_is_refused_by_its_number(version: int) -> None:
         "schema": "modalmotion.signature",
         "schema_version": version,
     }
-    image = sealed_image(attributes, {}, [json_text("notes", [])])
+    image = sealed_image(attributes, [json_text("notes", [])])
     with pytest.raises(CorruptFileError, match=f"version {version}") as caught:
         signature_from_hdf5(image)
     assert caught.value.details == {"schema_version": version, "known": 5}
@@ -124,7 +124,7 @@ def changed(image: bytes, path: Path, change: Callable[[h5py.File], None]) -> by
     path.write_bytes(image[:-SEAL_LENGTH])
     with h5py.File(path, "r+") as file:
         change(file)
-    return seal([path.read_bytes()])
+    return seal(path.read_bytes())
 
 
 def _delete(name: str) -> Callable[[h5py.File], None]:

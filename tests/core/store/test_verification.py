@@ -83,7 +83,7 @@ def _other_vertices(root: Path) -> None:
     # Sealed and under the right id, which does not stand for these vertices.
     one, other = sample_sequence(1), sample_sequence(9)
     image = sequence_to_hdf5(other)[:-SEAL_LENGTH].replace(other.id.encode(), one.id.encode())
-    Folder(root).upload(one.id).write_bytes(seal([image]))
+    Folder(root).upload(one.id).write_bytes(seal(image))
 
 
 def _change_index(root: Path) -> None:

@@ -119,9 +119,13 @@ def test_roles_and_groups_open_scopes_and_the_audit_may_name_people(
     assert people == {"jane.doe@ward", ""}
 
 
+def stated(issuer: str, **more: Any) -> Settings:
+    return Settings(oidc_issuer=issuer, oidc_audience="modalmotion", oidc_scope_prefix="", **more)
+
+
 def test_a_role_with_what_is_no_scope_is_refused_at_the_start() -> None:
     with pytest.raises(ParameterError, match="the role 'x' the scopes 'reed'"):
-        logins_of("https://a.example", "b", scope_prefix="", owner_claim="sub", roles={"x": "reed"})
+        logins_of(stated("https://a.example", oidc_roles={"x": "reed"}))
 
 
 def unsigned(claims: dict[str, Any], **head: Any) -> str:
@@ -182,7 +186,7 @@ def test_keys_rotate_and_those_that_are_withdrawn_end(
     issuer: IdentityProvider,
 ) -> None:
     time_of = [0.0]
-    logins = logins_of(issuer.issuer, "modalmotion", scope_prefix="", owner_claim="sub")
+    logins = logins_of(stated(issuer.issuer))
     assert logins is not None
     keys = Provider(issuer.issuer, clock=lambda: time_of[0])
 
@@ -288,7 +292,7 @@ def test_a_slow_issuer_holds_nobody_longer_than_one_deadline(
 def test_a_short_key_of_rsa_signs_nothing() -> None:
     own = IdentityProvider()
     own.rotate("short", n_bits=1024)
-    logins = logins_of(own.issuer, "modalmotion", scope_prefix="", owner_claim="sub")
+    logins = logins_of(stated(own.issuer))
     assert logins is not None
     with warnings.catch_warnings():
         # Of PyJWT, which signs with it all the same.
@@ -316,6 +320,6 @@ def test_a_setting_that_is_none_is_told_at_the_start(tmp_path: Path) -> None:
     for issuer in ("http://login.example", "ftp://login.example", "login.example", "https://"):
         with pytest.raises(ParameterError, match="no address"):
             Provider(issuer)
-    assert logins_of(None, None, scope_prefix="", owner_claim="sub") is None
+    assert logins_of(Settings()) is None
     assert not is_login("mm_" + "0" * 16 + "_" + "A" * 43)
     assert not is_login("a.b")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from click.testing import CliRunner
 
 from modalmotion.formats import write_npz
@@ -12,8 +13,11 @@ from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion_service.commands.demo import main
 
 
-def test_a_file_goes_through_a_service_of_its_own(tmp_path: Path) -> None:
+def test_a_file_goes_through_a_service_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     # It starts the program itself, which takes seconds: the first thing that a reader types.
+    monkeypatch.setenv("MODALMOTION_WORKERS", "1")
     sequence = simulate_ventricle(
         grid=(8, 16), acquisition=Acquisition(n_frames=6), rng=np.random.default_rng(1)
     )

@@ -47,6 +47,7 @@ def test_the_whole_road_is_one_job(client: TestClient, phantom: bytes, tmp_path:
             phantom,
             tmp_path / "report.zip",
             landmarks=PLACES["landmarks"],
+            modes=7,
             model="ventricle-simulated",
         )
     (job,) = client.get("/v1/jobs").json()["jobs"]

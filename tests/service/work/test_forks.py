@@ -24,15 +24,16 @@ def test_workers_have_every_part_of_scipy_that_the_library_uses() -> None:
         for name in re.findall(r"scipy\.[a-z]\w+(?:\.\w+)*", file.read_text())
     }
     assert len(used) > 20
-    for name in used:
+    # Tests of models and their classes alone, which no parser comes near: 0.3 s of every start.
+    for name in used - {"scipy.stats.binomtest", "scipy.stats.rankdata"}:
         parts = name.split(".")
         assert any(".".join(parts[:n]) in known for n in range(2, len(parts) + 1)), name
 
 
 def test_it_is_begun_once() -> None:
-    FORKS.begin()
+    FORKS._begun()
     pid = FORKS.pid
-    FORKS.begin()
+    FORKS._begun()
     assert pid == FORKS.pid
 
 
@@ -54,7 +55,7 @@ def test_workers_take_one_thread_each_unless_the_environment_says_otherwise(
             os.environ.pop(name, None)
         os.environ.update(stated)
         forks = Forks()
-        forks.begin()
+        forks._begun()
         assert forks._control is not None
         forks._control.close()
     assert begun == [["1"] * len(THREADS), ["4", *[None] * (len(THREADS) - 1)]]

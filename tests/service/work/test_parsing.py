@@ -16,7 +16,7 @@ from worker_tasks import is_running, parse_and_tell
 
 from modalmotion_service.errors import CostError
 from modalmotion_service.work import upload
-from modalmotion_service.work.engine import Terms, work_of
+from modalmotion_service.work.engine import Terms
 from modalmotion_service.work.pool import WorkerPool
 from modalmotion_service.work.upload import are_confined
 
@@ -33,8 +33,7 @@ def pool() -> Iterator[WorkerPool]:
 
 def parsers(pool: WorkerPool, owner: str) -> tuple[int, int]:
     """Have an owner's file parsed; the process that forks parsers, and the parser."""
-    with work_of(owner):
-        forks, parser = pool.submit(parse_and_tell, SMALL).result(timeout=120)
+    forks, parser = pool.submit_for(Terms(owner), parse_and_tell, SMALL).result(timeout=120)
     return forks, parser
 
 

@@ -119,7 +119,7 @@ def test_a_fault_that_passes_leads_to_another_try(
     texts = []
 
     async def handler(_request: Any, report: Report) -> Any:
-        texts.append(runner.text(jobs.list().jobs[0]))
+        texts.append(runner.text(jobs.list()[0][0]))
         report(0.9 - 0.1 * tries.n_left)
         return tries()
 
@@ -271,7 +271,7 @@ def test_what_goes_in_the_end_goes_once_the_result_is_noted(jobs: Jobs, tmp_path
         return {"link": "there"}
 
     async def settle(request: Any, result: Any) -> None:
-        known = jobs.list().jobs[0]
+        known = jobs.list()[0][0]
         assert (known.state, known.result, result) == (JobState.RUNNING, {"link": "there"}, result)
         steps.append("settled")
         while not way["is open"]:

@@ -73,9 +73,8 @@ def test_jobs_are_listed_newest_first_by_state_and_page(jobs: Jobs) -> None:
         found: list[Job] = []
         cursor = None
         while True:
-            page = jobs.list(state=state, limit=2, cursor=cursor)
-            found += page.jobs
-            cursor = page.cursor
+            page, cursor = jobs.list(state=state, limit=2, cursor=cursor)
+            found += page
             if cursor is None:
                 return [job.request for job in found]
 

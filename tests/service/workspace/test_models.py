@@ -99,13 +99,14 @@ def test_a_sequence_deleted_meanwhile_ends_the_training_by_name(
 
         monkeypatch.setattr(Analysis, "signature", late)
     else:
-        write = training._write_plan
+        take = training._cases
 
-        def write_late(*args: Any) -> None:
-            write(*args)
-            trained.store.delete_sequence(target)
+        def take_late(*args: Any) -> Any:
+            if trained.store.has_sequence(target):
+                trained.store.delete_sequence(target)
+            return take(*args)
 
-        monkeypatch.setattr(training, "_write_plan", write_late)
+        monkeypatch.setattr(training, "_cases", take_late)
     answer = trained.client.post("/v1/models", json={"name": "gone", "sequences": ids})
     job = finished(trained.client, answer.json())
     assert (job["state"], job["error"]["code"]) == ("failed", "not_found")

@@ -84,7 +84,7 @@ def test_finished_jobs_and_keys_are_forgotten_but_none_that_has_work_or_a_file(
         keeping(store, spool, 0.01, 3600.0).sweep()
         assert jobs.get(succeeded).is_finished
         keeping(store, spool, 0.01, 0.01).sweep()
-        assert [job.id for job in jobs.list().jobs] == [queued]
+        assert [job.id for job in jobs.list()[0]] == [queued]
         assert keys.forget_before("9999") == 0
 
 

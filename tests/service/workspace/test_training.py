@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import pickle
 import subprocess
 import sys
 import time
@@ -17,6 +18,7 @@ from fastapi.testclient import TestClient
 from running import RunningService
 from training_cohort import QUICK, cohort, finished, send
 
+from modalmotion.classification import CaseFile
 from modalmotion.errors import NotFoundError
 from modalmotion.formats import read_npz
 from modalmotion.signature.making import modal_signature
@@ -158,25 +160,26 @@ def peak_memory(folder: Path, n_cases: int) -> int:
     """Peak memory, in bytes, of a process that trains on so many signatures."""
     labelled = [(read_npz(c.body).sequence, c.label) for c in cohort(10, seed=3)]
     signatures = [(modal_signature(sequence), label) for sequence, label in labelled]
-    plan = folder / f"plan-{n_cases}"
-    with plan.open("w") as file:
-        for number in range(n_cases):
-            signature, label = signatures[number % len(signatures)]
-            # A little larger each time, for the same recording again would count once.
-            amplitudes = signature.amplitudes * (1.0 + 1e-4 * number)
-            name, path = f"{number:064x}", folder / f"{number}.h5"
-            other = replace(signature, amplitudes=amplitudes, sequence_id=name)
-            path.write_bytes(signature_to_hdf5(other))
-            case = {"id": name, "label": label, "subject": f"s{number}", "path": str(path)}
-            file.write(json.dumps(case | {"covariates": {}}) + "\n")
+    cases = []
+    for number in range(n_cases):
+        signature, label = signatures[number % len(signatures)]
+        # A little larger each time, for the same recording again would count once.
+        amplitudes = signature.amplitudes * (1.0 + 1e-4 * number)
+        name, path = f"{number:064x}", folder / f"{number}.h5"
+        other = replace(signature, amplitudes=amplitudes, sequence_id=name)
+        path.write_bytes(signature_to_hdf5(other))
+        cases.append(CaseFile(path, name, label, f"s{number}"))
+    listed = folder / f"cases-{n_cases}"
+    listed.write_bytes(pickle.dumps(cases))
     code = (
-        "import resource, sys; from pathlib import Path;"
+        "import pickle, resource, sys; from pathlib import Path;"
         "from modalmotion_service.work.tasks.training import train_model;"
         "a, b, c = map(Path, sys.argv[1:]);"
-        "train_model(a, 'large', {'card': 'quick'}, 't', b, c);"
+        "cases = pickle.loads(a.read_bytes());"
+        "train_model(cases, None, 'large', {'card': 'quick'}, 't', b, c);"
         "sys.stdout.write(str(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024))"
     )
-    files = [plan, folder / "model.h5", folder / "progress"]
+    files = [listed, folder / "model.h5", folder / "progress"]
     run = [sys.executable, "-c", code, *map(str, files)]
     done = subprocess.run(run, capture_output=True, text=True, check=True)
     assert sum(model_from_hdf5(files[1]).card.n_cases.values()) == n_cases

@@ -117,17 +117,13 @@ def write_container(document: dict[str, Any], binary: bytes) -> bytes:
     """Join the parts of a GLB file; `binary` is a whole number of 4 bytes."""
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
-    length = 12 + 8 + len(text) + 8 + len(binary)
-    header = _MAGIC + _VERSION.to_bytes(4, "little") + length.to_bytes(4, "little")
-    return b"".join(
-        (
-            header,
-            len(text).to_bytes(4, "little") + _JSON,
-            text,
-            len(binary).to_bytes(4, "little") + _BINARY,
-            binary,
-        )
-    )
+    parts = [
+        part
+        for kind, data in ((_JSON, text), (_BINARY, binary))
+        for part in (len(data).to_bytes(4, "little"), kind, data)
+    ]
+    length = 12 + sum(map(len, parts))
+    return b"".join((_MAGIC, _VERSION.to_bytes(4, "little"), length.to_bytes(4, "little"), *parts))
 
 
 def too_much(what: str, most: int) -> LimitError:
@@ -144,14 +140,9 @@ def _no_constant(name: str) -> float:
     raise ValueError(f"{name} is not a number in JSON")
 
 
-_TYPES: Final[dict[object, str]] = {
-    5120: "i1",
-    5121: "u1",
-    5122: "<i2",
-    5123: "<u2",
-    5125: "<u4",
-    5126: "<f4",
-}
+_TYPES: Final[dict[object, str]] = dict(
+    zip((5120, 5121, 5122, 5123, 5125, 5126), ("i1", "u1", "<i2", "<u2", "<u4", "<f4"), strict=True)
+)
 _SIZES: Final[dict[object, int]] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
@@ -202,17 +193,18 @@ def read_accessor(
             f"accessors[{index}] of the GLB file contains {str(accessor.get('type'))[:20]} of "
             f"{str(accessor.get('componentType'))[:20]}, not {n_components} numbers each."
         )
-    dtype = np.dtype(code)
-    values: NDArray[Any]
+    dtype, shape = np.dtype(code), (count, n_components)
+    values: NDArray[Any] = np.zeros(shape, dtype)
     if "bufferView" in accessor:
-        view = _view(container, accessor["bufferView"])
-        step = view.stride or n_components * dtype.itemsize
-        offset = _count(accessor, "byteOffset", 0)
-        values = _strided(view.data, offset, (count, n_components), step, dtype)
-    else:
-        values = np.zeros((count, n_components), dtype)
+        values = _items(container, accessor, shape, dtype)
     if "sparse" in accessor:
-        values = _with_sparse(container, accessor["sparse"], values)
+        sparse = accessor["sparse"]
+        of_places = np.dtype(_TYPES[sparse["indices"].get("componentType")])
+        n = _count(sparse, "count")
+        places = _items(container, sparse["indices"], (n, 1), of_places)[:, 0]
+        if of_places.kind != "u" or int(places.max(initial=0)) >= max(count, 1):
+            raise malformed(f"A sparse accessor of the GLB file leads out of {count} items.")
+        values[places] = _items(container, sparse["values"], (n, n_components), dtype)
     if dtype.kind == "f":
         return values.astype(np.float64)
     if accessor.get("normalized") is True:
@@ -221,13 +213,11 @@ def read_accessor(
     return values
 
 
-class _View:
-    def __init__(self, data: memoryview, stride: int | None) -> None:
-        self.data = data
-        self.stride = stride
-
-
-def _view(container: Container, index: object) -> _View:
+def _items(
+    container: Container, place: dict[str, Any], shape: tuple[int, int], dtype: np.dtype[Any]
+) -> NDArray[Any]:
+    """Items from a place in a view, (count, components), that lie in the file."""
+    index = place.get("bufferView")
     view = container.item("bufferViews", index)
     buffer = container.item("buffers", view.get("buffer"))
     if "uri" in buffer or view["buffer"] != 0:
@@ -236,51 +226,20 @@ def _view(container: Container, index: object) -> _View:
             "opened.",
             remedy="Export one .glb file that contains its own data.",
         )
-    start = _count(view, "byteOffset", 0)
-    end = start + _count(view, "byteLength")
-    if end > len(container.binary):
-        raise malformed(
-            f"bufferViews[{index}] of the GLB file ends at byte {end}; {len(container.binary)} "
-            "are there."
-        )
-    stride = _count(view, "byteStride") if "byteStride" in view else None
-    return _View(container.binary[start:end], stride)
-
-
-def _strided(
-    data: memoryview, offset: int, shape: tuple[int, int], step: int, dtype: np.dtype[Any]
-) -> NDArray[Any]:
-    count, n_components = shape
-    item = n_components * dtype.itemsize
+    length = _count(view, "byteLength")
+    data = container.binary[(start := _count(view, "byteOffset", 0)) : start + length]
+    count, item = shape[0], shape[1] * dtype.itemsize
+    step = _count(view, "byteStride", 0) or item
+    offset = _count(place, "byteOffset", 0)
     end = offset + step * (count - 1) + item if count else offset
-    if step < item or end > len(data):
-        raise malformed(f"An accessor of the GLB file ends at byte {end} of a view of {len(data)}.")
+    if len(data) < length or step < item or end > length:
+        raise malformed(
+            f"bufferViews[{index}] of the GLB file ends at byte {start + length} of "
+            f"{len(container.binary)}, an accessor of it ends at byte {end} of {length}."
+        )
     if not count:
         return np.zeros(shape, dtype)
     return np.ndarray(shape, dtype, data, offset, (step, dtype.itemsize)).copy()
-
-
-def _with_sparse(container: Container, sparse: Any, values: NDArray[Any]) -> NDArray[Any]:
-    count = _count(sparse, "count")
-    code = _TYPES.get(sparse["indices"].get("componentType"))
-    if code is None or np.dtype(code).kind != "u":
-        raise malformed("A sparse accessor's indices are not unsigned integers.")
-    where, what = sparse["indices"], sparse["values"]
-    kind = np.dtype(code)
-    view = _view(container, where.get("bufferView"))
-    offset = _count(where, "byteOffset", 0)
-    indices = _strided(view.data, offset, (count, 1), kind.itemsize, kind)[:, 0]
-    view = _view(container, what.get("bufferView"))
-    offset = _count(what, "byteOffset", 0)
-    shape = (count, values.shape[1])
-    step = shape[1] * values.dtype.itemsize
-    replaced = _strided(view.data, offset, shape, step, values.dtype)
-    if count and int(indices.max()) >= len(values):
-        raise malformed(
-            f"A sparse accessor of the GLB file names item {indices.max()} of {len(values)}."
-        )
-    values[indices] = replaced
-    return values
 
 
 def _count(owner: Any, name: str, default: int | None = None) -> int:

@@ -55,7 +55,10 @@ def write_glb(animation: MorphAnimation) -> bytes:
             remedy="Leave frames out, or write VTKHDF.",
             frame=frame,
         )
-    least, spans, weights = _from_zero_to_one(animation.weights)
+    least = animation.weights.min(axis=0)
+    spans = animation.weights.max(axis=0) - least
+    away = animation.weights - least
+    weights = np.divide(away, spans, out=np.zeros_like(away), where=spans > 0)
     n_targets = len(animation.targets)
     base = animation.base + np.tensordot(least, animation.targets, axes=(0, 0))
     buffer = _Buffer()
@@ -122,27 +125,22 @@ class _Buffer:
     ) -> int:
         """Append an array and return its accessor."""
         is_index = values.dtype.kind == "u"
-        array: NDArray[Any] = (
-            np.ascontiguousarray(values, dtype="<u4")
-            if is_index
-            else np.ascontiguousarray(single_precision(values, "A number"))
-        )
-        view: dict[str, Any] = {"buffer": 0, "byteOffset": self.length, "byteLength": array.nbytes}
-        if target is not None:
-            view["target"] = target
+        plain: NDArray[Any] = values if is_index else single_precision(values, "A number")
+        array = np.ascontiguousarray(plain, dtype="<u4" if is_index else "<f4")
         rows = array.reshape(len(array), -1)
-        accessor: dict[str, Any] = {
-            "bufferView": len(self.views),
-            "componentType": _UINT if is_index else _FLOAT,
-            "count": len(rows),
-            "type": kind,
-        }
-        if bounds:
-            # Of the numbers as written, float32.
-            accessor["min"] = rows.min(axis=0).tolist()
-            accessor["max"] = rows.max(axis=0).tolist()
-        self.views.append(view)
-        self.accessors.append(accessor)
+        view = {"buffer": 0, "byteOffset": self.length, "byteLength": array.nbytes}
+        self.views.append(view if target is None else {**view, "target": target})
+        # Bounds are of the numbers as written, float32.
+        ends = {"min": rows.min(axis=0), "max": rows.max(axis=0)} if bounds else {}
+        self.accessors.append(
+            {
+                "bufferView": len(self.views) - 1,
+                "componentType": _UINT if is_index else _FLOAT,
+                "count": len(rows),
+                "type": kind,
+                **{name: values.tolist() for name, values in ends.items()},
+            }
+        )
         # All types are of four bytes, so every array begins at a whole number of them.
         self._pieces.append(array.tobytes())
         self.length += array.nbytes
@@ -153,34 +151,22 @@ class _Buffer:
         return b"".join(self._pieces)
 
 
-def _from_zero_to_one(
-    weights: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Least weight and span of each target, (targets,) each, and (w - least) / span."""
-    least = weights.min(axis=0)
-    spans = weights.max(axis=0) - least
-    scaled = np.divide(weights - least, spans, out=np.zeros_like(weights), where=spans > 0)
-    return least, spans, scaled
-
-
 def _extras(
     animation: MorphAnimation, least: NDArray[np.float64], spans: NDArray[np.float64]
 ) -> dict[str, Any]:
-    extras: dict[str, Any] = {
+    times, topology = animation.times, animation.topology
+    start = None if times is None or not times[0] else float(times[0])
+    stated = {
+        "unit": animation.unit,
+        "unit_unknown": True if animation.unit is None else None,
+        "times_unknown": True if times is None else None,
+        "start_time": start,
+        "topology": None if topology is None else topology.name,
+        "grid": None if animation.grid is None else list(animation.grid),
+    }
+    return {
         "weight_ranges": np.stack([least, least + spans], axis=1).tolist(),
         "targets_left_out": animation.n_left_out,
         "rms_left_out": animation.rms_left_out,
+        **{name: value for name, value in stated.items() if value is not None},
     }
-    if animation.unit is None:
-        extras["unit_unknown"] = True
-    else:
-        extras["unit"] = animation.unit
-    if animation.times is None:
-        extras["times_unknown"] = True
-    elif animation.times[0]:
-        extras["start_time"] = float(animation.times[0])
-    if animation.topology is not None:
-        extras["topology"] = animation.topology.name
-    if animation.grid is not None:
-        extras["grid"] = list(animation.grid)
-    return extras

@@ -22,7 +22,7 @@ _OF_TRACK: Final = "The file is a track: its surface was read, without the error
 
 
 def parse_hdf5(data: bytes, limits: ReadLimits) -> Parsed:
-    """Parse an HDF5 file in this process; see `read_hdf5`."""
+    """Parse VTKHDF PolyData, a file of the store's, or named datasets, after `open_gated`."""
     with open_gated(data, limits) as file:
         if "VTKHDF" in file:
             return parse_vtkhdf(file, limits)

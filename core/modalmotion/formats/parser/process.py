@@ -39,11 +39,6 @@ from modalmotion.limits import ReadLimits
 
 _LONGEST_HEADER: Final = 1 << 24
 
-# What an answer that is not one, or none, may raise.
-BROKEN: Final = (
-    *(EOFError, OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError),
-)
-
 
 class ParserProcess:
     """A child process for parsers, started at the first file and again after it ended.
@@ -58,14 +53,9 @@ class ParserProcess:
     """
 
     def __init__(self, limits: ReadLimits, seconds: float = 60.0) -> None:
-        self._limits = limits
+        self.limits = limits
         self._seconds = seconds
         self._child: subprocess.Popen[bytes] | None = None
-
-    @property
-    def limits(self) -> ReadLimits:
-        """Limits on a file."""
-        return self._limits
 
     def __enter__(self) -> Self:
         return self
@@ -105,7 +95,8 @@ class ParserProcess:
             with _killed_after(self._seconds, child) as is_late:
                 send(child.stdin, task, data, self.limits, self._seconds)
                 answer = receive(child.stdout, self.limits)
-        except BROKEN as error:
+        except Exception as error:
+            # Whatever an answer raises that is not one, or none.
             self.close()
             if isinstance(error, InputError):
                 raise
@@ -125,8 +116,8 @@ class ParserProcess:
 def broke_down() -> MalformedFileError:
     """Make the error for a file that its parser did not outlive."""
     return MalformedFileError(
-        "The reader of this format broke down on the file: it is damaged, or declares "
-        "more than it holds.",
+        "The reader of this format crashed on the file: it is damaged, or declares "
+        "more than it contains.",
         remedy="Write the file anew, or send another format.",
     )
 
@@ -154,19 +145,34 @@ def send(
     stream.flush()
 
 
-def receive(stream: IO[bytes], limits: ReadLimits) -> Answer | InputError:
+def receive(stream: Any, limits: ReadLimits) -> Answer | InputError:
     """Receive what a parser answers: arrays, or what is wrong with the file.
 
     Raises
     ------
     InputError
         If it answers more than `limits` allow for.
-    OSError, EOFError, ValueError, TypeError, KeyError, AttributeError, RecursionError
-        If it ends, or what it answers is not an answer.
+    Exception
+        Of any kind, if it ends, or what it answers is not an answer.
     """
-    header = _receive_header(stream)
-    answer = _receive_arrays(stream, header, limits)
-    return answer if header["error"] is None else _rebuilt(header["error"])
+    length = int.from_bytes(_exactly(stream, 8), "little")
+    if length > _LONGEST_HEADER:
+        raise ValueError(length)
+    header = json.loads(_exactly(stream, length))
+    info, arrays, n_bytes = dict(header["info"]), {}, 0
+    for name, dtype, shape, axes in header["arrays"]:
+        kind = np.dtype(dtype)
+        if kind.kind not in "fiu":
+            raise ValueError(dtype)
+        n_bytes += math.prod(shape) * kind.itemsize
+        limits.require("decompressed_bytes", n_bytes)
+        array = np.empty(shape, kind)
+        if array.size and stream.readinto(array.reshape(-1).view(np.uint8).data) != array.nbytes:
+            raise EOFError(name)
+        # Nobody copies what cannot change.
+        array.setflags(write=False)
+        arrays[name] = array.transpose(np.argsort(axes))
+    return Answer(info, arrays) if header["error"] is None else _rebuilt(header["error"])
 
 
 def _start() -> subprocess.Popen[bytes]:
@@ -195,32 +201,6 @@ def _killed_after(seconds: float, child: subprocess.Popen[bytes]) -> Iterator[th
         timer.cancel()
 
 
-def _receive_header(stream: IO[bytes]) -> dict[str, Any]:
-    length = int.from_bytes(_exactly(stream, 8), "little")
-    if length > _LONGEST_HEADER:
-        raise ValueError(length)
-    header = json.loads(_exactly(stream, length))
-    return {"error": header["error"], "info": dict(header["info"]), "arrays": header["arrays"]}
-
-
-def _receive_arrays(stream: Any, header: dict[str, Any], limits: ReadLimits) -> Answer:
-    arrays = {}
-    n_bytes = 0
-    for name, dtype, shape, axes in header["arrays"]:
-        kind = np.dtype(dtype)
-        if kind.kind not in "fiu":
-            raise ValueError(dtype)
-        n_bytes += math.prod(shape) * kind.itemsize
-        limits.require("decompressed_bytes", n_bytes)
-        array = np.empty(shape, kind)
-        if array.size and stream.readinto(array.reshape(-1).view(np.uint8).data) != array.nbytes:
-            raise EOFError(name)
-        # Nobody copies what cannot change.
-        array.setflags(write=False)
-        arrays[name] = array.transpose(np.argsort(axes))
-    return Answer(header["info"], arrays)
-
-
 def _exactly(stream: IO[bytes], n_bytes: int) -> bytes:
     data = stream.read(n_bytes)
     if len(data) != n_bytes:
@@ -229,10 +209,10 @@ def _exactly(stream: IO[bytes], n_bytes: int) -> bytes:
 
 
 def _rebuilt(state: dict[str, Any]) -> InputError:
-    kind = getattr(errors, str(state.pop("kind")), MalformedFileError)
-    if not (isinstance(kind, type) and issubclass(kind, InputError)):
-        kind = MalformedFileError
-    return kind(str(state.pop("message")), **state)
+    kind: Any = getattr(errors, str(state.pop("kind")), None)
+    is_ours = isinstance(kind, type) and issubclass(kind, InputError)
+    made: InputError = (kind if is_ours else MalformedFileError)(state.pop("message"), **state)
+    return made
 
 
 # How a parser ended, as a signed number of so many bytes; negative for a signal.
@@ -301,7 +281,7 @@ class ParserForks:
                 send(sink, task, data, limits)
             with self._parser.makefile("rb") as source:
                 answer = receive(source, limits)
-        except BROKEN as error:
+        except Exception as error:  # noqa: BLE001 - as of `receive`
             self.end_parser()
             raise (error if isinstance(error, InputError) else broke_down()) from None
         if isinstance(answer, InputError):

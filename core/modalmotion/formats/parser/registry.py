@@ -26,22 +26,19 @@ _TASKS: Final = {
     "datasets": "modalmotion.formats.parser.hdf5:parse_datasets",
 }
 
-# Of meshes, which unfold in proportion to their files; images of one colour are packed to nothing.
-_IN_PROPORTION: Final = ("hdf5", "clouds", "vtk", "vtp", "vtu", "mat", "datasets")
+# Of images, which may be of one colour: packed to nothing, and not in proportion to their files.
+_OF_IMAGES: Final = ("dicom", "metaimage", "nifti", "nrrd", "study")
 
 # What they import in turn.
 _LIBRARIES: Final = {
-    "hdf5": ("h5py", "encodings.ascii"),
-    "clouds": ("h5py", "encodings.ascii"),
-    "datasets": ("h5py", "encodings.ascii"),
+    **dict.fromkeys(("hdf5", "clouds", "datasets"), ("h5py", "encodings.ascii")),
     "mat": ("scipy.io",),
     "dicom": ("pydicom.pixels",),
     "nifti": ("nibabel",),
     "nrrd": ("nrrd",),
     "study": ("pydicom.valuerep",),
     "vtk": ("vtkmodules.vtkIOLegacy", "vtkmodules.util.numpy_support"),
-    "vtp": ("vtkmodules.vtkIOXML", "vtkmodules.util.numpy_support"),
-    "vtu": ("vtkmodules.vtkIOXML", "vtkmodules.util.numpy_support"),
+    **dict.fromkeys(("vtp", "vtu"), ("vtkmodules.vtkIOXML", "vtkmodules.util.numpy_support")),
 }
 
 
@@ -79,7 +76,7 @@ def parser_of(task: str) -> Callable[[bytes, ReadLimits], Parsed]:
 
 def limits_on(task: str, n_bytes: int, limits: ReadLimits) -> ReadLimits:
     """Give the limits on a file of that size."""
-    return limits.of_file(n_bytes) if task in _IN_PROPORTION else limits
+    return limits if task in _OF_IMAGES else limits.of_file(n_bytes)
 
 
 def prepare(task: str) -> None:

@@ -9,14 +9,14 @@ import hashlib
 import io
 import struct
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import InputError, MalformedFileError, needs_extra
+from modalmotion.errors import MalformedFileError, needs_extra
 from modalmotion.formats.result import Parsed
-from modalmotion.formats.volumes.stack import BROKEN, declared_bytes, scaled, unheard
+from modalmotion.formats.volumes.stack import damaged, declared_bytes, scaled
 from modalmotion.limits import ReadLimits
 
 _PLAIN: Final = "Export it without compression (Explicit VR Little Endian)."
@@ -149,14 +149,9 @@ def parse_dicom(data: bytes, limits: ReadLimits) -> Parsed:
         If it is no slice in space.
     """
     with needs_extra("images"):
-        import pydicom
-    try:
-        with unheard("pydicom"):
-            return _of(read_dicom(data, _TAGS), limits)
-    except InputError:
-        raise
-    except (*BROKEN, pydicom.errors.InvalidDicomError, pydicom.errors.BytesLengthException):
-        raise MalformedFileError("The DICOM file is damaged.", remedy=_REMEDY) from None
+        import pydicom  # noqa: F401
+    with damaged("The DICOM file is damaged.", _REMEDY, "pydicom"):
+        return _of(read_dicom(data, _TAGS), limits)
 
 
 def _of(dataset: Any, limits: ReadLimits) -> Parsed:
@@ -164,16 +159,13 @@ def _of(dataset: Any, limits: ReadLimits) -> Parsed:
     frames = dataset.get("PerFrameFunctionalGroupsSequence") or [{}]
     if n > 1 and len(frames) != n:
         raise MalformedFileError(
-            f"The DICOM file contains {n} frames, and does not say where each one is.",
+            f"The DICOM file contains {n} frames without the position of each one.",
             remedy="Export it as one file for each slice and phase, or as NIfTI.",
         )
     shared = (dataset.get("SharedFunctionalGroupsSequence") or [{}])[0]
-    groups = [_Groups(dataset, frame, shared) for frame in frames]
-    if "PixelData" not in dataset or not all(own.is_placed for own in groups):
-        raise MalformedFileError(
-            "The DICOM file is no slice in space (a secondary capture, or a report).",
-            remedy="Leave it out. " + _REMEDY,
-        )
+    slices = [_slice(k, dataset, frame, shared) for k, frame in enumerate(frames)]
+    if "PixelData" not in dataset:
+        raise _no_slice()
     rows, columns = int(dataset.Rows), int(dataset.Columns)
     declared_bytes((n, rows, columns), int(dataset.get("BitsAllocated") or 16) // 8 or 1, limits)
     shade = str(dataset.get("PhotometricInterpretation") or "")
@@ -189,11 +181,10 @@ def _of(dataset: Any, limits: ReadLimits) -> Parsed:
         # The least is white: turned, so that slices of one series are alike.
         is_signed = bool(dataset.get("PixelRepresentation"))
         pixels = ~pixels if is_signed else 2 ** int(dataset.BitsStored) - 1 - pixels
-    scales = {own.scale for own in groups}
-    if len(scales) == 1:
+    if len(scales := {own.scale for own in slices}) == 1:
         pixels = scaled(pixels, *scales.pop())
     else:
-        pairs = zip(pixels, groups, strict=True)
+        pairs = zip(pixels, slices, strict=True)
         pixels = np.stack([np.float32(one) * own.scale[0] + own.scale[1] for one, own in pairs])
     info: dict[str, Any] = {
         "times": None,
@@ -201,90 +192,68 @@ def _of(dataset: Any, limits: ReadLimits) -> Parsed:
         "series": _sealed(dataset.get("SeriesInstanceUID")),
         "patient": _sealed(dataset.get("PatientID")),
         "space": _sealed(dataset.get("FrameOfReferenceUID")),
-        "slices": [own.info(k) for k, own in enumerate(groups)],
+        "slices": [own.info for own in slices],
     }
-    return info, {"values": pixels, "affine": np.stack([own.affine for own in groups])}
+    return info, {"values": pixels, "affine": np.stack([own.affine for own in slices])}
 
 
-class _Groups:
-    """Where and when one slice was taken: of its own functional groups, shared ones, or the file.
+class _Slice(NamedTuple):
+    affine: NDArray[np.float64]
+    # Slope and intercept.
+    scale: tuple[float, float]
+    info: dict[str, Any]
 
-    Parameters
-    ----------
-    dataset : pydicom.Dataset
-    frame, shared : mapping
-    """
 
-    def __init__(self, dataset: Any, frame: Any, shared: Any) -> None:
-        self._places = (dataset, frame, shared)
+def _slice(k: int, dataset: Any, frame: Any, shared: Any) -> _Slice:
+    """Where and when slice k was taken: by its own functional groups, shared ones, or the file."""
 
-    def _of(self, group: str, name: str) -> Any:
-        dataset, *groups = self._places
-        for one in groups:
-            for item in one.get(group) or ():
-                if item.get(name) is not None:
-                    return item.get(name)
-        return dataset.get(name)
+    def of(group: str, name: str, otherwise: str = "") -> Any:
+        items = (item for one in (frame, shared) for item in one.get(group) or ())
+        found = (item.get(name) for item in items)
+        stated = next((value for value in found if value is not None), None)
+        return dataset.get(otherwise or name) if stated is None else stated
 
-    @property
-    def is_placed(self) -> bool:
-        return bool(
-            self._of("PlaneOrientationSequence", "ImageOrientationPatient")
-            and self._of("PlanePositionSequence", "ImagePositionPatient")
-            and self._of("PixelMeasuresSequence", "PixelSpacing")
-        )
+    orientation = of("PlaneOrientationSequence", "ImageOrientationPatient")
+    position = of("PlanePositionSequence", "ImagePositionPatient")
+    spacing = of("PixelMeasuresSequence", "PixelSpacing")
+    if not (orientation and position and spacing):
+        raise _no_slice()
+    thickness = float(of("PixelMeasuresSequence", "SliceThickness") or 0) or 1.0
+    # Directions alone: the length of a step is stated elsewhere.
+    along, down = (
+        row / max(float(np.linalg.norm(row)), 1e-300)
+        for row in _vector(orientation, 6).reshape(2, 3)
+    )
+    step_down, step_along = _vector(spacing, 2)
+    across = thickness * np.cross(along, down)
+    affine = [step_down * down, step_along * along, across, _vector(position, 3)]
+    slope, intercept = (
+        of("PixelValueTransformationSequence", f"Rescale{name}") for name in ("Slope", "Intercept")
+    )
+    beat, number = "CardiacSynchronizationSequence", _number(dataset.get("InstanceNumber"))
+    info = {
+        "trigger_ms": _number(of(beat, "NominalCardiacTriggerDelayTime", "TriggerTime")),
+        "interval_ms": _number(of(beat, "RRIntervalTimeNominal", "NominalInterval")),
+        "number": k if number is None else number + k,
+        "thickness": thickness,
+    }
+    return _Slice(np.column_stack(affine), (float(slope or 1), float(intercept or 0)), info)
 
-    @property
-    def thickness(self) -> float:
-        return float(self._of("PixelMeasuresSequence", "SliceThickness") or 0) or 1.0
 
-    @property
-    def scale(self) -> tuple[float, float]:
-        """Slope and intercept."""
-        group = "PixelValueTransformationSequence"
-        slope, intercept = (self._of(group, f"Rescale{name}") for name in ("Slope", "Intercept"))
-        return float(slope or 1), float(intercept or 0)
-
-    @property
-    def affine(self) -> NDArray[np.float64]:
-        orientation = self._of("PlaneOrientationSequence", "ImageOrientationPatient")
-        along, down = (_direction(row) for row in _vector(orientation, 6).reshape(2, 3))
-        spacing = self._of("PixelMeasuresSequence", "PixelSpacing")
-        step_down, step_along = _vector(spacing, 2)
-        across = np.cross(along, down)
-        position = _vector(self._of("PlanePositionSequence", "ImagePositionPatient"), 3)
-        return np.column_stack(
-            [step_down * down, step_along * along, self.thickness * across, position]
-        )
-
-    def info(self, k: int) -> dict[str, Any]:
-        """Say when it was taken; k counts the slices of a file."""
-        beat = "CardiacSynchronizationSequence"
-        trigger = self._of(beat, "NominalCardiacTriggerDelayTime")
-        interval = self._of(beat, "RRIntervalTimeNominal")
-        number = _number(self._of("", "InstanceNumber"))
-        dataset = self._places[0]
-        return {
-            "trigger_ms": _number(dataset.get("TriggerTime") if trigger is None else trigger),
-            "interval_ms": _number(
-                dataset.get("NominalInterval") if interval is None else interval
-            ),
-            "number": k if number is None else number + k,
-            "thickness": self.thickness,
-        }
+def _no_slice() -> MalformedFileError:
+    return MalformedFileError(
+        "The DICOM file is not a slice with a position (a secondary capture, or a report).",
+        remedy="Leave it out. " + _REMEDY,
+    )
 
 
 def _vector(values: Any, n: int) -> NDArray[np.float64]:
     found = np.array([float(v) for v in values], dtype=np.float64)
     if len(found) != n or not np.isfinite(found).all():
-        raise MalformedFileError("The DICOM file does not say where it is.", remedy=_REMEDY)
+        raise MalformedFileError(
+            "The DICOM file states no valid position and orientation.", remedy=_REMEDY
+        )
     return found
-
-
-def _direction(vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Take the direction alone: the length of a step is stated elsewhere."""
-    unit: NDArray[np.float64] = vector / max(float(np.linalg.norm(vector)), 1e-300)
-    return unit
 
 
 def _number(value: Any) -> float | None:
@@ -323,18 +292,10 @@ def parse_study(data: bytes, _: ReadLimits) -> Parsed:
         If it is no DICOM instance, or a value cannot be written again; it names no value.
     """
     with needs_extra("dicom"):
-        import pydicom
+        import pydicom  # noqa: F401
     names = (*_NEEDED, *_KEPT, *_MOMENTS, "SpecificCharacterSet")
-    try:
-        with unheard("pydicom"):
-            dataset = read_dicom(data, names, has_pixels=False)
-            return {"header": _study_header(dataset)}, {}
-    except InputError:
-        raise
-    except (*BROKEN, pydicom.errors.InvalidDicomError, pydicom.errors.BytesLengthException):
-        raise MalformedFileError(
-            "These bytes are no DICOM instance, or a damaged one.", remedy=_SEND_AGAIN
-        ) from None
+    with damaged("These bytes are no DICOM instance, or a damaged one.", _SEND_AGAIN, "pydicom"):
+        return {"header": _study_header(read_dicom(data, names, has_pixels=False))}, {}
 
 
 def _study_header(dataset: Any) -> dict[str, str]:

@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import gzip
-import io
-import zipfile
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import InputError, MalformedFileError, ShapeError, needs_extra
+from modalmotion.errors import MalformedFileError, ShapeError, needs_extra
+from modalmotion.formats.frame_files import stored_zip
 from modalmotion.formats.result import Parsed
 from modalmotion.formats.volumes.stack import (
-    BROKEN,
     RAS_TO_LPS,
-    declared_bytes,
+    damaged,
     parsed,
     regular,
-    scaled,
+    samples,
     timed,
-    unheard,
 )
 from modalmotion.images import ImageSequence, PlaneSet, Volume
 from modalmotion.limits import ReadLimits
-from modalmotion.numeric.unpacking import unpacked, unpacked_head
+from modalmotion.numeric.unpacking import unpacked_head
 
 _MM: Final = {"mm": 1.0, "meter": 1e3, "micron": 1e-3, "unknown": 1.0}
 
@@ -44,28 +41,15 @@ def parse_nifti(data: bytes, limits: ReadLimits) -> Parsed:
     """
     with needs_extra("images"):
         import nibabel
-        from nibabel.filebasedimages import ImageFileError
-        from nibabel.spatialimages import HeaderDataError
-        from nibabel.wrapstruct import WrapStructError
     is_packed = data[:2] == b"\x1f\x8b"
     head = unpacked_head(data, "gzip", _HEAD) if is_packed else data[:_HEAD]
     kind = nibabel.Nifti2Header if head[4:7] == b"n+2" else nibabel.Nifti1Header
-    try:
-        with unheard("nibabel", "nibabel.global"):
-            return _of(kind(head[: kind.template_dtype.itemsize]), data, limits, is_packed)
-    except InputError:
-        raise
-    except (*BROKEN, ImageFileError, HeaderDataError, WrapStructError):
-        raise MalformedFileError("The NIfTI file is damaged.", remedy=_REMEDY) from None
+    with damaged("The NIfTI file is damaged.", _REMEDY, "nibabel", "nibabel.global"):
+        return _of(kind(head[: kind.template_dtype.itemsize]), data, limits, is_packed)
 
 
 def _of(header: Any, data: bytes, limits: ReadLimits, is_packed: bool) -> Parsed:
     kind, shape = header.get_data_dtype(), header.get_data_shape()
-    slope, intercept = header.get_slope_inter()
-    slope, intercept = (1.0, 0.0) if slope is None else (float(slope), float(intercept))
-    n_bytes = declared_bytes(
-        shape, kind.itemsize, limits, is_scaled=(slope, intercept) != (1.0, 0.0)
-    )
     if kind.names or kind.kind not in "iuf":
         raise MalformedFileError("The voxels are colours or complex numbers.", remedy=_REMEDY)
     full = (*shape, 1, 1, 1, 1)[: max(4, len(shape))]
@@ -73,28 +57,26 @@ def _of(header: Any, data: bytes, limits: ReadLimits, is_packed: bool) -> Parsed
         raise MalformedFileError(
             f"The NIfTI file has {len(shape)} axes: more than space and time.", remedy=_REMEDY
         )
-    n_frames = int(full[3])
+    n_frames, offset = int(full[3]), int(header.get_data_offset())
     limits.require("frames", n_frames)
-    offset = int(header.get_data_offset())
-    limits.require("decompressed_bytes", offset + n_bytes)
-    plain = unpacked(data, "gzip", offset + n_bytes) if is_packed else data
-    raw = np.frombuffer(plain, kind, n_bytes // kind.itemsize, offset)
-    values = scaled(np.moveaxis(raw.reshape(full[:4], order="F"), 3, 0), slope, intercept)
-    length, duration = header.get_xyzt_units()
-    affine = RAS_TO_LPS @ (
-        np.asarray(header.get_best_affine(), dtype=np.float64)[:3] * _MM.get(length, 1.0)
+    slope, intercept = header.get_slope_inter()
+    values = samples(
+        *(data, kind, full[:4], limits),
+        start=0 if is_packed else offset,
+        packing="gzip" if is_packed else None,
+        head=offset,
+        scale=(1.0, 0.0) if slope is None else (float(slope), float(intercept)),
     )
+    length, duration = header.get_xyzt_units()
+    to_lps = RAS_TO_LPS * _MM.get(length, 1.0)
+    affine = to_lps @ np.asarray(header.get_best_affine(), dtype=np.float64)[:3]
     notes: list[str] = []
     if not int(header["sform_code"]) and not int(header["qform_code"]):
-        notes.append("The NIfTI file does not say where it is in space; its axes count as RAS.")
+        notes.append("The NIfTI file states no position in space; its axes are taken as RAS.")
     zooms = header.get_zooms()
     interval = float(zooms[3]) if len(zooms) > 3 else 0.0
     times = timed(regular(interval, n_frames), duration, "NIfTI", notes)
-    return parsed(values, affine, times, notes)
-
-
-# The earliest date that a zip can state: the same images make the same bytes.
-_NO_DATE = (1980, 1, 1, 0, 0, 0)
+    return parsed(np.moveaxis(values, 3, 0), affine, times, notes)
 
 
 def write_nifti(images: ImageSequence) -> bytes:
@@ -110,11 +92,10 @@ def write_nifti(images: ImageSequence) -> bytes:
         v.shape != volumes[0].shape or not np.allclose(v.affine, volumes[0].affine) for v in volumes
     ):
         raise ShapeError(
-            "The frames are not volumes in one place, which NIfTI holds.",
+            "The frames are not volumes in one place, as NIfTI requires.",
             remedy="Write planes with write_nifti_zip, and other volumes one by one.",
         )
-    values = np.stack([volume.values for volume in volumes], axis=-1)
-    return gzip.compress(_nifti(values, volumes[0].affine, images), mtime=0)
+    return _nifti([volume.values for volume in volumes], volumes[0].affine, images)
 
 
 def write_nifti_zip(images: ImageSequence) -> bytes:
@@ -124,28 +105,22 @@ def write_nifti_zip(images: ImageSequence) -> bytes:
     if isinstance(first, PlaneSet):
         for p, plane in enumerate(first.planes):
             own = [frame.planes[p] for frame in images.frames if isinstance(frame, PlaneSet)]
-            values = np.stack([q.values for q in own], axis=-1)[:, :, None]
             across = plane.thickness * plane.normal
             affine = np.column_stack([plane.affine[:, :2], across, plane.origin])
-            files[f"plane_{p:02d}.nii.gz"] = gzip.compress(_nifti(values, affine, images), mtime=0)
+            values = [q.values[:, :, None] for q in own]
+            files[f"plane_{p:02d}.nii.gz"] = _nifti(values, affine, images)
     else:
         files["volumes.nii.gz"] = write_nifti(images)
-    out = io.BytesIO()
-    with zipfile.ZipFile(out, "w", zipfile.ZIP_STORED) as archive:
-        for name, data in files.items():
-            archive.writestr(zipfile.ZipInfo(name, _NO_DATE), data)
-    return out.getvalue()
+    return stored_zip(files)
 
 
-def _nifti(values: NDArray[Any], affine: NDArray[np.float64], images: ImageSequence) -> bytes:
+def _nifti(frames: list[NDArray[Any]], affine: NDArray[np.float64], images: ImageSequence) -> bytes:
     with needs_extra("images"):
         import nibabel
     full = np.vstack([RAS_TO_LPS @ affine, [0.0, 0.0, 0.0, 1.0]])
-    image = nibabel.Nifti1Image(values, full)
+    image = nibabel.Nifti1Image(np.stack(frames, axis=-1), full)
     image.set_sform(full, code=1)
     image.set_qform(None, code=0)
-    step = 0.0 if images.times is None else float(np.diff(images.times).mean())
     image.header.set_xyzt_units("mm", "sec")
-    image.header["pixdim"][4] = step
-    data: bytes = image.to_bytes()
-    return data
+    image.header["pixdim"][4] = 0.0 if images.times is None else np.diff(images.times).mean()
+    return gzip.compress(image.to_bytes(), mtime=0)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 import zipfile
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
@@ -21,12 +23,16 @@ from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.formats.result import Answer, Parser
 from modalmotion.formats.volumes.stack import Slice, grouped
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
+from modalmotion.images.sequence import Image
 from modalmotion.images.volume import slices_of
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.progress import Progress
 from modalmotion.representation import counted
 
-_REMEDY: Final = "Use NIfTI, NRRD, MetaImage, or a folder or zip of DICOM slices or of such files."
+_malformed: Final = partial(
+    MalformedFileError,
+    remedy="Use NIfTI, NRRD, MetaImage, or a folder or zip of DICOM slices or of such files.",
+)
 
 # What parsers need, in a process whose missing packages nobody sees.
 _PACKAGES: Final = {"nifti": "nibabel", "nrrd": "nrrd", "dicom": "pydicom"}
@@ -48,51 +54,35 @@ def kind_of_image(data: bytes) -> str | None:
         return "nrrd"
     if data[128:132] == b"DICM":
         return "dicom"
-    head = data[:400].lstrip()
-    if head.startswith((b"ObjectType", b"NDims")):
-        return "metaimage"
-    return None
+    return "metaimage" if data[:400].lstrip().startswith((b"ObjectType", b"NDims")) else None
 
 
 def holds_images(source: bytes | Path) -> bool:
     """Return whether a file, or the first of a zip or folder that is no text, contains images."""
-    if isinstance(source, Path):
-        if source.is_dir():
-            inside = sorted(path for path in source.rglob("*") if path.is_file())
-            inside = [path for path in inside if _counts(path.name)]
-            return bool(inside) and _begins(inside[0]) is not None
-        kind = _begins(source)
-        if kind is not None or not zipfile.is_zipfile(source):
-            return kind is not None
-        return _zip_holds(source)
-    if kind_of_image(source[:_HEAD]) is not None:
-        return True
-    return source[:4] == b"PK\x03\x04" and _zip_holds(io.BytesIO(source))
-
-
-def _zip_holds(source: Path | io.BytesIO) -> bool:
-    try:
-        with zipfile.ZipFile(source) as archive:
-            names = sorted(name for name in archive.namelist() if _counts(name))
-            if not names:
-                return False
-            with archive.open(names[0]) as member:
-                return kind_of_image(member.read(_HEAD)) is not None
-    except (*UNREADABLE, zipfile.BadZipFile, RuntimeError):
-        # What is wrong with it is said by its reader.
-        return False
+    is_folder = isinstance(source, Path) and source.is_dir()
+    if isinstance(source, Path) and is_folder:
+        inside = [path for path in source.rglob("*") if path.is_file() and _counts(path.name)]
+        if not inside:
+            return False
+        source = min(inside)
+    # What is wrong with it is said by its reader.
+    with (
+        suppress(*UNREADABLE),
+        source.open("rb") if isinstance(source, Path) else io.BytesIO(source) as file,
+    ):
+        head = file.read(_HEAD)
+        if is_folder or not head.startswith(b"PK\x03\x04"):
+            return kind_of_image(head) is not None
+        with zipfile.ZipFile(file) as archive:
+            name = min(filter(_counts, archive.namelist()), default=None)
+            if name is not None:
+                with archive.open(name) as member:
+                    return kind_of_image(member.read(_HEAD)) is not None
+    return False
 
 
 def _counts(name: str) -> bool:
     return not (name.endswith("/") or is_hidden(name) or name.lower().endswith(_PRIVATE))
-
-
-def _begins(path: Path) -> str | None:
-    try:
-        with path.open("rb") as file:
-            return kind_of_image(file.read(_HEAD))
-    except OSError:
-        return None
 
 
 def read_images(
@@ -137,16 +127,15 @@ def _read(source: bytes | Path, parser: Parser, progress: Progress | None) -> Im
     try:
         data = source.read_bytes() if isinstance(source, Path) else source
     except OSError as error:
-        raise MalformedFileError(f"It cannot be read: {error.strerror}.", remedy=_REMEDY) from error
-    if not data:
-        raise MalformedFileError("The file is empty.", remedy=_REMEDY)
+        raise _malformed(f"It cannot be read: {error.strerror}.") from error
     kind = kind_of_image(data)
     if kind is None and detect_format(data) is Format.ZIP:
         with opened(data, parser) as archive:
             members = {name: member.read for name, member in archive.members.items()}
             return _of_files(members, archive.parser, progress)
     if kind is None:
-        raise MalformedFileError("The file contains no images that are known.", remedy=_REMEDY)
+        what = "contains no images of a known format" if data else "is empty"
+        raise _malformed(f"The file {what}.")
     answer = _parsed(kind, data, parser)
     return grouped(_slices(answer)) if kind == "dicom" else _sequence(answer)
 
@@ -166,15 +155,13 @@ def _of_files(
             continue
         try:
             answer = _parsed(kind, data, parser)
-        except MalformedFileError as error:
-            # Exports hold reports and cut files; images of a few planes do without them.
-            damaged += 1
-            if kind == "dicom" and damaged <= _MOST_DAMAGED * len(names):
-                continue
-            error.message = f"{_named(name)}: {error.message}"
-            raise
         except InputError as error:
-            error.message = f"{_named(name)}: {error.message}"
+            # Exports hold reports and cut files; images of a few planes do without them.
+            damaged += isinstance(error, MalformedFileError)
+            is_spared = isinstance(error, MalformedFileError) and kind == "dicom"
+            if is_spared and damaged <= _MOST_DAMAGED * len(names):
+                continue
+            error.message = f"{Path(name).name[-60:]!r}: {error.message}"
             raise
         total += sum(array.nbytes for array in answer.arrays.values())
         parser.limits.require("decompressed_bytes", total)
@@ -184,23 +171,14 @@ def _of_files(
             parts.append(_sequence(answer))
         if progress is not None:
             progress(k + 1, len(names))
-    if bool(slices) == bool(parts):
-        raise MalformedFileError(
-            f"No images that are known in {counted(len(names), 'file')}."
-            if not slices
-            else "The files are DICOM slices and other images together.",
-            remedy=_REMEDY,
-        )
+    if slices and parts:
+        raise _malformed("The files are DICOM slices and other images together.")
+    if not slices and not parts:
+        raise _malformed(f"No images of a known format in {counted(len(names), 'file')}.")
     found = grouped(slices) if slices else _joined(parts)
-    notes = list(found.notes)
-    for n, what in ((skipped, "no images"), (damaged, "damaged or no slices")):
-        if n:
-            notes.append(f"Left out as {what}: {counted(n, 'file')}.")
-    return replace(found, notes=tuple(notes))
-
-
-def _named(name: str) -> str:
-    return repr(Path(name).name[-60:])
+    left_out = ((skipped, "no images"), (damaged, "damaged or not slices"))
+    notes = [f"Not used ({what}): {counted(n, 'file')}." for n, what in left_out if n]
+    return replace(found, notes=(*found.notes, *notes))
 
 
 def _parsed(kind: str, data: bytes, parser: Parser) -> Answer:
@@ -238,10 +216,10 @@ def _joined(parts: list[ImageSequence]) -> ImageSequence:
             f"The files have {min(counts)} to {max(counts)} frames.",
             remedy="Send one file for each frame, or files of planes with the same frames.",
         )
-    frames = []
-    for k in range(parts[0].n_frames):
-        planes = [p for part in parts for p in _planes(part.frames[k])]
-        frames.append(PlaneSet(tuple(planes)))
+    frames = (
+        PlaneSet(tuple(plane for part in parts for plane in _planes(part.frames[k])))
+        for k in range(parts[0].n_frames)
+    )
     return ImageSequence(tuple(frames), parts[0].times, notes=notes)
 
 
@@ -252,7 +230,7 @@ def _are_planes(parts: list[ImageSequence]) -> bool:
     return all(1 in volume.shape for volume in volumes) and len(places) > 1
 
 
-def _planes(frame: object) -> tuple[Plane, ...]:
-    if isinstance(frame, PlaneSet):
-        return frame.planes
-    return slices_of(frame).planes if isinstance(frame, Volume) else ()
+def _planes(frame: Image | None) -> tuple[Plane, ...]:
+    if frame is None:
+        return ()
+    return (slices_of(frame) if isinstance(frame, Volume) else frame).planes

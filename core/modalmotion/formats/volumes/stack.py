@@ -6,9 +6,8 @@ Slices are put together by series, orientation and position to planes, by trigge
 from __future__ import annotations
 
 import logging
-import struct
+import re
 import warnings
-import zlib
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -18,27 +17,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import MalformedFileError, ShapeError
+from modalmotion.errors import MalformedFileError, ModalMotionError, ShapeError
 from modalmotion.formats.result import Parsed
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.limits import ReadLimits
+from modalmotion.numeric.unpacking import Packing, unpacked
 from modalmotion.representation import counted
-
-BROKEN: Final = (
-    *(
-        ValueError,
-        TypeError,
-        KeyError,
-        IndexError,
-        OSError,
-        EOFError,
-        OverflowError,
-        ArithmeticError,
-    ),
-    *(AttributeError, AssertionError, NotImplementedError, MemoryError, RecursionError, zlib.error),
-    *(struct.error, StopIteration, SyntaxError, LookupError, UnicodeError),
-)
-"""What libraries raise on damaged files, beside errors of their own."""
 
 
 @contextmanager
@@ -57,11 +41,25 @@ def unheard(*names: str) -> Iterator[None]:
             logger.disabled = was
 
 
-_SECONDS: Final = {
-    **dict.fromkeys(("s", "sec", "second", "seconds"), 1.0),
-    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
-    **dict.fromkeys(("us", "usec", "microsecond", "microseconds"), 1e-6),
-}
+@contextmanager
+def damaged(message: str, remedy: str, *loggers: str) -> Iterator[None]:
+    """Make one error of whatever libraries raise on a damaged file, and keep them quiet.
+
+    Raises
+    ------
+    MalformedFileError
+    """
+    try:
+        with unheard(*loggers):
+            yield
+    except ModalMotionError:
+        raise
+    except Exception:  # noqa: BLE001 - libraries raise whatever they meet
+        raise MalformedFileError(message, remedy=remedy) from None
+
+
+_UNIT_OF_TIME: Final = re.compile(r"(m|milli|u|micro)?s(ec(onds?)?)?")
+_SHARES: Final = {"m": 1e-3, "milli": 1e-3, "u": 1e-6, "micro": 1e-6}
 
 RAS_TO_LPS: Final = np.diag([-1.0, -1.0, 1.0])
 
@@ -117,6 +115,54 @@ def declared_bytes(
     return n * itemsize
 
 
+def samples(
+    data: bytes,
+    kind: np.dtype[Any],
+    shape: Sequence[int],
+    limits: ReadLimits,
+    *,
+    start: int = 0,
+    packing: Packing | None = None,
+    head: int = 0,
+    scale: tuple[float, float] = (1.0, 0.0),
+) -> NDArray[Any]:
+    """Read as many samples as a header declares, the first index fastest.
+
+    Parameters
+    ----------
+    data : bytes
+    kind : dtype
+    shape : sequence of int
+    limits : ReadLimits
+    start : int
+        First of their bytes, or of the packed ones.
+    packing : {"gzip", "zlib"}, optional
+    head : int
+        Unpacked bytes before the samples.
+    scale : tuple of float
+        Slope and intercept. Stored numbers stay as they are if these change nothing.
+
+    Raises
+    ------
+    MalformedFileError
+        If there are fewer bytes, or they unpack to another size.
+    LimitError
+        If there are too many.
+    """
+    n_bytes = declared_bytes(shape, kind.itemsize, limits, is_scaled=scale != (1.0, 0.0))
+    held: bytes | NDArray[np.uint8] = data
+    if packing is not None:
+        limits.require("decompressed_bytes", head + n_bytes)
+        held, start = unpacked(data, packing, head + n_bytes, start), head
+    if len(held) - start < n_bytes:
+        raise MalformedFileError(
+            f"The header declares {n_bytes} bytes of samples, and {len(held) - start} are there.",
+            remedy="Write the file again.",
+        )
+    values = np.frombuffer(held, kind, n_bytes // kind.itemsize, start).reshape(shape, order="F")
+    return scaled(values, *scale)
+
+
 def scaled(values: NDArray[Any], slope: float, intercept: float) -> NDArray[Any]:
     """Apply slope and intercept; stored numbers stay as they are where these change nothing."""
     if slope == 1.0 and intercept == 0.0:
@@ -137,11 +183,12 @@ def timed(
     times: list[float] | None, unit: str | None, form: str, notes: list[str]
 ) -> list[float] | None:
     """Turn times in a stated unit into seconds; without one they are not read, and noted."""
-    scale = _SECONDS.get(str(unit).strip().lower())
+    match = _UNIT_OF_TIME.fullmatch(str(unit).strip().lower())
+    scale = None if match is None else _SHARES.get(match[1], 1.0)
     if times is not None and scale is None:
         notes.append(
             f"The {form} file states no unit for its interval of {times[1] - times[0]:g} between "
-            "frames, which is therefore not read: state the interval in seconds."
+            "frames, which is therefore ignored: state the interval in seconds."
         )
     return None if times is None or scale is None else [scale * time for time in times]
 
@@ -196,8 +243,8 @@ def grouped(slices: Sequence[Slice]) -> ImageSequence:
     kept = [group for group in ordered if len(group) == n_phases]
     if len(kept) < len(ordered):
         notes.append(
-            "Left out for another number of phases than "
-            f"{n_phases}: {counted(len(ordered) - len(kept), 'plane')}."
+            "Left out because they do not have "
+            f"{n_phases} phases: {counted(len(ordered) - len(kept), 'plane')}."
         )
     kept.sort(key=lambda group: tuple(group[0].affine.T.round(3).ravel()))
     starts = [group[0].info["trigger_ms"] for group in kept]
@@ -215,14 +262,12 @@ def _in_time(group: list[Slice], notes: list[str]) -> list[Slice]:
     if len(group) == 1:
         return group
     triggers = [own.info["trigger_ms"] for own in group]
-    if any(t is None for t in triggers) or len(set(triggers)) < len(group):
-        note = (
-            "Slices state no trigger times of their own; phases are in the order of their numbers."
-        )
-        if note not in notes:
-            notes.append(note)
-        return sorted(group, key=lambda own: own.info["number"] or 0.0)
-    return sorted(group, key=lambda own: float(own.info["trigger_ms"]))
+    if all(t is not None for t in triggers) and len(set(triggers)) == len(group):
+        return sorted(group, key=lambda own: float(own.info["trigger_ms"]))
+    note = "The slices state no distinct trigger times; phases are in the order of their numbers."
+    if note not in notes:
+        notes.append(note)
+    return sorted(group, key=lambda own: own.info["number"] or 0.0)
 
 
 def _times(kept: list[list[Slice]], n: int) -> tuple[NDArray[np.float64] | None, float | None]:
@@ -240,15 +285,10 @@ def _times(kept: list[list[Slice]], n: int) -> tuple[NDArray[np.float64] | None,
 
 
 def _frame(slices: list[Slice]) -> Volume | PlaneSet:
-    volume = _volume(slices)
-    if volume is not None:
-        return volume
-    return PlaneSet(
-        tuple(
-            Plane(own.values, own.affine[:, [0, 1, 3]], float(own.info["thickness"]))
-            for own in slices
-        )
+    planes = (
+        Plane(own.values, own.affine[:, [0, 1, 3]], float(own.info["thickness"])) for own in slices
     )
+    return _volume(slices) or PlaneSet(tuple(planes))
 
 
 def _volume(slices: list[Slice]) -> Volume | None:

@@ -186,16 +186,14 @@ def make_template(
     return TemplateAnswer.of(template), watch.milliseconds
 
 
-def describe_template(path: Path) -> TemplateAnswer:
-    """Say what a kept template holds."""
-    return TemplateAnswer.of(template_from_hdf5(path))
+def show_template(path: Path, media_type: str) -> bytes:
+    """Describe a kept template, or draw s and theta on its surface."""
+    template = template_from_hdf5(path)
+    if media_type == PNG:
+        from modalmotion.pictures.modes import template_figure
 
-
-def draw_template(path: Path) -> bytes:
-    """Draw s and theta on a kept template's surface, as PNG."""
-    from modalmotion.pictures.modes import template_figure
-
-    return png_of(template_figure(template_from_hdf5(path)))
+        return png_of(template_figure(template))
+    return TemplateAnswer.of(template).model_dump_json().encode()
 
 
 def modes_of_template(path: Path, query: ModesRequest, media_type: str) -> bytes:

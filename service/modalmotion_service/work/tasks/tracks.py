@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 
 from modalmotion.errors import InputError, NotFoundError, ParameterError
 from modalmotion.images import ImageSequence
 from modalmotion.images.hdf5 import read_images_file, write_images
-from modalmotion.mesh.facts import Facts
 from modalmotion.progress import Stopwatch
 from modalmotion.store import (
     ImagesRecord,
@@ -31,7 +30,9 @@ from modalmotion.tracking.parameters import TrackParameters
 from modalmotion.tracking.reading import recorded_images
 from modalmotion.viewer.container import slices_payload
 from modalmotion.viewer.page import data_payload
-from modalmotion_service.schemas.sequences import TrackEstimate
+from modalmotion_service.http.negotiation import HDF5, PNG, VIEW
+from modalmotion_service.schemas.queries import TrackView
+from modalmotion_service.schemas.sequences import TrackAnswer, TrackEstimate
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import png_of, whole_file, write_whole
 from modalmotion_service.work.upload import Upload
@@ -83,55 +84,54 @@ def follow(
     return record, estimate, watch.milliseconds
 
 
-def describe_track(path: Path) -> TrackEstimate:
-    """Say what a kept track holds."""
-    return TrackEstimate.of(track_from_hdf5(path))
-
-
-def track_with_facts(path: Path, facts: Facts) -> bytes:
-    """Write a kept track and the facts of its sequence out as HDF5."""
-    track = track_from_hdf5(path)
-    return track_to_hdf5(replace(track, sequence=track.sequence.with_facts(facts)))
-
-
-def show_data(path: Path) -> bytes:
-    """Give some of the data that a kept track was made of, as the page reads them."""
-    data = track_from_hdf5(path).data
-    if data is None:
-        raise NotFoundError(
-            "The track keeps none of the data that it was tracked through.",
-            remedy="Track the recording again: some of its points are kept since.",
-        )
-    return data_payload(data)
-
-
-def draw_overlay(path: Path, images: Path) -> bytes:
-    """Draw the contours of a kept track over its images, as PNG."""
-    from modalmotion.pictures.track import overlay_figure
-
-    return png_of(overlay_figure(track_from_hdf5(path), read_images_file(images)))
-
-
-def draw_track(
-    path: Path, picture: Literal["deviations", "data", "determined"], frame: int | None
+def show_track(
+    path: Path,
+    record: SequenceRecord,
+    images_id: str | None,
+    images: Path | None,
+    query: TrackView,
+    media_type: str,
 ) -> bytes:
-    """Draw the stated error of a kept track, its data, or what these have set, as PNG."""
-    from modalmotion.pictures.track import data_figure, determined_figure, deviations_figure
+    """Describe or draw a kept track, or give its file or its data.
 
+    Parameters
+    ----------
+    path : Path
+    record : SequenceRecord
+        Of its sequence, whose facts the file lacks.
+    images_id : str or None
+        Of images that were kept for it.
+    images : Path or None
+        Their file, where contours are drawn over them.
+    query : TrackView
+    media_type : str
+    """
     track = track_from_hdf5(path)
-    if picture == "data":
-        return png_of(data_figure(track))
-    if picture == "determined":
-        return png_of(determined_figure(track))
-    return png_of(deviations_figure(track, _frame_of(track, frame)))
+    if media_type == HDF5:
+        return track_to_hdf5(replace(track, sequence=track.sequence.with_facts(record.facts)))
+    if media_type == VIEW:
+        if track.data is None:
+            raise NotFoundError(
+                "The track keeps none of the data that it was tracked through.",
+                remedy="Track the recording again: some of its points are kept since.",
+            )
+        return data_payload(track.data)
+    if media_type == PNG:
+        return _drawn(track, query, images)
+    answer = TrackAnswer.joined(TrackEstimate.of(track), record, images_id)
+    return answer.model_dump_json().encode()
 
 
-def _frame_of(track: Track, frame: int | None) -> int:
-    """Frame that is asked for, or the usual one."""
-    from modalmotion.pictures.track import usual_frame
+def _drawn(track: Track, query: TrackView, images: Path | None) -> bytes:
+    from modalmotion.pictures import track as figures
 
-    if frame is None:
-        return usual_frame(track)
+    if images is not None:
+        return png_of(figures.overlay_figure(track, read_images_file(images)))
+    if query.picture == "data":
+        return png_of(figures.data_figure(track))
+    if query.picture == "determined":
+        return png_of(figures.determined_figure(track))
+    frame = figures.usual_frame(track) if query.frame is None else query.frame
     if frame >= track.n_frames:
         raise ParameterError(
             f"The picture is to show frame {frame}, but there are {track.n_frames} (0 to "
@@ -139,7 +139,7 @@ def _frame_of(track: Track, frame: int | None) -> int:
             remedy="Name a frame, counted from 0.",
             frame=frame,
         )
-    return frame
+    return png_of(figures.deviations_figure(track, frame))
 
 
 # Parts of the whole; the rest is for the server.

@@ -2,25 +2,38 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from modalmotion.classification import CaseFile, Model, TrainingCase, TrainingOptions, train
-from modalmotion.classification.cases import case_name
 from modalmotion.classification.training import joblib_backend
 from modalmotion.errors import ModalMotionError, ParameterError
-from modalmotion.mesh import Named
 from modalmotion.store import kept_model, model_to_hdf5
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.work.task_progress import ProgressFile
 
 
+@dataclass(frozen=True)
+class Unfitted:
+    """A case that the training goes on without: its signature could not be made."""
+
+    name: str
+    reason: str
+
+    def read(self) -> TrainingCase:
+        """Raise what is wrong with it."""
+        raise ParameterError(f"{self.name}: {self.reason}")
+
+
+Cases = list[CaseFile | Unfitted]
+
+
 def train_model(
-    plan: Path,
+    cases: Cases,
+    offsets: Cases | None,
     name: str,
     options: dict[str, Any],
     training: str,
@@ -33,10 +46,9 @@ def train_model(
 
     Parameters
     ----------
-    plan : Path
-        A line of JSON for each case: `id`, `label`, `subject`, `covariates`, the `path` of its
-        signature and, where both kinds are weighed, that of its `offsets`; or `left_out`, the
-        reason why it has none.
+    cases : list of CaseFile or Unfitted
+    offsets : list of CaseFile or Unfitted, or None
+        The same by their normal displacements, where both kinds are weighed.
     name : str
     options : dict
         As `TrainingOptions.as_json` gives them.
@@ -58,14 +70,10 @@ def train_model(
     ClusterError
         If the scheduler or its workers are lost.
     """
-    report = ProgressFile(progress).write
-    chosen = TrainingOptions.from_json(options)
+    report, chosen = ProgressFile(progress).write, TrainingOptions.from_json(options)
 
     def work() -> Model:
-        offsets = _Cases(plan, "offsets")
-        return train(
-            *(_Cases(plan), name, chosen, report), offsets=offsets if offsets.are_there else None
-        )
+        return train(cases, name, chosen, report, offsets=offsets)
 
     if scheduler is not None:
         model = _on_workers(work, scheduler)
@@ -102,45 +110,3 @@ def _is_of_dask(error: Exception) -> bool:
     from distributed import KilledWorker
 
     return isinstance(error, (OSError, TimeoutError, CancelledError, KilledWorker))
-
-
-@dataclass(frozen=True)
-class _Unfitted:
-    """A case that the training goes on without: its signature could not be made."""
-
-    name: str
-    reason: str
-
-    def read(self) -> TrainingCase:
-        raise ParameterError(f"{self.name}: {self.reason}")
-
-
-class _Cases:
-    """Cases of a plan, line by line."""
-
-    def __init__(self, plan: Path, which: str = "path") -> None:
-        self._plan = plan
-        self._which = which
-        with plan.open() as lines:
-            self._n_cases = sum(1 for _ in lines)
-
-    @property
-    def are_there(self) -> bool:
-        """Whether the plan has such signatures."""
-        with self._plan.open() as lines:
-            return any(self._which in json.loads(line) for line in lines)
-
-    def __len__(self) -> int:
-        return self._n_cases
-
-    def __iter__(self) -> Iterator[CaseFile | _Unfitted]:
-        with self._plan.open() as lines:
-            for line in lines:
-                case = json.loads(line)
-                if "left_out" in case:
-                    yield _Unfitted(case_name(case["id"]), case["left_out"])
-                    continue
-                yield CaseFile(
-                    *(Path(case[self._which]), case["id"], case["label"], case["subject"]),
-                    covariates=Named(case["covariates"]),
-                )

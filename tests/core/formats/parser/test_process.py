@@ -77,13 +77,13 @@ def test_one_lives_until_it_is_ended(forks: ParserForks) -> None:
 
 @pytest.mark.parametrize("how", [signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS])
 def test_a_file_that_ends_its_parser_is_damaged(forks: ParserForks, how: signal.Signals) -> None:
-    with pytest.raises(MalformedFileError, match="broke down"):
+    with pytest.raises(MalformedFileError, match="crashed"):
         forks.parse("end", b"%d" % how, DEFAULT_LIMITS)
     assert tell(forks)["pid"]
 
 
 def test_an_answer_that_is_not_one_is_a_damaged_file(forks: ParserForks) -> None:
-    with pytest.raises(MalformedFileError, match="broke down"):
+    with pytest.raises(MalformedFileError, match="crashed"):
         forks.parse("lie", b"", DEFAULT_LIMITS)
     assert tell(forks)["pid"]
 

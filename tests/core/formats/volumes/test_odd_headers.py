@@ -156,11 +156,11 @@ def test_numbers_of_metaimage_are_as_stated() -> None:
 @pytest.mark.parametrize(
     ("data", "told"),
     [
-        (nrrd(VALUES, SPACE, DIRECTIONS, encoding="hex"), "encoded"),
+        (nrrd(VALUES, SPACE, DIRECTIONS, encoding="hex"), "encoding"),
         (nrrd(TWICE.T, f"kinds: RGB-color{3 * ' domain'}", f"{SPACE}\n{DIRECTIONS}"), "damaged"),
         (nrrd(TWICE.T, f"kinds: vector{3 * ' domain'}", "spacings: nan 1 2 3"), "colours"),
-        (metaimage("BinaryData = False\n", b"1 2 3 " * 100), "words"),
-        (metaimage("", bytes(1000), "MET_FLOAT_ARRAY"), "no single numbers"),
+        (metaimage("BinaryData = False\n", b"1 2 3 " * 100), "text"),
+        (metaimage("", bytes(1000), "MET_FLOAT_ARRAY"), "not single numbers"),
         (dicom(np.ones((4, 5)), PhotometricInterpretation="PALETTE COLOR"), "colours"),
     ],
     ids=["hex", "too few directions", "vectors", "words", "arrays", "palette"],
