@@ -76,7 +76,6 @@ class Peer:
         return sum(part.nbytes for part in parts), [(part, shape) for part in parts]
 
     def decode(self, parts: list[Any]) -> Positions:
-        """Decompress the three directions."""
         sz = import_module("pysz").sz
         volumes = [sz.decompress(data, np.float32, shape)[0] for data, shape in parts]
         return np.stack([volume.reshape(len(volume), -1) for volume in volumes], axis=-1)

@@ -21,8 +21,9 @@ METHODS, OF_BARE = {"get", "post", "put", "patch", "delete"}, "of the rate of a 
 
 @timed(
     Row("service.signature.share", f"signature, {OF_BARE}", "%", goal=45, better="higher"),
-    Row("service.signature.processor", "signature over HTTP, processor time", "ms"),
-    Row("service.signature.library", "of it, the library's", goal=0.65, better="higher"),
+    # By so much one day differs from another, and a machine with other work from an idle one.
+    Row("service.signature.processor", "signature over HTTP, processor time", "ms", tolerance=1.5),
+    Row("service.signature.library", "of it, the library's", "", 0.65, "higher", tolerance=0.035),
     Row("service.class.share", f"class, {OF_BARE}", "%", better="higher"),
     Row("service.class.processor", "class over HTTP, processor time", "ms"),
     Row("service.stored.share", f"GET of a stored signature, {OF_BARE}", "%", better="higher"),
