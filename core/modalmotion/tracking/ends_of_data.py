@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh import face_areas
 from modalmotion.tracking.closest import Matches, closest_points
-from modalmotion.tracking.deformable import NEAR_END, Deformable, Rim, rim_of
-from modalmotion.tracking.noise import Noise, robust_weights
+from modalmotion.tracking.deformable import NEAR_END, Deformable, Rim, rim_at, rim_of
+from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.observation import NAMED_PLACES, Frame, Observation
 
 # Of the noise: the strip in which points are missed, or too many, reaches so far inward.
@@ -203,10 +203,6 @@ def _apart(
     return across, np.sqrt(np.maximum((gap**2).sum(axis=1) - across**2, 0.0))
 
 
-# Of a sector: the border of a mesh is along more than that of it, or does not show it.
-_LEAST: Final = 0.5
-
-
 class Lying(NamedTuple):
     """Points that lie evenly on a surface, and their feet on it."""
 
@@ -222,16 +218,13 @@ def lies_evenly(part: Observation) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Ending(Observation):
-    """The data of a frame end at a rim.
+    """A cloud ends at a rim: where, is found anew wherever the surface is; it has no points.
 
     Parameters
     ----------
-    points : (n, 3) float64, length unit
-        Middles of the sides of a mesh's border, their lengths as `weights`; none of a cloud, whose
-        end is found anew wherever the surface is.
     rim : Rim
     offset : float, length unit
-        How far beyond the rim they end where it is known: points that represent what is around
+        How far beyond the rim clouds end where it is known: points that represent what is around
         them, such as the vertices of a mesh, end farther out.
     """
 
@@ -246,54 +239,14 @@ class Ending(Observation):
         noise: Noise,
     ) -> DataEnd | None:
         """How far the data end beyond the rim of a surface with the vertices x, (vertices, 3)."""
-        end = self._seen(surface, x, even, noise)
-        return None if end is None else end._replace(beyond=end.beyond - self.offset)
-
-    def _seen(
-        self,
-        surface: Deformable,
-        x: NDArray[np.float64],
-        even: Sequence[Lying],
-        noise: Noise,
-    ) -> DataEnd | None:
-        if self.rim is None:
-            return None
-        if len(self):
-            return self._of_border(surface, self.rim, x, noise)
-        if not even:
+        if self.rim is None or not even:
             return None
         own = np.concatenate([np.broadcast_to(noise.own(part.sd), len(part)) for part, _ in even])
         blur = float(np.sqrt(own.mean()))
         points = [(part.points, found) for part, found in even]
         beside = float(np.hypot(blur, noise.truncation))
-        return end_of_cloud(surface, self.rim, x, points, beside, blur)
-
-    def _of_border(
-        self, surface: Deformable, rim: Rim, x: NDArray[np.float64], noise: Noise
-    ) -> DataEnd | None:
-        # Holes have borders, too, and other ends.
-        feet = closest_points(self.points, x, surface.cells)
-        s = (feet.shares * surface.template.coordinates[feet.corners, 0]).sum(axis=1)
-        is_near = np.abs(s - (0.0 if rim.end == "apex" else 1.0)) < NEAR_END
-        if not is_near.any():
-            return None
-        found = closest_points(self.points, x, rim.sides)
-        there = rim.at(x)
-        place = np.searchsorted(there.vertices, found.corners)
-        outward = (found.shares[:, :, None] * there.directions[place]).sum(axis=1)
-        gap = ((self.points - found.feet) * outward).sum(axis=1)
-        weights = np.zeros(len(self))
-        weights[is_near] = robust_weights(found.distances[is_near], noise.total)
-        weights = weights * (1.0 if self.weights is None else self.weights)
-        nearest = found.corners[np.arange(len(self)), found.shares.argmax(axis=1)]
-        n, sector = rim.n_sectors, rim.sectors[nearest]
-        total = np.bincount(sector, weights, minlength=n)
-        kept = np.where(total > 0, total, 1.0)
-        beyond = np.bincount(sector, weights * gap, minlength=n) / kept
-        own = np.broadcast_to(noise.own(self.sd), len(self))
-        variances = np.bincount(sector, weights**2 * own, minlength=n) / kept**2
-        shown = np.clip(2.0 * total / there.totals - _LEAST, 0.0, 1.0)
-        return DataEnd(beyond, variances, shown, np.inf) if shown.any() else None
+        end = end_of_cloud(surface, self.rim, x, points, beside, blur)
+        return None if end is None else end._replace(beyond=end.beyond - self.offset)
 
 
 # Points in a square as wide as a sector: enough to tell a hole from chance.
@@ -329,20 +282,22 @@ def with_endings(
     if known is None:
         return tuple(full)
     are_even = [_are_even(surface, x, frame) for frame in frames]
+    patch = float((surface.area / noise.n_values) ** 0.5)
     for end in NAMED_PLACES:
         pairs = zip(frames, are_even, strict=True)
         kinds = [_kind(frame, end, is_even=is_even) for frame, is_even in pairs]
-        kind = kinds[known]
-        own = [k for k, name in enumerate(kinds) if kind is not None and name == kind]
-        width = (surface.area / noise.n_values) ** 0.5
-        if kind == "cloud":
-            n = float(np.median([sum(map(len, frames[k])) for k in own]))
-            width = max(width, (_OF_SECTOR * surface.area / n) ** 0.5)
-        rim = rim_of(surface, end, float(width)) if own else None
-        offset = None if rim is None else _offset(surface, rim, frames[known], noise)
-        if rim is not None and offset is not None:
+        own = [k for k, kind in enumerate(kinds) if kind is not None and kind == kinds[known]]
+        if kinds[known] == "mesh" and len(rim_at(surface, end)):
             for k in own:
-                full[k] = (*full[k], replace(_ending(rim, frames[k]), offset=offset))
+                full[k] = (*full[k], *_border(surface, frames[k], end, patch))
+        if kinds[known] == "cloud":
+            n = float(np.median([sum(map(len, frames[k])) for k in own]))
+            rim = rim_of(surface, end, max(patch, (_OF_SECTOR * surface.area / n) ** 0.5))
+            offset = None if rim is None else _offset(surface, rim, frames[known], noise)
+            if offset is not None:
+                ending = Ending(np.zeros((0, 3)), end=end, rim=rim, offset=offset)
+                for k in own:
+                    full[k] = (*full[k], ending)
     return tuple(full)
 
 
@@ -353,6 +308,20 @@ def _kind(frame: Frame, end: str, *, is_even: bool) -> str | None:
     if any(part.border is not None for part in frame):
         return "mesh"
     return "cloud" if is_even else None
+
+
+def _border(surface: Deformable, frame: Frame, end: str, patch: float) -> tuple[Observation, ...]:
+    """Middles of the sides of a mesh's border near an end, one in all for each patch of it."""
+    sides = np.concatenate([part.border for part in frame if part.border is not None])
+    middles = sides.mean(axis=1)
+    # Holes have borders, too, and other ends.
+    feet = closest_points(middles, surface.template.vertices, surface.cells)
+    s = (feet.shares * surface.template.coordinates[feet.corners, 0]).sum(axis=1)
+    near = np.abs(s - (0.0 if end == "apex" else 1.0)) < NEAR_END
+    lengths = np.linalg.norm(sides[:, 1] - sides[:, 0], axis=1)
+    if not near.any():
+        return ()
+    return (Observation(middles[near], weights=lengths[near] / patch, end=end),)
 
 
 def _are_even(surface: Deformable, x: NDArray[np.float64], frame: Frame) -> bool:
@@ -373,29 +342,18 @@ def _are_even(surface: Deformable, x: NDArray[np.float64], frame: Frame) -> bool
     return float(ratios[middle]) ** 2 <= _MOST_UNEVEN
 
 
-def _ending(rim: Rim, frame: Frame) -> Ending:
-    """Middles of a mesh's border and the lengths they represent; no points of a cloud."""
-    borders = [part.border for part in frame if part.border is not None]
-    if not borders:
-        return Ending(np.zeros((0, 3)), end=rim.end, rim=rim)
-    sides = np.concatenate(borders)
-    lengths = np.linalg.norm(sides[:, 1] - sides[:, 0], axis=1)
-    return Ending(sides.mean(axis=1), weights=lengths, end=rim.end, rim=rim)
-
-
 def _offset(surface: Deformable, rim: Rim, frame: Frame, noise: Noise) -> float | None:
     """Measure how far beyond a rim that is known the data end; None if it cannot be seen.
 
     As far as it is more than chance: mean squares are shared between both.
     """
     x = surface.template.vertices
-    ending = _ending(rim, frame)
     even = [
         Lying(part, closest_points(part.points, x, surface.cells))
         for part in frame
-        if lies_evenly(part) and not len(ending)
+        if lies_evenly(part)
     ]
-    found = ending.found(surface, x, even, noise)
+    found = Ending(np.zeros((0, 3)), end=rim.end, rim=rim).found(surface, x, even, noise)
     if found is None or found.shown.mean() < _MOST_OF_RIM:
         return None
     kept = found.shown > 0.0

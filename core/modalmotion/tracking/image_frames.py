@@ -26,7 +26,7 @@ from modalmotion.tracking.first_shape import start_shape
 from modalmotion.tracking.image_levels import as_bright, first_sight, image_notes
 from modalmotion.tracking.image_search import LEAST_FOUND, SHAPE, reference_shape, search
 from modalmotion.tracking.image_view import Facets, Sight, Tip, Valve, View, view_of
-from modalmotion.tracking.iterations import first_guess
+from modalmotion.tracking.iterations import first_guess, paths_from
 from modalmotion.tracking.landmarks import Proposed, with_landmarks
 from modalmotion.tracking.observation import Frame, Observation, ends_in
 from modalmotion.tracking.result import CONVENTIONS, Papillary
@@ -330,15 +330,7 @@ def _walk(
     """Amplitudes of all frames, both ways from the reference."""
     n = images.n_frames
     amplitudes = np.zeros((n, len(surface), 3))
-    if is_closed:
-        half = n // 2
-        paths = [
-            [(reference + i) % n for i in range(1, half + 1)],
-            [(reference - i) % n for i in range(1, n - half)],
-        ]
-    else:
-        paths = [list(range(reference + 1, n)), list(range(reference - 1, -1, -1))]
-    for path in paths:
+    for path in paths_from(reference, n, is_closed=is_closed):
         a = np.zeros((len(surface), 3))
         for k in path:
             image = images.frames[k]

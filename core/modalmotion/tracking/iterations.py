@@ -151,20 +151,22 @@ def both_ways(
         return a
 
     first = walk([reference], np.zeros((len(surface), 3)))
-    if not is_closed:
-        walk(range(reference + 1, n), first)
-        walk(range(reference - 1, -1, -1), first)
+    there, back = (walk(path, first) for path in paths_from(reference, n, is_closed=is_closed))
+    meeting = frames[(reference + n // 2) % n]
+    if not is_closed or n < 3 or not any(len(part) for part in meeting):
         return Iteration(settled, None)
+    other = map_frame(surface, meeting, back, variances, noise).amplitudes
+    # The shapes have mean square 1.
+    return Iteration(settled, float(np.linalg.norm(other - there)))
+
+
+def paths_from(first: int, n: int, *, is_closed: bool) -> tuple[list[int], list[int]]:
+    """Frames after the first and before it, each away from it; of a cycle half the way round."""
+    if not is_closed:
+        return [*range(first + 1, n)], [*range(first - 1, -1, -1)]
     half = n // 2
-    there = walk([(reference + i) % n for i in range(1, half + 1)], first)
-    back = walk([(reference - i) % n for i in range(1, n - half)], first)
-    meeting = frames[(reference + half) % n]
-    gap = None
-    if n > 2 and any(len(part) for part in meeting):
-        other = map_frame(surface, meeting, back, variances, noise).amplitudes
-        # The shapes have mean square 1.
-        gap = float(np.linalg.norm(other - there))
-    return Iteration(settled, gap)
+    there = [(first + i) % n for i in range(1, half + 1)]
+    return there, [(first - i) % n for i in range(1, n - half)]
 
 
 def again(
