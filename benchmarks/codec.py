@@ -76,8 +76,8 @@ class Peer:
         return sum(part.nbytes for part in parts), [(part, shape) for part in parts]
 
     def decode(self, parts: list[Any]) -> Positions:
-        sz = import_module("pysz").sz
-        volumes = [sz.decompress(data, np.float32, shape)[0] for data, shape in parts]
+        """Decompress the three directions."""
+        volumes = [import_module("pysz").sz.decompress(x, np.float32, n)[0] for x, n in parts]
         return np.stack([volume.reshape(len(volume), -1) for volume in volumes], axis=-1)
 
     def at_rms(self, exact: Positions, wanted: float) -> float | None:
