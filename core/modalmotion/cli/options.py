@@ -353,7 +353,7 @@ fit_options = several(
     surface_options,
     options_of(
         SignatureParameters,
-        *("reference", "weights", "components", "kind", "remove_rotation", "volumes", "deviations"),
+        *("reference", "components", "kind", "remove_rotation", "volumes", "deviations"),
         group=FIT,
     ),
 )
