@@ -258,7 +258,7 @@ def fitted_in(readable: Readable, sequence: MeshSequence) -> ModalSignature:
 
 
 def unlike(signature: ModalSignature, readable: Readable) -> Flag | None:
-    """Say why a signature is not in modes that are readable; None where it is."""
+    """Give the reason why a signature is not readable; None if it is."""
     own, required, modes = signature.parameters, readable.parameters, signature.modes
     n, n_own, what = readable.n_modes, common_count(modes), UNREADABLE
     if signature.n_frames < 2:
@@ -328,7 +328,7 @@ def _unreadable(signature: ModalSignature, model: Model) -> Flag | None:
 
 
 def _notes(signature: ModalSignature, model: Model) -> list[str]:
-    """Say of the recording what a user needs."""
+    """Note what a user should know of the recording."""
     notes = []
     if model.name == OFFSET_MODEL and signature.facts.tracking == UNKNOWN:
         notes.append(_TRACKING_NOTE)

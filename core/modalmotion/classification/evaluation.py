@@ -263,7 +263,7 @@ def _figures_of(classes: tuple[str, ...], answers: Sequence[CaseAnswer]) -> Answ
 
 
 def _notes(model: Model, answers: Sequence[CaseAnswer]) -> tuple[str, ...]:
-    """Say which cases the model knows from its training."""
+    """Note the cases that the model was trained on."""
     known = model.cross_validation
     trained = () if known is None else known.sequence_ids
     n = len({case.sequence_id for case in answers} & {*trained})

@@ -89,7 +89,7 @@ def left_out_scores(X: Array, y: Labels, n_classes: int, groups: Labels) -> Arra
 def inner_folds(y: Labels, groups: Labels) -> Iterator[tuple[Labels, Labels]]:
     """Split into parts by group, classes spread evenly, without randomness.
 
-    Leaving a group out says nothing of a class that is in no other: the cases of such a class are
+    Leaving a group out does not test a class that is in no other: the cases of such a class are
     groups of their own.
     """
     groups = groups.copy()

@@ -217,7 +217,7 @@ class OutlierDetector:
         return np.stack([nearest, self._from_places(inputs.places), *-beside.T], axis=1)
 
     def flags(self, motion: Motion) -> tuple[Flag, ...]:
-        """Say what speaks against an answer for a recording."""
+        """Flag a recording for what speaks against an answer."""
         least_motion, least_smooth, largest_step = self.bounds.tolist()
         smooth = motion.smooth_share(self.reader.is_cycle)
         if motion.amount < least_motion or motion.amount == 0.0:
@@ -261,7 +261,7 @@ class OutlierDetector:
         return np.asarray(np.partition(apart, n - 1, axis=1)[:, n - 1])
 
     def _of_place(self, place: Array) -> Flag:
-        """Say in what the size, shape or amount of motion is unlike those of the training cases."""
+        """Flag a size, shape or amount of motion unlike those of the training cases."""
         low, high = self.points.min(axis=0), self.points.max(axis=0)
         outside = np.maximum(low - place, place - high) / self.scales
         farthest = PLACE[int(outside.argmax())] if outside.max() > 0.0 else "motion"

@@ -390,7 +390,7 @@ def _notes_on_few(n_cases: dict[str, int]) -> tuple[str, ...]:
 
 
 def _always(cohort: Cohort, fit: Fit) -> tuple[str, ...]:
-    """Say in every answer what a user must know of what is read."""
+    """Note in every answer what a user must know of what the model reads."""
     if not any(table.extractor.reads_motion for table in fit.tables):
         return ("The model reads the volume alone, not the motion of the surface.",)
     topology = cohort.motions[0].modes.topology
@@ -404,7 +404,7 @@ def _always(cohort: Cohort, fit: Fit) -> tuple[str, ...]:
 def _weighed_note(
     cohorts: Sequence[Cohort], results: Sequence[_Result], final: int
 ) -> tuple[str, ...]:
-    """Say which basis a model reads where several were weighed."""
+    """Note which basis a model reads if several were compared."""
     if len(cohorts) < 2:
         return ()
     losses = ", ".join(

@@ -255,7 +255,7 @@ class Norm(Saved):
         )
 
     def as_json(self) -> dict[str, Any]:
-        """Say what it is, as JSON values, without any control's features."""
+        """Describe it as JSON values, without any control's features."""
         stated = [set(own.covariates) for own in self.controls]
         return {
             "name": self.name,

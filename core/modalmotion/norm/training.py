@@ -19,7 +19,7 @@ from modalmotion.representation import counted, shown
 from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
 
 FEWEST_CONTROLS: Final = 9
-"""Fewer show nothing that is rarer than one in ten."""
+"""With fewer no p-value is as small as 1/10."""
 
 
 @shown("name", "subject")
@@ -71,7 +71,7 @@ def train_norm(
     controls : iterable of Control, TrainingCase, MeshSequence or ModalSignature
         One recording of each person, or a source that reads one; labels are not read. From
         signatures no volumes are read. Those with points that slide (`tracking="offset"`) are
-        read by their offsets.
+        read by their normal displacements.
     name : str
         As models are named.
     modes : int
@@ -114,8 +114,8 @@ def train_norm(
     notes = []
     if len(cases) < fewest_controls(LEVEL):
         notes.append(
-            f"{counted(len(cases), 'control')} tell nothing that is rarer than one in "
-            f"{len(cases) + 1}; a level of {LEVEL} needs {fewest_controls(LEVEL)}."
+            f"With {counted(len(cases), 'control')} no p-value is below 1/{len(cases) + 1}; a "
+            f"level of {LEVEL} needs {fewest_controls(LEVEL)}."
         )
     return Norm(
         name=name,
@@ -130,7 +130,7 @@ def train_norm(
 def parameters_of_controls(
     parameters: SignatureParameters, facts: Iterable[Facts]
 ) -> SignatureParameters:
-    """Give the parameters that controls are read with: by offsets where points of one slide."""
+    """Choose the kind that controls are read with: normal displacements if points of one slide."""
     if any(one.tracking == SignatureKind.OFFSET.value for one in facts):
         return replace(parameters, kind=SignatureKind.OFFSET)
     return parameters
@@ -154,7 +154,7 @@ def _control(number: int, item: Any) -> Control:
 def _require_people(cases: list[Control]) -> None:
     if len(cases) < FEWEST_CONTROLS:
         raise ParameterError(
-            f"A norm of {counted(len(cases), 'control')} tells nothing.",
+            f"A norm of {counted(len(cases), 'control')} is too small.",
             remedy=f"Give at least {FEWEST_CONTROLS}, and {fewest_controls(LEVEL)} for the usual "
             f"level of {LEVEL}.",
             details={"n_controls": len(cases), "needed": FEWEST_CONTROLS},

@@ -22,7 +22,7 @@ def test_any_form_of_a_recording_is_a_control() -> None:
     assert [c.subject for c in named.controls] == [f"S{k}" for k in range(9)]
     assert plain.as_json()["groups"] == named.as_json()["groups"]
     assert plain.as_json()["has_volumes"]
-    assert "9 controls tell nothing that is rarer" in plain.notes[0]
+    assert "With 9 controls no p-value is below 1/10" in plain.notes[0]
 
 
 def test_too_few_or_one_person_twice_are_refused() -> None:
