@@ -2,8 +2,8 @@
 
 The apex of a ventricle hardly moves along the axis, its inner side by some mm where the wall
 thickens, and the base comes down to it. At end systole blood leaves the tip between trabeculae, and
-its edge rises by far more: the tip is held softly where nobody states it. Beyond the base
-the wall of an atrium goes on, which is none of the surface's.
+its edge rises by far more: the tip is held softly where nobody states it. Beyond the base the wall
+of an atrium goes on, which is none of the surface's.
 """
 
 from __future__ import annotations
