@@ -77,8 +77,7 @@ class Peer:
 
     def decode(self, parts: list[Any]) -> Positions:
         """Decompress the three directions."""
-        sz = import_module("pysz").sz
-        volumes = [sz.decompress(data, np.float32, shape)[0] for data, shape in parts]
+        volumes = [import_module("pysz").sz.decompress(x, np.float32, n)[0] for x, n in parts]
         return np.stack([volume.reshape(len(volume), -1) for volume in volumes], axis=-1)
 
     def at_rms(self, exact: Positions, wanted: float) -> float | None:

@@ -20,7 +20,7 @@ from noisy_surfaces import (
 )
 
 import modalmotion as mm
-from modalmotion.signature.basis import make_basis
+from modalmotion.signature.fit import make_basis
 from modalmotion.signature.parameters import ErrorKind
 from modalmotion.template import choose_modes, make_template
 from modalmotion.template.landmarks import GivenLandmarks

@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull
 import modalmotion as mm
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature.basis import make_basis
+from modalmotion.signature.fit import make_basis
 from modalmotion.template import choose_modes, make_template
 
 Floats = NDArray[np.float64]

@@ -12,7 +12,7 @@ from tradeoff_bases import BELTRAMI, CLOSED, beltrami_modes, fronts
 
 import modalmotion as mm
 from modalmotion.modes import dispersion, wave_vectors
-from modalmotion.signature.basis import make_basis
+from modalmotion.signature.fit import make_basis
 from modalmotion.template import choose_modes
 
 SHAPES: dict[mm.Topology, tuple[tuple[int, ...], ...]] = {

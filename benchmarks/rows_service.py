@@ -10,7 +10,7 @@ from itertools import chain
 import numpy as np
 from experiments import Row, quick, timed
 from measure import medians, of_usual_core
-from served import answers, at_rest, large_beat, ready_seconds
+from served import answers, large_beat, start
 from started import beside_imports
 
 from modalmotion import SignatureParameters, make_template, modal_signature
@@ -21,8 +21,9 @@ METHODS, OF_BARE = {"get", "post", "put", "patch", "delete"}, "of the rate of a 
 
 @timed(
     Row("service.signature.share", f"signature, {OF_BARE}", "%", goal=45, better="higher"),
-    Row("service.signature.processor", "signature over HTTP, processor time", "ms"),
-    Row("service.signature.library", "of it, the library's", goal=0.65, better="higher"),
+    # By so much one day differs from another, and a machine with other work from an idle one.
+    Row("service.signature.processor", "signature over HTTP, processor time", "ms", tolerance=1.5),
+    Row("service.signature.library", "of it, the library's", "", 0.65, "higher", tolerance=0.035),
     Row("service.class.share", f"class, {OF_BARE}", "%", better="higher"),
     Row("service.class.processor", "class over HTTP, processor time", "ms"),
     Row("service.stored.share", f"GET of a stored signature, {OF_BARE}", "%", better="higher"),
@@ -48,8 +49,14 @@ def fit_seconds(_: int) -> float:
     Row("service.start.processes", "processes at rest", goal=6, tolerance=0),
     Row("service.start.memory", "memory at rest, of all", "MB", goal=130, tolerance=4),
 )
-def of_start(_: int) -> tuple[float, ...]:
-    return *beside_imports(ready_seconds, n_rounds=3), *at_rest()
+def at_rest(_: int) -> tuple[float, ...]:
+    rest: list[float] = []
+
+    def ready(environment: dict[str, str]) -> float:
+        seconds, *rest[:] = start(environment)
+        return seconds
+
+    return *beside_imports(ready, n_rounds=3), *rest
 
 
 @quick(

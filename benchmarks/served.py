@@ -88,18 +88,13 @@ def load(port: int, seconds: float, *sent: Any) -> tuple[int, float]:
     return n, time.perf_counter() - start
 
 
-def ready_seconds(environment: dict[str, str]) -> float:
-    """Processor seconds of all processes until it is ready."""
+def start(environment: dict[str, str]) -> tuple[float, int, float]:
+    """Processor seconds of all processes until it is ready; processes and megabytes at rest."""
     os.environ |= environment
     with running() as service:
-        return sum(service.cpu_seconds().values())
-
-
-def at_rest() -> tuple[int, float]:
-    """Count processes and megabytes of a service that nobody asks."""
-    with running() as service:
+        seconds = sum(service.cpu_seconds().values())
         time.sleep(1.0)
-        return len(service.processes()), service.memory() / 1e6
+        return seconds, len(service.processes()), service.memory() / 1e6
 
 
 @contextmanager

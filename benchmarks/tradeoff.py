@@ -15,8 +15,7 @@ from tradeoff_bases import BELTRAMI, CLOSED, PCA, SPRINGS, Front, fronts, surfac
 
 import modalmotion as mm
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature.basis import make_basis
-from modalmotion.signature.fitter import Fitter
+from modalmotion.signature.fit import Fitter, make_basis
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import signature_to_hdf5
 from modalmotion.template import choose_modes, make_template

@@ -95,7 +95,6 @@ if TYPE_CHECKING:
     from modalmotion.simulate import VentricleParameters as VentricleParameters
     from modalmotion.simulate import simulate_ventricle as simulate_ventricle
     from modalmotion.template import Template as Template
-    from modalmotion.template import Weights as Weights
     from modalmotion.template import make_template as make_template
     from modalmotion.tracking import Track as Track
     from modalmotion.tracking import track as track

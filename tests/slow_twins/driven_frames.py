@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ToleranceError
 from modalmotion.modes import Oscillators, State, exact_step
-from modalmotion.numeric.products import inverse_of_cholesky, product
+from modalmotion.numeric.scales import inverse_of_cholesky
 
 STEP: Final = 4.0
 """Length of a step, in units of 1 / W."""
@@ -109,20 +109,20 @@ def drive_frames(
     mean = A.mean(axis=0)
     roots = np.stack([inverse_of_cholesky(mean + np.diag(h * stiffness)) for h in q])
     # c: A_f against the softest mass.
-    W = float(np.sqrt(1.0 + max(_largest(product(roots[0], one), roots[0]) for one in A)))
+    W = float(np.sqrt(1.0 + max(_largest(roots[0] @ one, roots[0]) for one in A)))
 
     def amplitudes(z: NDArray[np.float64]) -> NDArray[np.float64]:
         turned: NDArray[np.float64] = np.einsum("hji,hj->hi", roots, z)
-        return product(U, turned)
+        return U @ turned
 
     def forces(of_frames: NDArray[np.float64]) -> NDArray[np.float64]:
-        of_modes = product(np.ascontiguousarray(U.T), of_frames)
+        of_modes = U.T @ of_frames
         result: NDArray[np.float64] = np.einsum("hij,hj->hi", roots, of_modes)
         return result
 
     def pull(u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Force of data and chain on each frame, b - A u - Q K u."""
-        chain = product(U, q[:, None] * product(np.ascontiguousarray(U.T), u)) * stiffness
+        chain = (U @ (q[:, None] * (U.T @ u))) * stiffness
         left: NDArray[np.float64] = b - np.einsum("fij,fj->fi", A, u) - chain
         return left
 
@@ -131,7 +131,7 @@ def drive_frames(
     u = start[free]
     # z = M^1/2 u: where roots are M^-1/2, the masses' own products with it.
     masses = mean[None] + q[:, None, None] * np.diag(stiffness)
-    of_modes = product(np.ascontiguousarray(U.T), u)
+    of_modes = U.T @ u
     z = np.einsum("hij,hj->hi", roots, np.einsum("hij,hj->hi", masses, of_modes)).ravel()
     state, shots, steps, done = State(z, np.zeros(size)), [u], [0], 0
     # Where they begin at rest already, nothing but rounding is left.
@@ -165,5 +165,5 @@ def drive_frames(
 
 def _largest(half: NDArray[np.float64], root: NDArray[np.float64]) -> float:
     """Largest eigenvalue of L^-1 A L^-T, of L^-1 A and L^-1."""
-    scaled = product(half, np.ascontiguousarray(root.T))
+    scaled = half @ root.T
     return float(np.linalg.eigvalsh(scaled)[-1])

@@ -72,5 +72,5 @@ def assert_same(fit: Fit, slow: SlowFit) -> None:
     assert fit.errors.weighted_rms == pytest.approx(slow.weighted_rms, abs=1e-10)
     assert fit.errors.p95 == pytest.approx(slow.p95, abs=1e-10)
     assert fit.errors.max == pytest.approx(slow.largest, abs=1e-10)
-    assert fit.motion_rms == pytest.approx(slow.motion, abs=1e-10)
-    assert fit.weighted_motion_rms == pytest.approx(slow.weighted_motion, abs=1e-10)
+    assert fit.motion.rms == pytest.approx(slow.motion, abs=1e-10)
+    assert fit.motion.weighted_rms == pytest.approx(slow.weighted_motion, abs=1e-10)

@@ -13,11 +13,9 @@ from project import DATA
 from scipy.spatial import ConvexHull, Delaunay
 
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature.basis import Basis, make_basis
-from modalmotion.signature.fit import Fit
-from modalmotion.signature.fitter import Fitter
+from modalmotion.signature.fit import Basis, Fit, Fitter, make_basis
 from modalmotion.signature.parameters import SignatureParameters
-from modalmotion.template import GivenLandmarks, Template, Weights, choose_modes, make_template
+from modalmotion.template import GivenLandmarks, Template, choose_modes, make_template
 from modalmotion.template.body_frame import Components, body_frame
 
 Floats = NDArray[np.float64]
@@ -54,14 +52,11 @@ def describe(
     topology: str | None = None,
     landmarks: GivenLandmarks | None = None,
     components: Components = Components.CARTESIAN,
-    weights: Weights = Weights.AREA,
     closed_form: bool = True,
 ) -> Described:
     """Fit a sequence, amplitudes in the frame of the body where there is one."""
     sequence = mesh_sequence(*moving, topology=topology)
-    template = make_template(
-        sequence, landmarks=landmarks, weights=weights, closed_form=closed_form
-    )
+    template = make_template(sequence, landmarks=landmarks, closed_form=closed_form)
     basis = make_basis(template, choose_modes(template, n_modes).modes)
     fit = fit_sequence(sequence, template, basis, components=components)
     amplitudes = fit.amplitudes

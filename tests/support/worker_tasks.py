@@ -12,7 +12,7 @@ import numpy as np
 from modalmotion.errors import NonFiniteError
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion_service.work.engine import remembering
-from modalmotion_service.work.tasks.files import _kept, whole_file
+from modalmotion_service.work.tasks.files import whole_file
 from modalmotion_service.work.upload import _forks, parser_for
 
 
@@ -86,11 +86,6 @@ def remembered() -> dict[str, int]:
     """How many entries each cache has that a user's data may have a part in, but empty ones."""
     sizes = {cache.__wrapped__.__name__: cache.cache_info().currsize for cache in remembering()}
     return {name: size for name, size in sizes.items() if size}
-
-
-def templates_at_hand() -> list[str]:
-    """Keys of the templates and factored modes that this worker has made ready."""
-    return [*_kept()._templates._values, *_kept()._bases._values]
 
 
 def parse_and_tell(data: bytes, times: int = 1) -> list[int]:

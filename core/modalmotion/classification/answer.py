@@ -41,7 +41,7 @@ _STRICT: Final = 0.995
 _UNSURE: Final = 0.2
 
 # Parameters that signatures must share with those of the model.
-_SAME: Final = ("weights", "remove_rotation", "components")
+_SAME: Final = ("remove_rotation", "components")
 
 _REFERENCE_NOTE: Final = (
     "The signature is measured from one frame, so the answer depends on which it is; fitted with "

@@ -184,7 +184,7 @@ def basis_of(signature: ModalSignature) -> tuple[Any, ...]:
     """Give what signatures must share so that their modes compare."""
     p, modes = signature.parameters, signature.modes
     return (
-        *(signature.surface, modes.connectivity_id, p.kind, p.weights, p.remove_rotation),
+        *(signature.surface, modes.connectivity_id, p.kind, p.remove_rotation),
         *(p.components, p.reference == MEAN),
     )
 

@@ -17,7 +17,6 @@ from types import NoneType, UnionType
 from typing import Any, Final, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import click
-import numpy as np
 
 from modalmotion.errors import needs_extra
 from modalmotion.exports.picture_files import PICTURES as PICTURES
@@ -354,7 +353,7 @@ fit_options = several(
     surface_options,
     options_of(
         SignatureParameters,
-        *("reference", "weights", "components", "kind", "remove_rotation", "volumes", "deviations"),
+        *("reference", "components", "kind", "remove_rotation", "volumes", "deviations"),
         group=FIT,
     ),
 )
@@ -426,10 +425,11 @@ def described(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
             yield from described(value, f"{indent}  ")
         elif isinstance(value, list | tuple) and value and isinstance(value[0], Mapping):
             columns = [key for key, one in value[0].items() if not isinstance(one, Mapping)]
-            rows = [[_text(one[key]) for key in columns] for one in value]
+            rows = [[_text(one.get(key, "")) for key in columns] for one in value]
             yield f"{label}:"
-            yield from (f"{indent}  {row}" for row in aligned([columns, *rows]).splitlines())
-        elif value is not None and value != "" and not (np.ndim(value) and not len(value)):
+            heads = [key.replace("_", " ") for key in columns]
+            yield from (f"{indent}  {row}" for row in aligned([heads, *rows]).splitlines())
+        elif value is not None and (value or not isinstance(value, str | list | tuple | Mapping)):
             yield f"{label:<26} {_text(value)}"
 
 
@@ -440,10 +440,11 @@ def _text(value: Any) -> str:
     if isinstance(value, float):
         return numeral(value)
     if not isinstance(value, list | tuple):
-        return str(value)
-    if all(isinstance(one, int | float) for one in value) and len(value) > _FEW:
-        return f"{_text(min(value))} to {_text(max(value))} ({len(value)} values)"
-    if any(isinstance(one, list | tuple) for one in value):
+        return "" if value is None else str(value)
+    known = [one for one in value if one is not None]
+    if len(value) > _FEW and known and all(isinstance(one, int | float) for one in known):
+        return f"{_text(min(known))} to {_text(max(known))} ({len(value)} values)"
+    if value and all(isinstance(one, list | tuple) for one in value):
         return f"{len(value)} x {len(value[0])} values"
     return ", ".join(map(_text, value))
 

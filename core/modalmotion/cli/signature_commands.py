@@ -288,7 +288,7 @@ def _lines_of_tradeoff(result: Tradeoff, verbose: bool) -> Iterator[str]:
             f"{branch.counts[k]}: {numeral(float(branch.rms[k]), of=front.motion_rms)}"
             for k in shown
         )
-    for kind, error in result.scene.errors.items():
+    for kind, error in result.scene.items():
         errors[f"as {with_article(kind)} motion"] = error.rms
     price = chosen.price
     yield from described(
@@ -309,15 +309,12 @@ def _lines_of_tradeoff(result: Tradeoff, verbose: bool) -> Iterator[str]:
         }
     )
     notes = [] if result.noise is None else [result.noise.note(front.unit)]
-    notes += [] if chosen.signature is None else chosen.signature.notes
-    yield from described({"notes": (*notes, *chosen.notes)})
+    yield from described({"notes": (*notes, *chosen.signature.notes, *chosen.notes)})
 
 
 def describe(result: Tradeoff) -> str:
     """Describe the choice in a line."""
     price, signature = result.chosen.price, result.chosen.signature
-    if signature is None:
-        return f"{result.chosen.kind} motion, {price.amplitudes_per_frame} numbers per frame"
     count = counted(len(signature.modes), "mode")
     text = f"{count}, {signature.surface}, {signature.parameters.components}"
     harmonics = signature.parameters.harmonics

@@ -15,9 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.numeric.products import product
-from modalmotion.signature.basis import Basis
-from modalmotion.signature.fit import project
+from modalmotion.signature.fit import Basis, project
 from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.signature.superposition import offset_reference
 from modalmotion.template import Template
@@ -61,7 +59,7 @@ def superposed_positions(
         normals, _ = offset_reference(template, rest)
         for first in range(0, n_frames, step):
             part = slice(first, first + step)
-            u = from_local(_superposed(signature.amplitudes[part], basis.rows), normals)
+            u = from_local(_superposed(signature.amplitudes[part], basis.shapes.T), normals)
             yield part, u + rest
         return
     is_local = signature.parameters.components != Components.CARTESIAN
@@ -77,7 +75,7 @@ def superposed_positions(
     A, axes = c.reshape(n_frames, -1, 3), np.ascontiguousarray(q.T)
     for first in range(0, n_frames, step):
         part = slice(first, first + step)
-        u = _superposed(remaining[part], basis.rows)
+        u = _superposed(remaining[part], basis.shapes.T)
         if frames is not None:
             u = from_local(u, frames)
         # x + A q + sum_p a_p phi_p
@@ -89,10 +87,10 @@ def superposed_positions(
 def _superposed(
     coefficients: NDArray[np.float64], rows: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Sum of fields times coefficients, (frames, vertices, n): a product with reproducible bits."""
+    """Sum of fields times coefficients, (frames, vertices, n)."""
     f, m, n = coefficients.shape
     by_direction = np.ascontiguousarray(coefficients.transpose(0, 2, 1)).reshape(n * f, m)
-    return product(by_direction, rows).reshape(f, n, -1).transpose(0, 2, 1)
+    return (by_direction @ rows).reshape(f, n, -1).transpose(0, 2, 1)
 
 
 def _amplitudes_of_maps(

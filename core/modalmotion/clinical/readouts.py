@@ -19,9 +19,9 @@ from modalmotion.mesh.facts import UNKNOWN
 from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.modes.topology import CUP, PLANE
-from modalmotion.numeric.products import power_of_two
+from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import counted, numeral, shown, with_article
-from modalmotion.signature.basis import make_basis
+from modalmotion.signature.fit import make_basis
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.template import Template

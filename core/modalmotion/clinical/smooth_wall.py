@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.modes.topology import CUP, CYLINDER, SPHERE, Topology
-from modalmotion.numeric.products import inverse_of_triangle, tall_qr
+from modalmotion.numeric.scales import orthonormal
 from modalmotion.template import Template
 
 # Functions along s and highest wave around, from fine to coarse: the finest of which the mesh
@@ -203,8 +203,8 @@ class SmoothWall:
         heights = (away * away[-1]).sum(axis=2) / (away[-1] ** 2).sum(axis=1)
         heights = np.maximum.accumulate(heights)
         wanted = np.interp(places.s, s, heights[:, first])
-        Q, R = tall_qr(places.values)
-        inverse, moved = inverse_of_triangle(R) @ Q.T, np.empty_like(coefficients)
+        Q, R = orthonormal(places.values)
+        inverse, moved = np.linalg.solve(R, Q.T), np.empty_like(coefficients)
         for frame, height in enumerate(heights.T):
             values = self._functions(np.interp(wanted, height, s), places.theta)
             moved[:, frame] = inverse @ (values @ coefficients[:, frame])
@@ -285,11 +285,11 @@ def _fitted(template: Template, n_along: int, n_waves: int, *, is_lattice: bool)
     s = coordinates[:, 0] if is_lattice else coordinates[:, 0] ** _POWER
     own = _functions(surface, n_along, n_waves, s, coordinates[:, 1])
     root = np.sqrt(weights)[:, None]
-    Q, R = tall_qr(root * own)
+    Q, R = orthonormal(root * own)
     shapes = np.zeros((template.n_vertices, own.shape[1]))
     shapes[counts] = own
     projector = np.zeros(shapes.T.shape)
-    projector[:, counts] = inverse_of_triangle(R) @ (root * Q).T
+    projector[:, counts] = np.linalg.solve(R, (root * Q).T)
     return SmoothWall(
         surface=surface,
         n_along=n_along,

@@ -10,7 +10,7 @@ from modalmotion.errors import InputError
 from modalmotion.mesh import Cavity
 from modalmotion.mesh.cavity import volume_gradient
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.numeric.products import power_of_two
+from modalmotion.numeric.scales import power_of_two
 from modalmotion.template import Template
 
 

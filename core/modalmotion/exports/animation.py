@@ -20,7 +20,6 @@ from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import Oscillators, State, free_response
 from modalmotion.modes.oscillators import animate_along, directional_mode
-from modalmotion.numeric.products import product
 from modalmotion.representation import shown
 from modalmotion.signature.making import (
     ModalSignature,
@@ -191,7 +190,7 @@ class Swing:
 
     def heights(self) -> Iterator[Array]:
         """Displacement of each vertex along its direction, (vertices,) for each frame."""
-        return (product(self.modes.shapes, a[:, None])[:, 0] for a in self.amplitudes)
+        return ((self.modes.shapes @ a[:, None])[:, 0] for a in self.amplitudes)
 
     def positions(self) -> Iterator[Array]:
         """Positions, (vertices, 3) for each frame; memory does not grow with their number."""

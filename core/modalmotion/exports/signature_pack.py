@@ -27,7 +27,7 @@ from modalmotion.exports.animation import modal_animation
 from modalmotion.formats import write_glb, write_npz, write_ply_zip, write_vtkhdf
 from modalmotion.hdf5.form import Form
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.numeric.products import lengths
+from modalmotion.numeric.scales import lengths
 from modalmotion.progress import Progress
 from modalmotion.signature.hdf5 import mode_datasets
 from modalmotion.signature.making import ModalSignature

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.numeric.products import power_of_two, product, weighted_sum
+from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import shown
 
 # Relative to the largest singular value of the covariance: below this a direction is not
@@ -162,7 +162,7 @@ class ReferenceShape:
         """Centre positions (vertices, 3) that a sequence is measured from."""
         ignored = np.zeros(0, dtype=np.int64) if ignored is None else ignored
         counted = weights > 0
-        centre = weighted_sum(weights, start)
+        centre = weights @ start
         rest = np.ascontiguousarray(start.T - centre[:, None])
         tolerance = _rank_tolerance(sequence, counted, centre, rest)
         scale = _scale(sequence, counted, centre)
@@ -202,42 +202,26 @@ _BLOCK: Final = 500_000
 
 
 @dataclass(frozen=True, eq=False)
-class LooseVertices:
-    """Vertices in no triangle: apart from the others, for they may be anywhere.
+class DisplacementBlock:
+    """Displacements in consecutive frames.
 
     Parameters
     ----------
-    vertices : (n,) int64
-    positions : (frames, n, 3) float64, length unit
-        From the reference's centroid.
-    rest : (n, 3) float64, length unit
-        Those of the reference, from there too.
+    frames : slice
+    u : (frames, 3, vertices) float64, in units of the shape's scale
+        Rotation removed; of no meaning at vertices in no triangle.
+    rotations : Rotations
+        Removed, about the centroid.
+    drifts : (frames, 3) float64, in units of the shape's scale
+        Path of the centroid, which is part of the displacements.
+    shape : ReferenceShape
     """
 
-    vertices: NDArray[np.int64]
-    positions: NDArray[np.float64]
-    rest: NDArray[np.float64]
-
-    def displacements(
-        self, rotations: Rotations, drifts: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Displacements, rotation removed.
-
-        Parameters
-        ----------
-        rotations : Rotations
-        drifts : (frames, 3) float64, length unit
-
-        Returns
-        -------
-        (frames, n, 3) float64, length unit
-        """
-        # u = R'(x - d) + d - rest
-        d = drifts[:, None, :]
-        u: NDArray[np.float64] = (self.positions - d) @ rotations.matrices
-        u += d
-        u -= self.rest
-        return u
+    frames: slice
+    u: NDArray[np.float64]
+    rotations: Rotations
+    drifts: NDArray[np.float64]
+    shape: ReferenceShape
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,15 +232,11 @@ class PositionBlock:
     ----------
     frames : slice
     positions : (frames, 3, vertices) float64, in units of the shape's scale
-        From the reference's centroid, direction by direction, which is how products and sums
-        run fast.
+        From the reference's centroid; at ignored vertices those of the reference.
     is_still : (frames,) bool
-        True for frames that repeat the reference bit for bit.
+        Whether a frame repeats the reference bit for bit.
     shape : ReferenceShape
-        The reference.
     remove_rotation : bool
-    loose : LooseVertices
-        Those in no triangle.
     """
 
     frames: slice
@@ -264,81 +244,29 @@ class PositionBlock:
     is_still: NDArray[np.bool_]
     shape: ReferenceShape
     remove_rotation: bool
-    loose: LooseVertices
 
-    def alignment(self, sums: NDArray[np.float64]) -> tuple[Rotations, NDArray[np.float64]]:
-        """Rotations and drifts of the centroid from products with the shape's moments.
-
-        Parameters
-        ----------
-        sums : (frames, 3, 4) float64
-
-        Returns
-        -------
-        rotations : Rotations
-            About the centroid of each frame.
-        drifts : (frames, 3) float64, in units of the scale
-            Of the centroid.
-        """
-        shape, drifts = self.shape, sums[:, :, 3].copy()
+    def alignment(self) -> tuple[Rotations, NDArray[np.float64]]:
+        """Rotations from the reference, and drifts of the centroid, in units of the scale."""
+        shape = self.shape
+        sums = self.positions @ shape.moments
+        drifts = sums[:, :, 3].copy()
+        rotations = Rotations.none(len(sums))
         if self.remove_rotation:
             rotations = kabsch(sums[:, :, :3], shape.tolerance, shape.noise(drifts))
-        else:
-            rotations = Rotations.none(len(sums))
         # A frame that repeats the reference has not moved at all.
         rotations.matrices[self.is_still], drifts[self.is_still] = np.eye(3), 0.0
         return rotations, drifts
 
     def turned_back(self) -> DisplacementBlock:
-        """Displacements, rotation removed. The positions are used up."""
-        x, shape = self.positions, self.shape
-        f, _, n = x.shape
-        sums = product(x.reshape(3 * f, n), shape.moments).reshape(f, 3, 4)
-        rotations, drifts = self.alignment(sums)
+        """Displacements, rotation removed."""
+        rotations, drifts = self.alignment()
         # u = R'(x - d) + d - rest
-        turned = np.ascontiguousarray(rotations.matrices.transpose(0, 2, 1))
-        shifts = drifts - (turned @ drifts[:, :, None])[:, :, 0]
-        part = np.empty_like(shape.rest)
-        # Frame by frame, while it is in the cache.
-        for k, frame in enumerate(x):
-            product(turned[k], frame, out=part)
-            part += shifts[k][:, None]
-            np.subtract(part, shape.rest, out=frame)
-        x[self.is_still] = 0.0
-        loose = self.loose.displacements(rotations, drifts * shape.scale)
-        return DisplacementBlock(
-            self.frames, x, rotations, drifts, shape, self.loose.vertices, loose
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class DisplacementBlock:
-    """Displacements in consecutive frames.
-
-    Parameters
-    ----------
-    frames : slice
-    u : (frames, 3, vertices) float64, in units of the shape's scale
-        Direction by direction. May be overwritten.
-    rotations : Rotations
-        Removed from them, about the centroid of each frame.
-    drifts : (frames, 3) float64, in units of the scale
-        Of the weighted centroid from the reference's, part of the displacements.
-    shape : ReferenceShape
-        The reference.
-    loose : (n,) int64
-        Vertices in no triangle, whose `u` means nothing.
-    loose_u : (frames, n, 3) float64, length unit
-        Their displacements, rotation removed.
-    """
-
-    frames: slice
-    u: NDArray[np.float64]
-    rotations: Rotations
-    drifts: NDArray[np.float64]
-    shape: ReferenceShape
-    loose: NDArray[np.int64]
-    loose_u: NDArray[np.float64]
+        turned = rotations.matrices.transpose(0, 2, 1)
+        u = turned @ self.positions
+        u += (drifts - (turned @ drifts[:, :, None])[:, :, 0])[:, :, None]
+        u -= self.shape.rest
+        u[self.is_still] = 0.0
+        return DisplacementBlock(self.frames, u, rotations, drifts, self.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,11 +277,10 @@ class Displacements:
     ----------
     sequence : MeshSequence
     start : (vertices, 3) float64, length unit
-        Positions that they are measured from.
+        The shape that displacements are measured from.
     shape : ReferenceShape
         The same, centred.
     remove_rotation : bool
-        Whether each frame's best rotation about its centroid is taken out.
     """
 
     sequence: MeshSequence
@@ -377,13 +304,7 @@ class Displacements:
                 _is_still(vertices, self.start, self.shape),
                 self.shape,
                 self.remove_rotation,
-                self._loose(frames),
             )
-
-    def _loose(self, frames: slice) -> LooseVertices:
-        loose, centre = self.shape.ignored, self.shape.centre
-        positions = self.sequence.vertices[frames][:, loose].astype(np.float64) - centre
-        return LooseVertices(loose, positions, self.start[loose] - centre)
 
 
 def _centred(

@@ -8,14 +8,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import real, whole_numbers
-from modalmotion.errors import ParameterError, TopologyError
+from modalmotion.errors import LimitError, ParameterError, ShapeError, TopologyError
 from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.order import (
     all_modes,
@@ -24,80 +22,9 @@ from modalmotion.modes.order import (
     require_within_zone,
     whole_count,
 )
-from modalmotion.modes.separable import Factors, expand, functions_at, functions_on, places_along
 from modalmotion.modes.topology import CLOSED, Topology, scales_of
-from modalmotion.modes.trigonometry import sin_pi
+from modalmotion.modes.trigonometry import cosines, sin_pi
 from modalmotion.representation import shown
-
-
-@shown("sines", "mode")
-class Places(NamedTuple):
-    """Where one term of each of some modes is in the spectrum.
-
-    Parameters
-    ----------
-    sines : tuple of bool
-        For each closed axis whether the term is a multiple of its sine.
-    mode : (terms,) int32
-        No mode twice.
-    place : (terms,) int32
-        Row by row over the axes' wavenumbers; no place twice.
-    sign : (terms,) int8
-    halvings : (terms,) int8
-        Number of axes along which the term has mean square 1/2.
-    """
-
-    sines: tuple[bool, ...]
-    mode: NDArray[np.int32]
-    place: NDArray[np.int32]
-    sign: NDArray[np.int8]
-    halvings: NDArray[np.int8]
-
-
-def spectrum_shape(topology: Topology, shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Wavenumbers along each axis of the spectrum: N // 2 + 1 on closed axes, N on others."""
-    return tuple(
-        n // 2 + 1 if ends == CLOSED else n for ends, n in zip(topology.ends, shape, strict=True)
-    )
-
-
-def places(modes: ModeSet, shape: tuple[int, ...]) -> tuple[Places, ...]:
-    """Find the terms of modes in the spectrum of a lattice.
-
-    Parameters
-    ----------
-    modes : ModeSet
-        Each at most once.
-    shape : tuple of int
-        Nodes along each axis.
-    """
-    places = []
-    topology, closed = modes.topology, modes.topology.closed_axes
-    for term in expand(topology, modes.half_periods, modes.is_odd_at_pole, modes.is_sine):
-        halvings = np.zeros(len(term.mode), dtype=np.int8)
-        place = np.zeros(len(term.mode), dtype=np.int64)
-        for axis, n in enumerate(spectrum_shape(topology, shape)):
-            p = np.abs(modes.wavenumbers[term.mode, axis])
-            place = place * n + p
-            period = shape[axis] if topology.ends[axis] == CLOSED else 4 * shape[axis]
-            # A constant and a wave that alternates from node to node have mean square 1.
-            h = modes.half_periods[term.mode, axis]
-            halvings += 2 * h % period != 0
-        # (p, p') and (p, -p') have the same products: apart.
-        negative = modes.wavenumbers[term.mode][:, list(closed)] < 0
-        for signs in product((False, True), repeat=len(closed)):
-            part = np.flatnonzero((negative == signs).all(axis=1))
-            if part.size:
-                places.append(
-                    Places(
-                        term.sines,
-                        term.mode[part].astype(np.int32),
-                        place[part].astype(np.int32),
-                        term.sign[part],
-                        halvings[part],
-                    )
-                )
-    return tuple(places)
 
 
 @shown()
@@ -206,11 +133,6 @@ class Lattice:
         return all_modes(self.topology, self.shape)
 
     @cached_property
-    def places(self) -> tuple[Places, ...]:
-        """Where the terms of every mode are in the spectrum of the fast transforms."""
-        return places(self._all_modes, self.shape)
-
-    @cached_property
     def natural_coordinates(self) -> NDArray[np.float64]:
         """Natural coordinates of every node.
 
@@ -252,25 +174,8 @@ class Lattice:
         frequencies: NDArray[np.float64] = np.ldexp(np.sqrt(omega_squared), exponent // 2)
         return frequencies
 
-    def factors(self, modes: ModeSet) -> Factors:
-        """Evaluate mode shapes as sums of products of one function per axis.
-
-        All of every shape is in them, at the cost of N + N' numbers instead of N N'.
-
-        Raises
-        ------
-        TopologyError, ParameterError
-            As `shapes`.
-        """
-        coefficients = self._coefficients(modes)
-        return Factors(functions_on(modes.separable, self.shape), modes.separable, coefficients)
-
     def shapes(
-        self,
-        modes: ModeSet,
-        nodes: NDArray[np.int64] | list[int] | None = None,
-        *,
-        out: NDArray[np.float64] | None = None,
+        self, modes: ModeSet, nodes: NDArray[np.int64] | list[int] | None = None
     ) -> NDArray[np.float64]:
         """Evaluate mode shapes at the nodes, the Phi of (6) K Phi = M Phi Omega^2.
 
@@ -294,18 +199,34 @@ class Lattice:
         ParameterError
             If a mode is beyond the lattice's Nyquist wavenumber.
         ShapeError
-            If the lattice has no such node, or `out` is not such an array.
+            If the lattice has no such node.
         """
-        if nodes is None:
-            return self.factors(modes).shapes(out)
-        coefficients, separable = self._coefficients(modes), modes.separable
-        functions = tuple(
-            functions_at(separable, axis, n, along)
-            for axis, (n, along) in enumerate(
-                zip(self.shape, places_along(self.shape, nodes), strict=True)
-            )
-        )
-        return Factors(functions, separable, coefficients).shapes_along()
+        self._require(modes)
+        places = map(np.arange, self.shape) if nodes is None else places_along(self.shape, nodes)
+        closed, none = self.topology.closed_axes, np.zeros(len(modes), dtype=np.bool_)
+        # Each axis has a dimension of its own; listed nodes share one.
+        n_dimensions = self.topology.n_axes if nodes is None else 1
+        by_mode = self.scales(modes).reshape(-1, *[1] * n_dimensions)
+        waves = np.ones(1, dtype=np.complex128)
+        for axis, (n, place) in enumerate(zip(self.shape, places, strict=True)):
+            h, size = modes.half_periods[:, axis], [len(modes), *[1] * n_dimensions]
+            size[1 + axis % n_dimensions] = len(place)
+            if axis not in closed:
+                # cos or sin(h pi (2n - 1) / 4N), n = 1..N
+                factor = cosines(h, 2 * place + 1, 8 * n, modes.is_odd_at_pole[:, axis])
+            elif len(closed) == 1:
+                # cos or sin(2 pi p n / N)
+                factor = cosines(h, place + 1, n, modes.is_sine)
+            else:
+                # cos(a + b) + i sin(a + b) = (cos a + i sin a) (cos b + i sin b)
+                real, imaginary = (cosines(h, place + 1, n, is_sine) for is_sine in (none, ~none))
+                waves = waves * (real + 1j * imaginary).reshape(size)
+                continue
+            by_mode = by_mode * factor.reshape(size)
+        if len(closed) > 1:
+            is_sine = modes.is_sine.reshape(-1, *[1] * n_dimensions)
+            by_mode = by_mode * np.where(is_sine, waves.imag, waves.real)
+        return by_mode.reshape(len(modes), -1).T
 
     def scales(self, modes: ModeSet) -> NDArray[np.float64]:
         """Factors that give every shape mean square 1 over the nodes, (modes,) float64.
@@ -332,11 +253,48 @@ class Lattice:
             )
         require_within_zone(modes, self.shape)
 
-    def _coefficients(self, modes: ModeSet) -> NDArray[np.float64]:
-        """Sign of each term times the scale of its mode, (terms,) float64."""
-        self._require(modes)
-        for ends, h, n in zip(self.topology.ends, modes.separable.largest, self.shape, strict=True):
-            # Where shapes alternate from node to node.
-            if 2 * h == (n if ends == CLOSED else 4 * n):
-                return modes.separable.signs * self.scales(modes)[modes.separable.mode]
-        return modes.coefficients
+
+def places_along(
+    shape: tuple[int, ...], nodes: NDArray[np.int64] | list[int]
+) -> list[NDArray[np.int64]]:
+    """Find the place of nodes along each axis.
+
+    Parameters
+    ----------
+    shape : tuple of int
+    nodes : (nodes,) int64
+        Numbered row by row.
+
+    Returns
+    -------
+    list of (nodes,) int64
+
+    Raises
+    ------
+    ShapeError
+        If they are not a list of integers, or one of them is not a node.
+    LimitError
+        If 64 bits do not number all nodes.
+    """
+    n_nodes = math.prod(shape)
+    if n_nodes >= 2**63:
+        raise LimitError(
+            f"A lattice of {shape} nodes has more than 64 bits number.",
+            remedy="Evaluate the axes one by one, as curves.",
+            limit="nodes",
+        )
+    numbers = np.asarray(nodes)
+    if numbers.ndim != 1 or (numbers.size and numbers.dtype.kind not in "iu"):
+        raise ShapeError(
+            f"Nodes are a list of integers, not {numbers.dtype} of the shape {numbers.shape}.",
+            remedy="Number them row by row: node = row * N' + column.",
+        )
+    bad = np.flatnonzero((numbers < 0) | (numbers >= n_nodes))
+    if bad.size:
+        raise ShapeError(
+            f"There is no node {numbers[bad[0]]} on a lattice of {n_nodes}.",
+            remedy=f"Number nodes from 0 to {n_nodes - 1}.",
+            vertex=int(numbers[bad[0]]),
+        )
+    along = np.unravel_index(numbers.astype(np.int64), shape)
+    return [place.astype(np.int64) for place in along]

@@ -14,7 +14,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.modes.separable import Separable, separate
 from modalmotion.modes.topology import (
     CLOSED,
     End,
@@ -239,21 +238,6 @@ class ModeSet(FrozenArrays):
     def extents(self) -> tuple[tuple[int, int], ...]:
         """Least and largest wavenumber along each axis; 0 and 0 without modes."""
         return tuple((int(p.min(initial=0)), int(p.max(initial=0))) for p in self.wavenumbers.T)
-
-    @cached_property
-    def separable(self) -> Separable:
-        """The modes as sums of products of one function per axis."""
-        return separate(self.topology, self.half_periods, self.is_odd_at_pole, self.is_sine)
-
-    @cached_property
-    def coefficients(self) -> NDArray[np.float64]:
-        """Sign of each term of `separable` times the scale of its mode on a continuum.
-
-        Returns
-        -------
-        (terms,) float64
-        """
-        return self.separable.signs * scales_of(self.n_waves)[self.separable.mode]
 
     @property
     def connectivity_id(self) -> str:

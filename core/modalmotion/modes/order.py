@@ -145,7 +145,7 @@ def require_within_zone(modes: ModeSet, shape: tuple[int, ...]) -> None:
         Naming the first label at fault and the largest wavenumber the axis resolves, or the
         sine of a wave vector that is its own opposite.
     """
-    at_nyquist = False
+    has_zeros = False
     for axis, (ends, n) in enumerate(zip(modes.topology.ends, shape, strict=True)):
         least, most = (-((n - 1) // 2), n // 2) if ends == CLOSED else (0, n - 1)
         lowest, highest = modes.extents[axis]
@@ -158,8 +158,8 @@ def require_within_zone(modes: ModeSet, shape: tuple[int, ...]) -> None:
                 remedy="Ask for lower wavenumbers, or use more nodes.",
                 details={"axis": axis, "least": least, "most": most},
             )
-        at_nyquist |= ends == CLOSED and 2 * highest == n
-    if at_nyquist:
+        has_zeros |= ends == CLOSED and (2 * highest == n or lowest == 0)
+    if has_zeros:
         _require_nonzero(modes, shape)
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.numeric.products import product
 from modalmotion.representation import FrozenArrays, shown
 
 
@@ -299,7 +298,7 @@ def modal_forces(
         )
     # The shapes' mean square is 1, so Phi' M Phi = M N: f = Phi' F / (M N).
     phi, F = (np.asarray(a, dtype=np.float64) for a in (shapes, forces))
-    f = product(phi.T, F.reshape(len(F), -1)) / (mass * len(phi))
+    f = (phi.T @ F.reshape(len(F), -1)) / (mass * len(phi))
     return f.reshape(phi.shape[1], *F.shape[1:])
 
 
@@ -360,7 +359,7 @@ def animate_along(
     X, phi = _require_basis(reference, shapes)
     d = _require_direction(direction, len(X))
     # (2) x = X + sum_m a_m phi_m d
-    return (X + product(phi, a[:, None]) * d for a in _each(amplitudes, (phi.shape[1],)))
+    return (X + (phi @ a[:, None]) * d for a in _each(amplitudes, (phi.shape[1],)))
 
 
 def _each(amplitudes: Iterable[Array], shape: tuple[int, ...]) -> Iterator[Array]:

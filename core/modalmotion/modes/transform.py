@@ -1,18 +1,13 @@
 """Transforms of displacements on lattices to modal amplitudes and back.
 
-One product for each axis with the few functions that occur along it: N N' P + N' P P'
-multiplications instead of N N' for each mode.
-
-Real Fourier transforms on closed axes; cosine transforms on open ones; towards a pole the
-cosine transform for even p' and a sine transform for odd p', of type IV on a cup and of type
-II on a sphere.
+A few modes are products with their shapes. All of them are Fourier transforms on closed axes and
+cosine transforms on open ones; towards a pole the cosine transform for even p' and a sine transform
+for odd p', of type IV on a cup and of type II on a sphere.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -20,11 +15,9 @@ import scipy
 from numpy.typing import NDArray
 
 from modalmotion.errors import NonFiniteError, ShapeError
-from modalmotion.modes.lattice import Lattice, Places, spectrum_shape
+from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.mode_set import ModeSet
-from modalmotion.modes.separable import Factors
-from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, Topology
-from modalmotion.numeric.products import multiply
+from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN
 
 # Numbers in a block of frames, 8 MB in float64.
 _BLOCK: Final = 1 << 20
@@ -136,11 +129,6 @@ def require_finite(result: NDArray[Any], source: NDArray[Any], first: int, of: s
     )
 
 
-# Numbers in factors cached from call to call, at most 512 KB: frame after frame their
-# evaluation would take as long as the products. Larger ones take little beside theirs.
-_KEPT: Final = 1 << 16
-
-
 def project(lattice: Lattice, modes: ModeSet, displacements: NDArray[Any]) -> NDArray[np.float64]:
     """Amplitudes of modes in displacements, (2) inverted: a = Phi'u / nodes.
 
@@ -154,7 +142,6 @@ def project(lattice: Lattice, modes: ModeSet, displacements: NDArray[Any]) -> ND
     Returns
     -------
     (frames, modes, directions) float64, the same unit
-        The same bits on any number of threads, and for a frame in any company.
 
     Raises
     ------
@@ -165,7 +152,18 @@ def project(lattice: Lattice, modes: ModeSet, displacements: NDArray[Any]) -> ND
     TopologyError, ParameterError
         If the lattice has no such modes.
     """
-    return project_with(_factors(lattice, modes), displacements)
+    source = require_frames(displacements, "displacements", lattice.n_nodes, "nodes")
+    amplitudes = np.empty((len(source), len(modes), source.shape[2]))
+    # Overflow shows in the amplitudes.
+    with np.errstate(over="ignore", invalid="ignore"):
+        for some in blocks(len(modes), lattice.n_nodes):
+            shapes = lattice.shapes(modes.take(some)).T
+            for frames in blocks(len(source), lattice.n_nodes * source.shape[2]):
+                block = np.ascontiguousarray(source[frames], dtype=np.float64)
+                result = shapes @ block / lattice.n_nodes
+                require_finite(result, block, frames.start, "node")
+                amplitudes[frames, some] = result
+    return amplitudes
 
 
 def superpose(
@@ -188,7 +186,6 @@ def superpose(
     Returns
     -------
     (frames, nodes, directions) float64, the same unit
-        The same bits on any number of threads, and for a frame in any company.
 
     Raises
     ------
@@ -199,72 +196,16 @@ def superpose(
     TopologyError, ParameterError
         If the lattice has no such modes.
     """
-    return superpose_with(_factors(lattice, modes), amplitudes, out=out)
-
-
-def project_with(factors: Factors, displacements: NDArray[Any]) -> NDArray[np.float64]:
-    """Project with factors at hand; see `project`."""
-    source = require_frames(displacements, "displacements", factors.n_nodes, "nodes")
-    n_directions = source.shape[2]
-    n_products = factors.separable.n_products
-    first, *others = factors.separable.sums
-    weights = factors.coefficients[:, None]
-    amplitudes = np.empty((len(source), factors.n_modes, n_directions))
-    # Overflow shows in the amplitudes.
-    with np.errstate(over="ignore", invalid="ignore"):
-        for frames in blocks(len(source), factors.n_nodes * n_directions):
-            block = np.ascontiguousarray(source[frames], dtype=np.float64)
-            values, n_done = block, len(block)
-            for f in factors.functions:
-                values = multiply(f, values.reshape(n_done, f.shape[1], -1))
-                n_done *= len(f)
-            values = values.reshape(len(block), n_products, n_directions)
-            result = amplitudes[frames]
-            np.multiply(values.take(first.product, axis=1), weights[first.term], out=result)
-            for terms in others:
-                result[:, terms.mode] += values[:, terms.product] * weights[terms.term]
-            result /= factors.n_nodes
-            require_finite(result, block, frames.start, "node")
-    return amplitudes
-
-
-def superpose_with(
-    factors: Factors, amplitudes: NDArray[Any], *, out: NDArray[Any] | None = None
-) -> NDArray[np.float64]:
-    """Superpose with factors at hand; see `superpose`."""
-    source = require_frames(amplitudes, "amplitudes", factors.n_modes, "modes")
-    n_directions = source.shape[2]
-    n_products = factors.separable.n_products
-    first, *others = factors.separable.spreads
-    weights = factors.coefficients[:, None]
-    displacements = require_output(out, (len(source), factors.n_nodes, n_directions))
-    for frames in blocks(len(source), factors.n_nodes * n_directions):
-        block = np.ascontiguousarray(source[frames], dtype=np.float64)
-        require_finite(block, block, frames.start, "mode")
-        values = np.zeros((len(block), n_products, n_directions))
-        values[:, first.product] = block.take(first.mode, axis=1) * weights[first.term]
-        for terms in others:
-            values[:, terms.product] += block[:, terms.mode] * weights[terms.term]
-        n_left = len(block) * n_products
-        for axis in reversed(range(len(factors.functions))):
-            f = factors.functions[axis]
-            n_left //= len(f)
-            into = None if axis else displacements[frames].reshape(n_left, f.shape[1], -1)
-            values = multiply(f.T, values.reshape(n_left, len(f), -1), into)
+    source = require_frames(amplitudes, "amplitudes", len(modes), "modes")
+    displacements = require_output(out, (len(source), lattice.n_nodes, source.shape[2]))
+    displacements[...] = 0.0
+    for frame in range(len(source)):
+        require_finite(source[frame : frame + 1], source[frame : frame + 1], frame, "mode")
+    for some in blocks(len(modes), lattice.n_nodes):
+        shapes = lattice.shapes(modes.take(some))
+        for frame, values in enumerate(source[:, some]):
+            displacements[frame] += shapes @ values.astype(np.float64)
     return displacements
-
-
-def _factors(lattice: Lattice, modes: ModeSet) -> Factors:
-    """Evaluate factors, or return those of an earlier call."""
-    if len(modes) * sum(lattice.shape) <= _KEPT:
-        return _factors_kept(lattice.topology, lattice.shape, modes)
-    return lattice.factors(modes)
-
-
-@lru_cache(maxsize=16)
-def _factors_kept(topology: Topology, shape: tuple[int, ...], modes: ModeSet) -> Factors:
-    # Shapes do not depend on the springs. The lattice itself is not cached.
-    return Lattice(topology, shape).factors(modes)
 
 
 def project_all(
@@ -294,19 +235,15 @@ def project_all(
     """
     source = require_frames(displacements, "displacements", lattice.n_nodes, "nodes")
     amplitudes = require_output(out, source.shape)
-    scales = lattice.scales(lattice.all_modes())
+    modes = lattice.all_modes()
+    place, weights = _places(lattice, modes), lattice.scales(modes)[:, None] / lattice.n_nodes
+    is_sine = modes.is_sine[:, None]
     for frame, values in enumerate(source):
         with np.errstate(over="ignore", invalid="ignore"):
-            spectrum = _forward(lattice, values)
-            result = amplitudes[frame]
-            result[:] = 0.0
-            for places in lattice.places:
-                part = spectrum[:, :, _part(places)]
-                # The transform's imaginary part is minus the sine.
-                weight = scales[places.mode] * places.sign * (-1.0) ** sum(places.sines)
-                result[places.mode] += part[places.place] * weight[:, None]
-            result /= lattice.n_nodes
-        require_finite(result[None], source[frame : frame + 1], frame, "node")
+            found = _forward(lattice, values)[place]
+            # The transform's imaginary part is minus the sine.
+            np.multiply(np.where(is_sine, -found.imag, found.real), weights, out=amplitudes[frame])
+        require_finite(amplitudes[frame][None], source[frame : frame + 1], frame, "node")
     return amplitudes
 
 
@@ -336,86 +273,64 @@ def superpose_all(
     """
     source = require_frames(amplitudes, "amplitudes", lattice.n_nodes, "modes")
     displacements = require_output(out, source.shape)
-    scales = lattice.scales(lattice.all_modes())
+    modes = lattice.all_modes()
+    place, weights = _places(lattice, modes), lattice.scales(modes)
+    for axis, (ends, n) in enumerate(zip(lattice.topology.ends, lattice.shape, strict=True)):
+        if ends != CLOSED:
+            # The transforms back count twice what is neither constant nor alternates.
+            weights = weights * np.where(modes.half_periods[:, axis] % (2 * n), 0.5, 1.0)
+    cosines, sines = np.flatnonzero(~modes.is_sine), np.flatnonzero(modes.is_sine)
     for frame in range(len(source)):
         values = np.asarray(source[frame], dtype=np.float64)
         require_finite(values[None], values[None], frame, "mode")
-        spectrum = np.zeros(_flat_shape(lattice, source.shape[2]))
-        for places in lattice.places:
-            part = spectrum[:, :, _part(places)]
-            weight = scales[places.mode] * places.sign * (-1.0) ** sum(places.sines)
-            weight *= 0.5**places.halvings
-            part[places.place] += values[places.mode] * weight[:, None]
+        values = values * weights[:, None]
+        spectrum = np.zeros(source.shape[1:], dtype=np.complex128)
+        spectrum[place[cosines]] = values[cosines]
+        spectrum[place[sines]] -= 1j * values[sines]
         displacements[frame] = _backward(lattice, spectrum)
     return displacements
 
 
-def _forward(lattice: Lattice, values: NDArray[Any]) -> NDArray[np.float64]:
-    """Sum displacements times each product of functions: (places, directions, parts)."""
-    topology = lattice.topology
-    n_directions = values.shape[1]
-    x = values.reshape(*lattice.shape, n_directions)
+def _places(lattice: Lattice, modes: ModeSet) -> NDArray[np.int64]:
+    """Place of each mode's wave vector in the spectrum, row by row."""
+    p = modes.wavenumbers % np.array(lattice.shape)
+    return np.asarray(np.ravel_multi_index(tuple(p.T), lattice.shape))
+
+
+def _forward(lattice: Lattice, values: NDArray[Any]) -> NDArray[np.complex128]:
+    """Sum displacements times cosine and minus i times sine of each wave: (nodes, directions)."""
+    closed = lattice.topology.closed_axes
+    x: NDArray[Any] = values.astype(np.float64).reshape(*lattice.shape, -1)
     # Node n = N of a closed axis is at the transform's origin, angle 0.
-    x = np.roll(x, (1,) * len(topology.closed_axes), axis=topology.closed_axes)
-    x = x.astype(np.float64, copy=False)
-    for axis in topology.closed_axes:
-        # Real and imaginary part, the cosine and minus the sine, as a last axis of 2.
-        z = np.ascontiguousarray(scipy.fft.rfft(x, axis=axis))
-        x = z.view(np.float64).reshape(*z.shape, 2)
-    for axis, ends in enumerate(topology.ends):
+    x = scipy.fft.fftn(np.roll(x, (1,) * len(closed), axis=closed), axes=closed)
+    for axis, ends in enumerate(lattice.topology.ends):
         if ends == OPEN:
-            x = scipy.fft.dct(x, type=2, axis=axis, overwrite_x=True)
+            x = scipy.fft.dct(x, type=2, axis=axis) / 2
         elif ends != CLOSED:
             even, odd = _by_parity(x, axis + 1)
-            even[...] = scipy.fft.dct(even, type=2, axis=axis)
-            odd[...] = scipy.fft.dst(odd, type=4 if ends == POLE_OPEN else 2, axis=axis)
-    # scipy's cosine and sine transforms are twice the sums.
-    x *= 0.5 ** (topology.n_axes - len(topology.closed_axes))
-    return x.reshape(-1, n_directions, 2 ** len(topology.closed_axes))
+            even[...] = scipy.fft.dct(even, type=2, axis=axis) / 2
+            odd[...] = scipy.fft.dst(odd, type=4 if ends == POLE_OPEN else 2, axis=axis) / 2
+    return x.reshape(values.shape).astype(np.complex128, copy=False)
 
 
-def _backward(lattice: Lattice, spectrum: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sum multiples of products of functions: (nodes, directions).
-
-    The entry at a place is half the multiple for each axis of mean square 1/2.
-    """
-    topology = lattice.topology
-    x = spectrum.reshape(*_spectrum_shape(lattice, spectrum.shape[1]))
-    for axis, ends in enumerate(topology.ends):
+def _backward(lattice: Lattice, spectrum: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Sum multiples of waves: (nodes, directions)."""
+    closed = lattice.topology.closed_axes
+    x = spectrum.reshape(*lattice.shape, -1)
+    for axis, ends in enumerate(lattice.topology.ends):
         if ends == OPEN:
-            x = scipy.fft.dct(x, type=3, axis=axis, overwrite_x=True)
+            x = scipy.fft.dct(x, type=3, axis=axis)
         elif ends != CLOSED:
             even, odd = _by_parity(x, axis + 1)
             even[...] = scipy.fft.dct(even, type=3, axis=axis)
             odd[...] = scipy.fft.dst(odd, type=4 if ends == POLE_OPEN else 3, axis=axis)
-    for axis in reversed(topology.closed_axes):
-        z = np.ascontiguousarray(x).view(np.complex128)[..., 0]
-        x = scipy.fft.irfft(z, n=lattice.shape[axis], axis=axis, norm="forward")
-    x = np.roll(x, (-1,) * len(topology.closed_axes), axis=topology.closed_axes)
-    return x.reshape(lattice.n_nodes, -1)
+    x = scipy.fft.ifftn(x, axes=closed, norm="forward", overwrite_x=True)
+    return np.roll(x.real, (-1,) * len(closed), axis=closed).reshape(spectrum.shape)
 
 
 def _by_parity(
-    x: NDArray[np.float64], axis: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    x: NDArray[np.complex128], axis: int
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """View the even and the odd wavenumbers along an axis."""
     before = (slice(None),) * axis
     return x[(*before, slice(0, None, 2))], x[(*before, slice(1, None, 2))]
-
-
-def _flat_shape(lattice: Lattice, n_directions: int) -> tuple[int, int, int]:
-    n_places = math.prod(spectrum_shape(lattice.topology, lattice.shape))
-    return n_places, n_directions, 2 ** len(lattice.topology.closed_axes)
-
-
-def _spectrum_shape(lattice: Lattice, n_directions: int) -> tuple[int, ...]:
-    wavenumbers = spectrum_shape(lattice.topology, lattice.shape)
-    return (*wavenumbers, n_directions, *(2 for _ in lattice.topology.closed_axes))
-
-
-def _part(places: Places) -> int:
-    """Find the number of a product among all products of cosines and sines of the closed axes."""
-    return sum(2**i for i, sine in enumerate(reversed(places.sines)) if sine)
-
-
-__all__ = ["project", "project_all", "project_with", "superpose", "superpose_all", "superpose_with"]

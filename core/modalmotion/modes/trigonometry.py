@@ -6,6 +6,10 @@ nothing. Zeros and ones come out exact.
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -65,6 +69,40 @@ def sin_pi(numerator: NDArray[np.int64], denominator: int) -> NDArray[np.float64
     return np.where(below, -value, value)
 
 
+# Beyond this many parts of a turn single cosines cost less memory than all of a circle.
+_LARGEST_CIRCLE: Final = 1 << 16
+
+
+def cosines(
+    factors: NDArray[np.int64],
+    places: NDArray[np.int64],
+    turn: int,
+    is_sine: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """cos, or sin, of 2 pi factor place / turn: whole numbers are reduced before the cosine.
+
+    Parameters
+    ----------
+    factors : (m,) int64
+    places : (n,) int64
+    turn : int
+    is_sine : (m,) bool
+        For each factor.
+
+    Returns
+    -------
+    (m, n) float64
+    """
+    parts = 4 * turn // math.gcd(turn, 4)
+    # The sine is a quarter turn back.
+    phase = exact_products(factors, places, turn) * (parts // turn)
+    phase -= is_sine[:, None] * (parts // 4)
+    if parts <= _LARGEST_CIRCLE:
+        return circle_cosines(parts).take(phase, mode="wrap")
+    return cos_pi(phase, parts // 2)
+
+
+@lru_cache(maxsize=16)
 def circle_cosines(turn: int) -> NDArray[np.float64]:
     """Cosines of every whole multiple of 1 / `turn` of a turn, with the bits of `cos_pi`.
 

@@ -22,7 +22,7 @@ from modalmotion.modes.order import require_within_zone
 from modalmotion.modes.oscillators import Oscillators, State
 from modalmotion.modes.responses import free_states
 from modalmotion.modes.topology import CLOSED, ModeLabel
-from modalmotion.modes.transform import project, superpose_with
+from modalmotion.modes.transform import project
 
 Array = NDArray[np.float64]
 Spacing = float | tuple[float, ...]
@@ -269,11 +269,10 @@ def propagate(
     (nodes, ...) float64, mm
         One array for each time.
     """
-    factors = lattice.factors(modes)
+    shapes = lattice.shapes(modes)
     for state in free_states(mode_oscillators(lattice, modes, damping), times, start):
         a = state.amplitudes
-        u = superpose_with(factors, a.reshape(1, len(modes), -1))
-        yield u.reshape(lattice.n_nodes, *a.shape[1:])
+        yield (shapes @ a.reshape(len(modes), -1)).reshape(lattice.n_nodes, *a.shape[1:])
 
 
 def travelling_wave(

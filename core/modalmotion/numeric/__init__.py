@@ -1,1 +1,1 @@
-"""Numerics that are the same on any number of threads and hold at extreme sizes."""
+"""Numerics that hold at extreme sizes."""

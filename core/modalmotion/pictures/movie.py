@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh import face_normals
 from modalmotion.modes.topology import CLOSED_CURVE
-from modalmotion.numeric.products import lengths
+from modalmotion.numeric.scales import lengths
 from modalmotion.pictures.modes import COLOURS
 from modalmotion.pictures.view import fill_cube, new_figure, tilted, upright
 from modalmotion.template.template import Template

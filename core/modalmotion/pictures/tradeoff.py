@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.pictures.view import ShownUnit, new_figure, shown_unit
+from modalmotion.signature.choice import NUMBERS, SceneKind
 from modalmotion.signature.front import Front
-from modalmotion.signature.model import n_functions
+from modalmotion.signature.nested_modes import n_functions
 from modalmotion.signature.tradeoff import Tradeoff
 
 if TYPE_CHECKING:
@@ -110,14 +111,13 @@ def _lower_hull(front: Front) -> tuple[NDArray[np.float64], NDArray[np.float64]]
 
 def _simple_kinds(panels: list[Any], tradeoff: Tradeoff, factor: float) -> None:
     """Mark the motions described by a fixed count of numbers."""
-    for motion in (tradeoff.scene.rigid, tradeoff.scene.affine):
-        numbers = {"rigid": 6, "affine": 12}[motion.kind.value]
-        error = factor * motion.error.rms
+    for kind in (SceneKind.RIGID, SceneKind.AFFINE):
+        numbers, error = NUMBERS[kind], factor * tradeoff.scene[kind].rms
         if error <= _SMALLEST_SHARE * factor * tradeoff.front.motion_rms:
             continue
         for panel, x in ((panels[0], numbers), (panels[1], 8 * numbers * tradeoff.front.n_frames)):
             panel.plot(x, error, marker="D", markersize=5, color="#555555", zorder=5)
-            _note(panel, motion.kind.value, (x, error), (6, 4))
+            _note(panel, kind.value, (x, error), (6, 4))
 
 
 def _draw_times(panel: Any, tradeoff: Tradeoff, factor: float, unit: str) -> None:
@@ -174,10 +174,7 @@ def _title(tradeoff: Tradeoff, shown: ShownUnit, factor: float) -> str:
         f"{front.n_frames} frames of {front.n_vertices} vertices, motion "
         f"{factor * front.motion_rms:.3g} {unit} RMS.  Chosen: "
     )
-    if chosen.signature is None:
-        text += f"{chosen.kind} motion, "
-    else:
-        text += f"{len(chosen.signature.modes)} modes, {price.amplitudes_per_frame} amplitudes, "
-        if chosen.signature.parameters.harmonics is not None:
-            text += f"{chosen.signature.parameters.harmonics} harmonics, "
+    text += f"{len(chosen.signature.modes)} modes, {price.amplitudes_per_frame} amplitudes, "
+    if chosen.signature.parameters.harmonics is not None:
+        text += f"{chosen.signature.parameters.harmonics} harmonics, "
     return f"{text}{price.bytes} bytes; {rms:.3g} RMS, {p95:.3g} p95, {largest:.3g} max ({unit})"

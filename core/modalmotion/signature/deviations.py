@@ -26,17 +26,13 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ModeCountError
 from modalmotion.mesh import mean_slopes, vertex_areas
-from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
-from modalmotion.numeric.products import power_of_two, product
-from modalmotion.signature.basis import Basis, make_basis
-from modalmotion.signature.fitter import Fitter
-from modalmotion.signature.model import Model
-from modalmotion.signature.noise import measure_noise
-from modalmotion.signature.parameters import SignatureKind
+from modalmotion.numeric.scales import power_of_two
+from modalmotion.signature.fit import Basis, Fit, Fitter, make_basis
+from modalmotion.signature.noise import Noise, estimated
 from modalmotion.template import Template
 from modalmotion.template.template import Placement
 
@@ -105,7 +101,7 @@ def amplitude_deviations(
         variances = parts[0] * rest[f] ** 2
         if len(parts[1][0, 0]):
             L = (parts[1] @ R.T).reshape(variances.size, -1) / unit
-            variances += (product(L, covariances[f]) * L).sum(axis=1).reshape(variances.shape)
+            variances += ((L @ covariances[f]) * L).sum(axis=1).reshape(variances.shape)
         own[f] = np.sqrt(np.maximum(variances, 0.0))
     return unit * _from_reference(own, uncertainty.between_frames, reference)
 
@@ -235,12 +231,12 @@ def _parts(
     n, k, m = q.shape[1], len(rigid.sizes), uncertainty.shapes.shape[1]
     # How much each rigid motion adds to each amplitude.
     answers = np.einsum("vic,vck->vik", q, rigid.moves).reshape(n_vertices, n * k)
-    of_rigid = product(P, np.ascontiguousarray(answers)).reshape(n_modes, n, k)
+    of_rigid = (P @ answers).reshape(n_modes, n, k)
     # Errors apart: each vertex counts with its own, and with those that are the same.
-    squares = product(P**2, uncertainty.alike[:, None] * (q**2).sum(axis=2))
+    squares = (P**2) @ (uncertainty.alike[:, None] * (q**2).sum(axis=2))
     spread = rigid.sizes * uncertainty.alike[:, None]
     mixed = np.einsum("vic,kvc->vik", q, spread).reshape(n_vertices, n * k)
-    mixed = product(P, np.ascontiguousarray(mixed)).reshape(n_modes, n, k)
+    mixed = (P @ mixed).reshape(n_modes, n, k)
     gram = np.einsum("kvc,lvc->kl", spread, rigid.sizes)
     variances = squares - 2.0 * (mixed * of_rigid).sum(axis=2)
     variances += np.einsum("jik,kl,jil->ji", of_rigid, gram, of_rigid)
@@ -249,8 +245,8 @@ def _parts(
         sizes = np.empty((k, m, 3))
         for c in range(3):
             for i in range(n):
-                L[:, i, :, c] = product(P * q[:, i, c], uncertainty.shapes)
-            sizes[:, :, c] = product(np.ascontiguousarray(rigid.sizes[:, :, c]), uncertainty.shapes)
+                L[:, i, :, c] = (P * q[:, i, c]) @ uncertainty.shapes
+            sizes[:, :, c] = rigid.sizes[:, :, c] @ uncertainty.shapes
         L -= np.tensordot(of_rigid, sizes, axes=1)
     return variances, L
 
@@ -276,88 +272,60 @@ def _from_reference(
 
 
 def deviations_of(
-    sequence: MeshSequence, model: Model, fitter: Fitter, rotations: Rotations
-) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
+    fitter: Fitter, fit: Fit, noise: Noise | None
+) -> tuple[NDArray[np.float64], list[str]]:
     """Propagate what is known of the positions' errors to the amplitudes.
 
     Parameters
     ----------
-    sequence : MeshSequence
-        As it was measured, and not its offsets.
-    model : Model
-        That was fitted.
     fitter : Fitter
-    rotations : Rotations
-        Removed before the fit.
+    fit : Fit
+    noise : Noise or None
+        If it was estimated; without it, and without a track, it is.
 
     Returns
     -------
-    deviations : (frames, modes, n) float64, length unit, or None
-        None if nothing is known, and nobody asked for an estimate.
-    notes : tuple of str
+    deviations : (frames, modes, n) float64, length unit
+    notes : list of str
         What they come from.
     """
-    uncertainty, notes = sequence.uncertainty, tuple[str, ...]()
+    sequence, template, parameters = fitter.sequence, fitter.template, fitter.parameters
+    uncertainty, notes, words = sequence.uncertainty, [], "the deviations of the track"
     if uncertainty is None:
-        noise = None if model.choice is None else model.choice.noise
-        if noise is None and fitter.parameters.deviations:
-            noise = measure_noise(_material(sequence, fitter))
-            notes = (noise.note(sequence.unit),)
+        words = "the noise of the vertices"
         if noise is None:
-            return None, ()
+            # Of displacements, whose noise is known.
+            noise = estimated(replace(fitter, offsets=None)).noise
+            notes = [noise.note(sequence.unit)]
         # Of vertices that count alike: by how much they count is in the fit.
         n = sequence.n_vertices
-        independent = noise.independent_vertices * n * float((fitter.template.weights**2).sum())
+        independent = noise.independent_vertices * n * float((template.weights**2).sum())
         uncertainty = Uncertainty.of_noise(
             noise.sigma, sequence.n_frames, n, independent, noise.between_frames
         )
-        words = "the noise of the vertices"
-    else:
-        words = "the deviations of the track"
-    is_offset = fitter.offsets is not None
-    basis = model.basis
+    matrices = fit.rotations.matrices
     deviations = amplitude_deviations(
         sequence,
         uncertainty,
-        fitter.template,
-        basis,
-        rotations.matrices,
-        fitter.parameters.reference,
+        template,
+        fit.basis,
+        matrices,
+        parameters.reference,
         directions=fitter.frames,
-        is_offset=is_offset,
-        remove_rotation=fitter.parameters.remove_rotation,
+        is_offset=fitter.offsets is not None,
+        remove_rotation=parameters.remove_rotation,
     )
-    placement = fitter.template.placement
-    if placement is not None and fitter.parameters.template is None:
+    placement = template.placement
+    if placement is not None and parameters.template is None:
         # Of the sequence itself: where its axes point is part of the error.
-        fits = [(fitter, basis)]
-        for turn in turns_of_axes(placement, uncertainty, rotations.matrices):
-            turned = replace(fitter, template=fitter.template.turned(turn))
+        variances = deviations**2
+        own = fitter.along(fit.basis.projector)
+        for turn in turns_of_axes(placement, uncertainty, matrices):
+            turned = replace(fitter, template=template.turned(turn))
             # So many modes that the turned shape just cannot distinguish them: none is about axes.
             with suppress(ModeCountError):
-                fits.append((turned, make_basis(turned.template, model.modes)))
-        fitted, *others = _amplitudes(fits)
-        deviations = np.sqrt(deviations**2 + sum((other - fitted) ** 2 for other in others))
+                basis = make_basis(turned.template, fit.basis.modes)
+                variances += (turned.along(basis.projector) - own) ** 2
+        deviations = np.sqrt(variances)
         words += ", and from how far they leave axis and zero of theta undecided"
-    text = f"The standard deviations of the amplitudes follow from {words}."
-    return deviations, (*notes, text)
-
-
-def _amplitudes(fits: list[tuple[Fitter, Basis]]) -> list[NDArray[np.float64]]:
-    """Amplitudes of the displacements of the first fitter on each template."""
-    parts: list[list[NDArray[np.float64]]] = [[] for _ in fits]
-    for block in fits[0][0].displacements.blocks():
-        for (fitter, basis), found in zip(fits, parts, strict=True):
-            u = fitter.in_components(block)[0]
-            rows = u.reshape(-1, u.shape[2])
-            a = product(rows, basis.columns)[:, : len(basis.modes)] * block.shape.scale
-            found.append(a.reshape(len(u), u.shape[1], -1).transpose(0, 2, 1))
-    return [np.concatenate(found) for found in parts]
-
-
-def _material(sequence: MeshSequence, fitter: Fitter) -> Fitter:
-    """Fitter of the displacements, whose noise is known."""
-    if fitter.offsets is None:
-        return fitter
-    parameters = replace(fitter.parameters, kind=SignatureKind.MATERIAL)
-    return Fitter.of(sequence, fitter.template, parameters)
+    return deviations, [*notes, f"The standard deviations of the amplitudes follow from {words}."]

@@ -12,13 +12,16 @@ from modalmotion.arguments.checking import whole
 from modalmotion.errors import InputError, ParameterError
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.modes.topology import CUP, CYLINDER, MESH, PLANE, Topology
-from modalmotion.numeric.products import root_mean_square
 from modalmotion.representation import shown
-from modalmotion.signature.fitter import Fitter, SceneError
+from modalmotion.signature.fit import Fitter
 from modalmotion.signature.making import resolve_parameters, resolve_sequence, resolve_template
-from modalmotion.signature.model import harmonics_of, n_functions
-from modalmotion.signature.nested_modes import energies_of, ladder_of, plain_energies_of
-from modalmotion.signature.parameters import SignatureKind, SignatureParameters
+from modalmotion.signature.nested_modes import (
+    energies_of,
+    harmonics_of,
+    n_functions,
+    nested_modes,
+)
+from modalmotion.signature.parameters import ErrorKind, SignatureKind, SignatureParameters
 from modalmotion.signature.value import ModalSignature
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components
@@ -157,14 +160,9 @@ def other_topologies(
         return ()
     others = {CUP: (CYLINDER,), CYLINDER: (CUP,), PLANE: (CUP,)}.get(own, ())
     if sequence.grid is not None:
-        return tuple(
-            other for other in others if own != PLANE and (other != CUP or _is_cup(sequence.grid))
-        )
+        is_cup = sequence.grid[-1] % 2 == 0
+        return tuple(other for other in others if own != PLANE and (other != CUP or is_cup))
     return others
-
-
-def _is_cup(grid: tuple[int, ...]) -> bool:
-    return grid[1] % 2 == 0
 
 
 def _branches(
@@ -175,31 +173,30 @@ def _branches(
     all_components = components or tuple(
         sorted(Components, key=lambda one: one != parameters.components)
     )
-    ladder = ladder_of(template, most_modes, sequence.grid)
-    functions = harmonics_of(sequence.n_frames, sequence.times)
+    nested = nested_modes(template, most_modes, sequence.grid)
+    counts, functions = nested.counts, harmonics_of(sequence.n_frames, sequence.times)
     branches, motion, weighted_motion = [], 0.0, 0.0
     for one in all_components:
         if one != Components.CARTESIAN and template.landmarks is None and components is None:
             continue
         turned = fitter.asking(components=one)
-        fit = turned.fit(ladder.basis)
-        plain = plain_energies_of(turned, ladder.basis, fit)
-        weighted = energies_of(ladder.basis, fit)
+        fit = turned.fit(nested.basis)
+        plain, weighted = energies_of(turned, fit, ErrorKind.RMS), energies_of(turned, fit)
         branches.append(
             Branch(
                 topology=MESH if template.surface is None else template.surface.name,
                 components=one,
-                counts=ladder.counts,
-                rms=plain.rms(ladder.counts),
-                joint_rms=plain.joint_rms(ladder.counts, functions),
-                weighted_rms=weighted.rms(ladder.counts),
-                weighted_joint_rms=weighted.joint_rms(ladder.counts, functions),
-                condition=ladder.basis.condition,
-                ends_because=ladder.ends_because,
+                counts=counts,
+                rms=plain.rms(counts),
+                joint_rms=plain.joint_rms(counts, functions),
+                weighted_rms=weighted.rms(counts),
+                weighted_joint_rms=weighted.joint_rms(counts, functions),
+                condition=nested.basis.condition,
+                ends_because=nested.ends_because,
             )
         )
-        motion = root_mean_square(fit.motion_rms)
-        weighted_motion = root_mean_square(fit.weighted_motion_rms)
+        motion = fit.motion.over_frames(ErrorKind.RMS)
+        weighted_motion = fit.motion.over_frames(ErrorKind.WEIGHTED_RMS)
     return branches, motion, weighted_motion
 
 
@@ -262,64 +259,22 @@ def price_of(signature: ModalSignature, milliseconds: Mapping[str, float] | None
     milliseconds : mapping of str to float, optional
         Times measured during the fit.
     """
-    modes, f = len(signature.modes), signature.n_frames
-    harmonics = signature.parameters.harmonics
+    f, harmonics = signature.n_frames, signature.parameters.harmonics
     per_path = f if harmonics is None else min(n_functions(harmonics), f)
-    directions = signature.parameters.n_directions
-    if signature.choice is not None and signature.choice.normal is not None:
-        directions = 2
-    return priced(
-        SceneError(
-            rms=signature.rms_error,
-            weighted_rms=signature.weighted_rms_error,
-            p95=float(signature.p95_errors.max()),
-            max=signature.max_error,
-        ),
-        unit=signature.unit,
-        condition=signature.condition,
-        amplitudes_per_frame=directions * modes,
-        numbers=directions * modes * per_path,
-        n_frames=f,
-        n_vertices=signature.n_vertices,
-        milliseconds=milliseconds,
-    )
-
-
-def priced(
-    errors: SceneError,
-    *,
-    unit: str | None,
-    condition: float,
-    amplitudes_per_frame: int,
-    numbers: int,
-    n_frames: int,
-    n_vertices: int,
-    milliseconds: Mapping[str, float] | None = None,
-) -> Price:
-    """Work out a price from counts and errors.
-
-    Parameters
-    ----------
-    errors : SceneError
-    unit : str or None
-    condition : float
-    amplitudes_per_frame, numbers, n_frames, n_vertices : int
-    milliseconds : mapping of str to float, optional
-    """
-    factor = 1.0 if unit is None else MM_PER_UNIT[unit]
-    coordinates = 3 * n_vertices
+    numbers, coordinates = signature.n_amplitudes * per_path, 3 * signature.n_vertices
+    factor = 1.0 if signature.unit is None else MM_PER_UNIT[signature.unit]
     return Price(
-        rms_error=factor * errors.rms,
-        weighted_rms_error=factor * errors.weighted_rms,
-        p95_error=factor * errors.p95,
-        max_error=factor * errors.max,
-        unit=None if unit is None else "mm",
-        condition=condition,
-        amplitudes_per_frame=amplitudes_per_frame,
+        rms_error=factor * signature.rms_error,
+        weighted_rms_error=factor * signature.weighted_rms_error,
+        p95_error=factor * float(signature.p95_errors.max()),
+        max_error=factor * signature.max_error,
+        unit=None if signature.unit is None else "mm",
+        condition=signature.condition,
+        amplitudes_per_frame=signature.n_amplitudes,
         numbers=numbers,
         bytes=8 * numbers,
         bytes_float32=4 * numbers,
-        compression=coordinates / max(amplitudes_per_frame, 1),
-        compression_of_sequence=n_frames * coordinates / (numbers + coordinates),
+        compression=signature.compression,
+        compression_of_sequence=f * coordinates / (numbers + coordinates),
         milliseconds=dict(milliseconds or {}),
     )

@@ -15,8 +15,8 @@ from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.spring_modes import SpringModes
 from modalmotion.modes import Modes, ModeSet
 from modalmotion.modes.topology import MESH, Topology
+from modalmotion.signature.choice import ModelChoice
 from modalmotion.signature.making import ModalSignature, SignatureParameters
-from modalmotion.signature.model import ModelChoice
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 

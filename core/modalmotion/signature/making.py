@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import platform
-from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import version
 from typing import Final
@@ -20,14 +19,18 @@ from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import PLANE, Topology
 from modalmotion.progress import ShareReport, Stopwatch, silent
 from modalmotion.representation import counted, numeral
-from modalmotion.signature.basis import TemplateCache
+from modalmotion.signature.choice import choose_fit, note_on_compactness
 from modalmotion.signature.deviations import deviations_of
-from modalmotion.signature.fit import Fit, notes_on_strays
-from modalmotion.signature.fitter import Fitter
-from modalmotion.signature.parameters import MOST_MODES, SignatureKind, SignatureParameters
-from modalmotion.signature.selection import select_model
+from modalmotion.signature.fit import Fit, Fitter, make_basis
+from modalmotion.signature.nested_modes import limited
+from modalmotion.signature.parameters import (
+    MOST_MODES,
+    USUAL_MODES,
+    SignatureKind,
+    SignatureParameters,
+)
 from modalmotion.signature.value import ModalSignature
-from modalmotion.template import Template, make_template, require_same_mesh
+from modalmotion.template import Template, choose_modes, make_template, require_same_mesh
 from modalmotion.template.vibration_modes import frequencies_of
 
 # Corners of triangles in memory at a time.
@@ -87,7 +90,6 @@ def modal_signature(
     parameters: SignatureParameters | None = None,
     *,
     template: Template | None = None,
-    cache: TemplateCache | None = None,
     watch: Stopwatch | None = None,
 ) -> ModalSignature:
     """Fit closed-form modes to a sequence.
@@ -99,8 +101,6 @@ def modal_signature(
         7 modes by default: 21 amplitudes a frame.
     template : Template, optional
         The one that the parameters name; made from the sequence's own reference by default.
-    cache : TemplateCache, optional
-        Holds factored modes of templates.
     watch : Stopwatch, optional
         Told of the stages `template`, `fit` and `notes`.
 
@@ -128,35 +128,44 @@ def modal_signature(
     watch = watch or Stopwatch()
     with watch.stage("template") as report:
         own_template = resolve_template(sequence, parameters, template, report)
+    notes = [*_notes_on_sequence(sequence, parameters.reference), *own_template.notes]
     with watch.stage("fit"):
-        fitter = Fitter.of(sequence, own_template, parameters)
-        model = select_model(fitter, cache or TemplateCache())
-    modes, fit = model.modes, model.fit
-    if fitter.offsets is not None:
-        # They were taken out before the fit.
-        rotations, translations = fitter.offsets.rotations, fitter.offsets.translations
-        fit = replace(fit, rotations=rotations, translations=translations)
-    frequencies = frequencies_of(modes, own_template)
-    notes = [*_notes_on_sequence(sequence, parameters.reference), *own_template.notes, *model.notes]
+        fitter, choice = Fitter.of(sequence, own_template, parameters), None
+        if parameters.modes is None:
+            fit, choice, said = choose_fit(fitter)
+            notes += said
+        else:
+            chosen = choose_modes(
+                own_template, parameters.modes, sequence.grid, split_pairs=parameters.split_pairs
+            )
+            fit = fitter.fit(make_basis(own_template, chosen.modes))
+            if parameters.harmonics is not None:
+                fit = limited(fitter, fit)
+            notes += chosen.notes
+            if len(chosen.modes) > USUAL_MODES:
+                note = note_on_compactness(len(chosen.modes), sequence.n_vertices)
+                notes += [note] if note else []
+    modes = fit.basis.modes
     undetermined = np.flatnonzero(~fit.rotations.is_determined)
     if undetermined.size:
         notes.append(
             f"The rotation is not determined in {counted(undetermined.size, 'frame')} (first: "
             f"frame {undetermined[0]}): the points span less than a plane or fit several rotations."
         )
+    deviations, noise = None, None if choice is None else choice.noise
     with watch.stage("notes"):
-        notes += notes_on_strays(sequence, own_template, fit)
-        notes += _note_on_loose_vertices(fit, sequence.unit)
-        deviations, said = deviations_of(sequence, model, fitter, fit.rotations)
-        notes += said
+        notes += _notes_on_strays(sequence, own_template, fit)
+        if parameters.deviations or noise is not None or sequence.uncertainty is not None:
+            deviations, said = deviations_of(fitter, fit, noise)
+            notes += said
     if parameters.template is not None:
         notes += _notes_on_parting(sequence, own_template)
-    if not fit.motion_rms.any():
+    if not fit.motion.max.any():
         notes.append("Nothing moves: every frame equals the reference.")
     return ModalSignature(
         modes=modes.names,
         amplitudes=fit.amplitudes,
-        angular_frequencies=frequencies,
+        angular_frequencies=frequencies_of(modes, own_template),
         rotations=fit.rotations,
         reference_amplitudes=fit.reference_amplitudes,
         volumes=enclosed_volumes(sequence, own_template) if parameters.volumes else None,
@@ -165,20 +174,20 @@ def modal_signature(
         weighted_rms_errors=fit.errors.weighted_rms,
         p95_errors=fit.errors.p95,
         max_errors=fit.errors.max,
-        motion_rms=fit.motion_rms,
-        weighted_motion_rms=fit.weighted_motion_rms,
+        motion_rms=fit.motion.rms,
+        weighted_motion_rms=fit.motion.weighted_rms,
         times=sequence.times,
         unit=sequence.unit,
         n_vertices=sequence.n_vertices,
         lengths=own_template.lengths,
         landmarks=own_template.landmarks,
-        condition=model.basis.condition,
+        condition=fit.basis.condition,
         parameters=parameters,
         sequence_id=original.id,
         template_id=own_template.id,
         notes=tuple(notes),
         provenance=provenance(),
-        choice=model.choice,
+        choice=choice,
         amplitude_deviations=deviations,
         facts=original.facts,
     )
@@ -228,7 +237,6 @@ def resolve_template(
     return make_template(
         sequence.with_facts(NO_FACTS),
         reference=parameters.reference,
-        weights=parameters.weights,
         landmarks=parameters.landmarks,
         closed_form=parameters.closed_form,
         by_rows=parameters.kind != SignatureKind.OFFSET,
@@ -245,17 +253,6 @@ def provenance() -> dict[str, str]:
 def _versions() -> dict[str, str]:
     # Each is read from a file of the installation: 6 ms for all, more than the fit itself.
     return {name: version(name) for name in ("modalmotion", "numpy", "scipy", "h5py")}
-
-
-def _note_on_loose_vertices(fit: Fit, unit: str | None) -> list[str]:
-    largest, surface = float(fit.errors.max.max()), float(fit.errors.surface_max.max())
-    if largest <= surface:
-        return []
-    text = (
-        f"The largest error, {numeral(largest)} {unit or 'length units'}, is of a vertex in no "
-        f"triangle; on the surface it is {numeral(surface)}."
-    )
-    return [text]
 
 
 def _notes_on_parting(sequence: MeshSequence, template: Template) -> list[str]:
@@ -293,3 +290,95 @@ def _notes_on_sequence(sequence: MeshSequence, reference: Reference) -> list[str
                 f"to {step:.2g}, which no fit can undo. Store float64, or shift the origin."
             )
     return notes
+
+
+# A largest error is checked beyond so many p95 errors, or this share of the surface.
+_P95S: Final = 8.0
+_SHARE: Final = 0.2
+
+# Edges of a stray vertex are longer by at least this share of the error; half of the edges of a
+# frame that is numbered otherwise are longer, or shorter, by this factor.
+_OF_ERROR: Final = 0.5
+_FACTOR: Final = 3.0
+
+
+def _notes_on_strays(sequence: MeshSequence, template: Template, fit: Fit) -> list[str]:
+    """Name the frame with the largest error, and its vertex, if they are out of place.
+
+    Costs nothing where the errors are those of a surface that moves.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    template : Template
+        Its vertices are the reference.
+    fit : Fit
+        Of the sequence.
+
+    Returns
+    -------
+    list of str
+        Empty, or one note.
+    """
+    start, unit = template.vertices, sequence.unit or "length units"
+    # Direction by direction, which is ten times as fast as all at once.
+    extent = max(float(np.ptp(x)) for x in start.T)
+    largest = fit.errors.max
+    frame, error = int(largest.argmax()), float(largest.max())
+    farthest = int(fit.motion.weighted_rms.argmax())
+    suspects = []
+    if fit.motion.weighted_rms[farthest] > _SHARE * extent:
+        suspects.append(farthest)
+    if error > min(_P95S * float(fit.errors.p95[frame]), _SHARE * extent):
+        suspects.append(frame)
+    sides = _sides(template) if suspects else np.zeros((0, 2), dtype=np.int64)
+    if not len(sides) or not extent > 0:
+        return []
+    before = _lengths(start, sides, extent)
+    usual = float(np.median(before))
+    for suspect in suspects:
+        after = _lengths(sequence.vertices[suspect].astype(np.float64), sides, extent)
+        length = float(np.median(after))
+        if not usual / _FACTOR <= length <= usual * _FACTOR:
+            text = (
+                f"Frame {suspect} does not go with the others: half of its edges are "
+                f"{length / usual if usual > 0 else np.inf:.3g} times as long as in the reference. "
+                "Its vertices may be numbered otherwise, or be in another unit; send it again or "
+                "leave it out."
+            )
+            return [text]
+    growth = np.full(len(start), np.inf)
+    np.minimum.at(growth, sides.ravel(), np.repeat(after - before, 2))
+    growth[np.isinf(growth)] = 0.0
+    strays = np.flatnonzero(growth > _OF_ERROR * error / extent)
+    if frame not in suspects or not len(strays):
+        return []
+    vertex = int(growth.argmax())
+    more = "" if len(strays) == 1 else f" ({len(strays)} such vertices in this frame)"
+    text = (
+        f"Frame {frame}, vertex {vertex} is out of place: each edge to its neighbours is at least "
+        f"{numeral(float(growth[vertex]) * extent)} {unit} longer than in the reference{more}. "
+        "Correct the vertex or its number, or leave the frame out: the errors stated here count it."
+    )
+    return [text]
+
+
+def _sides(template: Template) -> NDArray[np.int64]:
+    """Pairs of neighbours, those inside a surface twice."""
+    if len(template.faces):
+        sides: NDArray[np.int64] = template.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        proper: NDArray[np.int64] = sides[sides[:, 0] != sides[:, 1]]
+        return proper
+    if template.surface is not None and template.surface.n_axes == 1:
+        along = np.arange(len(template.vertices))
+        return np.stack([along[:-1], along[1:]], axis=1)
+    return np.zeros((0, 2), dtype=np.int64)
+
+
+def _lengths(
+    vertices: NDArray[np.float64], sides: NDArray[np.int64], extent: float
+) -> NDArray[np.float64]:
+    """Lengths of sides over the extent, whose squares are ordinary numbers in any unit."""
+    along = (vertices[sides[:, 1]] - vertices[sides[:, 0]]) / extent
+    lengths: NDArray[np.float64] = np.linalg.norm(along, axis=1)
+    return lengths

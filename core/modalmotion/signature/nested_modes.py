@@ -1,39 +1,32 @@
-"""Nested sets of modes, factored once, and the errors of all of them."""
+"""Nested sets of modes, factored once, the errors of all of them, and paths limited in time."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.modes import Modes, whole_count, whole_counts
-from modalmotion.numeric.products import orthonormal, power_of_two, product, triangle_of
-from modalmotion.signature.basis import Basis, largest_sound
-from modalmotion.signature.fit import Fit
-from modalmotion.signature.fitter import Fitter
-from modalmotion.signature.model import Harmonics, n_functions
-from modalmotion.signature.parameters import MOST_MODES
+from modalmotion.errors import ParameterError
+from modalmotion.modes import whole_count, whole_counts
+from modalmotion.numeric.scales import orthonormal, power_of_two
+from modalmotion.signature.fit import Basis, Fit, Fitter, largest_sound
+from modalmotion.signature.parameters import MOST_MODES, ErrorKind
 from modalmotion.template import Template, choose_modes
 from modalmotion.template.vibration_modes import shapes_of
 
 # Numbers in the shapes that are factored at once: 480 MB with their factor.
 _MOST_NUMBERS: Final = 30_000_000
 
-
 # Each spring mode is an eigenvector to solve for.
 _MOST_SPRINGS: Final = 400
 
 
 @dataclass(frozen=True, eq=False)
-class Ladder:
-    """All whole sets of modes in one order, up to a largest one.
-
-    The first k columns of a QR factorisation are that of the first k shapes, so one
-    factorisation serves every set.
+class NestedModes:
+    """All whole sets of modes in one order, up to a largest one: one factorisation serves all.
 
     Parameters
     ----------
@@ -52,34 +45,8 @@ class Ladder:
     ends_because: str
     notes: tuple[str, ...] = ()
 
-    @cached_property
-    def noise_shares(self) -> NDArray[np.float64]:
-        """Expected squared coefficient of each mode in independent noise of variance 1.
 
-        Returns
-        -------
-        (modes,) float64
-            Near 1 / vertices each.
-        """
-        # c = Q'W^(1/2) e, so E c_j^2 is the squared length of row j.
-        rows = self.basis.analysis
-        shares: NDArray[np.float64] = np.einsum("jn,jn->j", rows, rows)
-        return shares
-
-    def basis_of(self, count: int) -> Basis:
-        """First modes of the order, factored."""
-        whole = self.basis
-        R = np.ascontiguousarray(whole.triangle[:count, :count])
-        shapes = np.ascontiguousarray(whole.shapes[:, :count])
-        condition = float(np.linalg.cond(R))
-        return Basis(self.modes(count), shapes, R, whole.analysis[:count], condition)
-
-    def modes(self, count: int) -> Modes:
-        """First modes of the order."""
-        return self.basis.modes.take(np.arange(count))
-
-
-def ladder_of(template: Template, n_modes: int, grid: tuple[int, ...] | None = None) -> Ladder:
+def nested_modes(template: Template, n_modes: int, grid: tuple[int, ...] | None) -> NestedModes:
     """Factor the first modes of a template, as many of them as it can tell apart.
 
     Parameters
@@ -88,26 +55,19 @@ def ladder_of(template: Template, n_modes: int, grid: tuple[int, ...] | None = N
     n_modes : int
         Requested number of the largest set; fewer if the surface, memory or the condition of
         the fit ends the order before.
-    grid : tuple of int, optional
+    grid : tuple of int or None
         Nodes along each axis of a lattice.
     """
     n, ends = most_modes_of(template, n_modes, grid)
     choice = choose_modes(template, n, grid)
-    modes = choice.modes
-    shapes = shapes_of(modes, template)
-    root = np.sqrt(template.weights)[:, None]
-    weighted = root * shapes
-    R = triangle_of(weighted)
-    counts = whole_counts(modes)
-    sound, condition = largest_sound(R, counts)
+    modes, counts = choice.modes, whole_counts(choice.modes)
+    shapes, root = shapes_of(modes, template), np.sqrt(template.weights)[:, None]
+    Q, R = orthonormal(root * shapes)
+    sound = largest_sound(R, counts)
     if sound < n:
         ends = f"{sound} modes are the most that its vertices tell apart"
-        weighted, R = weighted[:, :sound], np.ascontiguousarray(R[:sound, :sound])
-        shapes = np.ascontiguousarray(shapes[:, :sound])
-        modes, counts = modes.take(np.arange(sound)), counts[counts <= sound]
-    Q, R = orthonormal(weighted, R, condition)
-    basis = Basis(modes, shapes, R, np.ascontiguousarray((root * Q).T), condition)
-    return Ladder(basis, counts, ends, choice.notes)
+    whole = Basis(modes, shapes, R, np.ascontiguousarray((root * Q).T), 1.0)
+    return NestedModes(whole.first(sound), counts[counts <= sound], ends, choice.notes)
 
 
 def most_modes_of(
@@ -188,17 +148,6 @@ class Energies:
         rms: NDArray[np.float64] = self.scale * np.sqrt(np.maximum(squares, 0.0))
         return rms
 
-    def worst_frame_rms(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
-        """RMS error of the worst frame: no maximum over the vertices is smaller.
-
-        Returns
-        -------
-        (sets,) float64, length unit
-        """
-        squares = self.outside + _dropped(self._added(self.coefficients, self.cross).T)[counts]
-        worst: NDArray[np.float64] = self.scale * np.sqrt(squares.max(axis=1))
-        return worst
-
     def joint_rms(self, counts: NDArray[np.int64], harmonics: Harmonics) -> NDArray[np.float64]:
         """RMS error of the first so many modes, their paths limited to harmonics.
 
@@ -242,26 +191,31 @@ class Energies:
         G = np.diag(np.diag(self.overlaps)) + 2.0 * np.triu(self.overlaps, 1)
         rows, m, n_directions = c.shape
         flat = np.ascontiguousarray(c.transpose(1, 0, 2).reshape(m, -1))
-        later = product(G, flat).reshape(m, rows, n_directions).transpose(1, 0, 2)
+        later = (G @ flat).reshape(m, rows, n_directions).transpose(1, 0, 2)
         added: NDArray[np.float64] = (c * (later + 2.0 * cross)).sum(axis=2)
         return added
 
 
-def energies_of(basis: Basis, fit: Fit) -> Energies:
-    """Take the energies by weight of a motion from the fit of the largest set."""
-    f, m, n_directions = fit.amplitudes.shape
-    largest = max(
-        float(fit.weighted_motion_rms.max()), float(np.abs(fit.amplitudes).max(initial=0.0))
+def energies_of(fitter: Fitter, fit: Fit, kind: ErrorKind = ErrorKind.WEIGHTED_RMS) -> Energies:
+    """Take the energies of a motion from the fit of the largest set: plain, or by weight."""
+    basis, is_plain = fit.basis, kind == ErrorKind.RMS
+    motion, errors = (
+        (each.rms if is_plain else each.weighted_rms) for each in (fit.motion, fit.errors)
     )
-    scale = power_of_two(largest)
-    a = (fit.amplitudes / scale).transpose(0, 2, 1).reshape(n_directions * f, m)
+    scale = power_of_two(max(float(motion.max()), float(np.abs(fit.amplitudes).max(initial=0.0))))
     # c = R a
-    c = product(np.ascontiguousarray(a), np.ascontiguousarray(basis.triangle.T))
-    return Energies(
-        coefficients=np.ascontiguousarray(c.reshape(f, n_directions, m).transpose(0, 2, 1)),
-        outside=(fit.errors.weighted_rms / scale) ** 2,
-        scale=scale,
-    )
+    weighted = Energies(basis.triangle @ (fit.amplitudes / scale), (errors / scale) ** 2, scale)
+    if not is_plain:
+        return weighted
+    psi, cross = basis.orthonormal_rows(len(basis.modes)), np.empty_like(weighted.coefficients)
+    psi[:, fitter.template.isolated] = 0.0
+    n = psi.shape[1] - len(fitter.template.isolated)
+    for block in fitter.blocks():
+        c = weighted.coefficients[block.frames].transpose(0, 2, 1)
+        # r = u - sum_j c_j psi_j
+        left = block.u * (block.shape.scale / scale) - c @ psi
+        cross[block.frames] = (left @ psi.T).transpose(0, 2, 1) / n
+    return replace(weighted, overlaps=psi @ psi.T / n, cross=cross)
 
 
 def _split(
@@ -269,8 +223,8 @@ def _split(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Parts along functions of time, (functions, modes, 3), and beyond, (frames, modes, 3)."""
     flat = np.ascontiguousarray(c.reshape(len(c), -1))
-    along = product(np.ascontiguousarray(T.T), flat)
-    return along.reshape(-1, *c.shape[1:]), (flat - product(T, along)).reshape(c.shape)
+    along = T.T @ flat
+    return along.reshape(-1, *c.shape[1:]), (flat - (T @ along)).reshape(c.shape)
 
 
 def _dropped(squares: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -280,42 +234,139 @@ def _dropped(squares: NDArray[np.float64]) -> NDArray[np.float64]:
     return total
 
 
-def plain_energies_of(fitter: Fitter, basis: Basis, fit: Fit) -> Energies:
-    """Take the plain energies of a motion from the fit of the largest set.
+def largest_errors(
+    fitter: Fitter, basis: Basis, energies: Energies, counts: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Largest error of any vertex in any frame for each of several nested sets.
+
+    Unlike the RMS error it may grow with the set, so none can be left out. Each set's
+    residual is that of the one before without its further modes.
 
     Parameters
     ----------
     fitter : Fitter
     basis : Basis
-        Of the largest set, in the order of the fit's amplitudes.
-    fit : Fit
+    energies : Energies
+        Their coefficients may have been limited to harmonics.
+    counts : (sets,) int64
+        Increasing.
+
+    Returns
+    -------
+    (sets,) float64, length unit
     """
-    weighted = energies_of(basis, fit)
-    # A scale of its own: vertices in no triangle may lie anywhere.
-    largest = max(float(fit.motion_rms.max()), float(np.abs(fit.amplitudes).max(initial=0.0)))
-    scale = power_of_two(largest)
-    m, n = basis.projector.shape
-    psi = basis.orthonormal_rows(m)
-    columns = np.ascontiguousarray(psi.T)
-    cross = np.empty_like(weighted.coefficients)
-    for block in fitter.displacements.blocks():
-        u, loose_u = fitter.in_components(block)
-        c = weighted.coefficients[block.frames]
-        loose_u = loose_u - columns[block.loose] @ (c * weighted.scale)
-        f, n_directions, _ = u.shape
-        c = c * (weighted.scale / block.shape.scale)
-        # r = u - sum_j c_j psi_j
-        rows = u.reshape(n_directions * f, n)
-        flat = np.ascontiguousarray(c.transpose(0, 2, 1)).reshape(n_directions * f, m)
-        rows -= product(flat, psi)
-        rows *= block.shape.scale / scale
-        u[:, :, block.loose] = loose_u.transpose(0, 2, 1) / scale
-        dots = product(rows, columns).reshape(f, n_directions, m)
-        cross[block.frames] = dots.transpose(0, 2, 1) / n
-    return Energies(
-        coefficients=weighted.coefficients * (weighted.scale / scale),
-        outside=(fit.errors.rms / scale) ** 2,
-        scale=scale,
-        overlaps=product(psi, columns) / n,
-        cross=cross,
+    psi, largest = basis.orthonormal_rows(int(counts[-1])), np.zeros(len(counts))
+    for block in fitter.blocks():
+        left, done = block.u.copy(), 0
+        left[:, :, fitter.template.isolated] = 0.0
+        psi[:, fitter.template.isolated] = 0.0
+        c = energies.coefficients[block.frames] * (energies.scale / block.shape.scale)
+        for k, count in enumerate(counts.tolist()):
+            left -= c[:, done:count].transpose(0, 2, 1) @ psi[done:count]
+            done = count
+            far = float(np.sqrt((left**2).sum(axis=1).max())) * block.shape.scale
+            largest[k] = max(largest[k], far)
+    return largest
+
+
+MOST_HARMONICS: Final = 64
+"""Largest number of harmonics; a path that needs more is given as its frames."""
+
+# Uneven times tell harmonics apart up to this condition.
+_LARGEST_CONDITION: Final = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class Harmonics:
+    """Orthonormal functions of the frames, the slow ones first.
+
+    A constant and a straight line in time, then cosine and sine of each harmonic: least
+    squares on the times as they are, even or not. The line takes up the distance between the
+    ends of a movement that does not come back, so that no cycle is closed by force.
+
+    Parameters
+    ----------
+    functions : (frames, functions) float64
+        Orthonormal columns.
+    """
+
+    functions: NDArray[np.float64]
+
+    @property
+    def most(self) -> int:
+        """Largest number of harmonics."""
+        return max(int(self.functions.shape[1]) - 2, 0) // 2
+
+    def limited(self, amplitudes: NDArray[np.float64], harmonics: int) -> NDArray[np.float64]:
+        """Limit paths over time to so many harmonics.
+
+        Parameters
+        ----------
+        amplitudes : (frames, modes, 3) float64
+        harmonics : int
+
+        Returns
+        -------
+        (frames, modes, 3) float64
+        """
+        T = np.ascontiguousarray(self.functions[:, : n_functions(harmonics)])
+        flat = np.ascontiguousarray(amplitudes.reshape(len(amplitudes), -1))
+        return (T @ (T.T @ flat)).reshape(amplitudes.shape)
+
+
+def n_functions(harmonics: int) -> int:
+    """Count the numbers of each amplitude's path: the line's two besides the harmonics'."""
+    return 2 * harmonics + 2
+
+
+def harmonics_of(n_frames: int, times: NDArray[np.float64] | None) -> Harmonics:
+    """Make the functions of time of a sequence, as many as its frames tell apart.
+
+    Parameters
+    ----------
+    n_frames : int
+    times : (frames,) float64, s, or None
+        Even steps if there are none. One turn of a cycle is one even step longer.
+    """
+    at = np.arange(n_frames, dtype=np.float64) if times is None else times - times[0]
+    if n_frames == 1:
+        return Harmonics(np.ones((1, 1)))
+    x = at / (at[-1] * n_frames / (n_frames - 1))
+    columns = [np.ones(n_frames), x - x.mean()]
+    for p in range(1, MOST_HARMONICS + 1):
+        if len(columns) + 2 > n_frames:
+            break
+        pair = [np.cos(2 * np.pi * p * x), np.sin(2 * np.pi * p * x)]
+        if np.linalg.cond(np.stack([*columns, *pair], axis=1)) > _LARGEST_CONDITION:
+            break
+        columns += pair
+    functions, R = np.linalg.qr(np.stack(columns, axis=1))
+    return Harmonics(functions * np.where(np.diag(R) < 0, -1.0, 1.0))
+
+
+def limited(fitter: Fitter, fit: Fit) -> Fit:
+    """Limit the paths of a fit to the harmonics that parameters ask for, if they do."""
+    if fitter.parameters.harmonics is None:
+        return fit
+    functions = required_harmonics(fitter)
+    return fitter.refitted(fit, functions.limited(fit.amplitudes, fitter.parameters.harmonics))
+
+
+def required_harmonics(fitter: Fitter) -> Harmonics:
+    """Functions of time of a sequence, whose frames tell the requested harmonics apart.
+
+    Raises
+    ------
+    ParameterError
+    """
+    available, harmonics = (
+        harmonics_of(fitter.sequence.n_frames, fitter.sequence.times),
+        fitter.parameters.harmonics or 0,
     )
+    if harmonics > available.most:
+        raise ParameterError(
+            f"{harmonics} harmonics cannot be told apart in {fitter.sequence.n_frames} frames.",
+            remedy=f"Ask for at most {available.most}, or leave the path over time as it is.",
+            details={"harmonics": harmonics, "most": available.most},
+        )
+    return available

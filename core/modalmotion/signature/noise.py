@@ -1,345 +1,120 @@
-"""The measurement's noise, estimated from a sequence itself.
-
-Of each band the frames' products are read, in each of three directions of space. Noise fills all
-directions of time alike once its correlation from frame to frame is taken out; a motion takes few
-of them. These are sought in two of the directions of space and read in the third, whose noise knows
-nothing of them.
-"""
+"""The measurement's noise, estimated from a sequence itself, and the modes that rise above it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Final
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
-from modalmotion.mesh.sequence import MeshSequence, Reference
-from modalmotion.mesh.triangles import connectivity_of
-from modalmotion.modes.topology import CLOSED
-from modalmotion.numeric.products import LARGEST_SINGLE_THREADED, power_of_two, product
-from modalmotion.signature.fitter import Fitter
-from modalmotion.signature.model import Noise, over_time
-from modalmotion.signature.nested_modes import Ladder, ladder_of
+from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
+from modalmotion.numeric.scales import power_of_two
+from modalmotion.representation import shown
+from modalmotion.signature.fit import Fitter
+from modalmotion.signature.nested_modes import NestedModes, nested_modes
+from modalmotion.signature.noise_bands import (
+    MIXINGS,
+    Bands,
+    SmoothNoise,
+    bands_of,
+    independent,
+    levels_of,
+    likelihoods,
+    over_time,
+    products_of,
+    shares_of,
+)
 from modalmotion.signature.parameters import MOST_MODES
-from modalmotion.template import Template
 from modalmotion.template.body_frame import Components
 
-MIXINGS: Final = (0, 1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
-"""Times that a noise may have been mixed with its neighbours."""
-
-# Numbers in the white fields that are mixed, and limits of the number of fields.
-_NUMBERS: Final = 24_000
-_FEWEST: Final = 16
-_MOST: Final = 48
+WIDE: Final = 1.5
+"""Ends of the range that differ by more say that motion and noise cannot be told apart well."""
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothNoise:
-    """Fields of noise, ever smoother, of mean square 1 over the weighted vertices.
+@shown("sigma", "lowest", "highest", "between_frames", "between_neighbours")
+@dataclass(frozen=True)
+class Noise:
+    """Noise of each coordinate of each vertex in each frame.
 
     Parameters
     ----------
-    edges : (edges, 2) int64
-        Neighbours.
-    fields : (mixings, vertices, fields) float64
-        Each is the mean of itself and its neighbours in the one before, once or several times.
-    """
-
-    edges: NDArray[np.int64]
-    fields: NDArray[np.float64]
-
-    @staticmethod
-    def on(template: Template) -> SmoothNoise:
-        """Draw fields on a template, the same each time."""
-        edges, n = _edges_of(template), template.n_vertices
-        rows = np.concatenate([edges[:, 0], edges[:, 1], np.arange(n)])
-        columns = np.concatenate([edges[:, 1], edges[:, 0], np.arange(n)])
-        share = 1.0 / np.bincount(rows, minlength=n)
-        once = scipy.sparse.csr_array((share[rows], (rows, columns)), shape=(n, n))
-        n_fields = int(np.clip(_NUMBERS // n, _FEWEST, _MOST))
-        field = np.random.default_rng(0).standard_normal((n, n_fields))
-        fields, counted = np.empty((len(MIXINGS), n, n_fields)), template.weights > 0
-        n_counted = max(int(counted.sum()), 1) * n_fields
-        for k, (before, times) in enumerate(zip((0, *MIXINGS), MIXINGS, strict=False)):
-            for _ in range(times - before):
-                field = once @ field
-            squares = np.einsum("vf,vf->v", field, field) @ counted
-            np.divide(field, np.sqrt(squares / n_counted), out=fields[k])
-        return SmoothNoise(edges, fields)
-
-    def coefficients(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Coefficients rows @ field of shapes, (mixings, modes, fields) float64."""
-        return np.stack([product(rows, field) for field in self.fields])
-
-    def beside(self, k: int) -> float:
-        """Correlation of neighbours after `MIXINGS[k]` mixings."""
-        if not len(self.edges):
-            return 0.0
-        # A thousand edges of each of dozens of fields tell it to a percent.
-        x, y = (self.fields[k, i] for i in self.edges[:: -(-len(self.edges) // 1000)].T)
-        return float((x * y).sum() / np.sqrt((x**2).sum() * (y**2).sum()))
-
-
-def products_of(
-    fields: NDArray[np.float64], weights: NDArray[np.float64] | float = 1.0
-) -> NDArray[np.float64]:
-    """Products of fields with one another over their columns, (mixings, fields, fields) float64.
-
-    Parameters
-    ----------
-    fields : (mixings, columns, fields) float64
-        Independent draws.
-    weights : (columns,) float64 or float
-    """
-    rows = np.ascontiguousarray(fields.transpose(0, 2, 1))
-    if rows[0].size * rows.shape[1] <= LARGEST_SINGLE_THREADED:
-        return rows @ (rows * weights).transpose(0, 2, 1)
-    return np.stack([product(x, np.ascontiguousarray((x * weights).T)) for x in rows])
-
-
-def independent(products: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Independent columns that average like those of fields: tr(C)^2 / tr(C^2), C their covariance.
-
-    Parameters
-    ----------
-    products : (..., fields, fields) float64
-        From `products_of`.
-    """
-    n, own = products.shape[-1], np.diagonal(products, axis1=-2, axis2=-1)
-    # E (x'y)^2 = tr(C^2) for independent fields x and y.
-    squares = ((products**2).sum(axis=(-2, -1)) - (own**2).sum(axis=-1)) / (n * (n - 1))
-    found: NDArray[np.float64] = own.mean(axis=-1) ** 2 / np.maximum(squares, 1e-300)
-    return found
-
-
-def shares_of(ladder: Ladder, noise: SmoothNoise, mixed: int) -> NDArray[np.float64]:
-    """Give the expected squared coefficient of each mode in noise of variance 1, (modes,)."""
-    white = ladder.noise_shares
-    if mixed == 0:
-        return white
-    some = SmoothNoise(noise.edges, noise.fields[[0, MIXINGS.index(mixed)]])
-    # Smooth fields stem from the white ones, so that chance cancels in their ratio.
-    own, smooth = (some.coefficients(ladder.basis.analysis) ** 2).mean(axis=2)
-    shares: NDArray[np.float64] = white * smooth / own
-    return shares
-
-
-def _edges_of(template: Template) -> NDArray[np.int64]:
-    if len(template.faces):
-        return connectivity_of(template.faces, template.n_vertices).edges
-    i = np.arange(template.n_vertices)
-    around = np.stack([i, np.roll(i, -1)], axis=1)
-    is_closed = template.surface is not None and template.surface.ends == (CLOSED,)
-    return around if is_closed and len(i) > 2 else around[:-1]
-
-
-# Modes that make bands, their largest share of the vertices, and their number in a band.
-_MODES: Final = 120
-_SHARE: Final = 4
-_IN_BAND: Final = 10
-
-# Largest number of vertices in the residual and of frames: more do not change the estimate. The
-# frames follow one another, or their correlation would be that of other steps.
-_MOST_VERTICES: Final = 1500
-_MOST_FRAMES: Final = 128
-
-# Columns of a band that count at most: bands are not wholly alike.
-_MOST_COLUMNS: Final = 400.0
-
-# Share of the directions of time that a motion may take.
-_MOVING: Final = 0.75
-
-# Directions that are all mixtures of the principal directions of a motion, the first in each.
-_MIXED: Final = np.array([[1, 1, 1], [1, -1, 0], [1, 1, -2]]) / np.sqrt([[3], [2], [6]])
-
-
-@dataclass(frozen=True, eq=False)
-class Bands:
-    """A motion in bands of ten modes and what they leave, and what each would hold of noise.
-
-    Parameters
-    ----------
-    grams : (3, bands, frames, frames) float64, in units of the scale squared
-        Products of the frames with one another over the columns of each band.
-    expected : (mixings, bands) float64
-        Sum of the columns' variances in noise of variance 1.
-    columns : (mixings, bands) float64
-        Independent ones in such noise.
-    scale : float, length unit
-        A power of two.
+    sigma : float, length unit
+        Standard deviation, `rounding` at least.
+    lowest, highest : float, length unit
+        Range of the standard deviation; no highest where nothing bounds it: one frame.
+    between_frames : float
+        Correlation of a vertex's noise in one frame with that in the next.
+    between_neighbours : float
+        Correlation of the noise of two neighbours in one frame.
+    independent_vertices : float
+        Vertices of independent noise that average like these.
+    mixed : int
+        Times that independent noise is to be averaged over neighbours to be as smooth.
+    rounding : float, length unit
+        Noise from storing the coordinates in their type.
     modes : int
+        Spatial modes that were told apart.
     """
 
-    grams: NDArray[np.float64]
-    expected: NDArray[np.float64]
-    columns: NDArray[np.float64]
-    scale: float
+    sigma: float
+    lowest: float
+    highest: float | None
+    between_frames: float
+    between_neighbours: float
+    independent_vertices: float
+    mixed: int
+    rounding: float
     modes: int
 
-    @cached_property
-    def _by_direction(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Directions of time, (3, frames, directions), and the bands' products along them.
+    def note(self, unit: str | None) -> str:
+        """Describe the estimate and what it rests on."""
+        unit = unit or "length units"
+        size = f"{self.sigma:.3g} {unit}"
+        if self.highest is None:
+            return f"One frame is too few to estimate noise; {size} was assumed."
+        if self.sigma <= self.rounding:
+            return (
+                f"The noise is that of the stored numbers, {size} a coordinate; no other shows, so "
+                "modes are added until they describe rounding. Ask by tolerance for fewer."
+            )
+        text = (
+            f"The noise was estimated at {size} a coordinate (standard deviation; between "
+            f"{self.lowest:.3g} and {self.highest:.3g} {unit}), with correlations of "
+            f"{self.between_neighbours:.2f} between neighbours and {self.between_frames:.2f} "
+            f"between frames, from {self.modes} modes and what they leave."
+        )
+        if self.highest > WIDE * self.lowest:
+            text += " Motion and noise are hard to tell apart here."
+        return text
 
-        Those of most motion last. Each vertex's mean is left out: it takes the reference's own
-        noise with it.
-        """
-        still = np.linalg.qr(np.ones((self.grams.shape[2], 1)), mode="complete")[0][:, 1:]
-        totals = still.T @ self.grams.sum(axis=1) @ still
-        directions = still @ np.linalg.eigh(totals.sum(axis=0) - totals)[1]
-        turned = directions.transpose(0, 2, 1) @ self.grams.transpose(1, 0, 2, 3) @ directions
-        return directions, turned
+    def displacement_rms(self, n_frames: int, reference: Reference, n_directions: int = 3) -> float:
+        """RMS displacement that noise alone makes, the reference's own included, length unit."""
+        return self.sigma * float(np.sqrt(n_directions * self.spread(n_frames, reference)))
 
-    def whitened(
-        self, correlations: tuple[float, ...]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Energies (correlations, bands, directions) and log det of each correlation."""
-        directions, turned = self._by_direction
-        covariances = np.stack([over_time(c, self.grams.shape[2]) for c in correlations])
-        covariances = directions.transpose(0, 2, 1) @ covariances[:, None] @ directions
-        # Each direction after those before it.
-        L = np.linalg.cholesky(covariances)
-        energies = [((inverse @ turned) * inverse).sum(axis=(1, 3)) for inverse in np.linalg.inv(L)]
-        log_dets = 2.0 * np.log(np.diagonal(L, axis1=2, axis2=3)).sum(axis=(1, 2)) / 3.0
-        return np.maximum(energies, 1e-280), log_dets
+    def spread(self, n_frames: int, reference: Reference) -> float:
+        """Mean square of a coordinate's displacement by noise of variance 1."""
+        correlations = over_time(self.between_frames, n_frames)
+        if reference == MEAN:
+            return 1.0 - float(correlations.mean())
+        return 2.0 * (1.0 - float(correlations[reference].mean()))
 
-
-def bands_of(
-    fitter: Fitter, ladder: Ladder, coefficients: NDArray[np.float64], noise: SmoothNoise
-) -> Bands:
-    """Split a motion and fields of noise alike.
-
-    Parameters
-    ----------
-    fitter : Fitter
-        Of Cartesian components.
-    ladder : Ladder
-    coefficients : (frames, modes, 3) float64, length unit
-        Of the ladder's largest set.
-    noise : SmoothNoise
-    """
-    weights, f = fitter.template.weights, fitter.sequence.n_frames
-    weighted = np.flatnonzero(weights > 0)
-    most = max(1, min(_MODES, len(weighted) // _SHARE))
-    m = int(ladder.counts[np.searchsorted(ladder.counts, most, side="right") - 1])
-    # c = rows u, and u = psi c
-    rows = ladder.basis.analysis[:m]
-    some = weighted[:: -(-len(weighted) // _MOST_VERTICES)]
-    psi = np.ascontiguousarray(rows[:, some].T / weights[some, None])
-    first = max(0, (f - _MOST_FRAMES) // 2)
-    last = min(f, first + _MOST_FRAMES)
-    c = coefficients[first:last, :m]
-    scale = power_of_two(float(np.abs(c).max(initial=0.0)))
-    c = c / scale
-    off = (c - c.mean(axis=0)).reshape(-1, 3)
-    turn = np.linalg.eigh(off.T @ off)[1][:, ::-1] @ _MIXED
-    n = last - first
-    c = np.ascontiguousarray((c @ turn).transpose(1, 2, 0))
-    left = np.empty((len(some), 3, n))
-    for block in fitter.displacements.blocks():
-        start, stop = max(block.frames.start, first), min(block.frames.stop, last)
-        if start < stop:
-            u = block.u[start - block.frames.start : stop - block.frames.start][:, :, some]
-            u = turn.T @ u * (block.shape.scale / scale)
-            left[:, :, start - first : stop - first] = u.transpose(2, 1, 0)
-    left -= product(psi, c.reshape(m, -1)).reshape(left.shape)
-    left *= np.sqrt(weights[some] / weights[some].sum())[:, None, None]
-    # The first mode is a shift of the whole frame, which is motion.
-    shift, n_bands = min(1, m - 1), max(1, m // _IN_BAND)
-    paths = [*np.array_split(c[shift:], n_bands), left]
-    # A small product for each direction: one thread does it.
-    grams = [x.transpose(1, 2, 0) @ x.transpose(1, 0, 2) for x in paths]
-    own = noise.coefficients(rows)
-    bands = [products_of(part) for part in np.array_split(own[:, shift:], n_bands, axis=1)]
-    # What orthonormal shapes leave has the products that theirs lack.
-    parts = np.stack([*bands, products_of(noise.fields, weights) - products_of(own)], axis=1)
-    variances = np.trace(parts, axis1=2, axis2=3) / parts.shape[2]
-    columns = np.maximum(3.0 * independent(parts), 1.0)
-    # What white noise brings is known: chance cancels in the ratio of smooth fields to white ones.
-    squares = (rows[shift:] ** 2).sum(axis=1)
-    white = np.array([part.sum() for part in np.array_split(squares, n_bands)])
-    variances[:, :-1] *= white / variances[0, :-1]
-    return Bands(np.stack(grams, axis=1), variances, columns, scale, m)
+    @property
+    def excess(self) -> float:
+        """Factor by which pure noise exceeds its expected RMS at most."""
+        # The reference's part of the noise is drawn once for all frames.
+        spread = float(np.sqrt(2.0 / (3.0 * self.independent_vertices)))
+        # Not squared: the square of very large coordinates would overflow.
+        return float(np.sqrt(1.0 + _ESTIMATE + _DEVIATIONS * spread))
 
 
-def likelihoods(
-    energies: NDArray[np.float64],
-    log_dets: NDArray[np.float64],
-    columns: NDArray[np.float64],
-    cost: float,
-) -> NDArray[np.float64]:
-    """Log-likelihood of each correlation where each band has a level of its own.
-
-    In each band the directions of most motion have energies of their own, as many as pay their
-    cost.
-
-    Parameters
-    ----------
-    energies : (correlations, bands, directions) float64
-    log_dets : (correlations,) float64
-        Of the correlation at which they are white.
-    columns : (bands,) float64
-    cost : float
-        Of each direction of motion.
-    """
-    n = np.minimum(columns, _MOST_COLUMNS)
-    rest, own, noises, moving = _split(energies / columns[:, None])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        levels = np.where(noises > 0, noises * np.log(rest / noises), 0.0)
-    found = -0.5 * n[:, None] * (levels + own + log_dets[:, None, None]) - cost * moving
-    best: NDArray[np.float64] = found.max(axis=2).sum(axis=1)
-    return best
+# Pure noise exceeds its expected mean square by this many standard deviations at most, and
+# its estimate is right to this share.
+_DEVIATIONS: Final = 3.0
+_ESTIMATE: Final = 0.03
 
 
-def levels_of(
-    energies: NDArray[np.float64],
-    expected: NDArray[np.float64],
-    columns: NDArray[np.float64],
-    cost: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Variance of the noise in all bands together, and its log-likelihood, for each mixing.
-
-    Parameters
-    ----------
-    energies : (bands, directions) float64
-    expected : (mixings, bands) float64
-    columns : (bands,) float64
-    cost : float
-
-    Returns
-    -------
-    variances, likelihoods : (mixings,) float64
-    """
-    n = np.minimum(columns, _MOST_COLUMNS)
-    rest, own, noises, moving = _split(energies / expected[:, :, None] / 3.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        variances = np.einsum("b,kbr->kr", n, rest) / (n.sum() * noises)
-        levels = np.where(noises > 0, noises * (np.log(variances) + 1.0), 0.0)
-    found = n.sum() * (levels + moving) + np.einsum("b,kbr->kr", n, own)
-    found = -0.5 * (found + energies.shape[1] * (np.log(expected) @ n)[:, None])
-    found -= cost * moving
-    best = found.argmax(axis=1)[:, None]
-    return (
-        np.take_along_axis(variances, best, axis=1)[:, 0],
-        np.take_along_axis(found, best, axis=1)[:, 0],
-    )
-
-
-def _split(
-    z: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Energy of noise, log-energies of motion, and directions of each, for 0, 1, ... of motion."""
-    p = z.shape[-1]
-    moving = np.arange(int(_MOVING * p) + 1)
-    zero = np.zeros((*z.shape[:-1], 1))
-    rest = np.concatenate([zero, np.cumsum(z, axis=-1)], axis=-1)[..., p - moving]
-    own = np.concatenate([zero, np.cumsum(np.log(z[..., ::-1]), axis=-1)], axis=-1)[..., moving]
-    return rest, own, (p - moving).astype(np.float64), moving.astype(np.float64)
-
-
-# The first ladder; each further one is twice as long.
+# Modes of the first nested sets; each further ones are twice as many.
 _FIRST: Final = 120
 
 # Risk that is as good as the least one: it is flat about the best set.
@@ -372,53 +147,45 @@ _OFF: Final = 1.15
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What a noise was estimated by.
+    """A noise, and what it was estimated by.
 
     Parameters
     ----------
-    ladder : Ladder
+    noise : Noise
+    nested : NestedModes
     coefficients : (frames, modes, 3) float64, length unit
-        Of the ladder's largest set.
+        Of the largest set.
     smooth : SmoothNoise
         On the same template.
     """
 
-    ladder: Ladder
+    noise: Noise
+    nested: NestedModes
     coefficients: NDArray[np.float64]
     smooth: SmoothNoise
 
 
-def measure_noise(fitter: Fitter) -> Noise:
+def estimated(fitter: Fitter) -> Found:
     """Estimate a sequence's noise as its parameters measure displacements."""
-    return with_ladder(fitter)[0]
-
-
-def with_ladder(fitter: Fitter) -> tuple[Noise, Found]:
-    """Estimate the noise, and give what it was estimated by."""
     plain = fitter.asking(components=Components.CARTESIAN)
-    ladder = ladder_of(plain.template, _FIRST, plain.sequence.grid)
+    nested, coefficients = _nested(plain, _FIRST)
     smooth = SmoothNoise.on(plain.template)
-    found = Found(ladder, plain.coefficients(ladder.basis), smooth)
-    return estimate_noise(plain, found), found
+    return Found(_noise(plain, nested, coefficients, smooth), nested, coefficients, smooth)
 
 
-def estimate_noise(fitter: Fitter, by: Found) -> Noise:
+def _noise(
+    fitter: Fitter, nested: NestedModes, coefficients: NDArray[np.float64], smooth: SmoothNoise
+) -> Noise:
     """Estimate the noise's level, and its correlations in space and time.
 
     Taken for normal, of one level and one smoothness everywhere, and an autoregression of order 1
     over time.
-
-    Parameters
-    ----------
-    fitter : Fitter
-        Of Cartesian components.
-    by : Found
     """
     sequence, weights = fitter.sequence, fitter.template.weights
     rounding, n_weighted = _rounding(sequence), int((weights > 0).sum())
     if sequence.n_frames < 2 or n_weighted < 2:
         return Noise(rounding, rounding, None, 0.0, 0.0, n_weighted, 0, rounding, 0)
-    bands = bands_of(fitter, by.ladder, by.coefficients, by.smooth)
+    bands = bands_of(fitter, nested, coefficients, smooth)
     if not bands.grams.max() > 0.0:
         return Noise(rounding, rounding, rounding, 0.0, 0.0, n_weighted, 0, rounding, bands.modes)
     variance, others, correlation, k = _variances(bands)
@@ -426,15 +193,15 @@ def estimate_noise(fitter: Fitter, by: Found) -> Noise:
     lowest, highest = (bands.scale * float(np.sqrt(v)) for v in (min(others), max(others)))
     if sigma <= rounding:
         correlation, k = 0.0, 0
-    white, smooth = independent(products_of(by.smooth.fields[[0, k]], weights))
+    white, mixed = independent(products_of(smooth.fields[[0, k]], weights))
     return Noise(
         sigma=max(sigma, rounding),
         lowest=max(lowest / _OFF, rounding),
         highest=max(highest * _OFF, rounding),
         between_frames=correlation,
-        between_neighbours=by.smooth.beside(k) if k else 0.0,
+        between_neighbours=smooth.beside(k) if k else 0.0,
         # Chance cancels in the ratio of smooth fields to white ones, whose number is known.
-        independent_vertices=float(smooth / white / (weights**2).sum()),
+        independent_vertices=float(mixed / white / (weights**2).sum()),
         mixed=MIXINGS[k],
         rounding=rounding,
         modes=bands.modes,
@@ -487,36 +254,27 @@ def _peak(found: NDArray[np.float64]) -> float:
     return k + (float(np.clip(-b / (2.0 * a), -0.5, 0.5)) if a < 0.0 else 0.0)
 
 
-def modes_until_noise(fitter: Fitter, noise: Noise, by: Found) -> tuple[Ladder, int]:
-    """Give a ladder of modes, and the number of them to keep.
-
-    Parameters
-    ----------
-    fitter : Fitter
-    noise : Noise
-    by : Found
-        What that was estimated by.
-    """
-    parameters, ladder, coefficients = fitter.parameters, by.ladder, by.coefficients
-    n = _FIRST
-    if parameters.components != Components.CARTESIAN:
-        ladder, coefficients = _ladder(fitter, n)
+def modes_until_noise(fitter: Fitter, found: Found) -> tuple[NestedModes, int]:
+    """Give nested sets of modes, and the number of modes to keep."""
+    noise, nested, coefficients, n = found.noise, found.nested, found.coefficients, _FIRST
+    if fitter.parameters.components != Components.CARTESIAN:
+        nested, coefficients = _nested(fitter, n)
     while True:
-        shares = shares_of(ladder, by.smooth, noise.mixed)
-        count = least_risk(ladder, coefficients, noise, shares, parameters.reference)
-        if ladder.ends_because or n >= MOST_MODES or 4 * count <= 3 * ladder.counts[-1]:
-            return ladder, count
+        shares = shares_of(nested.basis, found.smooth, noise.mixed)
+        count = least_risk(nested, coefficients, noise, shares, fitter.parameters.reference)
+        if nested.ends_because or n >= MOST_MODES or 4 * count <= 3 * nested.counts[-1]:
+            return nested, count
         n = min(2 * n, MOST_MODES)
-        ladder, coefficients = _ladder(fitter, n)
+        nested, coefficients = _nested(fitter, n)
 
 
-def _ladder(fitter: Fitter, n: int) -> tuple[Ladder, NDArray[np.float64]]:
-    ladder = ladder_of(fitter.template, n, fitter.sequence.grid)
-    return ladder, fitter.coefficients(ladder.basis)
+def _nested(fitter: Fitter, n: int) -> tuple[NestedModes, NDArray[np.float64]]:
+    nested = nested_modes(fitter.template, n, fitter.sequence.grid)
+    return nested, fitter.along(nested.basis.analysis)
 
 
 def least_risk(
-    ladder: Ladder,
+    nested: NestedModes,
     coefficients: NDArray[np.float64],
     noise: Noise,
     shares: NDArray[np.float64],
@@ -531,7 +289,7 @@ def least_risk(
 
     Parameters
     ----------
-    ladder : Ladder
+    nested : NestedModes
     coefficients : (frames, modes, n) float64, length unit
     noise : Noise
     shares : (modes,) float64
@@ -542,7 +300,7 @@ def least_risk(
     variance = (noise.sigma / scale) ** 2
     squares = ((coefficients / scale) ** 2).sum(axis=(0, 2)) / f
     noises = 3.0 * noise.spread(f, reference) * variance * shares
-    counts = ladder.counts
+    counts = nested.counts
     motion = np.append(np.cumsum((squares - noises)[::-1])[::-1], 0.0)[counts]
     motion = np.maximum(motion, 0.0)
     kept_noise = np.concatenate([[0.0], np.cumsum(noises)])[counts]

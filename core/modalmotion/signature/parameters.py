@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import InitVar, asdict, dataclass, field, fields, replace
+from dataclasses import InitVar, dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cached_property, partial
 from typing import Any, Final
@@ -18,7 +18,7 @@ from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MEAN, Reference
 from modalmotion.modes.topology import MESH, Topology
 from modalmotion.representation import shown
-from modalmotion.template import GivenLandmarks, Weights
+from modalmotion.template import GivenLandmarks
 from modalmotion.template.body_frame import Components
 from modalmotion.template.landmarks import landmarks_in
 
@@ -73,8 +73,6 @@ class SignatureParameters:
         Frame from which displacements are measured, or mean: the mean shape of all frames. Each is
         turned onto it, and turned as they are on the mean: another first frame then changes
         nothing, unless the frames turn all the way round.
-    weights : Weights
-        How much each vertex counts.
     remove_rotation : bool
         Whether each frame's rotation is taken out before the fit.
     components : Components
@@ -113,7 +111,6 @@ class SignatureParameters:
     topology: str | None = None
     grid: tuple[int, ...] | None = None
     reference: Reference = 0
-    weights: Weights = Weights.AREA
     remove_rotation: bool = True
     components: Components = Components.CARTESIAN
     landmarks: GivenLandmarks = field(default_factory=GivenLandmarks)
@@ -191,7 +188,6 @@ class SignatureParameters:
             **{
                 name: partial(one_of, words=words)
                 for name, words in (
-                    ("weights", Weights),
                     ("components", Components),
                     ("tolerance_of", ErrorKind),
                     ("kind", SignatureKind),
@@ -261,19 +257,10 @@ class SignatureParameters:
         # `amplitudes` is not a field: replacing leaves `modes` as it is.
         return self if landmarks == self.landmarks else replace(self, landmarks=landmarks)
 
-    def as_plain(self) -> dict[str, Any]:
-        """Give the parameters as JSON values."""
-        values = asdict(self)
-        # Settings of adaptive choice are left out at their defaults, as in most requests.
-        for way in fields(self):
-            if way.name in _LEFT_OUT and values[way.name] == way.default:
-                del values[way.name]
-        return values
-
     @cached_property
     def key(self) -> str:
         """Short name of this choice of parameters, for file names and ETags."""
-        text = json.dumps(self.as_plain(), sort_keys=True)
+        text = json.dumps(parameters_as_json(self), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
@@ -287,17 +274,6 @@ def _name(name: str, value: Any) -> str:
 
 
 _WAYS: Final = ("modes", "tolerance", "auto")
-
-_LEFT_OUT: Final = (
-    "tolerance",
-    "tolerance_of",
-    "auto",
-    "harmonics",
-    "split_pairs",
-    "kind",
-    "volumes",
-    "deviations",
-)
 
 
 def _several_requests(names: list[str]) -> ParameterError:
@@ -326,7 +302,6 @@ def parameters_from_json(values: dict[str, Any]) -> SignatureParameters:
         **{
             **values,
             "grid": None if grid is None else tuple(grid),
-            "weights": Weights(values["weights"]),
             "components": Components(values["components"]),
             "landmarks": GivenLandmarks.from_json(values["landmarks"]),
             "tolerance_of": ErrorKind(values["tolerance_of"]),

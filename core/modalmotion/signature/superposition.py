@@ -8,8 +8,7 @@ Where vertices are on the surface does not matter: rotation and drift are the su
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -18,14 +17,13 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import oriented_faces
-from modalmotion.mesh.alignment import Displacements, PositionBlock, Rotations
+from modalmotion.mesh.alignment import DisplacementBlock, Displacements, PositionBlock, Rotations
 from modalmotion.mesh.normal_lines import NormalLines, vertex_normals
 from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.mesh.triangles import face_normals
-from modalmotion.numeric.products import power_of_two, product, weighted_sum
+from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import shown
-from modalmotion.signature.fit import FrameErrors, errors_of_offsets
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, from_local, local_frames
 from modalmotion.template.vibration_modes import nearest_in_use
@@ -50,24 +48,19 @@ _SPREAD: Final = math.sqrt(2.0) - 1.0
 @shown()
 @dataclass(frozen=True, eq=False)
 class Offsets:
-    """Offsets of every frame, as a motion of the reference's vertices along its normals.
+    """Offsets of every frame.
 
     Parameters
     ----------
-    displacements : Displacements
-        Of that motion, in which nothing turns or drifts as a whole.
+    blocks : tuple of DisplacementBlock
+        Their displacements are the offsets, (frames, 1, vertices); their rotations and drifts are
+        those of the surface and of its area centroid.
     directions : (vertices, 1, 3) float64
         Outward unit normals of the reference.
-    rotations : Rotations
-        Of the surface, removed.
-    translations : (frames, 3) float64, length unit
-        Path of the surface's area centroid from the reference's, removed too.
     """
 
-    displacements: Displacements
+    blocks: tuple[DisplacementBlock, ...]
     directions: NDArray[np.float64]
-    rotations: Rotations
-    translations: NDArray[np.float64]
 
 
 def offset_reference(
@@ -93,7 +86,7 @@ def offset_reference(
     TopologyError
         As `offsets_of` says.
     """
-    centre = weighted_sum(template.weights, start)
+    centre = template.weights @ start
     rest = start - centre
     rest[template.isolated] = 0.0
     scale = power_of_two(float(np.abs(rest).max(initial=0.0)))
@@ -116,28 +109,16 @@ def offsets_of(displacements: Displacements, template: Template) -> Offsets:
     TopologyError
         If the shape is not a surface, or has one side only.
     """
-    sequence, shape = displacements.sequence, displacements.shape
+    shape = displacements.shape
     reference = _Reference.of(template, np.ascontiguousarray(shape.rest.T))
     spread = _to_all_vertices(template)
-    parts = [_measured(block, reference) for block in displacements.positions()]
-    rotations = Rotations(
-        np.concatenate([part[1].matrices for part in parts]),
-        np.concatenate([part[1].is_determined for part in parts]),
-    )
-    vertices = np.empty((sequence.n_frames, sequence.n_vertices, 3))
-    for block, (heights, _, _) in zip(_slices(parts), parts, strict=True):
-        h = np.zeros((len(heights), sequence.n_vertices))
-        h[:, reference.lines.vertices] = heights
-        vertices[block] = h[:, spread, None] * (reference.normals[spread] * shape.scale)
-    vertices += displacements.start
-    # The motion has the sequence's own times and unit, and no facts that concern vertices.
-    moved = replace(sequence, vertices=vertices)
-    return Offsets(
-        replace(displacements, sequence=moved, remove_rotation=False),
-        reference.normals[spread][:, None],
-        rotations,
-        np.concatenate([part[2] for part in parts]) * shape.scale,
-    )
+    blocks = []
+    for block in displacements.positions():
+        heights, rotations, drifts = _measured(block, reference)
+        u = np.zeros((len(heights), 1, len(spread)))
+        u[:, 0, reference.lines.vertices] = heights
+        blocks.append(DisplacementBlock(block.frames, u[:, :, spread], rotations, drifts, shape))
+    return Offsets(tuple(blocks), reference.normals[spread][:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,9 +194,7 @@ def _measured(
 ) -> tuple[NDArray[np.float64], Rotations, NDArray[np.float64]]:
     """Heights above all lines, rotations and drifts of a block, in units of the scale."""
     shape, lines, middle = block.shape, reference.lines, reference.centroid
-    f, _, n = block.positions.shape
-    sums = product(block.positions.reshape(3 * f, n), shape.moments).reshape(f, 3, 4)
-    rotations, _ = block.alignment(sums)
+    rotations, _ = block.alignment()
     x = np.ascontiguousarray(block.positions.transpose(0, 2, 1))
     drifts = _centroids(x, reference.faces) - middle
     drifts[block.is_still] = 0.0
@@ -266,17 +245,6 @@ def _to_all_vertices(template: Template) -> NDArray[np.int64]:
     if len(template.isolated):
         spread[template.isolated] = nearest_in_use(template.vertices, template.isolated)
     return spread
-
-
-def _slices(
-    parts: list[tuple[NDArray[np.float64], Rotations, NDArray[np.float64]]],
-) -> list[slice]:
-    ends = np.cumsum([0, *(len(part[0]) for part in parts)]).tolist()
-    return [slice(a, b) for a, b in pairwise(ends)]
-
-
-# Floats of positions held at once while they are compared.
-_BLOCK: Final = 500_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -359,32 +327,3 @@ class Superposition:
         x: NDArray[np.float64] = self.start + u
         x += turned
         return x
-
-
-def measured(
-    sequence: MeshSequence,
-    template: Template,
-    superposition: Superposition,
-    amplitudes: NDArray[np.float64],
-    rotations: Rotations,
-    translations: NDArray[np.float64],
-) -> FrameErrors:
-    """Measure superposed positions against those of the sequence.
-
-    Parameters
-    ----------
-    sequence : MeshSequence
-    template : Template
-    superposition : Superposition
-    amplitudes : (frames, modes, 3) float64, length unit
-    rotations : Rotations
-    translations : (frames, 3) float64, length unit
-    """
-    parts = []
-    step = max(1, _BLOCK // (3 * sequence.n_vertices))
-    for first in range(0, sequence.n_frames, step):
-        at = slice(first, first + step)
-        x = superposition.positions(amplitudes[at], rotations.matrices[at], translations[at])
-        x -= sequence.vertices[at]
-        parts.append(errors_of_offsets(x, template))
-    return FrameErrors.joined(parts)

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
 
 from modalmotion.arguments.checking import Plotted
-from modalmotion.errors import ToleranceError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Stopwatch
-from modalmotion.representation import counted, shown, with_article
-from modalmotion.signature.basis import make_basis
-from modalmotion.signature.fitter import NUMBERS, Fitter, LinearMotion, Scene, SceneKind, scene_of
+from modalmotion.representation import shown
+from modalmotion.signature.choice import (
+    NUMBERS,
+    SceneError,
+    SceneKind,
+    limit_of,
+    simple_motions,
+)
+from modalmotion.signature.fit import Fitter, make_basis
 from modalmotion.signature.front import (
     MOST_OF_FRONT,
     Branch,
@@ -22,7 +27,6 @@ from modalmotion.signature.front import (
     Price,
     measure_front,
     price_of,
-    priced,
 )
 from modalmotion.signature.making import (
     modal_signature,
@@ -30,21 +34,12 @@ from modalmotion.signature.making import (
     resolve_sequence,
     resolve_template,
 )
-from modalmotion.signature.model import (
-    Noise,
-    harmonics_of,
-    limit_of,
-    require_harmonics,
-    require_unit,
-    simplest,
-)
+from modalmotion.signature.nested_modes import required_harmonics
+from modalmotion.signature.noise import Noise
 from modalmotion.signature.parameters import ErrorKind, SignatureParameters
 from modalmotion.signature.value import ModalSignature
 from modalmotion.template import Template, choose_modes
 from modalmotion.template.body_frame import Components
-
-# A rotation of each frame goes with the amplitudes.
-_ROTATION: Final = 3
 
 
 @shown("kind", "price.rms_error:price.unit", "price.amplitudes_per_frame", "signature")
@@ -54,242 +49,78 @@ class Chosen:
 
     Parameters
     ----------
-    kind : SceneKind
-        deformable for modes; otherwise the simpler kind of motion that holds.
-    signature : ModalSignature or None
-        The modes' own; None where a linear motion was chosen.
-    motion : LinearMotion or None
-        The static, rigid or affine motion that was chosen in place of modes.
+    signature : ModalSignature
     price : Price
     notes : tuple of str
         How it differs from the signature of the same request, if it does.
     """
 
-    kind: SceneKind
-    signature: ModalSignature | None
-    motion: LinearMotion | None
+    signature: ModalSignature
     price: Price
     notes: tuple[str, ...] = ()
 
+    @property
+    def kind(self) -> SceneKind:
+        """Simplest kind of motion that the scene is."""
+        choice = self.signature.choice
+        return SceneKind.DEFORMABLE if choice is None else choice.scene
 
-def fewest_numbers(
+
+def _fewest_numbers(
     sequence: MeshSequence,
     parameters: SignatureParameters,
     front: Front,
-    scene: Scene,
     limit: float,
     template: Template | None,
 ) -> Chosen:
-    """Choose the description that holds a limit with fewest numbers over all frames.
+    """Choose the signature that holds a limit with fewest numbers over all frames.
 
-    Rotations count, three numbers a frame, where modes are compared with simpler kinds.
-
-    Parameters
-    ----------
-    sequence : MeshSequence
-    parameters : SignatureParameters
-        With a tolerance.
-    front : Front
-    scene : Scene
-    limit : float, length unit
-    template : Template or None
-
-    Raises
-    ------
-    ToleranceError
-        If nothing holds it.
+    Of modes, harmonics, components and topology together; a largest error is known of signatures
+    only, and the requested one is taken.
     """
-    chosen = _fewest(sequence, parameters, front, scene, limit, template)
-    return replace(chosen, notes=_notes_on(chosen, parameters, front, limit))
-
-
-def _notes_on(
-    chosen: Chosen, parameters: SignatureParameters, front: Front, limit: float
-) -> tuple[str, ...]:
-    """Say why a signature of the same tolerance is another model, if it is."""
-    own, signature = front.branches[0], chosen.signature
-    asked = f"the {own.topology}, {parameters.components} components"
-    asked += "" if parameters.harmonics is not None else " and the path over time as it is"
-    if signature is None:
-        return (
-            (
-                f"A signature with this tolerance takes modes of {asked}. As "
-                f"{with_article(chosen.kind)} motion, which is given here, it takes fewer numbers."
-            ),
-        )
-    found = signature.parameters
-    same = (
-        signature.surface == own.topology
-        and found.components == parameters.components
-        and found.harmonics == parameters.harmonics
-    )
-    if same:
-        return ()
-    ways = [f"modes={len(signature.modes)}", f"components={found.components}"]
-    if signature.surface != own.topology:
-        ways.append(f"topology={signature.surface}")
-    if found.harmonics is not None:
-        ways.append(f"harmonics={found.harmonics}")
-    count = ""
-    if parameters.tolerance_of != ErrorKind.MAX:
-        is_plain = parameters.tolerance_of == ErrorKind.RMS
-        held = own.counts[(own.rms if is_plain else own.weighted_rms) <= limit]
-        if len(held) and parameters.harmonics is None:
-            n = int(held[0])
-            count = f": {counted(n, 'mode')}, {front.numbers(n)} numbers"
-    return (
-        (
-            f"A signature with this tolerance keeps {asked}{count}. This one takes fewer, "
-            f"{chosen.price.numbers}; ask for it by {', '.join(ways)}."
-        ),
-    )
-
-
-def _fewest(
-    sequence: MeshSequence,
-    parameters: SignatureParameters,
-    front: Front,
-    scene: Scene,
-    limit: float,
-    template: Template | None,
-) -> Chosen:
-    kind = simplest(scene, limit, parameters.tolerance_of)
-    linear = _of_motion(getattr(scene, kind.value), front) if kind in NUMBERS else None
-    try:
-        modal = _fewest_modes(sequence, parameters, front, limit, template)
-    except ToleranceError:
-        if linear is None:
-            raise
-        return linear
-    if linear is not None:
-        numbers = modal.price.numbers + _ROTATION * front.n_frames * parameters.remove_rotation
-        if linear.price.numbers <= numbers:
-            return linear
-    return modal
-
-
-def of_signature(signature: ModalSignature) -> Chosen:
-    """Make the choice of a signature."""
-    choice = signature.choice
-    kind = SceneKind.DEFORMABLE if choice is None else choice.scene
-    return Chosen(kind, signature, None, price_of(signature))
-
-
-def _of_motion(motion: LinearMotion, front: Front) -> Chosen:
-    numbers = NUMBERS[motion.kind]
-    price = priced(
-        motion.error,
-        unit=front.unit,
-        condition=1.0,
-        amplitudes_per_frame=numbers,
-        numbers=numbers * front.n_frames,
-        n_frames=front.n_frames,
-        n_vertices=front.n_vertices,
-    )
-    return Chosen(motion.kind, None, motion, price)
-
-
-def _fewest_modes(
-    sequence: MeshSequence,
-    parameters: SignatureParameters,
-    front: Front,
-    limit: float,
-    template: Template | None,
-) -> Chosen:
-    if parameters.tolerance_of == ErrorKind.MAX:
-        return _fewest_for_maximum(sequence, parameters, front, limit, template)
-    for candidate in _candidates(parameters, front, limit):
-        signature = modal_signature(sequence, candidate, template=template)
-        if _rms_of(signature, parameters.tolerance_of) <= limit:
-            return of_signature(signature)
-    # Nothing of the front holds it; larger sets of the first branch may.
-    return of_signature(modal_signature(sequence, parameters, template=template))
-
-
-def _candidates(
-    parameters: SignatureParameters, front: Front, limit: float
-) -> Iterator[SignatureParameters]:
-    """Points of a front that hold a limit as far as rounding tells, fewest numbers first."""
+    asked = modal_signature(sequence, parameters, template=template)
+    is_static = asked.choice is not None and asked.choice.scene == SceneKind.STATIC
+    if parameters.tolerance_of == ErrorKind.MAX or is_static:
+        return Chosen(asked, price_of(asked))
     points = []
-    for place, branch in enumerate(front.branches):
-        own, joint = branch.rms, branch.joint_rms
-        if parameters.tolerance_of == ErrorKind.WEIGHTED_RMS:
-            own, joint = branch.weighted_rms, branch.weighted_joint_rms
-        errors: dict[int | None, np.ndarray] = {None: own}
-        errors |= {h: joint[:, h] for h in range(joint.shape[1])}
-        if parameters.harmonics is not None:
-            errors = {parameters.harmonics: joint[:, parameters.harmonics]}
-        for harmonics, rms in errors.items():
-            # The first that holds takes fewest numbers, and the next is for the case that
-            # rounding says otherwise.
-            for k in np.flatnonzero(rms <= limit * (1.0 + 1e-9))[:2]:
-                modes = int(branch.counts[k])
-                numbers = front.numbers(modes, harmonics)
-                points.append((numbers, float(rms[k]), place, modes, harmonics))
-    for _, _, place, modes, harmonics in sorted(points, key=lambda point: point[:4]):
-        yield _at(parameters, front, front.branches[place], modes, harmonics)
-
-
-def _rms_of(signature: ModalSignature, kind: ErrorKind) -> float:
-    is_plain = kind == ErrorKind.RMS
-    return signature.rms_error if is_plain else signature.weighted_rms_error
-
-
-def _fewest_for_maximum(
-    sequence: MeshSequence,
-    parameters: SignatureParameters,
-    front: Front,
-    limit: float,
-    template: Template | None,
-) -> Chosen:
-    """Choose modes on each branch first, then harmonics: a maximum is known of models only."""
-    best, place = None, front.branches[0]
     for branch in front.branches:
-        own_parameters = replace(
-            parameters, topology=_topology(parameters, front, branch), components=branch.components
-        )
-        try:
-            signature = modal_signature(sequence, own_parameters, template=template)
-        except ToleranceError:
-            if branch is front.branches[-1] and best is None:
-                raise
-            continue
-        if best is None or len(signature.modes) < len(best.modes):
-            best, place = signature, branch
-    if best is None:
-        best = modal_signature(sequence, parameters, template=template)
-    modes = len(best.modes)
-    if parameters.harmonics is None and (best.choice is None or best.choice.normal is None):
-        for harmonics in range(place.joint_rms.shape[1]):
-            if front.numbers(modes, harmonics) >= front.numbers(modes):
-                break
-            candidate = _at(parameters, front, place, modes, harmonics)
-            limited = modal_signature(sequence, candidate, template=template)
-            if limited.max_error <= limit:
-                return of_signature(limited)
-    return of_signature(best)
-
-
-def _at(
-    parameters: SignatureParameters,
-    front: Front,
-    branch: Branch,
-    modes: int,
-    harmonics: int | None,
-) -> SignatureParameters:
-    """Parameters of one point of a front."""
-    return replace(
-        parameters,
-        tolerance=None,
-        modes=modes,
-        harmonics=harmonics,
-        components=branch.components,
-        topology=_topology(parameters, front, branch),
-    )
-
-
-def _topology(parameters: SignatureParameters, front: Front, branch: Branch) -> str | None:
-    return parameters.topology if branch.topology == front.branches[0].topology else branch.topology
+        is_plain = parameters.tolerance_of == ErrorKind.RMS
+        own = branch.rms if is_plain else branch.weighted_rms
+        joint = branch.joint_rms if is_plain else branch.weighted_joint_rms
+        errors: dict[int | None, np.ndarray] = {None: own, **dict(enumerate(joint.T))}
+        if parameters.harmonics is not None:
+            errors = {parameters.harmonics: errors[parameters.harmonics]}
+        is_own = branch.topology == front.branches[0].topology
+        topology = parameters.topology if is_own else branch.topology
+        for harmonics, rms in errors.items():
+            for k in np.flatnonzero(rms <= limit)[:1]:
+                modes = int(branch.counts[k])
+                point = replace(
+                    parameters,
+                    tolerance=None,
+                    modes=modes,
+                    harmonics=harmonics,
+                    components=branch.components,
+                    topology=topology,
+                )
+                points.append((front.numbers(modes, harmonics), float(rms[k]), point))
+    own_price = price_of(asked)
+    for numbers, _, point in sorted(points, key=lambda one: one[:2]):
+        if numbers >= own_price.numbers:
+            break
+        other = modal_signature(sequence, point, template=template)
+        # Errors of a front are right to rounding.
+        if (other.rms_error if is_plain else other.weighted_rms_error) <= limit:
+            ways = [f"modes={point.modes}", f"components={point.components}"]
+            ways += [f"topology={point.topology}"] if point.topology else []
+            ways += [f"harmonics={point.harmonics}"] if point.harmonics is not None else []
+            note = (
+                f"A signature with this tolerance keeps {len(asked.modes)} modes of the "
+                f"{asked.surface}, {parameters.components} components: {own_price.numbers} "
+                f"numbers. This one takes fewer, {numbers}; ask for it by {', '.join(ways)}."
+            )
+            return Chosen(other, price_of(other), (note,))
+    return Chosen(asked, own_price)
 
 
 # Sets whose fits are timed, the largest and ever smaller ones.
@@ -314,7 +145,7 @@ class Tradeoff(Plotted):
     parameters : SignatureParameters
         As requested.
     front : Front
-    scene : Scene
+    scene : dict of SceneKind to SceneError
         The motion measured against each simple kind.
     limit : float or None, length unit
         The error limit; None where the number of modes was stated.
@@ -331,7 +162,7 @@ class Tradeoff(Plotted):
     sequence_id: str
     parameters: SignatureParameters
     front: Front
-    scene: Scene
+    scene: dict[SceneKind, SceneError]
     limit: float | None
     noise: Noise | None
     chosen: Chosen
@@ -353,8 +184,7 @@ def measure_tradeoff(
 
     A stated number of modes is taken on the sequence's own topology. A tolerance takes the
     fewest numbers that hold it over all of the front: modes, harmonics, components and
-    topology together, or a static, rigid or affine motion where that takes fewer. `auto` takes
-    the sequence's own topology and its path over time as it is.
+    topology together. `auto` takes the sequence's own topology and its path over time as it is.
 
     Parameters
     ----------
@@ -381,29 +211,27 @@ def measure_tradeoff(
         If a tolerance is in mm and the unit of the sequence unknown.
     """
     parameters = SignatureParameters() if parameters is None else parameters
-    require_unit(parameters, sequence)
+    limit = None if parameters.tolerance is None else limit_of(parameters, sequence)
     watch = watch or Stopwatch()
     own = resolve_sequence(sequence, parameters)
-    if parameters.harmonics is not None:
-        require_harmonics(parameters.harmonics, harmonics_of(own.n_frames, own.times))
     with watch.stage("template") as report:
         used = resolve_template(own, resolve_parameters(own, parameters), template, report)
+        fitter = Fitter.of(own, used, parameters)
+        required_harmonics(fitter)
     with watch.stage("front"):
         front = measure_front(
             sequence, parameters, most_modes=most_modes, components=components, template=template
         )
     with watch.stage("scene"):
-        fitter = Fitter.of(own, used, parameters)
         first = fitter.fit(make_basis(used, choose_modes(used, 1, own.grid).modes))
-        scene = scene_of(fitter, first.rotations)
-    limit = None
+        scene = {k: SceneError.of(each) for k, each in simple_motions(fitter, first).items()}
     with watch.stage("choice"):
-        if parameters.is_adaptive and not parameters.auto:
-            limit = limit_of(parameters, own)
-            chosen = fewest_numbers(sequence, parameters, front, scene, limit, template)
+        if limit is not None:
+            chosen = _fewest_numbers(sequence, parameters, front, limit, template)
         else:
-            chosen = of_signature(modal_signature(sequence, parameters, template=template))
-    choice = None if chosen.signature is None else chosen.signature.choice
+            signature = modal_signature(sequence, parameters, template=template)
+            chosen = Chosen(signature, price_of(signature))
+    choice = chosen.signature.choice
     times: dict[int, float] = {}
     if with_times:
         with watch.stage("timing"):
@@ -455,8 +283,8 @@ def as_plain(tradeoff: Tradeoff) -> dict[str, Any]:
         "weighted_motion_rms": front.weighted_motion_rms,
         "front": [_branch(branch, front) for branch in front.branches],
         "scene": {
-            kind.value: {**asdict(error), "numbers_per_frame": NUMBERS.get(kind)}
-            for kind, error in tradeoff.scene.errors.items()
+            kind.value: {**asdict(error), "numbers_per_frame": NUMBERS[kind]}
+            for kind, error in tradeoff.scene.items()
         },
         "limit": tradeoff.limit,
         "noise": None if tradeoff.noise is None else asdict(tradeoff.noise),
@@ -484,22 +312,14 @@ def _branch(branch: Branch, front: Front) -> dict[str, Any]:
 
 
 def _chosen(chosen: Chosen) -> dict[str, Any]:
-    signature, motion = chosen.signature, chosen.motion
-    plain: dict[str, Any] = {
+    signature = chosen.signature
+    return {
         "kind": chosen.kind.value,
         "price": asdict(chosen.price),
-        "notes": list(chosen.notes),
+        "topology": signature.surface,
+        "components": signature.parameters.components.value,
+        "modes": len(signature.modes),
+        "labels": [str(label) for label in signature.modes.labels],
+        "harmonics": signature.parameters.harmonics,
+        "notes": [*signature.notes, *chosen.notes],
     }
-    if signature is not None:
-        parameters = signature.parameters
-        plain |= {
-            "topology": signature.surface,
-            "components": parameters.components.value,
-            "modes": len(signature.modes),
-            "labels": [str(label) for label in signature.modes.labels],
-            "harmonics": parameters.harmonics,
-            "notes": [*signature.notes, *chosen.notes],
-        }
-    if motion is not None:
-        plain |= {"matrices": motion.matrices.tolist(), "shifts": motion.shifts.tolist()}
-    return plain

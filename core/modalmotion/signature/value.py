@@ -13,9 +13,9 @@ from modalmotion.mesh import NO_FACTS, Facts
 from modalmotion.mesh.alignment import Rotations
 from modalmotion.modes.mode_set import Modes, whole_counts
 from modalmotion.modes.topology import MESH, Topology
-from modalmotion.numeric.products import root_mean_square
+from modalmotion.numeric.scales import root_mean_square
 from modalmotion.representation import shown
-from modalmotion.signature.model import ModelChoice, closure_gap
+from modalmotion.signature.choice import ModelChoice
 from modalmotion.signature.parameters import SignatureKind, SignatureParameters
 from modalmotion.template import Landmarks
 from modalmotion.template.body_frame import Components, body_frame
@@ -187,7 +187,12 @@ class ModalSignature(Saved, Plotted):
         Near 1 for one turn of a cycle whose next frame would be the first, 0 where the last
         frame repeats the first, large for a movement that does not come back; 0 without motion.
         """
-        return closure_gap(self.amplitudes)
+        largest = float(np.abs(self.amplitudes).max(initial=0.0))
+        if self.n_frames < 2 or largest == 0.0:
+            return 0.0
+        a = self.amplitudes / largest
+        usual = root_mean_square(np.linalg.norm(np.diff(a, axis=0), axis=(1, 2)))
+        return float(np.linalg.norm(a[-1] - a[0])) / usual if usual > 0 else 0.0
 
     @property
     def deformation_spectrum(self) -> NDArray[np.float64]:

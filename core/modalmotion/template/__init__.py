@@ -9,7 +9,6 @@ if TYPE_CHECKING:
     from modalmotion.template.landmarks import GivenLandmarks as GivenLandmarks
     from modalmotion.template.landmarks import Landmarks as Landmarks
     from modalmotion.template.template import Template as Template
-    from modalmotion.template.template import Weights as Weights
     from modalmotion.template.template import require_same_mesh as require_same_mesh
     from modalmotion.template.template import template_id as template_id
     from modalmotion.template.vibration_modes import ModeChoice as ModeChoice

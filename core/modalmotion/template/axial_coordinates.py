@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.modes.topology import CUP, CYLINDER, SPHERE
-from modalmotion.numeric.products import along, second_moments, weighted_sum
 from modalmotion.progress import ShareReport, silent
 from modalmotion.template.axis import (
     Axes,
@@ -75,7 +74,7 @@ def cup_coordinates(
     origin = origin_on(surface, axis, places)
     offsets = surface.vertices - origin
     theta = azimuth(offsets, axis, axes.zero)
-    s = along(offsets, axis) if u is None else (1 - np.clip(u, 0.0, 1.0)) ** _EXPONENT
+    s = offsets @ axis if u is None else (1 - np.clip(u, 0.0, 1.0)) ** _EXPONENT
     if u is None:
         s = (s - s.min()) / (np.ptp(s) or 1.0)
     if len(surface.openings) > 2:
@@ -215,9 +214,9 @@ def _centre_of_cap(surface: Surface, cap: NDArray[np.float64]) -> tuple[NDArray[
     """Centroid of the cap, and how round it is: 0 for a ridge, 1 for a round top."""
     weights = surface.areas * cap
     weights /= weights.sum()
-    apex = weighted_sum(weights, surface.vertices)
+    apex = weights @ surface.vertices
     offsets = surface.vertices - apex
-    _, middle, large = np.linalg.eigvalsh(second_moments(weights, offsets, offsets))
+    _, middle, large = np.linalg.eigvalsh((offsets * weights[:, None]).T @ offsets)
     return apex, float(np.sqrt(max(middle, 0.0) / large)) if large > 0 else 0.0
 
 
@@ -274,7 +273,7 @@ def cylinder_coordinates(
     s = potential(surface, np.zeros(len(theta)), held, values, report)
     if s is None:
         notes.append("The triangles are too thin to solve on; s is the height along the axis.")
-        s = along(offsets, axis)
+        s = offsets @ axis
         s = (s - s.min()) / (np.ptp(s) or 1.0)
     landmarks = Landmarks(
         origin=origin,
@@ -355,7 +354,7 @@ def sphere_coordinates(
     """
     axis = axes.axis
     origin = origin_on(surface, axis, places)
-    height = along(surface.offsets, axis)
+    height = surface.offsets @ axis
     theta = azimuth(surface.vertices - origin, axis, axes.zero)
     notes: list[str] = []
     none = np.zeros(0, dtype=np.int64)
@@ -369,7 +368,7 @@ def sphere_coordinates(
     # u is cos(pi s) turned over: its extremes are the poles.
     s = np.arccos(np.clip((high + low - 2 * u) / ((high - low) or 1.0), -1.0, 1.0)) / np.pi
     near, far = (
-        weighted_sum(surface.areas * cap, surface.vertices) / float((surface.areas * cap).sum())
+        ((surface.areas * cap) @ surface.vertices) / float((surface.areas * cap).sum())
         for cap in ((1 - s) ** _CAP, s**_CAP)
     )
     landmarks = Landmarks(

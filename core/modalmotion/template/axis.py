@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import cotangent_laplacian, graph_laplacian, solve_positive_definite
 from modalmotion.modes.topology import CLOSED, Topology
-from modalmotion.numeric.products import along
 from modalmotion.progress import ShareReport, silent
 from modalmotion.template.surface import Surface
 
@@ -97,14 +96,14 @@ def principal_axes(surface: Surface) -> tuple[NDArray[np.float64], NDArray[np.fl
     variances, columns = np.linalg.eigh(surface.covariance)
     directions = columns.T[::-1].copy()
     for direction in directions:
-        if (areas * along(offsets, direction) ** 3).sum() > 0:
+        if (areas * (offsets @ direction) ** 3).sum() > 0:
             direction *= -1
     return np.maximum(variances[::-1], 0.0), directions
 
 
 def skewness(surface: Surface, direction: NDArray[np.float64]) -> float:
     """Strength of the third moment that gives a direction its sense, 0 to 1."""
-    cubes = surface.areas * along(surface.offsets, direction) ** 3
+    cubes = surface.areas * (surface.offsets @ direction) ** 3
     total = float(np.abs(cubes).sum())
     return abs(float(cubes.sum())) / total if total > 0 else 0.0
 
@@ -129,7 +128,7 @@ def widest_across(surface: Surface, axis: NDArray[np.float64]) -> tuple[NDArray[
     across = np.eye(3) - np.outer(axis, axis)
     variances, columns = np.linalg.eigh(across @ surface.covariance @ across)
     direction: NDArray[np.float64] = columns[:, 2]
-    if float((surface.areas * along(surface.offsets, direction) ** 3).sum()) > 0:
+    if float((surface.areas * (surface.offsets @ direction) ** 3).sum()) > 0:
         direction = -direction
     gap = float((variances[2] - variances[1]) / variances[2]) if variances[2] > 0 else 0.0
     direction, strength = _unit_across(direction * gap, axis, 1.0)
@@ -205,7 +204,7 @@ def azimuth(
     (vertices,) float64, turns
     """
     beside = np.cross(axis, zero).astype(np.float64)
-    turns: NDArray[np.float64] = np.arctan2(along(offsets, beside), along(offsets, zero))
+    turns: NDArray[np.float64] = np.arctan2(offsets @ beside, offsets @ zero)
     return turns / (2 * np.pi)
 
 

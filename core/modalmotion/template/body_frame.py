@@ -19,15 +19,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import connectivity_of, face_normals, oriented_faces
-from modalmotion.numeric.products import (
-    along,
-    gram,
-    inverse_of_cholesky,
-    lengths,
-    product,
-    second_moments,
-    weighted_sum,
-)
+from modalmotion.numeric.scales import gram, inverse_of_cholesky, lengths
 from modalmotion.template.landmarks import Landmarks
 from modalmotion.template.template import Template
 from modalmotion.template.vibration_modes import nearest_in_use
@@ -89,9 +81,9 @@ def local_frames(template: Template) -> NDArray[np.float64]:
         vertices[template.isolated] = vertices[nearest_in_use(vertices, template.isolated)]
     offsets = vertices - landmarks.origin
     axis = landmarks.axis
-    across = offsets - along(offsets, axis)[:, None] * axis
+    across = offsets - (offsets @ axis)[:, None] * axis
     # Twice, since at a small radius its rounding has a part along the axis.
-    across -= along(across, axis)[:, None] * axis
+    across -= (across @ axis)[:, None] * axis
     radius = lengths(across)
     on_axis = ~(radius > 1e-9 * radius.max(initial=0.0))
     radial = across / np.where(on_axis, 1.0, radius)[:, None]
@@ -258,10 +250,10 @@ def unit_coordinates(
     (vertices, 4) float64, 1
         Fewer columns where the surface has no extent in a direction.
     """
-    y = rest - weighted_sum(weights, rest)
-    squares, axes = np.linalg.eigh(second_moments(weights, y, y))
+    y = rest - (weights @ rest)
+    squares, axes = np.linalg.eigh((y * weights[:, None]).T @ y)
     wide = squares > _THIN**2 * squares[-1]
-    along = product(y, axes[:, wide] / np.sqrt(squares[wide]))
+    along = y @ (axes[:, wide] / np.sqrt(squares[wide]))
     return np.concatenate([along, np.ones((len(y), 1))], axis=1)
 
 
@@ -292,16 +284,16 @@ def affine_shapes(shapes: NDArray[np.float64], template: Template) -> NDArray[np
         return shapes
     q = unit_coordinates(template.vertices / size, w)
     weighted = np.ascontiguousarray((w[:, None] * shapes).T)
-    G = product(weighted, shapes)
+    G = weighted @ shapes
     G[np.diag_indices(len(G))] += _RIDGE * np.trace(G) / len(G)
-    held = product(gram(inverse_of_cholesky(G)), product(weighted, q))
+    held = gram(inverse_of_cholesky(G)) @ (weighted @ q)
     # (P q)^+ over the combinations that the modes hold: S^2 are the eigenvalues of (P q)' P q.
-    squares, V = np.linalg.eigh(product(np.ascontiguousarray(held.T), held))
+    squares, V = np.linalg.eigh(held.T @ held)
     V, squares = V[:, squares > HELD**2], squares[squares > HELD**2]
     if not len(squares):
         return shapes
-    inverse = product(product(V / squares, np.ascontiguousarray(V.T)), np.ascontiguousarray(held.T))
-    whole = shapes + product(q - product(shapes, held), inverse)
+    inverse = ((V / squares) @ V.T) @ held.T
+    whole = shapes + ((q - (shapes @ held)) @ inverse)
     if len(template.isolated):
         whole[template.isolated] = whole[nearest_in_use(template.vertices, template.isolated)]
-    return whole
+    return np.asarray(whole)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.arguments.checking import one_of
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.reference import middle_positions, reference_positions
@@ -16,7 +14,7 @@ from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.mesh.triangles import curve_weights
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
-from modalmotion.numeric.products import power_of_two
+from modalmotion.numeric.scales import power_of_two
 from modalmotion.progress import ShareReport, part_of, silent
 from modalmotion.template.axial_coordinates import (
     cup_axes,
@@ -52,7 +50,6 @@ from modalmotion.template.surface import Surface, steady_shape, surface_of
 from modalmotion.template.template import (
     Placement,
     Template,
-    Weights,
     axis_lengths,
     is_placed_by_shape,
     landmarks_read,
@@ -65,7 +62,6 @@ def shares_of(
     surface: Surface,
     sequence: MeshSequence,
     topology: Topology | None,
-    weights: Weights,
     notes: list[str],
     first: NDArray[np.int64],
 ) -> NDArray[np.float64]:
@@ -76,7 +72,6 @@ def shares_of(
     surface : Surface
     sequence : MeshSequence
     topology : Topology or None
-    weights : Weights
     notes : list of str
         Told where there are no areas to weigh by.
     first : (vertices,) int64
@@ -84,11 +79,6 @@ def shares_of(
     """
     n = sequence.n_vertices
     is_curve = topology is not None and topology.n_axes == 1
-    if weights == Weights.UNIFORM:
-        counted = np.ones(n, dtype=np.bool_)
-        if len(surface.faces):
-            counted[surface.isolated] = False
-        return np.where(counted, 1.0 / counted.sum(), 0.0)
     areas = surface.areas
     if is_curve and topology is not None:
         areas = curve_weights(surface.vertices, topology)
@@ -129,7 +119,6 @@ def make_template(
     sequence: MeshSequence,
     *,
     reference: Reference = 0,
-    weights: Weights = Weights.AREA,
     landmarks: GivenLandmarks | None = None,
     closed_form: bool = True,
     by_rows: bool = True,
@@ -144,7 +133,6 @@ def make_template(
         connectivity decides.
     reference : int or "mean"
         Frame whose shape the coordinates and areas are taken from.
-    weights : Weights
     landmarks : GivenLandmarks, optional
         Places stated by the user, over those of the shape and of the sequence's facts.
     closed_form : bool
@@ -164,10 +152,9 @@ def make_template(
         nor a stated topology.
     """
     sequence.require_reference(reference)
-    weights = one_of("weights", weights, Weights)
     is_stated = sequence.topology is not None or sequence.grid is not None
     if reference == MEAN and not is_stated and closed_form:
-        return _recognised_in_frame_0(sequence, weights, landmarks, report)
+        return _recognised_in_frame_0(sequence, landmarks, report)
     own_landmarks = landmarks_read(sequence, landmarks, closed_form=closed_form)
     start = reference_positions(sequence, reference)
     middle = middle_positions(sequence, reference)
@@ -241,11 +228,10 @@ def make_template(
     require_used(own_landmarks, topology, is_lattice=sequence.grid is not None)
     if reason and topology is None:
         notes.append(f"{reason} The modes are those of springs along the edges of this mesh.")
-    shares = shares_of(surface, sequence, topology, weights, notes, first)
+    shares = shares_of(surface, sequence, topology, notes, first)
     id_ = template_id(
         sequence,
         reference=reference,
-        weights=weights,
         landmarks=own_landmarks,
         closed_form=closed_form,
         by_rows=by_rows,
@@ -279,7 +265,6 @@ def make_template(
 
 def _recognised_in_frame_0(
     sequence: MeshSequence,
-    weights: Weights,
     landmarks: GivenLandmarks | None,
     report: ShareReport,
 ) -> Template:
@@ -287,17 +272,16 @@ def _recognised_in_frame_0(
 
     Limbs that swing leave a mean without them, which may be a sphere although no frame is one.
     """
-    made: dict[str, Any] = {"weights": weights, "landmarks": landmarks}
-    first = make_template(sequence, report=part_of(report, 0.0, 0.5), **made)
+    first = make_template(sequence, landmarks=landmarks, report=part_of(report, 0.0, 0.5))
     is_known = first.surface is not None
     of_mean = make_template(
         sequence.with_topology(first.surface, None),
         reference=MEAN,
         closed_form=is_known,
+        landmarks=landmarks,
         report=part_of(report, 0.5, 1.0),
-        **made,
     )
-    id_ = template_id(sequence, reference=MEAN, **made)
+    id_ = template_id(sequence, reference=MEAN, landmarks=landmarks)
     notes = tuple(dict.fromkeys((*first.notes, *of_mean.notes))) if is_known else first.notes
     return replace(of_mean, id=id_, reason=first.reason, notes=notes)
 

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import Corners, Facts, Named, Place
 from modalmotion.modes.topology import CLOSED, Topology
-from modalmotion.numeric.products import weighted_sum
 from modalmotion.representation import counted, shown
 from modalmotion.template.surface import Surface
 
@@ -282,13 +281,13 @@ def lattice_landmarks(
     share = surface.areas / surface.area
     centre = surface.centroid
     # The slope of position on s, and the first circular moment of position.
-    slope = weighted_sum(share * (s - (share * s).sum()), surface.offsets)
+    slope = (share * (s - (share * s).sum())) @ surface.offsets
     length = float(np.linalg.norm(slope))
     spread = float(np.sqrt((share * (surface.offsets**2).sum(axis=1)).sum()))
     if not length > 1e-9 * spread:
         return None
     axis = slope / length
-    zero = weighted_sum(share * np.cos(2 * np.pi * theta), surface.offsets)
+    zero = (share * np.cos(2 * np.pi * theta)) @ surface.offsets
     zero = zero - (zero @ axis) * axis
     reach = float(np.linalg.norm(zero))
     if not reach > 1e-9 * spread:

@@ -9,7 +9,6 @@ from modalmotion.errors import ParameterError
 from modalmotion.mesh import divergence, face_gradients
 from modalmotion.mesh.triangles import curve_weights, step_lengths
 from modalmotion.modes.topology import CLOSED_CURVE, PLANE, TORUS, Topology
-from modalmotion.numeric.products import along, second_moments, weighted_sum
 from modalmotion.progress import ShareReport, part_of, silent
 from modalmotion.template.axis import (
     Axes,
@@ -85,7 +84,7 @@ def plane_coordinates(
         columns = []
         for direction in axes.matrix.T[:2]:
             side = np.sqrt(12 * max(float(direction @ surface.covariance @ direction), 0.0))
-            columns.append(0.5 + along(surface.offsets, direction) / (side or 1.0))
+            columns.append(0.5 + (surface.offsets @ direction) / (side or 1.0))
         values = np.stack(columns, axis=1)
     landmarks = Landmarks(
         origin=surface.centroid,
@@ -205,7 +204,7 @@ def torus_coordinates(
     """
     origin, axis = surface.centroid, axes.axis
     offsets = surface.offsets
-    height = along(offsets, axis)
+    height = offsets @ axis
     radius = np.linalg.norm(offsets - height[:, None] * axis, axis=1)
     core = float((surface.areas * radius).sum() / surface.area)
     theta = azimuth(offsets, axis, axes.zero)
@@ -289,7 +288,7 @@ def curve_coordinates(
             # Rounding of the sum must not push the end beyond 1.
             values = np.append(reached, total)[: len(vertices)] / total
     weights = curve_weights(vertices, topology)
-    centre = weighted_sum(weights, vertices) / (weights.sum() or 1.0)
+    centre = (weights @ vertices) / (weights.sum() or 1.0)
     landmarks = (_closed if closed else _open)(vertices, centre, total_or_one, places)
     if closed and "theta_zero" in places:
         values = values - _nearest(vertices, steps, places["theta_zero"]) / total_or_one
@@ -361,7 +360,7 @@ def _open(
         axis = chord / reach
     else:
         offsets = vertices - centre
-        axis = np.linalg.eigh(second_moments(np.ones(len(vertices)), offsets, offsets))[1][:, 2]
+        axis = np.linalg.eigh((offsets * np.ones(len(vertices))[:, None]).T @ offsets)[1][:, 2]
         strength = 0.0
     bulge = centre - (vertices[0] + vertices[-1]) / 2
     bulge = bulge - (bulge @ axis) * axis

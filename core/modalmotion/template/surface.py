@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh import Connectivity, connectivity_of, oriented_faces, vertex_areas
 from modalmotion.modes.topology import CLOSED_CURVE, Topology
-from modalmotion.numeric.products import second_moments, weighted_sum
 from modalmotion.representation import shown
 
 
@@ -47,7 +46,7 @@ class Surface:
     @cached_property
     def centroid(self) -> NDArray[np.float64]:
         """Area centroid, (3,)."""
-        return weighted_sum(self.areas, self.vertices) / self.area
+        return (self.areas @ self.vertices) / self.area
 
     @cached_property
     def offsets(self) -> NDArray[np.float64]:
@@ -57,7 +56,7 @@ class Surface:
     @cached_property
     def covariance(self) -> NDArray[np.float64]:
         """Second moments of its area about the centroid, over the area, (3, 3)."""
-        return second_moments(self.areas, self.offsets, self.offsets) / self.area
+        return ((self.offsets * self.areas[:, None]).T @ self.offsets) / self.area
 
     @cached_property
     def wound_faces(self) -> NDArray[np.int64] | None:
@@ -105,7 +104,7 @@ class Opening:
         a, b = vertices[loop[:, 0]], vertices[loop[:, 1]]
         lengths = np.linalg.norm(b - a, axis=1)
         total = float(lengths.sum())
-        centre = weighted_sum(lengths, (a + b) / 2) / total if total > 0 else a.mean(axis=0)
+        centre = (lengths @ ((a + b) / 2)) / total if total > 0 else a.mean(axis=0)
         return Opening(np.unique(loop), centre, total, loop)
 
     def slopes(
@@ -147,7 +146,7 @@ def mean_of(openings: tuple[Opening, ...]) -> NDArray[np.float64]:
     centres = np.stack([opening.centre for opening in openings])
     total = float(lengths.sum())
     shares = lengths / total if total > 0 else np.full(len(lengths), 1.0 / len(lengths))
-    return weighted_sum(shares, centres)
+    return shares @ centres
 
 
 def surface_of(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Surface:

@@ -7,7 +7,6 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from functools import cached_property
 from typing import Final
 
@@ -140,13 +139,6 @@ def _symmetric(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.flo
 _SCHEMA = 3
 
 
-class Weights(StrEnum):
-    """Weight of each vertex in rotation, fit and error."""
-
-    AREA = "area"
-    UNIFORM = "uniform"
-
-
 @shown("topology", "n_vertices", "lengths", "reason", "id")
 @dataclass(frozen=True, eq=False)
 class Template(FrozenArrays):
@@ -247,7 +239,6 @@ def template_id(
     sequence: MeshSequence,
     *,
     reference: Reference = 0,
-    weights: Weights = Weights.AREA,
     landmarks: GivenLandmarks | None = None,
     closed_form: bool = True,
     by_rows: bool = True,
@@ -266,7 +257,6 @@ def template_id(
         "schema": _SCHEMA,
         "topology": None if sequence.topology is None else sequence.topology.name,
         "grid": sequence.grid,
-        "weights": weights.value,
         "landmarks": own_landmarks.as_json(),
         "closed_form": closed_form,
         "n_vertices": sequence.n_vertices,

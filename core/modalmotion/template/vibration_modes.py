@@ -16,7 +16,7 @@ from modalmotion.modes import ModeLabel, Modes, ModeSet, lowest_modes, whole_cou
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.order import modes_named
 from modalmotion.modes.topology import MESH
-from modalmotion.numeric.products import power_of_two
+from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import shown
 from modalmotion.template.template import Template
 

@@ -15,7 +15,6 @@ from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.triangles import face_normals, grouped_edges
 from modalmotion.modes import ModeSet, lowest_modes, whole_count
 from modalmotion.modes.topology import CLOSED, OPEN_CURVE, End
-from modalmotion.numeric.products import product
 from modalmotion.template import Template
 from modalmotion.template.body_frame import affine_shapes
 from modalmotion.template.vibration_modes import shapes_of
@@ -63,7 +62,7 @@ class Deformable:
 
     def positions(self, amplitudes: NDArray[np.float64]) -> NDArray[np.float64]:
         """Positions, (vertices, 3), for amplitudes (modes, 3)."""
-        return self.template.vertices + product(self.shapes, amplitudes)
+        return self.template.vertices + (self.shapes @ amplitudes)
 
     @cached_property
     def size(self) -> float:
@@ -281,7 +280,7 @@ class RimThere:
         for i in range(3):
             own = self.outward[:, i] / self.totals[self.sectors]
             shares[self.sectors, np.arange(len(self.vertices))] = own
-            rows[:, :, i] = product(shares, shapes)
+            rows[:, :, i] = shares @ shapes
         return rows
 
     def alike(self, surface: Deformable, n_values: float) -> NDArray[np.float64]:

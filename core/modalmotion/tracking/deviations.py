@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from modalmotion.mesh import face_areas, vertex_areas
 from modalmotion.mesh.cavity import lid_gradient, volume_gradient
 from modalmotion.mesh.checks import Uncertainty
-from modalmotion.numeric.products import product
 from modalmotion.template import Template
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.first_shape import FirstShape
@@ -119,8 +118,8 @@ def volume_deviation(
     """
     g = gradient.reshape(-1, 1)
     lid = of_lids.reshape(-1, 1)
-    variance = float((g * product(across, g)).sum()) + (area * truncation) ** 2 / n_values
-    variance += max(float((lid * product(along - across, lid)).sum()), 0.0)
+    variance = float((g * (across @ g)).sum()) + (area * truncation) ** 2 / n_values
+    variance += max(float((lid * ((along - across) @ lid)).sum()), 0.0)
     return float(np.sqrt(max(variance, 0.0)))
 
 
@@ -131,7 +130,7 @@ def _at(shapes: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray
     full = np.empty((len(shapes), 3, 3))
     for i in range(3):
         for j in range(i, 3):
-            half = product(shapes, np.ascontiguousarray(C[:, i, :, j]))
+            half = shapes @ C[:, i, :, j]
             full[:, i, j] = full[:, j, i] = (half * shapes).sum(axis=1)
     return full
 

@@ -12,7 +12,7 @@ from modalmotion.errors import ShapeError
 from modalmotion.images import PlaneSet
 from modalmotion.images.sequence import Image
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.numeric.products import gram, inverse_of_cholesky, product
+from modalmotion.numeric.scales import gram, inverse_of_cholesky
 from modalmotion.template import make_template
 from modalmotion.tracking.deformable import Deformable, require_unfolded
 from modalmotion.tracking.image_levels import renewed
@@ -74,10 +74,10 @@ def with_shifts(scene: Scene) -> tuple[FrameEstimate, Sight]:
     """
     joint, sight = _joint(scene), scene.sight
     n, now = 3 * len(scene.surface), scene.amplitudes.ravel()
-    b = joint.info.vector - product(joint.info.matrix, now[:, None])[:, 0] - joint.stiffness * now
+    b = joint.info.vector - (joint.info.matrix @ now[:, None])[:, 0] - joint.stiffness * now
     inverse = inverse_of_cholesky(np.block([[joint.H, joint.C], [joint.C.T, joint.D]]))
     right = np.append(b, joint.pull)[:, None]
-    step = product(np.ascontiguousarray(inverse.T), product(inverse, right))[:, 0]
+    step = (inverse.T @ (inverse @ right))[:, 0]
     covariance = gram(inverse)
     own = np.ascontiguousarray(covariance[:n, :n])
     settled = FrameEstimate((now + step[:n]).reshape(-1, 3), joint.info, own)
@@ -107,12 +107,12 @@ def left_by_shifts(scene: Scene, normals: Floats) -> Floats:
     """
     joint = _joint(scene)
     inverse = inverse_of_cholesky(joint.H)
-    half = product(inverse, joint.C)
-    S = gram(inverse_of_cholesky(joint.D - product(np.ascontiguousarray(half.T), half)))
-    moved = product(np.ascontiguousarray(inverse.T), half)
+    half = inverse @ joint.C
+    S = gram(inverse_of_cholesky(joint.D - (half.T @ half)))
+    moved = inverse.T @ half
     rows = (scene.surface.shapes[:, :, None] * normals[:, None, :]).reshape(len(normals), -1)
-    seen = product(rows, moved)
-    deviations: Floats = np.sqrt(np.maximum((product(seen, S) * seen).sum(axis=1), 0.0))
+    seen = rows @ moved
+    deviations: Floats = np.sqrt(np.maximum(((seen @ S) * seen).sum(axis=1), 0.0))
     return deviations
 
 
@@ -132,8 +132,8 @@ def _joint(scene: Scene) -> _Joint:
     of_shifts[np.arange(len(n)), view.planes[k]] = flat
     of_shifts = of_shifts.reshape(len(n), -1)
     weighted = np.ascontiguousarray((strength[:, None] * of_shifts).T)
-    C = np.ascontiguousarray(product(weighted, of_shape).T)
-    D = product(weighted, of_shifts) + np.eye(sight.shifts.size) / sight.shift_sd**2
+    C = np.ascontiguousarray((weighted @ of_shape).T)
+    D = (weighted @ of_shifts) + np.eye(sight.shifts.size) / sight.shift_sd**2
     pull = weighted @ (info.residuals * n).sum(axis=1) - sight.shifts.ravel() / sight.shift_sd**2
     stiffness = np.repeat(1.0 / prior.variances(surface.wavenumbers), 3)
     return _Joint(info, stiffness, info.matrix + np.diag(stiffness), C, D, pull)

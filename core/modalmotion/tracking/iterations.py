@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.numeric.products import gram, inverse_of_cholesky, product
+from modalmotion.numeric.scales import gram, inverse_of_cholesky
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.noise import Noise, Prior, Residuals, most_likely_prior, noise_of
 from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
@@ -70,12 +70,10 @@ def map_frame(
         found = normal_equations(surface, a, frame, noise)
         H = found.matrix + np.diag(stiffness)
         inverse = inverse_of_cholesky(H)
-        new = product(
-            np.ascontiguousarray(inverse.T), product(inverse, found.vector[:, None])
-        ).reshape(-1, 3)
+        new = (inverse.T @ (inverse @ found.vector[:, None])).reshape(-1, 3)
         change = (new - a).ravel()
         a = new
-        if float(change @ product(H, change[:, None])[:, 0]) <= _SMALL * len(change):
+        if float(change @ (H @ change[:, None])[:, 0]) <= _SMALL * len(change):
             break
     return FrameEstimate(a, found, gram(inverse))
 

@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.numeric.products import gram, inverse_of_cholesky, product
+from modalmotion.numeric.scales import gram, inverse_of_cholesky
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.iterations import LEAST, Iteration
 from modalmotion.tracking.noise import Noise, Prior
@@ -75,7 +75,7 @@ def chain_precision(
     np.add.at(L, (end, start), -1.0 / gaps)
     L /= (2.0 * np.pi * h0) ** 2
     # (M + L) M^-1 (M + L) - M.
-    Q = 2.0 * L + product(L / share, L)
+    Q = 2.0 * L + ((L / share) @ L)
     Q = (Q + Q.T) / 2
     others = np.delete(np.arange(n), anchor)
     inverse = inverse_of_cholesky(Q[np.ix_(others, others)])
@@ -120,7 +120,7 @@ def most_likely_h0(
     for h0 in np.geomspace(_STIFFEST, n / 4.0, _N_TRIED) if n >= _FEW else [_USUAL]:
         Q = chain_precision(phases, float(h0), anchor, is_closed=is_closed)[np.ix_(free, free)]
         logarithm = -2.0 * float(np.log(np.diag(inverse_of_cholesky(Q))).sum())
-        energy = float((shares * (x * product(Q, x)).sum(axis=0)).sum()) / total / len(free)
+        energy = float((shares * (x * (Q @ x)).sum(axis=0)).sum()) / total / len(free)
         unlikely = len(free) * np.log(max(energy, 1e-300)) - logarithm
         if unlikely < least:
             best, variance, least = float(h0), energy, unlikely
@@ -175,19 +175,19 @@ def joined(
         for k, frame in enumerate(block):
             D[k * n : (k + 1) * n, k * n : (k + 1) * n] += matrices[frame]
         if i:
-            F = product(between(i, i - 1), inverses[-1])
-            D -= product(F, between(i - 1, i))
-            b = b - product(F, sums[-1][:, None])[:, 0]
+            F = between(i, i - 1) @ inverses[-1]
+            D -= F @ between(i - 1, i)
+            b = b - (F @ sums[-1][:, None])[:, 0]
         inverses.append(gram(inverse_of_cholesky((D + D.T) / 2)))
         sums.append(b)
     a, C = np.zeros(0), np.zeros((0, 0))
     for i in range(len(blocks) - 1, -1, -1):
         inverse = inverses[i]
-        own = product(inverse, sums[i][:, None])[:, 0]
+        own = (inverse @ sums[i][:, None])[:, 0]
         if i + 1 < len(blocks):
-            G = product(inverse, between(i, i + 1))
-            own = own - product(G, a[:, None])[:, 0]
-            inverse = inverse + product(product(G, C), np.ascontiguousarray(G.T))
+            G = inverse @ between(i, i + 1)
+            own = own - (G @ a[:, None])[:, 0]
+            inverse = inverse + ((G @ C) @ G.T)
         a, C = own, (inverse + inverse.T) / 2
         for k, frame in enumerate(blocks[i]):
             rows = slice(k * n, (k + 1) * n)

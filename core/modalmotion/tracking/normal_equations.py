@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.triangles import face_normals
-from modalmotion.numeric.products import gram, product
+from modalmotion.numeric.scales import gram
 from modalmotion.tracking.closest import Matches, closest_points
 from modalmotion.tracking.deformable import Deformable, alike_over, place_on, rim_at
 from modalmotion.tracking.ends_of_data import Ending, Lying, lies_evenly
@@ -71,7 +71,7 @@ def across_covariance(seen: NDArray[np.float64], info: NormalEquations) -> NDArr
     Across, what truncation does to the amplitudes is in the residuals already, from which T is
     taken: there only the share of the noise counts, C - (1 - q) C A C.
     """
-    return seen - product(product(seen, info.truncated), seen)
+    return seen - ((seen @ info.truncated) @ seen)
 
 
 def normal_equations(
@@ -104,7 +104,7 @@ def normal_equations(
             marks.add(there.rows(surface), end.beyond, end.shown / variances)
     matrix = of_points.matrix + marks.matrix
     # (y - x(a)) is what b came from: the target is that much beyond a.
-    vector = of_points.vector + marks.vector + product(matrix, amplitudes.reshape(-1, 1))[:, 0]
+    vector = of_points.vector + marks.vector + (matrix @ amplitudes.reshape(-1, 1))[:, 0]
     none = np.zeros((0, 3))
     seen = seen or [(none, none, none[:, 0], np.zeros((0, surface.cells.shape[1]), np.int64))]
     points, residuals, weights, feet = (np.concatenate(each) for each in zip(*seen, strict=True))
@@ -125,9 +125,7 @@ class _Sum:
         """Add rows (n, modes, 3), gaps (n,) and strengths (n,)."""
         flat = rows.reshape(len(rows), -1) * np.sqrt(strengths)[:, None]
         self.matrix += gram(flat)
-        self.vector += product(np.ascontiguousarray(flat.T), (np.sqrt(strengths) * gaps)[:, None])[
-            :, 0
-        ]
+        self.vector += (flat.T @ (np.sqrt(strengths) * gaps)[:, None])[:, 0]
 
     def add_feet(
         self,

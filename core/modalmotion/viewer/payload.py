@@ -25,7 +25,7 @@ from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.mode_set import wave_pairs
-from modalmotion.numeric.products import power_of_two
+from modalmotion.numeric.scales import power_of_two
 from modalmotion.pictures.view import upright
 from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.signature.mode_names import COLOURS, mode_dash, mode_tone

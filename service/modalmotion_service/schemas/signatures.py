@@ -11,11 +11,11 @@ from pydantic_core import from_json
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.modes import ModeLabel
 from modalmotion.modes.topology import MESH
+from modalmotion.signature.choice import SceneError, SceneKind
 from modalmotion.signature.distance import Comparison
-from modalmotion.signature.fitter import SceneError, SceneKind
 from modalmotion.signature.front import Price, price_of
 from modalmotion.signature.making import ModalSignature
-from modalmotion.signature.model import Noise
+from modalmotion.signature.noise import Noise
 from modalmotion.signature.parameters import SignatureKind, parameters_as_json
 from modalmotion.template import Landmarks, Template
 from modalmotion.template.body_frame import Components
@@ -57,7 +57,7 @@ class BranchAnswer(BaseModel):
 class SceneErrorAnswer(Mirror):
     """Error that one simple kind of motion leaves, in the length unit."""
 
-    numbers_per_frame: int | None
+    numbers_per_frame: int
 
 
 @mirrors(Noise)
@@ -68,18 +68,14 @@ class NoiseAnswer(Mirror):
 class ChosenAnswer(BaseModel):
     """The requested point of the front."""
 
-    kind: SceneKind = Field(description="deformable for modes, or the simpler kind that holds.")
+    kind: SceneKind = Field(description="Simplest kind of motion that the scene is.")
     price: PriceAnswer
-    topology: str | None = None
-    components: Components | None = None
-    modes: int | None = None
-    labels: list[str] = []
-    harmonics: int | None = None
-    notes: list[str] = []
-    matrices: list[list[list[float]]] | None = Field(
-        None, description="A of A (x - c) + c + t, of a static, rigid or affine motion."
-    )
-    shifts: list[list[float]] | None = None
+    topology: str
+    components: Components
+    modes: int
+    labels: list[str]
+    harmonics: int | None
+    notes: list[str]
 
 
 class TradeoffAnswer(BaseModel):

@@ -17,7 +17,6 @@ from modalmotion.classification.answer_hdf5 import (
 )
 from modalmotion.classification.model import holds, share_ranges, strangeness_of
 from modalmotion.errors import ParameterError
-from modalmotion.template.template import Weights
 
 
 def test_sets_hold_the_true_class_as_often_as_stated_class_by_class() -> None:
@@ -77,11 +76,11 @@ def test_ranges_of_shares_are_wider_for_few_and_unknown_for_fewer() -> None:
 def test_what_cannot_be_read_is_refused_by_name() -> None:
     model, signature = small_model(), cohort(6)[0].signature
     curve_ = curves(1)[0].signature
-    uniform = replace(signature.parameters, weights=Weights.UNIFORM)
+    turned = replace(signature.parameters, remove_rotation=False)
     for other, words in (
         (curve_, "topology"),
         (replace(signature, amplitudes=signature.amplitudes[:1]), "one frame"),
-        (replace(signature, parameters=uniform), "weights"),
+        (replace(signature, parameters=turned), "rotation"),
     ):
         found = classify(other, model)
         assert found.label is None

@@ -7,13 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import click
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
 
 from modalmotion.cli import main, options
 from modalmotion.cli.modes_commands import animate
-from modalmotion.cli.options import OutputFile, OutputFolder, aligned, write_picture
+from modalmotion.cli.options import OutputFile, OutputFolder, aligned, described, write_picture
 from modalmotion.errors import StoreError
 
 
@@ -45,6 +46,41 @@ def test_columns_are_aligned_and_numbers_end_below_one_another() -> None:
     rows = [("name", "MB"), ("a", "1.5"), ("longer", "12.0")]
     assert aligned(rows).splitlines() == ["name      MB", "a        1.5", "longer  12.0"]
     assert aligned([("name", "MB")]) == "name  MB"
+
+
+def test_an_answer_is_described_member_by_member() -> None:
+    lines = [
+        " ".join(line.split())
+        for line in described(
+            {
+                "n_frames": 8,
+                "rms_error": np.float64(0.25),
+                "is_sound": True,
+                "unit": None,
+                "faults": (),
+                "facts": {},
+                "times": [None, *(0.5 * k for k in range(20))],
+                "amplitudes": [[1.0, 2.0], [3.0, 4.0]],
+                "interval": (1.0, 2.5),
+                "modes": [{"label": "a", "largest_error": 1.0}, {"label": "b"}],
+                "price": {"n_bytes": 3},
+                "notes": ["Mind the gap."],
+            }
+        )
+    ]
+    assert lines == [
+        *("frames 8", "rms error 0.250", "is sound yes", "times 0.000 to 9.500 (21 values)"),
+        *("amplitudes 2 x 2 values", "interval 1.000, 2.500"),
+        *(
+            "modes:",
+            "label largest error",
+            "a 1.000",
+            "b",
+            "price:",
+            "bytes 3",
+            "note: Mind the gap.",
+        ),
+    ]
 
 
 @pytest.mark.parametrize("name", ["signature", "report", "classify", "modes", "encode", "view"])

@@ -13,7 +13,7 @@ from project import DATA
 
 from modalmotion.codec import decode, encode
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.numeric.products import lengths
+from modalmotion.numeric.scales import lengths
 
 
 @pytest.mark.every(3)

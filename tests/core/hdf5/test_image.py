@@ -35,7 +35,7 @@ from modalmotion.store import (
     template_from_hdf5,
     template_to_hdf5,
 )
-from modalmotion.template import GivenLandmarks, Landmarks, Template, Weights, make_template
+from modalmotion.template import GivenLandmarks, Landmarks, Template, make_template
 from modalmotion.template.body_frame import Components
 
 IDS = st.text("0123456789abcdef", min_size=64, max_size=64)
@@ -87,7 +87,6 @@ def signatures(draw: st.DrawFn) -> ModalSignature:
             topology=draw(st.none() | st.text(max_size=9)),
             grid=draw(st.none() | st.tuples(st.integers(1, 9), st.integers(1, 9))),
             reference=draw(st.integers(0, 9)),
-            weights=draw(st.sampled_from(Weights)),
             remove_rotation=draw(st.booleans()),
             components=draw(st.sampled_from(Components)),
             landmarks=GivenLandmarks(
@@ -171,12 +170,11 @@ def test_a_classification_comes_back_bit_for_bit(classes: list[str], data: Any) 
     assert_same(classification_from_hdf5(image), classification)
 
 
-@pytest.mark.parametrize("weights", Weights)
-def test_a_template_comes_back_bit_for_bit(weights: Weights) -> None:
+def test_a_template_comes_back_bit_for_bit() -> None:
     disc = np.array([[0.0, 0.0, 1.0], *([np.cos(a), np.sin(a), 0.0] for a in np.arange(6.0))])
     faces = [[0, i + 1, (i + 1) % 6 + 1] for i in range(6)]
     for sequence in (sample_sequence(1), mesh_sequence(disc[None], faces)):
-        template = make_template(sequence, weights=weights)
+        template = make_template(sequence)
         image = template_to_hdf5(template)
         assert_same(template_from_hdf5(image), template)
         assert template_to_hdf5(template_from_hdf5(image)) == image
@@ -185,7 +183,7 @@ def test_a_template_comes_back_bit_for_bit(weights: Weights) -> None:
 def test_every_field_has_a_place_in_the_file() -> None:
     # A field that is added without one would come back as something else, or not at all.
     assert len(fields(ModalSignature)) == 27
-    assert len(fields(SignatureParameters)) == 17
+    assert len(fields(SignatureParameters)) == 16
     assert len(fields(Landmarks)) == 8
     assert len(fields(GivenLandmarks)) == 4
     assert len(fields(SpringModes)) == 2

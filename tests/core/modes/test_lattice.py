@@ -71,18 +71,6 @@ def test_any_selection_has_the_bits_of_the_whole(
     assert np.array_equal(few[:, 5], lattice.shapes(some.take([5]))[:, 0])
 
 
-def test_shapes_go_into_a_given_array() -> None:
-    lattice = Lattice(TORUS, (6, 8))
-    modes = lattice.all_modes()
-    out = np.full((48, 48), np.nan, order="F")
-    found = lattice.shapes(modes, out=out)
-    assert np.shares_memory(found, out)
-    assert np.array_equal(out, lattice.shapes(modes))
-    for bad in (np.empty((48, 48)), np.empty((48, 47), order="F"), np.empty((48, 48), "f4", "F")):
-        with pytest.raises(ShapeError, match="'out'"):
-            lattice.shapes(modes, out=bad)
-
-
 def test_one_node_rests() -> None:
     for topology, shape in (
         (OPEN_CURVE, (1,)),
@@ -156,7 +144,7 @@ def test_beyond_nyquist_is_refused(
     lattice = Lattice(topology, shape)
     label = ModeLabel(wavenumbers, "sin" if part == "sin" else "cos")
     modes = ModeSet.of(topology, [ModeLabel((0,) * len(shape), "cos"), label])
-    for ask in (lattice.shapes, lattice.angular_frequencies, lattice.factors):
+    for ask in (lattice.shapes, lattice.angular_frequencies):
         with pytest.raises(ParameterError, match="alias") as caught:
             ask(modes)
         assert str(label) in str(caught.value)

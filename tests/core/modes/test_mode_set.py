@@ -8,16 +8,13 @@ from dense_lattices import SURFACES, VOLUMES
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modalmotion.errors import ModeCountError, ParameterError
-from modalmotion.modes import ModeLabel, ModeSet, all_modes, lowest_modes
+from modalmotion.modes import ModeLabel, ModeSet, lowest_modes
 from modalmotion.modes.topology import (
-    CLOSED,
     CLOSED_CURVE,
     CUP,
     CYLINDER,
     OPEN_CURVE,
     SPHERE,
-    TORUS,
     Topology,
 )
 
@@ -116,53 +113,3 @@ def test_wavenumbers_are_those_of_the_laplacian(topology: Topology) -> None:
         laplacian += second / (h * length) ** 2
     k = modes.wavenumbers_on(lengths)
     assert -laplacian == pytest.approx(k**2 * modes.shapes_at(x), abs=1e-4 * k.max() ** 2)
-
-
-@pytest.mark.parametrize("topology", TOPOLOGIES, ids=str)
-def test_terms_add_up_to_the_waves(topology: Topology) -> None:
-    modes = lowest_modes(topology, 80)
-    separable = modes.separable
-    x = np.random.default_rng(5).uniform(0, 1, topology.n_axes)
-    total = np.zeros(len(modes))
-    for mode, sign, columns in zip(separable.mode, separable.signs, separable.columns, strict=True):
-        value = sign
-        for axis, (ends, column) in enumerate(zip(topology.ends, columns, strict=True)):
-            h, sine = separable.half_periods[axis][column, 0], separable.is_sine[axis][column, 0]
-            angle = h * x[axis] * (2 * np.pi if ends == CLOSED else np.pi / 2)
-            value *= np.sin(angle) if sine else np.cos(angle)
-        total[mode] += value
-    expected = modes.shapes_at(x[None])[0] / np.sqrt(2.0) ** modes.n_waves
-    assert total == pytest.approx(expected, abs=1e-13)
-
-
-@pytest.mark.parametrize("topology", TOPOLOGIES, ids=str)
-def test_groups_of_terms_name_nothing_twice(topology: Topology) -> None:
-    separable = lowest_modes(topology, 80).separable
-    for groups, field in ((separable.sums, "mode"), (separable.spreads, "product")):
-        for terms in groups:
-            assert len(set(getattr(terms, field).tolist())) == len(terms.term)
-        every = np.concatenate([terms.term for terms in groups])
-        assert sorted(every.tolist()) == list(range(len(separable.mode)))
-    assert separable.sums[0].mode.tolist() == list(range(80))
-
-
-@pytest.mark.parametrize("topology", TOPOLOGIES, ids=str)
-def test_several_closed_axes_need_several_terms(topology: Topology) -> None:
-    separable = all_modes(topology, (4, 6, 6)[: topology.n_axes]).separable
-    assert len(separable.sums) == 2 ** max(0, len(topology.closed_axes) - 1)
-
-
-def test_functions_along_an_axis_are_kept_once() -> None:
-    modes = lowest_modes(CYLINDER, 7)
-    assert modes.separable.n_functions == (3, 3)
-    assert lowest_modes(TORUS, 5).separable.n_functions == (3, 3)
-
-
-def test_a_sine_without_a_wave_is_no_mode() -> None:
-    with pytest.raises(ParameterError, match="zero everywhere"):
-        _ = ModeSet.of(CYLINDER, [ModeLabel((2, 0), "sin")]).separable
-
-
-def test_no_modes_have_no_terms() -> None:
-    with pytest.raises(ModeCountError):
-        _ = lowest_modes(CUP, 2).take(slice(0, 0)).separable

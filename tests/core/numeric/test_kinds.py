@@ -38,7 +38,6 @@ REFUSED: dict[str, Callable[[], object]] = {
     "tolerance is '2'": lambda: P(tolerance="2"),
     "tolerance is True": lambda: P(tolerance=True),
     "auto is 1": lambda: P(auto=1),
-    "weights is 'areas'": lambda: P(weights="areas"),
     "tolerance_of is 'mean'": lambda: P(tolerance=1.0, tolerance_of="mean"),
     "grid is 7": lambda: P(grid=7),
     r"grid is \(2.5, 4\)": lambda: P(grid=(2.5, 4)),
@@ -60,7 +59,6 @@ REFUSED: dict[str, Callable[[], object]] = {
     ),
     "reference is frame 1.5": lambda: MAKE(small(), reference=1.5),
     "reference is frame True": lambda: MAKE(small(), reference=True),
-    "weights is 'areas',": lambda: MAKE(small(), weights="areas"),
     "most_modes is 9.0": lambda: measure_front(small(), most_modes=9.0),  # type: ignore[arg-type]
 }
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -13,10 +11,8 @@ from template_surfaces import Moving, describe, fit_sequence, make_tube, make_ve
 import modalmotion.mesh.alignment as displacements_module
 from modalmotion.errors import TopologyError
 from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.signature.basis import make_basis
-from modalmotion.signature.fit import FrameErrors, project
-from modalmotion.signature.fitter import Fitter
-from modalmotion.template import Weights, choose_modes, make_template
+from modalmotion.signature.fit import Fitter, make_basis, project
+from modalmotion.template import choose_modes, make_template
 from modalmotion.template.body_frame import Components, from_local, local_frames
 
 
@@ -31,13 +27,12 @@ def _heart() -> Moving:
 @pytest.mark.every(3)
 @pytest.mark.parametrize("components", list(Components))
 @pytest.mark.parametrize("remove_rotation", [True, False])
-@pytest.mark.parametrize("weights", list(Weights))
 @pytest.mark.parametrize("n_modes", [1, 7, 18])
 def test_against_the_slow_twin(
-    heart: Moving, components: Components, remove_rotation: bool, weights: Weights, n_modes: int
+    heart: Moving, components: Components, remove_rotation: bool, n_modes: int
 ) -> None:
     sequence = mesh_sequence(*heart)
-    template = make_template(sequence, weights=weights)
+    template = make_template(sequence)
     basis = make_basis(template, choose_modes(template, n_modes).modes)
     fit = fit_sequence(
         sequence, template, basis, remove_rotation=remove_rotation, components=components
@@ -79,7 +74,7 @@ def test_displacements_are_those_that_are_fitted(heart: Moving) -> None:
         assert project(basis, layout) == pytest.approx(a, abs=1e-11)
     assert basis.projector @ u == pytest.approx(a, abs=1e-11)
     rms = np.sqrt((u**2).sum(axis=2) @ w)
-    assert found.fit.weighted_motion_rms == pytest.approx(rms, abs=1e-12)
+    assert found.fit.motion.weighted_rms == pytest.approx(rms, abs=1e-12)
 
 
 def test_what_was_superposed_is_found(heart: Moving) -> None:
@@ -103,7 +98,7 @@ def test_energy_is_that_of_the_gram_matrix(heart: Moving) -> None:
     assert basis.triangle.T @ basis.triangle == pytest.approx(G, abs=1e-12)
     a = found.fit.amplitudes
     superposed = np.einsum("fmd,mk,fkd->f", a, G, a)
-    assert found.fit.weighted_motion_rms**2 == pytest.approx(
+    assert found.fit.motion.weighted_rms**2 == pytest.approx(
         superposed + found.fit.errors.weighted_rms**2
     )
     assert basis.projector @ basis.shapes == pytest.approx(np.eye(18), abs=1e-12)
@@ -125,26 +120,6 @@ def test_the_same_bits_over_runs(heart: Moving) -> None:
     assert (one.fit.amplitudes == other.fit.amplitudes).all()
     assert (one.template.coordinates == other.template.coordinates).all()
     assert one.template.lengths == other.template.lengths
-
-
-@pytest.mark.every(2)
-@pytest.mark.parametrize("n", [1400, 12_000])
-def test_the_same_bits_on_one_and_two_threads(n: int) -> None:
-    threadpoolctl = pytest.importorskip("threadpoolctl")
-    moving = make_ventricle(n, np.random.default_rng(0))
-    results = []
-    for threads in (1, 2):
-        with threadpoolctl.threadpool_limits(threads):
-            results.append(describe(moving, 37))
-    one, other = results
-    assert (one.template.coordinates == other.template.coordinates).all()
-    assert (one.template.weights == other.template.weights).all()
-    for name in ("amplitudes", "motion_rms", "weighted_motion_rms"):
-        assert (getattr(one.fit, name) == getattr(other.fit, name)).all(), name
-    for error in fields(FrameErrors):
-        former, latter = (getattr(each.fit.errors, error.name) for each in (one, other))
-        assert (former == latter).all(), error.name
-    assert (one.fit.rotations.matrices == other.fit.rotations.matrices).all()
 
 
 def test_components_read_as_contraction_twist_and_shortening() -> None:

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from template_surfaces import Moving, make_ventricle
 
-import modalmotion.signature.fitter as fitter_module
+import modalmotion.signature.fit as fitter_module
 from modalmotion.mesh.alignment import Displacements
 from modalmotion.mesh.reference import displacements_from
 from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.signature.basis import make_basis
-from modalmotion.signature.fitter import Fitter
+from modalmotion.signature.fit import Fitter, make_basis
 from modalmotion.signature.making import modal_signature
 from modalmotion.signature.parameters import SignatureParameters
 from modalmotion.template import choose_modes, make_template

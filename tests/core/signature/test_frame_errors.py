@@ -16,7 +16,7 @@ from modalmotion.signature.making import ModalSignature, SignatureParameters, mo
 from modalmotion.signature.parameters import ErrorKind
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
-from modalmotion.template import Weights, make_template
+from modalmotion.template import make_template
 from modalmotion.template.body_frame import Components
 
 Floats = NDArray[np.float64]
@@ -54,8 +54,11 @@ def beat() -> MeshSequence:
 def errors_of(signature: ModalSignature, sequence: MeshSequence) -> dict[str, Floats]:
     """Every error of each frame, from the reconstructed vertices."""
     asked = signature.parameters
-    weights = make_template(sequence, reference=asked.reference, weights=asked.weights).weights
+    template = make_template(sequence, reference=asked.reference)
+    weights = np.delete(template.weights, template.isolated)
     d = np.linalg.norm(reconstruct(signature, sequence) - sequence.vertices, axis=2)
+    # Vertices in no triangle count in no error.
+    d = np.delete(d, template.isolated, axis=1)
     return {
         "rms_errors": np.sqrt((d**2).mean(axis=1)),
         "weighted_rms_errors": np.sqrt((d**2) @ weights),
@@ -87,18 +90,14 @@ def test_stated_errors_are_those_of_the_reconstructed_vertices(
     assert_true(modal_signature(beat, asked), beat)
 
 
-def test_spring_modes_and_uniform_weights_too(beat: MeshSequence) -> None:
+def test_spring_modes_and_kept_rotations_too(beat: MeshSequence) -> None:
     for asked in (
         SignatureParameters(modes=12, topology="mesh"),
-        SignatureParameters(weights=Weights.UNIFORM),
         SignatureParameters(reference=3),
         SignatureParameters(remove_rotation=False),
     ):
         signature = modal_signature(beat, asked)
-        assert_true(signature, beat) if asked.closed_form else None
-        d = np.linalg.norm(reconstruct(signature, beat) - beat.vertices, axis=2)
-        assert signature.rms_error == pytest.approx(np.sqrt((d**2).mean()), rel=1e-9)
-        assert signature.max_error == pytest.approx(d.max(), rel=1e-9)
+        assert_true(signature, beat)
 
 
 def test_on_a_real_ventricle_with_loose_vertices(
@@ -108,7 +107,6 @@ def test_on_a_real_ventricle_with_loose_vertices(
     for modes in (1, 7, 18, 54):
         signature = modal_signature(sequence, SignatureParameters(modes=modes))
         assert_true(signature, sequence)
-        assert signature.rms_error != pytest.approx(signature.weighted_rms_error, rel=1e-3)
 
 
 @pytest.mark.soak
@@ -149,7 +147,7 @@ def test_a_tolerance_holds_for_what_was_sent(beat: MeshSequence, kind: ErrorKind
     assert n_held > 0 or kind == ErrorKind.MAX
 
 
-def test_a_loose_vertex_counts_and_moves_as_its_nearest(beat: MeshSequence) -> None:
+def test_a_loose_vertex_counts_in_no_error_and_moves_as_its_nearest(beat: MeshSequence) -> None:
     x: Floats = np.asarray(beat.vertices, dtype=np.float64)
     near = int(beat.faces[7, 0])
     follower = x[:, [near]] + 0.1
@@ -165,5 +163,5 @@ def test_a_loose_vertex_counts_and_moves_as_its_nearest(beat: MeshSequence) -> N
     stray[4] += 50.0
     sent = mesh_sequence(np.concatenate([x, stray], axis=1), beat.faces, unit="mm")
     signature = modal_signature(sent)
-    assert signature.max_error > 50.0
-    assert any("is of a vertex in no triangle" in note for note in signature.notes)
+    assert signature.max_error == pytest.approx(modal_signature(both).max_error, rel=1e-9)
+    assert any("belong to no triangle" in note for note in signature.notes)

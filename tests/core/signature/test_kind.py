@@ -25,7 +25,6 @@ OFFSET = SignatureParameters(kind=SignatureKind.OFFSET)
 
 
 def test_the_kind_is_part_of_the_key_and_the_default_leaves_it_as_it_was() -> None:
-    assert "kind" not in SignatureParameters().as_plain()
     assert SignatureParameters(kind=SignatureKind.MATERIAL).key == SignatureParameters().key
     assert OFFSET.key != SignatureParameters().key
     assert parameters_from_json(parameters_as_json(OFFSET)) == OFFSET

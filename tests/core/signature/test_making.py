@@ -15,10 +15,9 @@ from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, CYLINDER
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
-from modalmotion.template import Weights
+from modalmotion.template import make_template
 
 SHAPE = (12, 16)
-UNIFORM = SignatureParameters(weights=Weights.UNIFORM)
 
 
 def bowl() -> NDArray[np.float64]:
@@ -48,7 +47,9 @@ def naive(sequence: MeshSequence, n_modes: int) -> tuple[NDArray[np.float64], ND
 
 def test_amplitudes_and_errors_equal_the_naive_sums(rng: np.random.Generator) -> None:
     sequence = moving_bowl(rng)
-    signature = modal_signature(sequence, replace(UNIFORM, remove_rotation=False))
+    template = replace(make_template(sequence), weights=np.full(192, 1 / 192))
+    asked = SignatureParameters(template=template.id, remove_rotation=False)
+    signature = modal_signature(sequence, asked, template=template)
     a, residual = naive(sequence, 7)
     distance = np.linalg.norm(residual, axis=2)
     assert signature.amplitudes == pytest.approx(a, abs=1e-12)
@@ -59,24 +60,20 @@ def test_amplitudes_and_errors_equal_the_naive_sums(rng: np.random.Generator) ->
     assert signature.rms_error == pytest.approx(np.sqrt((distance**2).mean()), abs=1e-12)
 
 
-@pytest.mark.parametrize("weights", list(Weights))
-def test_motion_made_of_modes_is_found_again(rng: np.random.Generator, weights: Weights) -> None:
+def test_motion_made_of_modes_is_found_again(rng: np.random.Generator) -> None:
     sequence = moving_bowl(rng)
-    signature = modal_signature(
-        sequence, SignatureParameters(modes=18, weights=weights, remove_rotation=False)
-    )
+    signature = modal_signature(sequence, SignatureParameters(modes=18, remove_rotation=False))
     assert signature.max_error < 1e-11
     spectrum = np.sqrt((signature.amplitudes**2).sum(axis=2).mean(axis=0))
     assert signature.deformation_spectrum == pytest.approx(spectrum)
 
 
-@pytest.mark.parametrize("weights", list(Weights))
 @pytest.mark.parametrize("n_modes", [1, 7, 18])
 def test_the_stated_error_is_the_distance_to_the_reconstruction(
-    rng: np.random.Generator, weights: Weights, n_modes: int
+    rng: np.random.Generator, n_modes: int
 ) -> None:
     sequence = moving_bowl(rng)
-    signature = modal_signature(sequence, SignatureParameters(modes=n_modes, weights=weights))
+    signature = modal_signature(sequence, SignatureParameters(modes=n_modes))
     distance = np.linalg.norm(reconstruct(signature, sequence) - sequence.vertices, axis=2)
     assert distance.max(axis=1) == pytest.approx(signature.max_errors, abs=1e-12)
     assert np.sqrt((distance**2).mean(axis=1))[0] == pytest.approx(0.0, abs=1e-12)
@@ -115,8 +112,8 @@ def test_a_rotation_alone_is_no_deformation(degrees: float) -> None:
 def test_a_start_angle_only_turns_each_pair(rng: np.random.Generator) -> None:
     sequence = moving_bowl(rng)
     turned = np.roll(sequence.vertices.reshape(-1, *SHAPE, 3), 3, axis=2).reshape(-1, 192, 3)
-    a = modal_signature(sequence, UNIFORM)
-    b = modal_signature(mesh_sequence(turned, grid=SHAPE, topology=CUP, unit="mm"), UNIFORM)
+    a = modal_signature(sequence)
+    b = modal_signature(mesh_sequence(turned, grid=SHAPE, topology=CUP, unit="mm"))
     assert isinstance(a.modes, ModeSet)
     p = a.modes.wavenumbers[:, 1]
     for mode in range(len(a.modes)):
@@ -184,14 +181,11 @@ def test_the_papers_compression_ratios() -> None:
         topology=CYLINDER,
     )
     ratios = {
-        n: modal_signature(
-            sequence, SignatureParameters(modes=n, weights=Weights.UNIFORM)
-        ).compression
-        for n in (1, 7)
+        n: modal_signature(sequence, SignatureParameters(modes=n)).compression for n in (1, 7)
     }
     assert ratios == {1: 4000, 7: pytest.approx(571, abs=0.5)}
     assert pytest.approx(235, abs=0.5) == 4000 * 3 / 51
-    rounded = modal_signature(sequence, SignatureParameters(modes=17, weights=Weights.UNIFORM))
+    rounded = modal_signature(sequence, SignatureParameters(modes=17))
     assert rounded.compression == pytest.approx(4000 / 18)
 
 
@@ -269,10 +263,5 @@ def test_error_on_the_real_ventricle(
     sequence = real_sequence(name)
     by_area = modal_signature(sequence, SignatureParameters(modes=modes, topology=topology))
     assert by_area.weighted_rms_error <= bound_mm
-    uniform = modal_signature(
-        sequence,
-        SignatureParameters(modes=modes, topology=topology, weights=Weights.UNIFORM),
-    )
-    assert uniform.rms_error == pytest.approx(_uniform_rms(uniform, sequence), rel=1e-9)
-    assert uniform.rms_error <= bound_mm
+    assert by_area.rms_error == pytest.approx(_uniform_rms(by_area, sequence), rel=1e-9)
     assert float(np.sqrt((by_area.motion_rms**2).mean())) > 5.0

@@ -11,11 +11,13 @@ import pytest
 from mixed_noise import with_noise
 
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature.fitter import Fitter, SceneKind
+from modalmotion.signature.choice import SceneKind
+from modalmotion.signature.fit import Fitter
 from modalmotion.signature.making import SignatureParameters, modal_signature
-from modalmotion.signature.model import WIDE, Noise, over_time
-from modalmotion.signature.nested_modes import ladder_of
-from modalmotion.signature.noise import MIXINGS, SmoothNoise, bands_of, measure_noise
+from modalmotion.signature.nested_modes import nested_modes
+from modalmotion.signature.noise import WIDE, Noise
+from modalmotion.signature.noise import estimated as found_in
+from modalmotion.signature.noise_bands import MIXINGS, SmoothNoise, bands_of, over_time
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 from modalmotion.template import make_template
@@ -42,7 +44,7 @@ def pair(
 
 def estimated(sequence: MeshSequence, **said: Any) -> float:
     asked = SignatureParameters(auto=True, **said)
-    return measure_noise(Fitter.of(sequence, make_template(sequence), asked)).sigma
+    return found_in(Fitter.of(sequence, make_template(sequence), asked)).noise.sigma
 
 
 @pytest.mark.every(3)
@@ -117,7 +119,7 @@ SURFACES: list[dict[str, Any]] = [{"grid": (20, 40)}, {"n_vertices": 700}]
 
 def measured(sequence: MeshSequence) -> Noise:
     asked = SignatureParameters(auto=True)
-    return measure_noise(Fitter.of(sequence, make_template(sequence), asked))
+    return found_in(Fitter.of(sequence, make_template(sequence), asked)).noise
 
 
 def is_right(noise: Noise, sigma: float) -> bool:
@@ -165,7 +167,7 @@ def kept_and_best(noisy: MeshSequence, clean: MeshSequence) -> tuple[int, int, f
     """Modes that `auto` keeps, those that are best for the displacements, and its excess error."""
     kept = len(modal_signature(noisy, SignatureParameters(auto=True)).modes)
     fitter = Fitter.of(noisy, make_template(noisy), SignatureParameters(auto=True))
-    ladder = ladder_of(fitter.template, max(200, kept), noisy.grid)
+    ladder = nested_modes(fitter.template, max(200, kept), noisy.grid)
     fit = fitter.fit(ladder.basis)
     true = Fitter.of(clean, fitter.template).fit(ladder.basis).amplitudes
     R = ladder.basis.triangle
@@ -242,8 +244,8 @@ def test_bands_expect_what_noise_brings(rng: np.random.Generator) -> None:
         asked = SignatureParameters(remove_rotation=False)
         fitter = Fitter.of(start, make_template(start), asked)
         smooth = SmoothNoise.on(fitter.template)
-        ladder = ladder_of(fitter.template, 128, start.grid)
-        bands = bands_of(fitter, ladder, fitter.coefficients(ladder.basis), smooth)
+        ladder = nested_modes(fitter.template, 128, start.grid)
+        bands = bands_of(fitter, ladder, fitter.along(ladder.basis.analysis), smooth)
         energies = np.trace(bands.grams.sum(axis=0), axis1=1, axis2=2) * bands.scale**2 / 300.0
         assert energies == pytest.approx(0.36 * bands.expected[part], rel=0.2)
 

@@ -89,8 +89,6 @@ def test_another_zero_of_theta_moves_the_split_pair_and_no_other() -> None:
 
 
 def test_the_key_of_whole_pairs_is_what_it_was() -> None:
-    assert "split_pairs" not in SignatureParameters().as_plain()
-    assert SPLIT.as_plain()["split_pairs"] is True
     assert SPLIT.key != SignatureParameters(amplitudes=51).key
     assert parameters_from_json(parameters_as_json(SPLIT)) == SPLIT
 

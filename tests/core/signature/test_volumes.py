@@ -9,8 +9,7 @@ from modalmotion.clinical.readouts import clinical_readouts
 from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MEAN, mesh_sequence
 from modalmotion.modes.topology import CYLINDER
-from modalmotion.signature.basis import make_basis
-from modalmotion.signature.fit import project
+from modalmotion.signature.fit import make_basis, project
 from modalmotion.signature.making import (
     SignatureParameters,
     enclosed_volumes,

@@ -19,8 +19,8 @@ from template_surfaces import (
 
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes import ModeSet
-from modalmotion.signature.basis import make_basis
 from modalmotion.signature.distance import resample_to_phase, signature_distance, theta_invariants
+from modalmotion.signature.fit import make_basis
 from modalmotion.template import GivenLandmarks, choose_modes, make_template
 from modalmotion.template.body_frame import Components
 

@@ -14,7 +14,7 @@ from modalmotion.mesh import connectivity_of, laplacian
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
-from modalmotion.template import GivenLandmarks, Weights, make_template
+from modalmotion.template import GivenLandmarks, make_template
 from modalmotion.template.body_frame import Components, vertex_normals
 from modalmotion.template.hdf5 import template_from_hdf5, template_to_hdf5
 from modalmotion.template.template import is_merged
@@ -76,7 +76,6 @@ def test_two_rims_at_the_same_places_are_one(topology: str) -> None:
 @pytest.mark.parametrize(
     "parameters",
     [
-        {"weights": Weights.UNIFORM},
         {"components": Components.CYLINDRICAL},
         {"topology": "mesh"},
         {"reference": "mean"},

@@ -7,8 +7,8 @@ import pytest
 from template_surfaces import PHASES, SQUEEZE, describe, fit_sequence, shared
 
 from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.signature.basis import make_basis
 from modalmotion.signature.distance import signature_distance
+from modalmotion.signature.fit import make_basis
 from modalmotion.template import GivenLandmarks, choose_modes, make_template
 from modalmotion.template.body_frame import body_frame
 

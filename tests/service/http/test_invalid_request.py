@@ -37,7 +37,7 @@ def test_a_query_that_does_not_fit_is_told_where_and_what(
     [
         ({"modes": 0}, "greater than or equal to 1"),
         ({"modes": "seven"}, "a valid integer"),
-        ({"weights": "heavy"}, "'area' or 'uniform'"),
+        ({"components": "heavy"}, "'cartesian' or 'cylindrical'"),
         ({"surprise": 1}, "not permitted"),
     ],
 )

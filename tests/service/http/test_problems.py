@@ -160,7 +160,7 @@ def test_every_error_is_a_problem(
         ({"topology": "knot"}, 422, "unsupported_topology"),
         ({"topology": "cup", "grid": [3, 7]}, 422, "wrong_shape"),
         ({"tolerance": "nan"}, 422, "invalid_request"),
-        ({"weights": "heavy"}, 422, "invalid_request"),
+        ({"components": "heavy"}, 422, "invalid_request"),
         ({"surprise": "1"}, 422, "invalid_request"),
     ],
 )

@@ -39,7 +39,7 @@ def test_a_signature_by_tolerance_states_its_price(client: TestClient, here: str
     assert answer["choice"]["limit"] == 1.0
     assert own.choice is not None
     assert answer["choice"]["scene"] == own.choice.scene
-    assert set(answer["choice"]["errors"]) == {"static", "rigid", "affine", "planar"}
+    assert set(answer["choice"]["errors"]) == {"static", "rigid", "affine"}
     assert answer["parameters"]["tolerance"] == 1.0
     assert answer["parameters"]["modes"] is None
 

@@ -104,6 +104,7 @@ def from_images(opened: Opened, folder: Path) -> None:
     page.set_input_files("#file", folder / "beat.nii")
     opened.wait("window.modalmotion?.views?.length === 3")
     assert page.url.rpartition("/")[0].endswith("/images")
+    assert page.get_by_role("heading", name="It is a segmentation").is_hidden()
     assert page.locator(".pane strong").all_text_contents() == ["Axial", "Coronal", "Sagittal"]
     for name, place in LANDMARKS.items():
         assert page.locator(f"#landmark-{name}").is_checked()
@@ -143,6 +144,9 @@ def from_images(opened: Opened, folder: Path) -> None:
     assert "/view/" in page.url
     opened.wait("document.querySelector('.track .figures') !== null")
     assert "mm" in page.locator(".track .figures td").first.text_content()
+    assert "%" in page.locator(".readouts .big").text_content()
+    strain = page.locator(".readouts tbody tr", has=page.get_by_text("GLS", exact=True))
+    assert strain.locator("td").first.text_content().endswith("%")
     page.get_by_role("button", name="Estimated error").click()
     opened.wait("document.querySelector('dialog.picture[open] canvas')?.width > 200")
     page.keyboard.press("Escape")

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from browser import Browser, Opened, browser
 from dicom_samples import study_instance
-from ellipsoid_images import AXES, CUT, LANDMARKS, MIDDLE, Look, volume
-from numpy.typing import NDArray
+from ellipsoid_images import AXES, CUT, MIDDLE, Look, volume
 from project import ROOT
 from running import RunningService
 
@@ -207,39 +206,6 @@ def test_a_mask_without_times_gets_seconds_and_rates(
         opened.wait("document.querySelector('.track .figures') !== null")
         assert "RMS distance to the data" in page.locator(".card.track").text_content()
         assert opened.said == []
-
-
-def test_cine_images_take_two_clicks(chromium: Browser, base: str, tmp_path: Path) -> None:
-    frames = [volume(radius, affine=AFFINE, shape=SHAPE) for radius in (22.0, 18.0)]
-    images = ImageSequence(tuple(frames), np.array([0.0, 0.4]))
-    (tmp_path / "cine.nii.gz").write_bytes(write_nifti(images))
-    with chromium.open(base, viewport={"width": 1280, "height": 900}) as opened:
-        page = opened.page
-        page.set_input_files("#file", tmp_path / "cine.nii.gz")
-        opened.wait("window.modalmotion?.views?.length === 3")
-        assert page.get_by_role("heading", name="It is a segmentation").is_hidden()
-        for place in LANDMARKS.values():
-            x, y = page_point(opened, place)
-            page.mouse.click(x, y)
-        page.get_by_role("button", name="Track the surface").click()
-        opened.shown()
-        assert "%" in page.locator(".readouts .big").text_content()
-        assert stated(opened, "GLS").endswith("%")
-        pdf_of(opened, tmp_path)
-        assert opened.said == []
-
-
-def page_point(opened: Opened, place: NDArray[np.float64]) -> tuple[float, float]:
-    """Turn the second view to a place, and give where it is on the screen."""
-    point = f"[{', '.join(map(str, place))}]"
-    opened.page.evaluate(f"window.modalmotion.views[1].goTo({point})")
-    x, y = opened.page.evaluate(
-        "(() => { const { slice, canvas } = window.modalmotion.views[1];"
-        f"const {{ i, j }} = slice.under({point}); const box = canvas.getBoundingClientRect();"
-        "return [box.left + (i + 0.5) / slice.counts[0] * box.width,"
-        "box.top + (j + 0.5) / slice.counts[1] * box.height]; })()"
-    )
-    return float(x), float(y)
 
 
 def test_two_hearts_are_compared_and_one_is_deleted(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from access_parts import Guarded, guarded
 from running import RunningService
-from worker_tasks import remembered, templates_at_hand
+from worker_tasks import remembered
 
 from modalmotion.formats import write_npz
 from modalmotion.mesh.sequence import mesh_sequence
@@ -65,20 +65,11 @@ def test_a_worker_forgets_what_it_has_seen_of_one_owner_before_anothers_work(
     surface = a_surface(1)
     use(service, "ward", a_surface(2))
     name = use(service, "lab", surface)
-    assert in_worker(service, "lab", remembered)
-    # The template and its modes are ready for their owner, for as long as there is room.
-    mine = [key for key in in_worker(service, "lab", templates_at_hand) if name in key]
-    assert len(mine) == 2
+    # The template is ready for its owner alone.
+    assert in_worker(service, "lab", remembered)["named_template"]
     assert in_worker(service, "ward", remembered) == {}
-    assert in_worker(service, "lab", templates_at_hand) == in_worker(
-        service, "ward", templates_at_hand
-    )
-    # The same surface of another owner has entries of its own: nothing of it was at hand.
+    # The same surface of another owner has an entry of its own: nothing of it was at hand.
     assert use(service, "ward", surface) == name
-    both = [key for key in in_worker(service, "ward", templates_at_hand) if name in key]
-    assert len(both) == 4
-    assert {"owners/lab/" in key for key in both} == {True, False}
-    assert all(("owners/lab/" in key) != ("owners/ward/" in key) for key in both)
 
 
 def test_an_owner_alone_loses_nothing() -> None:

@@ -9,11 +9,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from modalmotion.mesh.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.signature.basis import TemplateCache
 from modalmotion.signature.making import ModalSignature
 from modalmotion.store import (
     SequenceRecord,
@@ -26,9 +25,6 @@ from modalmotion.template import Template
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-# Templates and factored modes that a worker holds on to, each.
-_KEPT_BYTES: Final = 32_000_000
 
 
 @contextmanager
@@ -68,29 +64,11 @@ def loaded_sequence(sequence: Path, track: Path | None) -> MeshSequence:
     return replace(loaded, uncertainty=track_from_hdf5(track).sequence.uncertainty)
 
 
+@lru_cache(maxsize=16)
 def named_template(template: Path | None) -> Template | None:
     """Load the template that parameters name, once for all tasks of this process."""
-    if template is None:
-        return None
     # The path ends with the template's id, which represents its content.
-    return _kept_of(template).named(template.name, lambda: template_from_hdf5(template))
-
-
-def cache_for(template: Path | None) -> TemplateCache | None:
-    """Give the cache for factored modes, of named templates alone."""
-    # A sequence's own template is seldom asked for again.
-    return None if template is None else _kept_of(template)
-
-
-def _kept_of(template: Path) -> TemplateCache:
-    """Give what this process has made ready for the owner of a template's store."""
-    return _kept().part(str(template.parent.parent))
-
-
-@lru_cache(maxsize=1)
-def _kept() -> TemplateCache:
-    """Give what this process has made ready for cohorts that name a template."""
-    return TemplateCache(most_bytes=_KEPT_BYTES)
+    return None if template is None else template_from_hdf5(template)
 
 
 @dataclass(frozen=True)

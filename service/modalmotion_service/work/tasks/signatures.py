@@ -34,7 +34,6 @@ from modalmotion_service.schemas.signatures import SignatureAnswer
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import (
     Fitted,
-    cache_for,
     loaded_sequence,
     named_template,
     png_of,
@@ -64,9 +63,7 @@ def sign(
     with watch.stage("load"):
         loaded = loaded_sequence(sequence, track)
         named = named_template(template)
-    signature = modal_signature(
-        loaded, parameters, template=named, cache=cache_for(template), watch=watch
-    )
+    signature = modal_signature(loaded, parameters, template=named, watch=watch)
     with watch.stage("image"):
         write_whole(image, signature_image(signature))
     return (watch.milliseconds,)
@@ -80,9 +77,7 @@ def sign_upload(
     with watch.stage("read"):
         sequence = upload.read().sequence
         named = named_template(template)
-    signature = modal_signature(
-        sequence, parameters, template=named, cache=cache_for(template), watch=watch
-    )
+    signature = modal_signature(sequence, parameters, template=named, watch=watch)
     with watch.stage("render"):
         if media_type == PNG:
             body = _as_png(signature, sequence)
