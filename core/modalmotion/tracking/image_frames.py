@@ -2,8 +2,8 @@
 
 The apex of a ventricle hardly moves along the axis, its inner side by some mm where the wall
 thickens, and the base comes down to it. At end systole blood leaves the tip between trabeculae, and
-its edge rises by far more: edges that rise farther than walls do are not followed. Beyond the base
-the wall of an atrium goes on, which is none of the surface's.
+its edge rises by far more: the tip is held softly where nobody states it. Beyond the base the wall
+of an atrium goes on, which is none of the surface's.
 """
 
 from __future__ import annotations
@@ -25,31 +25,15 @@ from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.first_shape import start_shape
 from modalmotion.tracking.image_levels import as_bright, first_sight, image_notes
 from modalmotion.tracking.image_search import LEAST_FOUND, SHAPE, reference_shape, search
-from modalmotion.tracking.image_view import Facets, Sight, Tip, Valve, View, view_of
+from modalmotion.tracking.image_view import Facets, Sight, Valve, View, view_of
 from modalmotion.tracking.iterations import first_guess, paths_from
 from modalmotion.tracking.landmarks import Proposed, with_landmarks
 from modalmotion.tracking.observation import Frame, Observation, ends_in
 from modalmotion.tracking.result import CONVENTIONS, Papillary
 from modalmotion.tracking.trabecular_correction import has_trabeculae, with_trabeculae
 
-# mm that the tip may rise (in phantoms it does by 10 at most), and more with the share of the way
-# to the base, where edges turn inward.
-_RISE: Final = 12.0
-_MORE: Final = 30.0
-
 # mm: deviation of the tip's place from that in the reference; in phantoms 5.
 _DEVIATION: Final = 6.0
-
-
-def tip_of(template: Template) -> Tip | None:
-    """Limit for edges of a cup's shape in the reference frame; None of other topologies."""
-    if template.surface != CUP:
-        return None
-    x, s = template.vertices, template.coordinates[:, 0]
-    tip = x[s <= s.min() + 1e-9].mean(axis=0)
-    axis = x[s > 0.9].mean(axis=0) - tip
-    axis /= np.linalg.norm(axis)
-    return Tip(axis, x @ axis + _RISE + _MORE * s)
 
 
 def held(marks: Sequence[Frame], template: Template, reference: int) -> tuple[Frame, ...]:
@@ -262,17 +246,14 @@ def frames_of_images(
     template = make_template(shape)
     surface = Deformable.of(template, modes)
     facets = Facets.of(template.faces, template.vertices, template.weights)
-    # Whoever states where the apex goes knows better.
-    is_still = sum("apex" in ends_in(frame) for frame in stated) < 2
-    still = replace(sight, tip=tip_of(template) if is_still else None)
     marks, variances = with_base(held(stated, template, reference), template, reference)
-    walked = _walk(surface, facets, images, marks, still, reference, is_closed, done)
+    walked = _walk(surface, facets, images, marks, sight, reference, is_closed, done)
     shapes = np.stack([surface.positions(a) for a in walked])
     near = _NEXT[-1][1]
     views: list[View | None] = []
     looks: list[Sight] = []
     for k, (own, x) in enumerate(zip(images.frames, shapes, strict=True)):
-        look = sight if k == reference else below_base(still, marks[k], template)
+        look = sight if k == reference else below_base(sight, marks[k], template)
         look = look.within(near)
         view = None if own is None else view_of(own, facets, x, look, near)
         if own is not None and view is not None and k != reference:

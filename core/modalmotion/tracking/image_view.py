@@ -77,26 +77,6 @@ class Facets:
 
 
 @dataclass(frozen=True, eq=False)
-class Tip:
-    """How far the tip of a cup may rise: its wall hardly moves along the axis, its blood may go.
-
-    Parameters
-    ----------
-    axis : (3,) float64
-        From apex to base.
-    highest : (vertices,) float64, mm
-        Along the axis: edges beyond are those of blood that has left the tip.
-    """
-
-    axis: Floats
-    highest: Floats
-
-    def are_below(self, places: Floats, feet: NDArray[np.int64], shares: Floats) -> Any:
-        """Whether edges at these places, seen from these feet, may be the wall's, (n,) bool."""
-        return places @ self.axis <= (shares * self.highest[feet]).sum(axis=1)
-
-
-@dataclass(frozen=True, eq=False)
 class Valve:
     """Where a cup ends: the wall of an atrium goes on beyond its base, and is none of its edges.
 
@@ -132,8 +112,6 @@ class Sight:
         Of a shift along each axis of its plane, before the images.
     crossing : float
         See `find_edges`.
-    tip : Tip, optional
-        Of frames other than the reference.
     valve : Valve, optional
     has_layers : bool
         Whether layers of trabeculae are next to the edges: see `Levels.faint_layer`.
@@ -145,7 +123,6 @@ class Sight:
     shifts: Floats
     shift_sd: float = 2.0
     crossing: float = FAR_CROSSING
-    tip: Tip | None = None
     valve: Valve | None = None
     has_layers: bool = False
 
@@ -256,8 +233,6 @@ def view_of(
     near = np.abs(view.offsets[None] - edges.offsets[:, None]) < 3.0
     seen = (np.isfinite(view.profiles) | ~near).all(axis=1)
     places = view.starts + edges.offsets[:, None] * view.directions
-    if sight.tip is not None:
-        seen &= sight.tip.are_below(places, view.feet, view.shares)
     if sight.valve is not None:
         seen &= sight.valve.are_below(places)
     return replace(view, edges=edges._replace(is_found=edges.is_found & seen))

@@ -115,7 +115,7 @@ def test_gaps_of_the_wall_and_the_border_of_the_image_leave_the_base(kind: str) 
     made = from_labels(ImageSequence((image,)))
     base = made.landmarks["base"]
     assert np.linalg.norm(base.places[0] - BASE) < 2.0 * base.sd
-    assert any("Label 3 was taken as the cavity and 2" in note for note in made.images.notes)
+    assert any("Label 3 was taken as the cavity, and label 2" in note for note in made.images.notes)
 
 
 def test_labels_that_are_nowhere_are_named() -> None:

@@ -22,7 +22,7 @@ from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation, image_frames, track
-from modalmotion.tracking.image_frames import held, tip_of
+from modalmotion.tracking.image_frames import held
 
 SHAPE = (27, 27, 35)
 AFFINE = np.column_stack([3.0 * np.eye(3), MIDDLE - 1.5 * (np.array(SHAPE) - 1)])
@@ -53,17 +53,13 @@ def test_the_tip_stays_where_blood_leaves_it(monkeypatch: pytest.MonkeyPatch) ->
     assert rise_of(images) < 8.0
     stated = LANDMARKS["apex"] + np.outer([0.0, 7.0, 14.0], AXES[:, 2])
     assert rise_of(images, apex=stated) > 11.0
-    monkeypatch.setattr(image_frames, "tip_of", lambda _template: None)
     monkeypatch.setattr(image_frames, "held", lambda marks, *_: tuple(marks))
     assert rise_of(images) > 11.0
 
 
-def test_only_cups_have_a_tip_and_only_where_no_apex_is_stated() -> None:
+def test_only_the_tip_of_a_cup_is_held_and_only_where_no_apex_is_stated() -> None:
     result = track(ImageSequence((FULL, FULL, FULL)), landmarks=LANDMARKS, modes=7)
     template = result.template
-    tip = tip_of(template)
-    assert tip is not None
-    assert tip.axis @ AXES[:, 2] > 0.99
     assert off_surface(template.vertices) < 1.0
     stated = (Observation(LANDMARKS["apex"][None], places=("apex",)),)
     marks = held(((), stated, ()), template, 0)
@@ -72,5 +68,4 @@ def test_only_cups_have_a_tip_and_only_where_no_apex_is_stated() -> None:
     assert marks[2][0].places == ("apex",)
     tube = standard_surface(Lattice(CYLINDER, (4, 8)))
     sheet = make_template(tube)
-    assert tip_of(sheet) is None
     assert held(((), ()), sheet, 0) == ((), ())
