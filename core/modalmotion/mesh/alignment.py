@@ -248,7 +248,8 @@ class PositionBlock:
     def alignment(self) -> tuple[Rotations, NDArray[np.float64]]:
         """Rotations from the reference, and drifts of the centroid, in units of the scale."""
         shape = self.shape
-        sums = self.positions @ shape.moments
+        f, _, n = self.positions.shape
+        sums = (self.positions.reshape(3 * f, n) @ shape.moments).reshape(f, 3, 4)
         drifts = sums[:, :, 3].copy()
         rotations = Rotations.none(len(sums))
         if self.remove_rotation:
@@ -258,13 +259,17 @@ class PositionBlock:
         return rotations, drifts
 
     def turned_back(self) -> DisplacementBlock:
-        """Displacements, rotation removed."""
+        """Displacements, rotation removed. The positions are used up."""
         rotations, drifts = self.alignment()
         # u = R'(x - d) + d - rest
         turned = rotations.matrices.transpose(0, 2, 1)
-        u = turned @ self.positions
-        u += (drifts - (turned @ drifts[:, :, None])[:, :, 0])[:, :, None]
-        u -= self.shape.rest
+        shifts = (drifts - (turned @ drifts[:, :, None])[:, :, 0])[:, :, None]
+        u = self.positions
+        # Frame by frame, while it is in the cache.
+        for k, frame in enumerate(u):
+            part = turned[k] @ frame
+            part += shifts[k]
+            np.subtract(part, self.shape.rest, out=frame)
         u[self.is_still] = 0.0
         return DisplacementBlock(self.frames, u, rotations, drifts, self.shape)
 
