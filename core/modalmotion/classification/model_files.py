@@ -318,9 +318,9 @@ def load_model(which: str | Path = DEFAULT_MODEL) -> Model:
     Parameters
     ----------
     which : str or Path
-        A str is the name of a model that comes with the package, and never a path, so that it
-        may come from a stranger; a Path is a file written by `model_to_hdf5`, as a command or a
-        service that trains a model gives it.
+        A str that ends in .h5 or .hdf5, or a Path, is a file written by `model_to_hdf5`; any
+        other str is the name of a model that comes with the package. A name from a stranger is
+        to be checked against `available_models` first.
 
     Returns
     -------

@@ -215,17 +215,15 @@ def command(
 ) -> Callable[[Callable[..., Any]], click.Command]:
     """Make a command with this example at the end of its help, which prints what is returned.
 
-    That is the members of a JSON object, which `described` writes in words; or these and lines in
-    words, made only where they are printed; or both and what is raised after they are printed. The
-    files of all options are listed, unless the member `written` lists others.
+    That is a JSON object, which `described` writes in words; or the object and lines in words; or
+    both and the error to raise afterwards. The files of all options are listed, unless the member
+    `written` lists others.
 
     Parameters
     ----------
     line : str
     group : click.Group, optional
-        Of the command; otherwise it is one of modalmotion itself.
     prints_json : bool
-        Whether there is an option --json.
     """
 
     def decorate(function: Callable[..., Any]) -> click.Command:
@@ -396,7 +394,7 @@ def aligned(rows: Sequence[Sequence[object]]) -> str:
 
 
 def sequence_numbers(sequence: MeshSequence) -> dict[str, object]:
-    """Give what is said of a sequence that was written."""
+    """Give the members of an answer about a sequence that was written."""
     return {
         "n_frames": sequence.n_frames,
         "n_vertices": sequence.n_vertices,
@@ -456,18 +454,12 @@ def tell(
     if not as_json:
         for line in lines:
             click.echo(line)
-        list_written(*written)
+        for path in filter(None, written):
+            click.echo(f"written: {path}")
         return
     paths = [str(path) for path in written if path is not None]
     whole = {**answer, "written": paths} if paths else dict(answer)
     click.echo(json.dumps(whole, indent=2, default=str))
-
-
-def list_written(*paths: Path | None, as_json: bool = False) -> None:
-    """Print the files that were written, apart from an answer in JSON."""
-    for path in paths:
-        if path is not None:
-            click.echo(f"written: {path}", err=as_json)
 
 
 coverage_option = click.option(
@@ -496,7 +488,6 @@ labelled_sources = several(
     ),
 )
 """MANIFEST or FILES, as `sources`, and the options of all of them."""
-
 unit_option = click.option("--unit", help="Length unit of all files; overrides their own.")
 """Where the answer depends on the unit: features do not."""
 
