@@ -8,6 +8,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
+import pytest
 
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.strain_of import strain
@@ -54,8 +55,11 @@ def tracked(seed: int) -> MeshSequence:
     return replace(BEAT, uncertainty=known)
 
 
-def test_no_output_states_less_than_the_track_does() -> None:
-    for seed in range(100):
+@pytest.mark.parametrize(
+    "seeds", [range(100), pytest.param(range(100, 500), marks=pytest.mark.thorough)]
+)
+def test_no_output_states_less_than_the_track_does(seeds: range) -> None:
+    for seed in seeds:
         sequence = tracked(seed)
         readouts = clinical_readouts(SIGNATURE, sequence)
         known = sequence.uncertainty
