@@ -203,6 +203,10 @@ def npz_arrays(sequence: MeshSequence) -> dict[str, Any]:
     return arrays
 
 
+# NumPy reads headers of 10,000 letters at most, after twelve bytes of their own.
+_LONGEST_HEADER: Final = 10_012
+
+
 class _Header(NamedTuple):
     shape: tuple[int, ...]
     is_fortran: bool
@@ -217,7 +221,9 @@ class _Header(NamedTuple):
 def _read_header(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Header:
     name = info.filename.removesuffix(".npy")
     try:
-        with archive.open(info) as stream:
+        with archive.open(info) as packed:
+            # NumPy would read as much as the header says that it is long.
+            stream = io.BytesIO(packed.read(_LONGEST_HEADER))
             read_magic: Any = npy.read_magic
             version = read_magic(stream)
             read: Any = (

@@ -109,7 +109,7 @@ def read_elements(
         if order is None:
             # A line is a row: else a number left out would move all that follow.
             widths = _NUMBER_BYTES * np.array(lines[line : line + element.count], dtype=np.int64)
-            wrong = np.flatnonzero(widths != rows.widths)
+            wrong = np.flatnonzero(widths != rows.widths[: len(widths)])
             if wrong.size:
                 raise _malformed_body(
                     f"Row {wrong[0]} of the PLY element {element.name!r} has "
@@ -139,15 +139,19 @@ def _numbers_in(text: memoryview) -> tuple[memoryview, array[int]]:
 
 
 def _typed(rows: Rows, element: Element) -> Rows:
-    """Numbers in the type that the header states, text too; lists of whole numbers."""
+    """Numbers in the precision that the header states, text too; lists of whole numbers."""
     types = {p.name: p.item_type for p in element.properties}
-    with np.errstate(over="ignore", invalid="ignore"):
-        columns = {name: values.astype(types[name]) for name, values in rows.columns.items()}
+    with np.errstate(over="ignore"):
+        columns = {
+            name: values.astype("f4" if types[name] == "f4" else "f8")
+            for name, values in rows.columns.items()
+        }
     lists = {}
     for name, of in rows.lists.items():
         # Only lists of integers can name vertices.
         if types[name][0] != "f":
-            sizes, items = (values.astype(np.int64) for values in of)
+            with np.errstate(invalid="ignore"):
+                sizes, items = (values.astype(np.int64) for values in of)
             if (items != of[1]).any():
                 raise _malformed_body(f"A list of the PLY element {element.name!r} has fractions.")
             lists[name] = sizes, items

@@ -90,7 +90,7 @@ class Observation(FrozenArrays):
                 )
         if self.normals is not None:
             normals = np.array(self.normals, dtype=np.float64)
-            size = np.linalg.norm(normals, axis=-1, keepdims=True)
+            size = np.linalg.norm(np.atleast_2d(normals), axis=-1, keepdims=True)
             if normals.shape != (n, 3) or not (np.isfinite(size) & (size > 0)).all():
                 raise ParameterError(
                     f"The directions of {n} points are not {n} finite vectors other than zero.",
@@ -132,9 +132,10 @@ def ends_in(frame: Frame) -> dict[str, NDArray[np.float64]]:
     for part in frame:
         for place, point in zip(part.places or (), part.points, strict=False):
             # The mean of several vertices is that of an opening.
-            name = "base" if isinstance(place, tuple) and len(place) > 2 else place
-            if isinstance(name, str):
-                ends[name] = point
+            if isinstance(place, tuple) and len(place) > 2:
+                ends.setdefault("base", point)
+            elif isinstance(place, str):
+                ends[place] = point
     return ends
 
 
@@ -199,9 +200,8 @@ def of_surface(vertices: Any, faces: Any) -> Observation:
         In any winding; vertices in no triangle are left out.
     """
     x = _rows(vertices)
-    faces = np.asarray(faces, dtype=np.int64)
-    is_mesh = faces.ndim == 2 and faces.shape[1] == 3
-    if not is_mesh or not 0 <= faces.min(initial=0) <= faces.max(initial=0) < len(x):
+    faces = _rows(faces, "faces of a mesh").astype(np.int64)
+    if faces.min(initial=0) < 0 or faces.max(initial=-1) >= len(x):
         raise ShapeError(
             f"Faces of shape {faces.shape} are not triangles of the {len(x)} vertices (0 to "
             f"{len(x) - 1}).",
@@ -231,7 +231,7 @@ def open_sides(faces: NDArray[np.int64]) -> NDArray[np.int64]:
     return own
 
 
-def _rows(points: Any) -> NDArray[np.float64]:
+def _rows(points: Any, what: str = "points of an observation") -> NDArray[np.float64]:
     """Copy points as rows of three finite numbers."""
     try:
         rows = np.array(points)
@@ -240,13 +240,13 @@ def _rows(points: Any) -> NDArray[np.float64]:
         rows = np.array(None)
     if rows.dtype == object:
         raise ParameterError(
-            "The points are not rows of real numbers.",
-            remedy="Give one row x, y, z for each point.",
+            f"The {what} are not rows of real numbers.",
+            remedy="Give one row x, y, z for each point, three vertices for each face.",
         )
     if rows.ndim != 2 or rows.shape[1] != 3:
         raise ShapeError(
-            f"The points of an observation have the shape {rows.shape}, not (n, 3).",
-            remedy="Give one row x, y, z for each point.",
+            f"The {what} have the shape {rows.shape}, not (n, 3).",
+            remedy="Give one row x, y, z for each point, three vertices for each face.",
         )
     wrong = np.flatnonzero(~np.isfinite(rows).all(axis=1))
     if wrong.size:

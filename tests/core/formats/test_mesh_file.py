@@ -215,6 +215,8 @@ def test_a_stated_coordinate_system_is_found(name: str, data: bytes) -> None:
         ("ply", ply_binary(VERTICES[0]) + b"x", "more than its header"),
         ("ply", ply_text(VERTICES[0])[:-6], "ends after 11"),
         ("ply", ply_header("ascii", 2, 0) + b"0 0 0\n7 1 1 1 7\n", "Row 0"),
+        ("ply", ply_header("ascii", 4, 0) + b"0 0 0 7\n1 1 1 7\n2 2 2 7 3 3 3 7\n", "Row 2"),
+        ("ply", ply_header("ascii", 1, 1) + b"0 0 0 7\n3 0 1 nan 0\n", "fractions"),
         ("ply", ply_header("ascii", 1, 0) + b"0 0 zero 7\n", "zero"),
         ("ply", ply_text(VERTICES[0]) + b"1 2 3\n", "more than its header"),
         ("ply", b"ply\nformat ascii 1.0\n", "no PLY header"),
@@ -231,6 +233,11 @@ def test_what_cannot_be_read_says_why(name: str, data: bytes, words: str) -> Non
         READERS[name](data)
     assert words in str(caught.value)
     assert caught.value.remedy
+
+
+def test_numbers_in_text_are_not_cut_to_whole_ones() -> None:
+    head = ply_header("ascii", 1, 0).replace(b"float x", b"uchar x")
+    assert read_ply(head + b"300.5 0 0 7\n").positions.tolist() == [[300.5, 0.0, 0.0]]
 
 
 @pytest.mark.parametrize("name", MESH_WRITERS)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+import tracemalloc
 import zipfile
 from typing import Any
 
@@ -149,6 +150,19 @@ def test_a_bomb_is_refused_by_what_it_declares() -> None:
     assert len(buffer.getvalue()) < 20_000
     with pytest.raises(LimitError):
         read_npz(buffer.getvalue(), ReadLimits(decompressed_bytes=1_000_000))
+
+
+def test_a_header_is_read_no_further_than_headers_go() -> None:
+    buffer, n = io.BytesIO(), 50_000_000
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        archive.writestr("vertices.npy", b"\x93NUMPY\x02\x00" + n.to_bytes(4, "little") + b" " * n)
+    tracemalloc.start()
+    try:
+        with pytest.raises(MalformedFileError):
+            read_npz(buffer.getvalue())
+        assert tracemalloc.get_traced_memory()[1] < n // 10
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_name_twice_is_refused() -> None:

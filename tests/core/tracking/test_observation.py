@@ -53,6 +53,8 @@ def test_directions_become_unit_vectors_and_arrays_stay_as_they_are() -> None:
         (lambda: Observation(POINTS, end="middle"), ParameterError),
         (lambda: Observation(POINTS, end="base", places=(0, 1, 2, 3)), ParameterError),
         (lambda: of_surface(SQUARE, [[0, 1, 7]]), ShapeError),
+        (lambda: of_surface(SQUARE, [[0, 1, 2], [0, 1]]), ParameterError),
+        (lambda: Observation(SQUARE, normals=1.0), ParameterError),
         (lambda: of_surface(SQUARE[:, :2], TRIANGLES), ShapeError),
     ],
 )
@@ -80,3 +82,14 @@ def test_more_points_than_are_needed_are_thinned_evenly() -> None:
     assert len(frame[0]) == 20_000
     assert "20,000" in note
     assert np.diff(frame[0].points[:, 0]).max() <= 4
+
+
+def test_a_mesh_of_nothing_is_a_frame_without_points() -> None:
+    assert len(of_surface(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))) == 0
+
+
+def test_a_stated_base_is_not_that_of_other_vertices() -> None:
+    places: list[Place] = ["base", (1, 2, 3)]
+    for order in (slice(None), slice(None, None, -1)):
+        mark = Observation(SQUARE[:2][order], places=tuple(places[order]))
+        assert ends_in((mark,))["base"].tolist() == SQUARE[0].tolist()

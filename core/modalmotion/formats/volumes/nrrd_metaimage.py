@@ -102,8 +102,9 @@ def _nrrd_samples(header: Any, data: bytes, start: int, limits: ReadLimits) -> N
 def _type(name: str) -> np.dtype[Any]:
     if name in ("float", "double"):
         return np.dtype("f4" if name == "float" else "f8")
-    plain = name.removesuffix("_t").removesuffix(" int")
+    plain = name.removesuffix("_t")
     word = plain.removeprefix("unsigned ").removeprefix("signed ").removeprefix("u")
+    word = word.removesuffix(" int")
     return np.dtype(f"{'u' if plain.startswith('u') else 'i'}{_BYTES[word]}")
 
 

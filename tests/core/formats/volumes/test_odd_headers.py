@@ -140,6 +140,18 @@ def test_metaimage_states_no_unit_of_time() -> None:
     assert any("no unit for its interval of 0.1 between" in note for note in images.notes)
 
 
+@pytest.mark.parametrize(
+    "name", ["signed short int", "ushort", "int", "signed int", "unsigned int", "uint32_t"]
+)
+def test_every_name_of_a_type_of_nrrd_is_read(name: str) -> None:
+    kind = ("<u" if name.startswith("u") else "<i") + ("2" if "short" in name else "4")
+    head, _, _ = nrrd(VALUES, SPACE, DIRECTIONS).partition(b"\n\n")
+    head = head.replace(b"type: short", f"type: {name}".encode())
+    own = first(head + b"\n\n" + VALUES.astype(kind).tobytes(order="F"))
+    assert own.values.dtype == np.dtype(kind)
+    assert (own.values == VALUES).all()
+
+
 def test_an_unknown_unit_of_nrrd_is_noted() -> None:
     images = read(nrrd(VALUES, SPACE, DIRECTIONS, 'space units: "inch" "inch" "inch"'))
     assert any("unit of length" in note for note in images.notes)
