@@ -14,7 +14,11 @@ from modalmotion.cli.options import EXISTING_FOLDER, OutputFile, OutputFolder, c
 
 _FOLDER = click.argument("folder", type=EXISTING_FOLDER, metavar="FOLDER")
 _OWNER = click.option("--owner", help="Owner of the store, in a service's data folder FOLDER.")
-_OF_A_BACKUP: Final = "This is a backup: what was deleted since is in it."
+_OF_A_BACKUP: Final = (
+    "This is a backup: what was deleted since is in it. `modalmotion store restore` looks for "
+    "deletions."
+)
+_OF_A_CRASH: Final = "What is unfinished was left by a crash; opening the store settles it."
 
 
 @click.group()
@@ -64,6 +68,7 @@ def verify(folder: Path, owner: str | None) -> Any:
         with counting("reading files") as progress:
             report = run(root, progress=progress)
         notes = [] if time is None else [_OF_A_BACKUP]
+        notes += [_OF_A_CRASH] * bool(report.unfinished)
         found = {"is_sound": report.is_sound, "backup_time": time, **asdict(report)}
         answer[name] = {**found, "notes": notes}
     is_wrong = not all(one["is_sound"] for one in answer.values())
@@ -98,7 +103,8 @@ def export(folder: Path, out: Path, owner: str | None) -> Any:
         notes = [f"Those of other owners are not in it: --owner {' or '.join(others)}."]
     failure = click.exceptions.Exit(1) if report.failures else None
     answer = asdict(report)
-    return answer, described({**answer, "notes": notes}), failure
+    failures = [{"sequence": name[:12], "reason": reason} for name, reason in report.failures]
+    return answer, described({**answer, "failures": failures, "notes": notes}), failure
 
 
 @command("store backup results copy", group=store)

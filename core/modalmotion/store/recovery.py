@@ -265,8 +265,10 @@ def _returned(folder: Folder, scan: Scan) -> Iterator[str]:
         by_time.append((scan.images, images_id, images_id, files))
     for names, thing, digest, paths in by_time:
         time = buried(folder.root, digest)
+        # Of a signature its file decides, for what was rendered of the old one may lie beside it.
+        judged = paths if names is scan.images else paths[:1]
         is_back = time is not None and any(
-            path.exists() and is_older(path.stat().st_mtime, time) for path in paths
+            path.exists() and is_older(path.stat().st_mtime, time) for path in judged
         )
         # Samples without a record: putting them was cut short, and never confirmed.
         if is_back or (names is scan.images and thing not in scan.image_records):

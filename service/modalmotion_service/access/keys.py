@@ -358,7 +358,9 @@ class KeySnapshot(Authenticator):
             log = self._path.with_name(f"{self._path.name}-wal")
             # Immutable, unless a service has it open whose newest rows are beside it: else SQLite
             # would make files there, to share it with writers.
-            is_live = log.exists() and log.stat().st_size > 0
+            is_live = False
+            with suppress(FileNotFoundError):
+                is_live = log.stat().st_size > 0
             address = f"{self._path.absolute().as_uri()}?mode=ro{'' if is_live else '&immutable=1'}"
             with closing(sqlite3.connect(address, uri=True)) as file:
                 return file.execute(statement, values).fetchall()

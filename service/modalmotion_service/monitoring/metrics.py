@@ -219,7 +219,11 @@ class StateOfThings(Collector):
             ("ready", "Whether results can be made and stored: 1 or 0.", self._is_ready()),
             ("owners", "Stores that are open.", len(states)),
             ("owners_failed", "Stores that cannot be opened.", self._owners.n_failed),
-            ("workers", "Worker processes, but for the lane's.", self._engine.n_workers),
+            (
+                "workers",
+                "Worker processes, but for that of the short lane.",
+                self._engine.n_workers,
+            ),
             ("workers_busy", "Processes with a task, that of the short lane too.", busy),
             ("disk_free_bytes", "Free space of the data folder.", self._owners.free_bytes()),
         ):

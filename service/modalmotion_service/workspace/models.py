@@ -90,12 +90,11 @@ def choose_for(state: State, text: str, sequence_id: str) -> ChosenModel:
 
 def records(state: State) -> dict[str, list[ModelRecord]]:
     """All versions by name, including shipped models."""
-    found: dict[str, list[ModelRecord]] = {
-        name: [choose(state, name)] for name in available_models()
-    }
+    found: dict[str, list[ModelRecord]] = {}
     for record in state.store.models():
         found.setdefault(record.name, []).append(record)
-    return found
+    # Of a name that is shipped `choose` takes no other.
+    return found | {name: [choose(state, name)] for name in available_models()}
 
 
 def describe(state: State, model: ChosenModel) -> tuple[KeptModel, list[int]]:

@@ -72,8 +72,7 @@ async def signature(state: State, request: Request, report: Report) -> Outcome:
 async def signature_view(state: State, request: Request, report: Report) -> Outcome:
     """Give a stored signature, or the usual one of a sequence."""
     body = await shown(state, request.sequence_id, request.key, request.media_type, report)
-    name = f"{(request.sequence_id or '')[:12]}-signature.h5"
-    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    headers = attachment(f"{request.sequence_id[:12]}-signature.h5")
     return Outcome(body, request.media_type, headers=headers if request.media_type == HDF5 else {})
 
 

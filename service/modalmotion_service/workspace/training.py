@@ -7,6 +7,7 @@ import contextlib
 import json
 from collections import Counter
 from collections.abc import Sequence
+from concurrent.futures import Future
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Final
@@ -230,7 +231,7 @@ async def train(
 
     async def train_with(asked: SignatureParameters, image: Path) -> None:
         paths = await _fit(state, cases, asked, report, leaves_out=leaves_out)
-        offsets: Cases | None = None
+        offsets: list[Path | LeftOut] | None = None
         if weighs_kinds:
             # Curves and volumes have none.
             with contextlib.suppress(ModalMotionError):
@@ -239,22 +240,30 @@ async def train(
                 # What lacks one of them has neither.
                 both = list(zip(paths, found, strict=True))
                 paths = [two if isinstance(two, LeftOut) else one for one, two in both]
-                offsets = _cases(
-                    cases, [one if isinstance(one, LeftOut) else two for one, two in both]
-                )
-        future = state.training_engine.run(
-            Terms(str(state.store.root)),
-            train_model,
-            _cases(cases, paths),
-            offsets,
-            name,
-            options.as_json(),
-            training,
-            image,
-            progress,
-            state.settings.scheduler,
-            state.settings.workers,
-        )
+                offsets = [one if isinstance(one, LeftOut) else two for one, two in both]
+
+        def begin() -> Future[None]:
+            return state.training_engine.run(
+                Terms(str(state.store.root)),
+                train_model,
+                _cases(cases, paths),
+                None if offsets is None else _cases(cases, offsets),
+                name,
+                options.as_json(),
+                training,
+                image,
+                progress,
+                state.settings.scheduler,
+                state.settings.workers,
+            )
+
+        # A hundred thousand cases take seconds to write: others are answered meanwhile.
+        begun = asyncio.ensure_future(asyncio.to_thread(begin))
+        try:
+            future = await asyncio.shield(begun)
+        except asyncio.CancelledError:
+            begun.add_done_callback(lambda one: one.exception() or one.result().cancel())
+            raise
 
         def report_training(share: float, text: str) -> None:
             report(_FITTING + (1 - _FITTING) * share, text)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sqlite3
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -214,6 +216,23 @@ def told(text: str, *names: str) -> list[str]:
     return [re.findall(rf"^ *{name} +(.*)$", text, re.MULTILINE)[0] for name in names]
 
 
+def test_what_was_rendered_of_a_deleted_signature_does_not_take_the_new_one(root: Path) -> None:
+    sequence = sample_sequence(1)
+    path = Folder(root).result(ResultName("signature", sequence.id, "", KEY))
+    rendered = path.with_suffix(".json")
+    with ResultStore(root) as store:
+        store.delete_signature(sequence.id, KEY)
+        # As a kill between the two leaves it.
+        rendered.write_bytes(b"{}")
+        os.utime(rendered, (0.0, 0.0))
+        store.put_signature(sample_signature(sequence))
+    later = time.time() + 60.0
+    os.utime(path, (later, later))
+    rebuild(root)
+    with ResultStore(root) as store:
+        assert KEY in store.signatures(sequence.id)
+
+
 def test_the_commands_say_what_they_found(root: Path, tmp_path: Path) -> None:
     code, text = run("verify", str(root))
     assert code == 0
@@ -226,6 +245,10 @@ def test_the_commands_say_what_they_found(root: Path, tmp_path: Path) -> None:
     assert code == 1
     assert told(text, "is sound") == ["no"]
     assert f"{sample_sequence(1).id}-{KEY}.h5" in text
+    # What is left out is named with its reason.
+    code, text = run("export", str(root), str(tmp_path / "rest.h5"))
+    assert code == 1
+    assert re.search(rf"{sample_sequence(1).id[:12]} +\S.*sha256", text)
     code, text = run("rebuild", str(root))
     assert code == 0
     assert told(text, "sequences", "results") == ["4", "11"]

@@ -53,6 +53,15 @@ def test_another_file_in_its_place_counts_at_once(tmp_path: Path) -> None:
         keys.authenticate(newer)
 
 
+def test_a_log_that_its_service_removes_just_now_is_no_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    token, _ = kept(tmp_path)
+    exists = Path.exists
+    monkeypatch.setattr(Path, "exists", lambda path: path.suffix == ".sqlite-wal" or exists(path))
+    assert KeySnapshot(tmp_path).authenticate(token).owner == "alice"
+
+
 def test_without_a_folder_no_key_is_known() -> None:
     with pytest.raises(AuthenticationError):
         KeySnapshot(None).authenticate("mm_" + "0" * 16 + "_" + "x" * 43)

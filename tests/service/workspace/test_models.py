@@ -6,10 +6,14 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from training_cohort import CLASSES, N_PER_CLASS, QUICK, Trained, cohort, finished, send
+
+from modalmotion.classification import DEFAULT_MODEL
+from modalmotion_service.workspace import models
 
 
 def assert_problem(answer: Any, status: int, code: str, *words: str) -> dict[str, Any]:
@@ -224,3 +228,10 @@ def test_a_training_that_is_cancelled_leaves_nothing(
     assert trained.client.delete(job["links"]["self"]).json()["state"] == "cancelled"
     assert trained.client.get("/v1/models/cancelled").status_code == 404
     assert_spool_is(trained, before)
+
+
+def test_of_a_name_that_is_shipped_no_other_is_listed() -> None:
+    shipped = models.choose(SimpleNamespace(), DEFAULT_MODEL)  # type: ignore[arg-type]
+    store = SimpleNamespace(models=lambda: (replace(shipped, version=2, id="0" * 64),))
+    listed = models.records(SimpleNamespace(store=store))  # type: ignore[arg-type]
+    assert listed[DEFAULT_MODEL] == [shipped]

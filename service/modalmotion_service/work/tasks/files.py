@@ -64,7 +64,8 @@ def loaded_sequence(sequence: Path, track: Path | None) -> MeshSequence:
     return replace(loaded, uncertainty=track_from_hdf5(track).sequence.uncertainty)
 
 
-@lru_cache(maxsize=16)
+# One, for it may be as large as an upload, and is held until another owner's work.
+@lru_cache(maxsize=1)
 def named_template(template: Path | None) -> Template | None:
     """Load the template that parameters name, once for all tasks of this process."""
     # The path ends with the template's id, which represents its content.
