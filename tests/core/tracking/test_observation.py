@@ -7,7 +7,7 @@ import pytest
 
 from modalmotion.errors import InputError, NonFiniteError, ParameterError, ShapeError
 from modalmotion.tracking import Observation, of_surface
-from modalmotion.tracking.observation import observed_frames
+from modalmotion.tracking.observation import Place, ends_in, observed_frames
 
 POINTS = np.arange(12, dtype=np.float64).reshape(4, 3)
 TRIANGLES = np.array([[0, 1, 2], [0, 2, 3]])
@@ -54,7 +54,7 @@ def test_directions_become_unit_vectors_and_arrays_stay_as_they_are() -> None:
         (lambda: Observation(POINTS, end="base", places=(0, 1, 2, 3)), ParameterError),
         (lambda: of_surface(SQUARE, [[0, 1, 7]]), ShapeError),
         (lambda: of_surface(SQUARE, [[0, 1, 2], [0, 1]]), ParameterError),
-        (lambda: Observation(SQUARE, normals=1.0), ParameterError),
+        (lambda: Observation(SQUARE, normals=np.array(1.0)), ParameterError),
         (lambda: of_surface(SQUARE[:, :2], TRIANGLES), ShapeError),
     ],
 )
