@@ -119,7 +119,7 @@ def test_pictures_of_every_kind(beat: mm.MeshSequence, tmp_path: Path) -> None:
     for other in (beat.classify(), template):
         assert mm.plot(other, tmp_path / "one.pdf").axes
     assert (tmp_path / "one.pdf").read_bytes().startswith(b"%PDF")
-    with pytest.raises(mm.ParameterError, match="no picture of a str"):
+    with pytest.raises(mm.NotFoundError, match="no file 'beat'"):
         mm.plot("beat")
     with pytest.raises(mm.ParameterError, match="not have the suffix of a picture"):
         signature.plot("beat.jpg")

@@ -243,6 +243,8 @@ def project_all(
             found = _forward(lattice, values)[place]
             # The transform's imaginary part is minus the sine.
             np.multiply(np.where(is_sine, -found.imag, found.real), weights, out=amplitudes[frame])
+        # Else the next frame's transform would need memory beside it.
+        del found
         require_finite(amplitudes[frame][None], source[frame : frame + 1], frame, "node")
     return amplitudes
 
