@@ -265,13 +265,6 @@ class RimThere:
     sectors: NDArray[np.int64]
     totals: NDArray[np.float64]
 
-    @property
-    def directions(self) -> NDArray[np.float64]:
-        """Outward as unit vectors, (n, 3)."""
-        size = np.linalg.norm(self.outward, axis=1)
-        unit: NDArray[np.float64] = self.outward / np.where(size > 0, size, 1.0)[:, None]
-        return unit
-
     def rows(self, surface: Deformable) -> NDArray[np.float64]:
         """How far amplitudes move each sector outward in the mean, (sectors, modes, 3)."""
         n = len(self.totals)
