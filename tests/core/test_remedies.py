@@ -334,14 +334,6 @@ TRIED = (
         ),
     ),
     Try(
-        "Use n_threads=1 or more.",
-        lambda: decode(encode(surface(n=40), rms=1.0, effort="fast").data, n_threads=0),
-        (
-            lambda _: decode(encode(surface(n=40), rms=1.0, effort="fast").data, n_threads=1),
-            lambda _: decode(encode(surface(n=40), rms=1.0, effort="fast").data, n_threads=2),
-        ),
-    ),
-    Try(
         "State the number of vertices per frame, or the grid.",
         lambda: read_raw(write_raw(surface()), None),
         (
