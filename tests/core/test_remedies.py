@@ -25,8 +25,8 @@ from modalmotion.formats import ReadOptions, read_sequence, write_npz, write_raw
 from modalmotion.formats.named_arrays import read_raw
 from modalmotion.mesh import Facts, facts_from_texts
 from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
-from modalmotion.modes.order import modes_named, parse_label
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.lattice import modes_named
+from modalmotion.modes.topology import CUP, parse_label
 from modalmotion.signature.distance import compare
 from modalmotion.signature.making import (
     ModalSignature,
@@ -178,15 +178,6 @@ TRIED = (
             lambda _: fitted(amplitudes=12),
             lambda _: fitted(tolerance=3.0),
             lambda _: fitted(auto=True),
-        ),
-    ),
-    Try(
-        "Omit split_pairs, or set modes or amplitudes.",
-        lambda: fitted(tolerance=3.0, split_pairs=True),
-        (
-            lambda _: fitted(tolerance=3.0),
-            lambda _: fitted(modes=4, split_pairs=True),
-            lambda _: fitted(amplitudes=12, split_pairs=True),
         ),
     ),
     Try(

@@ -37,8 +37,7 @@ from modalmotion.codec.temporal import (
     turn_back,
 )
 from modalmotion.errors import LimitError
-from modalmotion.modes.order import require_shape
-from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology
+from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology, require_shape
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -20,7 +20,7 @@ from modalmotion.errors import (
     TopologyError,
     UnlikeCasesError,
 )
-from modalmotion.mesh.facts import Facts, Named
+from modalmotion.mesh.facts import Facts
 from modalmotion.modes.topology import MESH
 from modalmotion.norm import Norm
 from modalmotion.norm.training import parameters_of_controls
@@ -299,7 +299,7 @@ async def _files(
             if not leaves_out:
                 raise named(error, case_name(case.id), sequence_id=case.id) from error
             return LeftOut.of(error, case_name(case.id))
-        return CaseFile(path, case.id, case.label, case.subject, Named(case.covariates))
+        return CaseFile(path, case.id, case.label, case.subject, dict(case.covariates))
 
     def tell(done: int, total: int) -> None:
         report(_FITTING * done / total, f"signature {done} of {total}")

@@ -23,7 +23,7 @@ from modalmotion.errors import (
     ParameterError,
     StoreError,
 )
-from modalmotion.mesh import Facts, Named
+from modalmotion.mesh import Facts
 from modalmotion.modes.topology import MESH
 from modalmotion.signature.making import SignatureKind, SignatureParameters
 from modalmotion.store import ModelRecord, ResultStore, model_from_hdf5
@@ -356,6 +356,6 @@ def _cases(cases: list[Case], paths: list[Path | LeftOut]) -> Cases:
     return [
         Unfitted(case_name(case.id), path.reason)
         if isinstance(path, LeftOut)
-        else CaseFile(path, case.id, case.label, case.subject, Named(case.covariates))
+        else CaseFile(path, case.id, case.label, case.subject, dict(case.covariates))
         for case, path in zip(cases, paths, strict=True)
     ]
