@@ -355,10 +355,22 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
         StoreError
             If it cannot be written; the store is as it was.
         """
-        name = ResultName(
-            "classification", classification.sequence_id, classification.model_id, key
+        image = classification_to_hdf5(classification, parameters_key=key)
+        return self.put_classification_image(
+            image, classification.sequence_id, classification.model_id, key
         )
-        return self._put_result(name, classification_to_hdf5(classification, parameters_key=key))
+
+    def put_classification_image(
+        self, image: bytes, sequence_id: str, model_id: str, key: str
+    ) -> Path:
+        """Keep a classification that another process has written with `classification_to_hdf5`.
+
+        Raises
+        ------
+        NotFoundError, StoreError
+            As `put_classification` does.
+        """
+        return self._put_result(ResultName("classification", sequence_id, model_id, key), image)
 
     def classification(self, sequence_id: str, model_id: str, key: str) -> Classification:
         """Classification of a sequence by a model, from the signature with that key.

@@ -112,21 +112,12 @@ class Lanes:
                 self._append(replace(task, terms=replace(terms, price=10 * LANE_SECONDS)))
             return self._is_open
 
-    def take(self, question: Callable[[], Task | None], *, is_lane: bool) -> Task | None:
-        """Wait for a task; None when there will be no more.
-
-        Parameters
-        ----------
-        question : callable
-            Gives what whoever takes is to do before anything else.
-        is_lane : bool
-        """
+    def take(self, *, is_lane: bool) -> Task | None:
+        """Wait for a task; None when there will be no more."""
         condition = self._of_lane if is_lane else self._of_workers
         queues = ("short",) if is_lane else ("long", "short")
         with condition:
             while True:
-                if (asked := question()) is not None:
-                    return asked
                 for name in queues:
                     if (task := self._queues[name].take()) is not None:
                         return task
@@ -135,11 +126,6 @@ class Lanes:
                 self._idle[is_lane] += 1
                 condition.wait()
 
-    def have_look(self) -> None:
-        """Have all who wait look whether they are asked something."""
-        with self._of_workers:
-            self._wake_all()
-
     def close(self, *, give_up: bool) -> list[Task]:
         """Take no more tasks; gives those that wait, if they are given up."""
         left: list[Task] = []
@@ -147,18 +133,14 @@ class Lanes:
             self._is_open = False
             for queue in self._queues.values() if give_up else ():
                 left += queue.clear()
-            self._wake_all()
+            self._of_workers.notify_all()
+            self._of_lane.notify_all()
         return left
 
     @property
     def lengths(self) -> Mapping[str, int]:
         """Tasks that wait, by lane."""
         return {name: len(queue) for name, queue in self._queues.items()}
-
-    def _wake_all(self) -> None:
-        self._idle = {False: 0, True: 0}
-        self._of_workers.notify_all()
-        self._of_lane.notify_all()
 
     def _append(self, task: Task) -> None:
         terms = task.terms

@@ -31,7 +31,6 @@ from modalmotion_service.http.observation import add_milliseconds, stage
 from modalmotion_service.http.problems import internal_problem, problem_body
 from modalmotion_service.schemas.queries import DecodingRequest
 from modalmotion_service.schemas.requests import CLASS_OF_FILE, ENCODING_OF_FILE, SIGNATURE_OF_FILE
-from modalmotion_service.schemas.results import ClassificationAnswer, UploadClassificationAnswer
 from modalmotion_service.work.tasks import sequences, signatures
 from modalmotion_service.work.tasks.classification import classify_upload
 from modalmotion_service.work.tasks.signatures import RESULTS
@@ -204,11 +203,9 @@ async def _classified(
     state: State, upload: Upload, model: models.ChosenModel, coverage: float
 ) -> bytes:
     with stage("worker"):
-        result, reading = await state.analysis.work(
-            classify_upload, upload, model.parameters, model.source, coverage
+        return await state.analysis.work(
+            classify_upload, upload, model.parameters, model.source, coverage, model.version
         )
-    named = ClassificationAnswer.of(result, model.version, None).model_dump()
-    return UploadClassificationAnswer(**named, reading=reading).model_dump_json().encode()
 
 
 @operation(query=CLASS_OF_FILE)
