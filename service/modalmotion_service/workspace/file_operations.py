@@ -192,8 +192,7 @@ async def sent_signatures(state: State, request: Request, report: Report) -> Out
         return Outcome(archive, ZIP, headers=headers)
     task = signatures.pack_archive if media_type == HDF5 else signatures.tabulate_archive
     try:
-        with analysis.output() as output:
-            await analysis.work(task, archive, request.parts, output)
+        output = await analysis.written("worker", task, archive, request.parts)
     finally:
         SpoolFile(archive).remove()
     return Outcome(output, media_type, headers=headers)
@@ -242,8 +241,7 @@ async def decoding(state: State, request: Request, _: Report) -> Outcome:
     """Decode a stream, or a part of it."""
     frames, vertices = request.query.ranges()
     stream, limits = state.spool.at(request.file), state.settings.read_limits
-    with state.analysis.output() as output, stage("decode"):
-        await state.analysis.work(
-            sequences.decode_upload, stream, limits, frames, vertices, request.media_type, output
-        )
+    output = await state.analysis.written(
+        "decode", sequences.decode_upload, stream, limits, frames, vertices, request.media_type
+    )
     return Outcome(output, request.media_type)

@@ -15,6 +15,7 @@ import math
 import sqlite3
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Protocol
 
 from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
@@ -31,12 +32,12 @@ logger = logging.getLogger(__name__)
 class Report(Protocol):
     """Reports the progress of a job."""
 
-    def __call__(self, share: float, text: str = "") -> None:
+    def __call__(self, share: float, text: str = "", /) -> None:
         """Note the share that is done, 0 to 1, and in words what is done now."""
 
 
-Handler = Callable[[Any, Report], Awaitable[Any]]
-Settle = Callable[[Any, Any], Awaitable[None]]
+Do = Callable[[Job, Report], Awaitable[Any]]
+Settle = Callable[[Job, Any], Awaitable[None]]
 
 
 class JobRunner:
@@ -45,12 +46,10 @@ class JobRunner:
     Parameters
     ----------
     jobs : Jobs
-    handlers : dict
-        For each kind of job an async function of the request and of a function that reports
-        progress; it gives the result. Request and result are JSON values.
-    clean_up : dict
-        For kinds that store something for their work: a function of the request that removes it
-        once the job is finished.
+    do : async function
+        Of a job and of a function that reports progress; it gives the result, a JSON value.
+    clean_up : callable
+        Removes what is stored for a job's work, by its request, once the job is finished.
     n_at_once : int
     most_unfinished : int
         Queued and running jobs beyond so many are refused.
@@ -58,7 +57,7 @@ class JobRunner:
         Number at once of kinds that run in places of their own: hours of one kind should not
         keep the others waiting.
     settle : dict
-        For kinds that begin with something which goes in the end: an async function of request and
+        For kinds that begin with something which goes in the end: an async function of job and
         result. The result is noted before, and a job that is taken up again goes on from it.
     require_store : callable
         Raises StoreError while nothing can be written where the jobs' files are.
@@ -69,21 +68,21 @@ class JobRunner:
     def __init__(
         self,
         jobs: Jobs,
-        handlers: Mapping[str, Handler],
-        clean_up: Mapping[str, Callable[[Any], None]],
+        do: Do,
+        clean_up: Callable[[Any], None],
         n_at_once: int,
         most_unfinished: int,
-        apart: Mapping[str, int] | None = None,
-        settle: Mapping[str, Settle] | None = None,
+        apart: Mapping[str, int] = MappingProxyType({}),
+        settle: Mapping[str, Settle] = MappingProxyType({}),
         require_store: Callable[[], None] = lambda: None,
         retry_seconds: float = math.inf,
     ) -> None:
         self._jobs = jobs
-        self._handlers = handlers
+        self._do = do
         self._clean_up = clean_up
         self._places = asyncio.Semaphore(n_at_once)
-        self._apart = {kind: asyncio.Semaphore(n) for kind, n in (apart or {}).items()}
-        self._settle = {} if settle is None else settle
+        self._apart = {kind: asyncio.Semaphore(n) for kind, n in apart.items()}
+        self._settle = settle
         self._texts: dict[str, str] = {}
         self._most = most_unfinished
         self._require_store = require_store
@@ -264,25 +263,23 @@ class JobRunner:
 
     async def _result(self, job: Job) -> Any:
         """Do the work of a job, all but what an earlier try has done."""
-        handler = self._handlers[job.kind]
         if job.kind not in self._settle:
-            return await handler(job.request, self._reporter(job))
+            return await self._do(job, self._reporter(job))
         result = (await asyncio.to_thread(self._jobs.get, job.id)).result
         if result is None:
-            result = await handler(job.request, self._reporter(job))
+            result = await self._do(job, self._reporter(job))
             await self._note(job, result=result)
-        await self._settle[job.kind](job.request, result)
+        await self._settle[job.kind](job, result)
         return result
 
     def _remove_files(self, job: Job) -> None:
         """Remove what a finished job was kept for; what stays is removed at the next start."""
-        if job.kind in self._clean_up:
-            try:
-                self._clean_up[job.kind](job.request)
-            except (StoreError, OSError) as error:
-                logger.warning(
-                    "a job's files stay", extra={"job": job.id, "error": type(error).__name__}
-                )
+        try:
+            self._clean_up(job.request)
+        except (StoreError, OSError) as error:
+            logger.warning(
+                "a job's files stay", extra={"job": job.id, "error": type(error).__name__}
+            )
 
     def _reporter(self, job: Job) -> Report:
         loop = asyncio.get_running_loop()

@@ -31,7 +31,7 @@ from modalmotion_service.errors import ConflictError
 from modalmotion_service.http.observation import stage
 from modalmotion_service.schemas.requests import ClassificationRequest
 from modalmotion_service.work.tasks.classification import name_class
-from modalmotion_service.workspace.owner_work import unheard
+from modalmotion_service.workspace.analysis import unheard
 from modalmotion_service.workspace.state import State
 
 # A model that comes with the package has one version.

@@ -270,10 +270,10 @@ class Performance:
         return job
 
     async def as_job(
-        self, state: State, what: Operation, values: Mapping[str, Any], report: Report
+        self, state: State, what: Operation, job: Job, report: Report
     ) -> dict[str, Any]:
         """Do an operation as a job, or wait for the work that was left to it; gives its result."""
-        request = Request.from_json(values, what.query)
+        request = Request.from_json(job.request, what.query)
         if request.file:
             require_spooled(self._spool, request.file)
         self._listeners[request.name] = report

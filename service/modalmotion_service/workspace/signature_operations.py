@@ -37,10 +37,9 @@ from modalmotion_service.schemas.results import ClassificationAnswer
 from modalmotion_service.schemas.signatures import DistanceAnswer
 from modalmotion_service.work.tasks import derived, signatures
 from modalmotion_service.workspace import models
-from modalmotion_service.workspace.analysis import USUAL, with_facts
+from modalmotion_service.workspace.analysis import USUAL, unheard, with_facts
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Outcome, Request, as_json, made, operation
-from modalmotion_service.workspace.owner_work import unheard
 from modalmotion_service.workspace.state import State
 
 SIGNATURE_TYPES: Final = (JSON, HDF5, NPZ, RAW, PNG, CSV)
@@ -122,16 +121,10 @@ async def reconstruction(state: State, request: Request, report: Report) -> Outc
     surface_format, suffix = SURFACES[request.media_type]
     times, phases = request.query.instants()
     async with state.analysis.fitted(request.sequence_id, request.key, report) as one:
-        with state.analysis.output() as output, stage("superpose"):
-            await state.analysis.work(
-                derived.superpose,
-                one,
-                surface_format,
-                times,
-                phases,
-                request.query.max_targets,
-                output,
-            )
+        output = await state.analysis.written(
+            *("superpose", derived.superpose, one, surface_format),
+            *(times, phases, request.query.max_targets),
+        )
     headers = attachment(f"{one.record.id[:12]}-reconstruction{suffix}")
     return Outcome(output, request.media_type, headers=headers)
 
@@ -159,13 +152,12 @@ async def view(state: State, request: Request, report: Report) -> Outcome:
     """Write what a page shows of a signature, or its frames as they were sent."""
     query, as_page = request.query, request.media_type == HTML
     async with state.analysis.fitted(request.sequence_id, request.key, report) as one:
-        with state.analysis.output() as output, stage("view"):
-            if query.first is None and query.stop is None:
-                await state.analysis.work(derived.make_view, one, as_page, output)
-            else:
-                await state.analysis.work(
-                    derived.make_frames, one, query.first or 0, query.stop, output
-                )
+        if query.first is None and query.stop is None:
+            output = await state.analysis.written("view", derived.make_view, one, as_page)
+        else:
+            output = await state.analysis.written(
+                "view", derived.make_frames, one, query.first or 0, query.stop
+            )
     headers = attachment(f"{one.record.id[:12]}.html") if as_page else {}
     return Outcome(output, request.media_type, headers=headers)
 
@@ -220,14 +212,15 @@ async def signatures_query(state: State, request: Request, report: Report) -> Ou
     paths = await analysis.each(ids, lambda one: analysis.signature(one, parameters), tell)
     records = [state.store.sequence_record(sequence_id) for sequence_id in ids]
     paths = await analysis.of_one_kind(ids, parameters, paths)
-    with analysis.output() as output:
-        if request.media_type == CSV:
-            kept = [state.store.sequence_path(r.id) if r.has_upload else None for r in records]
-            template = analysis.template_path(parameters)
-            await analysis.work(signatures.tabulate, paths, records, kept, template, output)
-        else:
-            task = signatures.pack_hdf5 if request.media_type == HDF5 else signatures.pack_npz
-            await analysis.work(task, paths, records, output)
+    if request.media_type == CSV:
+        kept = [state.store.sequence_path(r.id) if r.has_upload else None for r in records]
+        template = analysis.template_path(parameters)
+        output = await analysis.written(
+            "worker", signatures.tabulate, paths, records, kept, template
+        )
+    else:
+        task = signatures.pack_hdf5 if request.media_type == HDF5 else signatures.pack_npz
+        output = await analysis.written("worker", task, paths, records)
     suffix = {HDF5: "h5", NPZ: "npz", CSV: "csv"}[request.media_type]
     headers = attachment(f"signatures.{suffix}")
     return Outcome(output, request.media_type, headers=headers)

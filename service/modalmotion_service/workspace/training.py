@@ -34,9 +34,9 @@ from modalmotion_service.schemas.queries import LabelledSequence
 from modalmotion_service.work.engine import Terms
 from modalmotion_service.work.task_progress import followed
 from modalmotion_service.work.tasks.training import Cases, Unfitted, train_model
+from modalmotion_service.workspace.analysis import in_one_basis
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Case
-from modalmotion_service.workspace.owner_work import in_one_basis
 from modalmotion_service.workspace.spool import SpoolFile, remove_with_beside
 from modalmotion_service.workspace.state import State
 
@@ -230,13 +230,13 @@ async def train(
     weighs_kinds = options.kind is None and await asyncio.to_thread(_may_slide, state, cases)
 
     async def train_with(asked: SignatureParameters, image: Path) -> None:
-        paths = await _fit(state, cases, asked, report, leaves_out=leaves_out)
+        paths = await fit_each(state, cases, asked, report, _FITTING, leaves_out=leaves_out)
         offsets: list[Path | LeftOut] | None = None
         if weighs_kinds:
             # Curves and volumes have none.
             with contextlib.suppress(ModalMotionError):
                 other = replace(asked, kind=SignatureKind.OFFSET)
-                found = await _fit(state, cases, other, report, leaves_out=leaves_out)
+                found = await fit_each(state, cases, other, report, _FITTING, leaves_out=leaves_out)
                 # What lacks one of them has neither.
                 both = list(zip(paths, found, strict=True))
                 paths = [two if isinstance(two, LeftOut) else one for one, two in both]
@@ -306,15 +306,33 @@ def _may_slide(state: State, cases: list[Case]) -> bool:
     return any(str(record.facts.tracking) != SignatureKind.MATERIAL for record in records)
 
 
-async def _fit(
+async def fit_each(
     state: State,
-    cases: list[Case],
+    cases: Sequence[Case],
     parameters: SignatureParameters,
     report: Report,
+    share: float,
     *,
-    leaves_out: bool,
+    leaves_out: bool = False,
 ) -> list[Path | LeftOut]:
-    """Signatures of all cases: stored ones, and the rest made by workers."""
+    """Signatures of all cases: stored ones, and the rest made by workers.
+
+    Parameters
+    ----------
+    state : State
+    cases : sequence of Case
+    parameters : SignatureParameters
+    report : callable
+    share : float
+        Of the whole progress, which they are counted as.
+    leaves_out : bool
+        Whether what cannot be fitted is given with the reason, and the rest fitted.
+
+    Raises
+    ------
+    ModalMotionError
+        Of the first that cannot be; it names the sequence.
+    """
 
     async def fitted(case: Case) -> Path | LeftOut:
         try:
@@ -326,7 +344,7 @@ async def _fit(
             raise about from error
 
     def tell(done: int, total: int) -> None:
-        report(_FITTING * done / total, f"signature {done} of {total}")
+        report(share * done / total, f"signature {done} of {total}")
 
     return await state.analysis.each(cases, fitted, tell)
 
@@ -338,12 +356,12 @@ def _about(state: State, error: ModalMotionError, sequence_id: object) -> ModalM
     # A result may be missing for other reasons than that its sequence was deleted.
     if isinstance(error, StoreError) and not state.store.has_sequence(sequence_id):
         return NotFoundError(
-            f"Sequence {sequence_id[:12]} was deleted while a model was trained on it.",
-            remedy="Start the training again without it.",
+            f"Sequence {sequence_id[:12]} was deleted during this work.",
+            remedy="Start it again without this sequence.",
             details={"sequence_id": sequence_id},
         )
     about = named(error, case_name(sequence_id), sequence_id=sequence_id)
-    about.remedy = f"{error.remedy} Or train without this sequence.".strip()
+    about.remedy = f"{error.remedy} Or leave this sequence out.".strip()
     return about
 
 
@@ -356,6 +374,11 @@ def _cases(cases: list[Case], paths: list[Path | LeftOut]) -> Cases:
     return [
         Unfitted(case_name(case.id), path.reason)
         if isinstance(path, LeftOut)
-        else CaseFile(path, case.id, case.label, case.subject, Named(case.covariates))
+        else case_file(case, path)
         for case, path in zip(cases, paths, strict=True)
     ]
+
+
+def case_file(case: Case, path: Path) -> CaseFile:
+    """Give a case with the file of its signature."""
+    return CaseFile(path, case.id, case.label, case.subject, Named(case.covariates))

@@ -16,7 +16,7 @@ from modalmotion.store import ResultStore
 from modalmotion_service.errors import ClusterError, WorkerDiedError
 from modalmotion_service.schemas.general import JobState
 from modalmotion_service.workspace import background
-from modalmotion_service.workspace.job_runner import Handler, JobRunner, Report
+from modalmotion_service.workspace.job_runner import JobRunner, Report
 from modalmotion_service.workspace.jobs import Job, Jobs
 
 PASSING = (
@@ -76,11 +76,13 @@ async def ended(runner: JobRunner, jobs: Jobs, file: Path) -> Job:
         await asyncio.sleep(0.001)
 
 
-def runner_of(jobs: Jobs, handler: Handler, **options: Any) -> JobRunner:
+def runner_of(jobs: Jobs, handler: Callable[[Any, Report], Any], **options: Any) -> JobRunner:
     def clean(request: Any) -> None:
         Path(request["file"]).unlink()
 
-    return JobRunner(jobs, {"kind": handler}, {"kind": clean}, 1, 100, **options)
+    return JobRunner(
+        jobs, lambda job, report: handler(job.request, report), clean, 1, 100, **options
+    )
 
 
 async def done(_request: Any, _report: Report) -> Any:
