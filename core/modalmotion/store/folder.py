@@ -367,21 +367,16 @@ def record_of(
     label: str | None = None,
 ) -> SequenceRecord:
     """Record of a sequence."""
+    same = ("id", "n_frames", "n_vertices", "grid", "unit", "facts", "span")
     return SequenceRecord(
-        id=sequence.id,
-        n_frames=sequence.n_frames,
-        n_vertices=sequence.n_vertices,
+        **{name: getattr(sequence, name) for name in same},
         n_faces=len(sequence.faces),
         topology=None if sequence.topology is None else sequence.topology.name,
-        grid=sequence.grid,
-        unit=sequence.unit,
         has_times=sequence.times is not None,
         subject=subject,
         label=label,
         created=created,
         has_upload=has_upload,
-        facts=sequence.facts,
-        span=sequence.span,
     )
 
 

@@ -284,6 +284,7 @@ class SequenceRecords(Opening):
         *,
         subject: str | None = None,
         label: str | None = None,
+        tracked: bool = False,
         limit: int = 100,
         cursor: str | None = None,
     ) -> SequencePage:
@@ -296,6 +297,8 @@ class SequenceRecords(Opening):
         ----------
         subject, label : str, optional
             Only those with exactly this subject, this label.
+        tracked : bool
+            Only those that were tracked.
         limit : int
             Of one page, 1 to 1000.
         cursor : str, optional
@@ -306,7 +309,7 @@ class SequenceRecords(Opening):
         ParameterError
             If the limit is out of range or the cursor is not one of a list.
         """
-        return self._open_index().page(subject, label, limit, cursor)
+        return self._open_index().page(subject, label, limit, cursor, tracked=tracked)
 
     def update_sequence(
         self,

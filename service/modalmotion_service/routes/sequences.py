@@ -71,9 +71,7 @@ async def upload_sequence(
 @router.get("", response_model=SequencePageAnswer)
 def list_sequences(query: Annotated[SequenceList, Query()], asked: AskedNow) -> SequencePageAnswer:
     """List sequences from the newest to the oldest, a page at a time."""
-    wanted = query.model_dump(exclude={"tracked"})
-    listed = asked.store.list_tracks if query.tracked else asked.store.list_sequences
-    page = listed(**wanted)
+    page = asked.store.list_sequences(**query.model_dump())
     return SequencePageAnswer(
         sequences=[SequenceSummary.of(record) for record in page.records], cursor=page.cursor
     )

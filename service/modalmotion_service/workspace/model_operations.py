@@ -21,7 +21,7 @@ from modalmotion.errors import (
 )
 from modalmotion.mesh.facts import Facts
 from modalmotion.modes.topology import MESH
-from modalmotion.norm import Norm
+from modalmotion.norm import Norm, norm_from_hdf5
 from modalmotion.norm.training import parameters_of_controls
 from modalmotion.signature.making import SignatureParameters
 from modalmotion_service.errors import ConflictError
@@ -181,7 +181,9 @@ async def norm(state: State, request: Request, report: Report) -> Outcome:
                 *(tell, classification.make_norm, controls),
                 *(query.name, query.modes, query.topology, image),
             )
-            return await asyncio.to_thread(state.store.put_norm_image, image)
+            made = await asyncio.to_thread(norm_from_hdf5, image)
+            await asyncio.to_thread(state.store.put_norm, made)
+            return made
 
     try:
         made = await in_one_basis(make_with, parameters)

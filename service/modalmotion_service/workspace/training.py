@@ -14,6 +14,7 @@ from typing import Final
 
 from modalmotion.classification import CaseFile, TrainingOptions
 from modalmotion.classification.cases import UNUSABLE, LeftOut, case_name, named
+from modalmotion.classification.model_files import read_kept_model
 from modalmotion.classification.options import FEWER_MODES, OnError
 from modalmotion.errors import (
     LimitError,
@@ -56,7 +57,24 @@ def look_up(store: ResultStore, sequences: Sequence[LabelledSequence], most: int
         As of `labelled_cases`; or if there are too few of a class, or of classes; it names them.
     """
     cases = labelled_cases(store, sequences, most, "training_sequences")
-    _require_classes(cases)
+    per_class = Counter(case.label for case in cases)
+    if len(per_class) < 2:
+        only = f"only {next(iter(per_class))!r}" if per_class else "no sequence"
+        raise ParameterError(
+            f"A model tells at least two classes apart; there is {only}.",
+            remedy="Name sequences of two or more classes.",
+            details={"classes": dict(per_class)},
+        )
+    few = sorted(label for label, n in per_class.items() if n < LEAST_PER_CLASS)
+    if few:
+        ids = [case.id for case in cases if case.label in few]
+        raise ParameterError(
+            f"Of {_short([*map(repr, few)])} there {'is' if len(ids) == 1 else 'are'} fewer than "
+            f"{LEAST_PER_CLASS} sequences: {_short(ids)}.",
+            remedy=f"Name {LEAST_PER_CLASS} or more of each class, ten or more for class sets "
+            "that rule anything out; or leave the class out.",
+            details={"classes": dict(per_class), "least": LEAST_PER_CLASS, **_ids(ids)},
+        )
     return cases
 
 
@@ -135,27 +153,6 @@ def find_cases(
             details=_ids(unknown),
         )
     return cases
-
-
-def _require_classes(cases: list[Case]) -> None:
-    per_class = Counter(case.label for case in cases)
-    if len(per_class) < 2:
-        only = f"only {next(iter(per_class))!r}" if per_class else "no sequence"
-        raise ParameterError(
-            f"A model tells at least two classes apart; there is {only}.",
-            remedy="Name sequences of two or more classes.",
-            details={"classes": dict(per_class)},
-        )
-    few = sorted(label for label, n in per_class.items() if n < LEAST_PER_CLASS)
-    if few:
-        ids = [case.id for case in cases if case.label in few]
-        raise ParameterError(
-            f"Of {_short([*map(repr, few)])} there {'is' if len(ids) == 1 else 'are'} fewer than "
-            f"{LEAST_PER_CLASS} sequences: {_short(ids)}.",
-            remedy=f"Name {LEAST_PER_CLASS} or more of each class, ten or more for class sets "
-            "that rule anything out; or leave the class out.",
-            details={"classes": dict(per_class), "least": LEAST_PER_CLASS, **_ids(ids)},
-        )
 
 
 def write_cases(file: SpoolFile, cases: list[Case]) -> None:
@@ -294,7 +291,8 @@ async def train(
                 await train_with(replace(parameters, topology=MESH), other)
                 if await _n_cases(other) > n_kept:
                     image, other = other, image
-        return await asyncio.to_thread(state.store.put_model_image, image)
+        model, _ = await asyncio.to_thread(read_kept_model, image)
+        return await asyncio.to_thread(state.store.put_model, model)
     finally:
         for path in (image, other, progress):
             remove_with_beside(path)

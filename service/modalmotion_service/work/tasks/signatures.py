@@ -6,7 +6,7 @@ import contextlib
 import io
 import json
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -158,12 +158,7 @@ def tabulate(
                 stated = sequence_from_hdf5(sequence).with_facts(record.facts)
                 readouts = clinical_readouts(signature, stated, template=used)
         rows.append(Recording(record.id, signature, readouts, record.subject, record.label))
-    with whole_file(output) as temporary:
-        temporary.write_bytes(cohort_table(rows).to_csv().encode())
-
-
-def _as_json(signature: ModalSignature) -> bytes:
-    return SignatureAnswer.of(signature).model_dump_json().encode()
+    write_whole(output, cohort_table(rows).to_csv().encode())
 
 
 def _as_npz(signature: ModalSignature) -> bytes:
@@ -178,20 +173,12 @@ def _as_png(signature: ModalSignature, sequence: MeshSequence) -> bytes:
     return png_of(signature_figure(sequence, signature))
 
 
-def _as_csv(signature: ModalSignature) -> bytes:
-    return amplitude_table(signature).to_csv().encode()
-
-
-def _as_raw(signature: ModalSignature) -> bytes:
-    return single_precision(signature.amplitudes, "An amplitude").tobytes()
-
-
-_SIGNATURE_WRITERS: Final = {
-    JSON: _as_json,
+_SIGNATURE_WRITERS: Final[dict[str, Callable[[ModalSignature], bytes]]] = {
+    JSON: lambda one: SignatureAnswer.of(one).model_dump_json().encode(),
     HDF5: signature_to_hdf5,
     NPZ: _as_npz,
-    CSV: _as_csv,
-    RAW: _as_raw,
+    CSV: lambda one: amplitude_table(one).to_csv().encode(),
+    RAW: lambda one: single_precision(one.amplitudes, "An amplitude").tobytes(),
 }
 
 
@@ -260,8 +247,7 @@ def tabulate_archive(archive: Path, parts: Sequence[Part], output: Path) -> None
         for number, signature in _signatures(archive, results)
     )
     failed = [(one["name"], one["error"]) for one in results if one["error"] is not None]
-    with whole_file(output) as temporary:
-        temporary.write_bytes(_with_failures(table, failed).to_csv().encode())
+    write_whole(output, _with_failures(table, failed).to_csv().encode())
 
 
 def _results(archive: Path) -> list[Mapping[str, Any]]:
