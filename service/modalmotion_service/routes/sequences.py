@@ -38,7 +38,7 @@ from modalmotion_service.schemas.signatures import (
     TemplatePageAnswer,
     TradeoffAnswer,
 )
-from modalmotion_service.workspace import sequence_operations as operations
+from modalmotion_service.workspace import recording_operations as operations
 from modalmotion_service.workspace.erasure import erase, restate
 from modalmotion_service.workspace.operation import Request
 

@@ -31,9 +31,8 @@ from modalmotion_service.errors import ConflictError
 from modalmotion_service.http.observation import add_milliseconds, stage
 from modalmotion_service.work.engine import Engine
 from modalmotion_service.work.tariff import Tariff
-from modalmotion_service.work.task_progress import followed
 from modalmotion_service.work.tasks import signatures
-from modalmotion_service.work.tasks.files import Fitted
+from modalmotion_service.work.tasks.files import Fitted, followed
 from modalmotion_service.workspace.spool import Quota, Spool, remove_with_beside
 
 T = TypeVar("T")

@@ -37,11 +37,10 @@ from modalmotion_service.work.tasks.signatures import RESULTS
 from modalmotion_service.work.upload import Part, Upload
 from modalmotion_service.workspace import models
 from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.operation import Outcome, Request, operation
-from modalmotion_service.workspace.sequence_operations import encoded, sent
+from modalmotion_service.workspace.operation import Outcome, Request, State, operation
+from modalmotion_service.workspace.recording_operations import encoded, sent
 from modalmotion_service.workspace.signature_operations import SIGNATURE_TYPES
 from modalmotion_service.workspace.spool import SpoolFile
-from modalmotion_service.workspace.state import State
 
 logger = logging.getLogger(__name__)
 

@@ -38,8 +38,7 @@ from modalmotion_service.work.tasks.classification import KeptRecording
 from modalmotion_service.workspace import models
 from modalmotion_service.workspace.analysis import in_one_basis, unheard
 from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.operation import Case, Outcome, Request, operation
-from modalmotion_service.workspace.state import State
+from modalmotion_service.workspace.operation import Case, Outcome, Request, State, operation
 from modalmotion_service.workspace.training import case_file, fit_each, read_cases, train
 
 # Parts of the progress that classifications and signatures are counted as.

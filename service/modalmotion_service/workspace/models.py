@@ -32,7 +32,7 @@ from modalmotion_service.http.observation import stage
 from modalmotion_service.schemas.requests import ClassificationRequest
 from modalmotion_service.work.tasks.classification import name_class
 from modalmotion_service.workspace.analysis import unheard
-from modalmotion_service.workspace.state import State
+from modalmotion_service.workspace.operation import State
 
 # A model that comes with the package has one version.
 _SHIPPED_VERSION: Final = 1

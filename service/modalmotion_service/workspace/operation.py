@@ -18,11 +18,15 @@ from pydantic import BaseModel
 from modalmotion.errors import LostFileError
 from modalmotion.mesh.fact_forms import facts_as_json, facts_from_json
 from modalmotion.mesh.facts import NO_FACTS, Facts
+from modalmotion.store import ResultStore
 from modalmotion_service.http.negotiation import JSON
 from modalmotion_service.schemas.from_core import JsonBody
+from modalmotion_service.settings import Settings
+from modalmotion_service.work.engine import Engine
 from modalmotion_service.work.upload import Part, parts_as_json, parts_from_json
-from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.jobs import Job
+from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.workspace.job_runner import JobRunner, Report
+from modalmotion_service.workspace.jobs import IdempotencyKeys, Job, Jobs
 from modalmotion_service.workspace.spool import Spool, SpoolFile
 
 
@@ -156,8 +160,34 @@ def as_json(answer: BaseModel) -> Outcome:
     return Outcome(answer.model_dump_json().encode())
 
 
-State = Any
-"""An owner's state, which contains a `Performance` itself."""
+@dataclass(frozen=True)
+class State:
+    """Everything open for one owner while the service runs.
+
+    Parameters
+    ----------
+    settings : Settings
+    store : ResultStore
+    spool : Spool
+    analysis : Analysis
+    training_engine : Engine
+        Where models are trained, apart from the short work of other requests.
+    jobs : Jobs
+    runner : JobRunner
+    performance : Performance
+    idempotency : IdempotencyKeys
+    """
+
+    settings: Settings
+    store: ResultStore
+    spool: Spool
+    analysis: Analysis
+    training_engine: Engine
+    jobs: Jobs
+    runner: JobRunner
+    performance: Performance
+    idempotency: IdempotencyKeys
+
 
 Work = Callable[[State, Request, Report], Awaitable[Outcome]]
 Settle = Callable[[State, Request, str], Awaitable[None]]

@@ -23,17 +23,20 @@ from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.workspace import (
     file_operations,
     model_operations,
-    sequence_operations,
+    recording_operations,
     signature_operations,
-    track_operations,
 )
 from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.background import Retention, for_ever, sweep_for_ever
-from modalmotion_service.workspace.job_runner import JobRunner, Report
+from modalmotion_service.workspace.job_runner import (
+    JobRunner,
+    Report,
+    Retention,
+    for_ever,
+    sweep_for_ever,
+)
 from modalmotion_service.workspace.jobs import IdempotencyKeys, Job, Jobs
-from modalmotion_service.workspace.operation import Operation, Performance, Request, settled
+from modalmotion_service.workspace.operation import Operation, Performance, Request, State, settled
 from modalmotion_service.workspace.spool import Quota, Spool, require_room
-from modalmotion_service.workspace.state import State
 
 _SERVED: Final = ("models", "templates")
 
@@ -69,8 +72,7 @@ def lay_out(source: Path, root: Path) -> None:
 
 
 _MODULES: Final = (
-    *(sequence_operations, signature_operations, file_operations),
-    *(model_operations, track_operations),
+    *(recording_operations, signature_operations, file_operations, model_operations),
 )
 
 OPERATIONS: Final[dict[str, Operation]] = {
@@ -276,7 +278,7 @@ class Owners:
         age = timedelta(hours=settings.image_hours)
         for work in (
             sweep_for_ever("sweep", retention.sweep, retention.file_age),
-            sweep_for_ever("images", partial(track_operations.sweep_images, state, age), age),
+            sweep_for_ever("images", partial(recording_operations.sweep_images, state, age), age),
             quota.measure_for_ever(),
         ):
             self._background.append(asyncio.create_task(work))

@@ -39,8 +39,14 @@ from modalmotion_service.work.tasks import derived, signatures
 from modalmotion_service.workspace import models
 from modalmotion_service.workspace.analysis import USUAL, unheard, with_facts
 from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.operation import Outcome, Request, as_json, made, operation
-from modalmotion_service.workspace.state import State
+from modalmotion_service.workspace.operation import (
+    Outcome,
+    Request,
+    State,
+    as_json,
+    made,
+    operation,
+)
 
 SIGNATURE_TYPES: Final = (JSON, HDF5, NPZ, RAW, PNG, CSV)
 """RAW is its amplitudes as little-endian float32, CSV a row for each of them."""

@@ -33,13 +33,12 @@ from modalmotion.store.folder import require_name
 from modalmotion_service.errors import CostError
 from modalmotion_service.schemas.queries import LabelledSequence
 from modalmotion_service.work.engine import Terms
-from modalmotion_service.work.task_progress import followed
+from modalmotion_service.work.tasks.files import followed
 from modalmotion_service.work.tasks.training import Cases, Unfitted, train_model
 from modalmotion_service.workspace.analysis import in_one_basis
 from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.operation import Case
+from modalmotion_service.workspace.operation import Case, State
 from modalmotion_service.workspace.spool import SpoolFile, remove_with_beside
-from modalmotion_service.workspace.state import State
 
 # Of each class: one to learn from and one to test on.
 LEAST_PER_CLASS: Final = 2

@@ -15,7 +15,7 @@ from modalmotion.errors import CorruptFileError, MalformedFileError, NotFoundErr
 from modalmotion.store import ResultStore
 from modalmotion_service.errors import ClusterError, WorkerDiedError
 from modalmotion_service.schemas.general import JobState
-from modalmotion_service.workspace import background
+from modalmotion_service.workspace import job_runner
 from modalmotion_service.workspace.job_runner import JobRunner, Report
 from modalmotion_service.workspace.jobs import Job, Jobs
 
@@ -40,8 +40,8 @@ LASTING = (
 
 @pytest.fixture(autouse=True)
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(background, "_FIRST_SECONDS", 0.001)
-    monkeypatch.setattr(background, "_LAST_SECONDS", 0.004)
+    monkeypatch.setattr(job_runner, "_FIRST_SECONDS", 0.001)
+    monkeypatch.setattr(job_runner, "_LAST_SECONDS", 0.004)
 
 
 @pytest.fixture
@@ -255,7 +255,7 @@ def test_what_is_done_for_ever_survives_its_faults() -> None:
             raise StoreError("The disk is full.")
 
     async def some() -> None:
-        task = asyncio.create_task(background.for_ever("test", work, 0.001))
+        task = asyncio.create_task(job_runner.for_ever("test", work, 0.001))
         while len(times) < 6:
             await asyncio.sleep(0.001)
         task.cancel()

@@ -50,8 +50,7 @@ from modalmotion_service.schemas.models import (
     FeaturesAnswer,
 )
 from modalmotion_service.schemas.results import ClassificationAnswer, UploadClassificationAnswer
-from modalmotion_service.work.task_progress import ProgressFile
-from modalmotion_service.work.tasks.files import png_of, write_whole
+from modalmotion_service.work.tasks.files import ProgressFile, png_of, write_whole
 from modalmotion_service.work.upload import Upload
 
 

@@ -35,8 +35,13 @@ from modalmotion.viewer.payload import frames_payload
 from modalmotion_service.http.negotiation import CSV, PDF, PNG
 from modalmotion_service.schemas.results import ReadoutsAnswer
 from modalmotion_service.schemas.signatures import TradeoffAnswer
-from modalmotion_service.work.task_progress import ProgressFile
-from modalmotion_service.work.tasks.files import Fitted, png_of, whole_file, write_whole
+from modalmotion_service.work.tasks.files import (
+    Fitted,
+    ProgressFile,
+    png_of,
+    whole_file,
+    write_whole,
+)
 from modalmotion_service.work.upload import parser_for
 
 STRAIN: Final = "strain"

@@ -39,8 +39,7 @@ from modalmotion_service.schemas.queries import ModesRequest
 from modalmotion_service.schemas.requests import EncodingTarget
 from modalmotion_service.schemas.results import EncodedAnswer
 from modalmotion_service.schemas.signatures import ModesAnswer, TemplateAnswer
-from modalmotion_service.work.task_progress import ProgressFile
-from modalmotion_service.work.tasks.files import png_of, write_whole
+from modalmotion_service.work.tasks.files import ProgressFile, png_of, write_whole
 from modalmotion_service.work.upload import Upload
 
 # Parts of the whole; the rest is for the server.

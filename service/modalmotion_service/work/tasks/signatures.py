@@ -31,9 +31,9 @@ from modalmotion.store import (
 )
 from modalmotion_service.http.negotiation import CSV, HDF5, JSON, NPZ, PNG, RAW
 from modalmotion_service.schemas.signatures import SignatureAnswer
-from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import (
     Fitted,
+    ProgressFile,
     loaded_sequence,
     named_template,
     png_of,

@@ -33,8 +33,7 @@ from modalmotion.viewer.page import data_payload
 from modalmotion_service.http.negotiation import HDF5, PNG, VIEW
 from modalmotion_service.schemas.queries import TrackView
 from modalmotion_service.schemas.sequences import TrackAnswer, TrackEstimate
-from modalmotion_service.work.task_progress import ProgressFile
-from modalmotion_service.work.tasks.files import png_of, whole_file, write_whole
+from modalmotion_service.work.tasks.files import ProgressFile, png_of, whole_file, write_whole
 from modalmotion_service.work.upload import Upload
 
 # Parts of the whole; the rest is for the server.

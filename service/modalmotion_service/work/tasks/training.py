@@ -13,7 +13,7 @@ from modalmotion.classification.training import joblib_backend
 from modalmotion.errors import ModalMotionError, ParameterError
 from modalmotion.store import kept_model, model_to_hdf5
 from modalmotion_service.errors import ClusterError
-from modalmotion_service.work.task_progress import ProgressFile
+from modalmotion_service.work.tasks.files import ProgressFile
 
 
 @dataclass(frozen=True)
