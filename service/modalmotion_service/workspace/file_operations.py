@@ -230,9 +230,7 @@ async def sent_classifications(state: State, request: Request, report: Report) -
 @operation(STREAM, query=ENCODING_OF_FILE)
 async def sent_encoding(state: State, request: Request, report: Report) -> Outcome:
     """Encode an upload."""
-    return await encoded(
-        state, sequences.encode_upload, sent(state, request), request.query.target, report
-    )
+    return await encoded(state, sent(state, request), request.query.target, report)
 
 
 @operation(NPZ, VTKHDF, RAW, query=DecodingRequest)

@@ -9,21 +9,20 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from pydantic import BaseModel
+from pydantic import BaseModel, TypeAdapter
 
 from modalmotion.errors import LostFileError
-from modalmotion.mesh.fact_forms import facts_as_json, facts_from_json
-from modalmotion.mesh.facts import NO_FACTS, Facts
+from modalmotion.mesh.facts import NO_FACTS
 from modalmotion.store import ResultStore
 from modalmotion_service.http.negotiation import JSON
 from modalmotion_service.schemas.from_core import JsonBody
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.engine import Engine
-from modalmotion_service.work.upload import Part, parts_as_json, parts_from_json
+from modalmotion_service.work.upload import FactsAsJson, Part
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.job_runner import JobRunner, Report
 from modalmotion_service.workspace.jobs import IdempotencyKeys, Job, Jobs
@@ -84,7 +83,7 @@ class Request:
     key: str | None = None
     ids: tuple[str, ...] = ()
     file: str = ""
-    facts: Facts = NO_FACTS
+    facts: FactsAsJson = NO_FACTS
     parts: tuple[Part, ...] = ()
     cases: tuple[Case, ...] = ()
     reference: str = ""
@@ -92,28 +91,16 @@ class Request:
 
     def as_json(self) -> dict[str, Any]:
         """Write it as a job remembers it."""
-        values = {
-            **vars(self),
-            "query": self.query.model_dump(mode="json", exclude_unset=True),
-            "facts": facts_as_json(self.facts) if self.facts != NO_FACTS else None,
-            "parts": parts_as_json(self.parts),
-            "cases": [asdict(case) for case in self.cases],
-        }
-        return {name: value for name, value in values.items() if value}
+        values = _REQUEST.dump_python(self, mode="json", exclude={"query"}, exclude_defaults=True)
+        return {**values, "query": self.query.model_dump(mode="json", exclude_unset=True)}
 
     @staticmethod
     def from_json(values: Mapping[str, Any], query: type[BaseModel]) -> Request:
         """Read what `as_json` gave."""
-        return Request(
-            **{
-                **values,
-                "query": query(**values.get("query", {})),
-                "facts": facts_from_json(values.get("facts") or {}),
-                "ids": tuple(values.get("ids", ())),
-                "parts": parts_from_json(values.get("parts", ())),
-                "cases": tuple(Case(**one) for one in values.get("cases", ())),
-            }
-        )
+        return _REQUEST.validate_python({**values, "query": query(**values["query"])})
+
+
+_REQUEST: Final = TypeAdapter(Request)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import zipfile
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from modalmotion.errors import NotFoundError
 from modalmotion.store.index import to_text
@@ -101,15 +101,17 @@ async def sample(state: State) -> SequenceSummary:
 async def encoding(state: State, request: Request, report: Report) -> Outcome:
     """Encode a stored sequence."""
     path = await asyncio.to_thread(state.store.sequence_path, request.sequence_id)
-    return await encoded(state, sequences.encode_kept, path, request.query, report)
+    return await encoded(state, path, request.query, report)
 
 
 async def encoded(
-    state: State, task: Any, source: Upload | Path, target: EncodingTarget, report: Report
+    state: State, source: Upload | Path, target: EncodingTarget, report: Report
 ) -> Outcome:
     """Have a worker encode a sequence."""
     with state.analysis.output() as output, stage("encode"):
-        answer = await state.analysis.followed(report, task, source, target, output)
+        answer = await state.analysis.followed(
+            report, sequences.encode_sequence, source, target, output
+        )
     return Outcome(output, STREAM, headers=answer.headers)
 
 

@@ -49,31 +49,6 @@ def require_room(folder: Path, n_bytes: int = LEAST_BYTES) -> None:
         raise _cannot_write(folder, errno.ENOSPC)
 
 
-def require_reserve(folder: Path, n_bytes: int) -> None:
-    """Check that more is free than what uploads leave to everything else.
-
-    Below it, deletions, results of stored sequences, and the audit log go on; without the log
-    nothing is answered.
-
-    Raises
-    ------
-    StoreError
-        If not.
-    """
-    if n_bytes == 0:
-        return
-    try:
-        require_room(folder, n_bytes)
-    except StoreError as error:
-        if error.details.get("errno") != "ENOSPC":
-            raise
-        raise StoreError(
-            f"The disk is full but for the {n_bytes} bytes or less that uploads leave free.",
-            remedy="Delete sequences, or have room made on the disk of the data folder.",
-            details={"errno": "ENOSPC", "reserve_bytes": n_bytes},
-        ) from error
-
-
 def _cannot_write(folder: Path, number: int) -> StoreError:
     return cannot_write(folder, OSError(number, os.strerror(number)))
 
@@ -218,8 +193,29 @@ class Spool:
         return self.folder / secrets.token_hex(16)
 
     def require_reserve(self) -> None:
-        """Raise StoreError if the disk has no more than its reserve."""
-        require_reserve(self.folder, self._reserve_bytes)
+        """Check that more is free than what uploads leave to everything else.
+
+        Below it, deletions, results of stored sequences, and the audit log go on; without the log
+        nothing is answered.
+
+        Raises
+        ------
+        StoreError
+            If not.
+        """
+        if self._reserve_bytes == 0:
+            return
+        try:
+            require_room(self.folder, self._reserve_bytes)
+        except StoreError as error:
+            if error.details.get("errno") != "ENOSPC":
+                raise
+            raise StoreError(
+                f"The disk is full but for the {self._reserve_bytes} bytes or less that uploads "
+                "leave free.",
+                remedy="Delete sequences, or have room made on the disk of the data folder.",
+                details={"errno": "ENOSPC", "reserve_bytes": self._reserve_bytes},
+            ) from error
 
     def at(self, name: str) -> Path:
         """Give the path of a file by its name, as jobs remember it."""

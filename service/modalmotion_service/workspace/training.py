@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import Future
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
+
+from pydantic import TypeAdapter
 
 from modalmotion.classification import CaseFile, TrainingOptions
 from modalmotion.classification.cases import UNUSABLE, LeftOut, case_name, named
@@ -39,6 +40,8 @@ from modalmotion_service.workspace.analysis import in_one_basis
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Case, State
 from modalmotion_service.workspace.spool import SpoolFile, remove_with_beside
+
+_CASES: Final = TypeAdapter(list[Case])
 
 # Of each class: one to learn from and one to test on.
 LEAST_PER_CLASS: Final = 2
@@ -163,7 +166,7 @@ def write_cases(file: SpoolFile, cases: list[Case]) -> None:
         If they cannot be written.
     """
     try:
-        file.path.write_text(json.dumps([asdict(case) for case in cases]))
+        file.path.write_bytes(_CASES.dump_json(cases))
     except OSError as error:
         raise cannot_write(file.path, error) from error
     file.make_durable()
@@ -171,7 +174,7 @@ def write_cases(file: SpoolFile, cases: list[Case]) -> None:
 
 def read_cases(file: Path) -> list[Case]:
     """Read what `write_cases` wrote."""
-    return [Case(**value) for value in json.loads(file.read_text())]
+    return _CASES.validate_json(file.read_bytes())
 
 
 def _count(ids: list[str]) -> str:

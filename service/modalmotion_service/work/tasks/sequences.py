@@ -14,7 +14,6 @@ from modalmotion.errors import LimitError
 from modalmotion.exports.animation import modes_to_hdf5, modes_to_npz
 from modalmotion.formats import ReadLimits, write_npz, write_raw, write_vtkhdf
 from modalmotion.mesh.facts import Facts
-from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Stopwatch
 from modalmotion.signature.making import (
     SignatureParameters,
@@ -116,18 +115,20 @@ def restated(
     return record_of(sequence, created="", has_upload=True)
 
 
-def encode_upload(
-    upload: Upload, target: EncodingTarget, output: Path, progress: Path
+def encode_sequence(
+    source: Upload | Path, target: EncodingTarget, output: Path, progress: Path
 ) -> EncodedAnswer:
-    """Read an upload and write it as a compressed stream; `progress` is a `ProgressFile`."""
-    return _encoded(upload.read().sequence, target, output, progress)
-
-
-def encode_kept(
-    sequence: Path, target: EncodingTarget, output: Path, progress: Path
-) -> EncodedAnswer:
-    """Write a kept sequence as a compressed stream; `progress` is a `ProgressFile`."""
-    return _encoded(sequence_from_hdf5(sequence), target, output, progress)
+    """Write an upload or a kept sequence as a compressed stream; `progress` is a `ProgressFile`."""
+    found = encode(
+        sequence_from_hdf5(source) if isinstance(source, Path) else source.read().sequence,
+        rms=target.rms,
+        max_error=target.max_error,
+        n_bytes=target.bytes,
+        effort=target.effort,
+        progress=ProgressFile(progress).write,
+    )
+    write_whole(output, found.data)
+    return EncodedAnswer.of(found)
 
 
 def decode_upload(
@@ -142,21 +143,6 @@ def decode_upload(
     sequence = decode(upload.read_bytes(), frames=frames, vertices=vertices, limits=limits)
     write = {NPZ: write_npz, VTKHDF: write_vtkhdf, RAW: write_raw}[media_type]
     write_whole(output, write(sequence))
-
-
-def _encoded(
-    sequence: MeshSequence, target: EncodingTarget, output: Path, progress: Path
-) -> EncodedAnswer:
-    found = encode(
-        sequence,
-        rms=target.rms,
-        max_error=target.max_error,
-        n_bytes=target.bytes,
-        effort=target.effort,
-        progress=ProgressFile(progress).write,
-    )
-    write_whole(output, found.data)
-    return EncodedAnswer.of(found)
 
 
 # Parts of the whole, of a large mesh; the rest is for the server.
