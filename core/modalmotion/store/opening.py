@@ -404,7 +404,7 @@ class SequenceRecords(Opening):
         require_name("label", label)
         with self._changing(sequence_id):
             known = self.sequence_record(sequence_id)
-            stated = {"subject": subject, "label": label}
+            stated: dict[str, Any] = {"subject": subject, "label": label}
             new = {name: text for name, text in stated.items() if text is not None}
             differ = [
                 name for name, text in new.items() if getattr(known, name) not in (None, text)
@@ -422,12 +422,7 @@ class SequenceRecords(Opening):
                 )
             if completed != known.facts:
                 completed.require_fit(known.n_vertices, known.span)
-            record = replace(
-                known,
-                facts=completed,
-                subject=known.subject if subject is None else subject,
-                label=known.label if label is None else label,
-            )
+            record = replace(known, facts=completed, **new)
             self._restate(known, record)
         filled = [name for name in new if getattr(known, name) is None]
         return record, (*filled, *completed.changed(known.facts))

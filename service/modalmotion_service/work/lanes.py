@@ -140,7 +140,8 @@ class Lanes:
     @property
     def lengths(self) -> Mapping[str, int]:
         """Tasks that wait, by lane."""
-        return {name: len(queue) for name, queue in self._queues.items()}
+        with self._of_workers:
+            return {name: len(queue) for name, queue in self._queues.items()}
 
     def _append(self, task: Task) -> None:
         terms = task.terms
@@ -186,7 +187,6 @@ class FairQueue(Generic[T]):
         self._waiting: dict[str, deque[tuple[float, T]]] = {}
         self._clocks: dict[str, float] = {}
         self._now = 0.0
-        self._length = 0
 
     def put(self, item: T, owner: str, price: float) -> None:
         """Append an item to those of its owner; `price` in s."""
@@ -194,14 +194,12 @@ class FairQueue(Generic[T]):
             self._waiting[owner] = deque()
             self._clocks[owner] = max(self._clocks.get(owner, 0.0), self._now)
         self._waiting[owner].append((min(max(price, _LEAST), _MOST), item))
-        self._length += 1
 
     def take(self) -> T | None:
         """Take the next item that is wanted; None if there is none."""
         while self._waiting:
             owner = min(self._waiting, key=self._clocks.__getitem__)
             price, item = self._waiting[owner].popleft()
-            self._length -= 1
             is_wanted = self._is_wanted(item)
             if is_wanted:
                 self._now = self._clocks[owner]
@@ -217,11 +215,10 @@ class FairQueue(Generic[T]):
         """Take all that is left, wanted or not."""
         left = [item for queue in self._waiting.values() for _, item in queue]
         self._waiting.clear()
-        self._length = 0
         return left
 
     def __len__(self) -> int:
-        return self._length
+        return sum(map(len, self._waiting.values()))
 
     def _forget(self) -> None:
         # Those who have nothing here and are not ahead start anew as anybody does.
