@@ -6,7 +6,7 @@ import asyncio
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable, Hashable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
 
@@ -100,6 +100,7 @@ class SharedWork:
 P = ParamSpec("P")
 
 
+@dataclass(frozen=True)
 class OwnerWork:
     """Has workers do tasks of one owner, each within its tariff.
 
@@ -116,25 +117,22 @@ class OwnerWork:
         Of the same.
     """
 
-    def __init__(
-        self, store: ResultStore, engine: Engine, spool: Spool, tariff: Tariff, quota: Quota
-    ) -> None:
-        self._store = store
-        self.engine = engine
-        self._spool = spool
-        self._tariff = tariff
-        self.quota = quota
-        self.shared_work = SharedWork()
+    store: ResultStore
+    engine: Engine
+    spool: Spool
+    tariff: Tariff
+    quota: Quota
+    shared_work: SharedWork = field(default_factory=SharedWork)
 
     async def work(self, task: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         """Have a worker do a task."""
-        terms = self._tariff.terms(task, args)
+        terms = self.tariff.terms(task, args)
         # Cancelling the wait cancels the future, and with it ends the worker's process.
         return await asyncio.wrap_future(self.engine.run(terms, task, *args, **kwargs))
 
     async def followed(self, report: StageReport, task: Callable[..., T], *args: Any) -> T:
         """Have a worker do a task whose last argument is a `ProgressFile`; report what it tells."""
-        progress = self._spool.new_path()
+        progress = self.spool.new_path()
         try:
             return await followed(self.work(task, *args, progress), progress, report)
         finally:
@@ -218,7 +216,7 @@ class OwnerWork:
     @contextmanager
     def output(self) -> Iterator[Path]:
         """Name a file for a worker to write; it is removed if the work fails."""
-        path = self._spool.new_path()
+        path = self.spool.new_path()
         try:
             yield path
         except BaseException:
@@ -236,7 +234,7 @@ class OwnerWork:
         """
         if parameters.template is None:
             return None
-        return self._store.template_path(parameters.template)
+        return self.store.template_path(parameters.template)
 
 
 USUAL: Final = SignatureParameters()
@@ -256,7 +254,7 @@ class Analysis(OwnerWork):
         NotFoundError
             If there is no such sequence.
         """
-        record = self._store.sequence_record(sequence_id)
+        record = self.store.sequence_record(sequence_id)
         parameters = parameters.with_facts(record.facts, record.topology, record.grid)
         return parameters, record.facts
 
@@ -274,12 +272,10 @@ class Analysis(OwnerWork):
                 await self._sign(sequence_id, parameters, image, tell)
                 with stage("store"):
                     return await asyncio.to_thread(
-                        self._store.put_signature_image, image, sequence_id, parameters.key
+                        self.store.put_signature_image, image, sequence_id, parameters.key
                     )
 
-        path = await asyncio.to_thread(
-            self._store.sound_signature_path, sequence_id, parameters.key
-        )
+        path = await asyncio.to_thread(self.store.sound_signature_path, sequence_id, parameters.key)
         if path is not None:
             return path
         return await self.shared_work.join((sequence_id, parameters.key), make, report)
@@ -301,16 +297,14 @@ class Analysis(OwnerWork):
         LostFileError
             If its file is gone or damaged.
         """
-        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        sequence = await asyncio.to_thread(self.store.sequence_path, sequence_id)
         if key is None:
             parameters, _ = self.resolved(sequence_id, usual)
         else:
             parameters = await self.parameters_of(sequence_id, key)
-        path = await asyncio.to_thread(
-            self._store.sound_signature_path, sequence_id, parameters.key
-        )
+        path = await asyncio.to_thread(self.store.sound_signature_path, sequence_id, parameters.key)
         kept, template = path, self.template_path(parameters)
-        record, track = self._store.sequence_record(sequence_id), self.track_path(sequence_id)
+        record, track = self.store.sequence_record(sequence_id), self.track_path(sequence_id)
         with self.output() as passing:
             if path is None:
                 if key is not None:
@@ -329,16 +323,16 @@ class Analysis(OwnerWork):
 
     async def rendered(self, sequence_id: str, key: str) -> bytes:
         """Give a stored signature as the service's JSON, but for the facts of its sequence."""
-        text = await asyncio.to_thread(self._store.rendered_signature, sequence_id, key)
+        text = await asyncio.to_thread(self.store.rendered_signature, sequence_id, key)
         if text is not None:
             return text
-        path = await asyncio.to_thread(self._store.sound_signature_path, sequence_id, key)
+        path = await asyncio.to_thread(self.store.sound_signature_path, sequence_id, key)
         if path is None:
             raise _lost(sequence_id)
-        file = path.relative_to(self._store.root).as_posix()
+        file = path.relative_to(self.store.root).as_posix()
         with stage("render"):
             text = await self.work(signatures.render, path, f"{sequence_id}-{key}", file)
-        await asyncio.to_thread(self._store.keep_rendered, sequence_id, key, text)
+        await asyncio.to_thread(self.store.keep_rendered, sequence_id, key, text)
         return text
 
     async def of_one_kind(
@@ -352,7 +346,7 @@ class Analysis(OwnerWork):
         springs, chosen = replace(parameters, topology=MESH), []
         for sequence_id, path, (surface, _) in zip(sequence_ids, paths, kinds, strict=True):
             chosen.append(path)
-            is_stated = self._store.sequence_record(sequence_id).topology is not None
+            is_stated = self.store.sequence_record(sequence_id).topology is not None
             if meshes and surface == SPHERE.name and not is_stated:
                 other = await self.signature(sequence_id, springs)
                 ((_, mesh),) = await self.work(signatures.kinds_of, [other])
@@ -370,7 +364,7 @@ class Analysis(OwnerWork):
             If something is known to be otherwise.
         """
         try:
-            return self._store.complete_sequence(
+            return self.store.complete_sequence(
                 sequence_id, subject=subject, label=label, facts=facts, offered=offered
             )
         except ParameterError as error:
@@ -385,14 +379,14 @@ class Analysis(OwnerWork):
     def track_path(self, sequence_id: str) -> Path | None:
         """File of the track that made a sequence; None of one that was sent."""
         try:
-            return self._store.track_path(sequence_id)
+            return self.store.track_path(sequence_id)
         except NotFoundError:
             return None
 
     async def _sign(
         self, sequence_id: str, parameters: SignatureParameters, image: Path, report: StageReport
     ) -> None:
-        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        sequence = await asyncio.to_thread(self.store.sequence_path, sequence_id)
         template = self.template_path(parameters)
         track = await asyncio.to_thread(self.track_path, sequence_id)
         await self.staged(report, signatures.sign, sequence, parameters, template, track, image)

@@ -15,6 +15,7 @@ import math
 import random
 import sqlite3
 from collections.abc import Awaitable, Callable, Iterator, Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
@@ -94,6 +95,7 @@ async def sweep_for_ever(name: str, sweep: Callable[[], object], age: timedelta)
     await for_ever(name, partial(asyncio.to_thread, sweep), seconds)
 
 
+@dataclass(frozen=True)
 class Retention:
     """Keeps finished jobs for a while, and their files for another.
 
@@ -112,40 +114,30 @@ class Retention:
         as long as its file.
     """
 
-    def __init__(
-        self,
-        jobs: Jobs,
-        keys: IdempotencyKeys,
-        spool: Spool,
-        root: Path,
-        *,
-        file_age: timedelta,
-        job_age: timedelta,
-    ) -> None:
-        self._jobs = jobs
-        self._keys = keys
-        self._spool = spool
-        self._root = root
-        self.file_age = file_age
-        self._job_age = max(job_age, file_age)
+    jobs: Jobs
+    keys: IdempotencyKeys
+    spool: Spool
+    root: Path
+    file_age: timedelta
+    job_age: timedelta
 
     def needed(self) -> set[str]:
         """Names of files in the spool that a job still needs."""
-        uploads = {job.request["file"] for job in self._jobs.unfinished() if "file" in job.request}
+        uploads = {job.request["file"] for job in self.jobs.unfinished() if "file" in job.request}
         return uploads | {
-            job.result["file"] for job in self._jobs.with_files() if not self._is_old(job)
+            job.result["file"] for job in self.jobs.with_files() if not self._is_old(job)
         }
 
     def sweep(self) -> int:
         """Remove files, jobs and keys whose time has passed; gives how many files there were."""
-        old = [job.result["file"] for job in self._jobs.with_files() if self._is_old(job)]
-        present = [name for name in old if self._spool.at(name).is_file()]
+        old = [job.result["file"] for job in self.jobs.with_files() if self._is_old(job)]
+        present = [name for name in old if self.spool.at(name).is_file()]
         for name in present:
-            self._spool.remove(name)
-        past = to_text((datetime.now(UTC) - self._job_age).timestamp())
-        self._jobs.forget_before(past)
-        self._keys.forget_before(past)
-        forget_tombstones(self._root)
+            self.spool.remove(name)
+        past = to_text((datetime.now(UTC) - max(self.job_age, self.file_age)).timestamp())
+        self.jobs.forget_before(past)
+        self.keys.forget_before(past)
+        forget_tombstones(self.root)
         return len(present)
 
     def _is_old(self, job: Job) -> bool:
