@@ -12,20 +12,8 @@ from typing import Final
 
 from modalmotion.errors import NotFoundError
 from modalmotion.store.index import to_text
-from modalmotion_service.http.negotiation import (
-    CSV,
-    FHIR,
-    HDF5,
-    JSON,
-    NPZ,
-    PDF,
-    PNG,
-    STREAM,
-    VIEW,
-    ZIP,
-    attachment,
-    tag_of,
-)
+from modalmotion_service.http import negotiation as media
+from modalmotion_service.http.negotiation import attachment, tag_of
 from modalmotion_service.http.observation import stage
 from modalmotion_service.schemas.queries import ImagesView, ModesRequest, TrackView
 from modalmotion_service.schemas.requests import (
@@ -97,7 +85,7 @@ async def sample(state: State) -> SequenceSummary:
     return SequenceSummary.of(record)
 
 
-@operation(STREAM, query=EncodingTarget)
+@operation(media.STREAM, query=EncodingTarget)
 async def encoding(state: State, request: Request, report: Report) -> Outcome:
     """Encode a stored sequence."""
     path = await asyncio.to_thread(state.store.sequence_path, request.sequence_id)
@@ -112,10 +100,10 @@ async def encoded(
         answer = await state.analysis.followed(
             report, sequences.encode_sequence, source, target, output
         )
-    return Outcome(output, STREAM, headers=answer.headers)
+    return Outcome(output, media.STREAM, headers=answer.headers)
 
 
-@operation(JSON, PNG, query=TRADE)
+@operation(media.JSON, media.PNG, query=TRADE)
 async def tradeoff(state: State, request: Request, report: Report) -> Outcome:
     """Measure a trade of modes for accuracy on a stored sequence."""
     analysis, query, sequence_id = state.analysis, request.query, request.sequence_id
@@ -140,10 +128,12 @@ async def template(state: State, request: Request, report: Report) -> Outcome:
         )
         with stage("store"):
             is_new = await asyncio.to_thread(state.store.put_template_image, image, answer.id)
-    return made(answer, answer.links["self"], is_new, headers={"ETag": tag_of(answer.id, JSON)})
+    return made(
+        answer, answer.links["self"], is_new, headers={"ETag": tag_of(answer.id, media.JSON)}
+    )
 
 
-@operation(JSON, PNG)
+@operation(media.JSON, media.PNG)
 async def template_view(state: State, request: Request, _: Report) -> Outcome:
     """Describe or draw a stored template."""
     path = await asyncio.to_thread(state.store.template_path, request.reference)
@@ -151,7 +141,7 @@ async def template_view(state: State, request: Request, _: Report) -> Outcome:
     return Outcome(await state.analysis.work(sequences.show_template, path, kind), kind)
 
 
-@operation(JSON, NPZ, HDF5, PNG, query=ModesRequest)
+@operation(media.JSON, media.NPZ, media.HDF5, media.PNG, query=ModesRequest)
 async def template_modes(state: State, request: Request, _: Report) -> Outcome:
     """Give the vibration modes of a stored template."""
     path = await asyncio.to_thread(state.store.template_path, request.reference)
@@ -164,7 +154,7 @@ async def template_modes(state: State, request: Request, _: Report) -> Outcome:
 
 # Part of a tracked report that the track is counted as.
 _TRACKING: Final = 0.8
-_FORMS: Final = {"report.pdf": PDF, "report.fhir.json": FHIR, "frames.csv": CSV}
+_FORMS: Final = {"report.pdf": media.PDF, "report.fhir.json": media.FHIR, "frames.csv": media.CSV}
 _PAGE: Final = "view.html"
 # A zip knows no time before.
 _NO_DATE: Final = (1980, 1, 1, 0, 0, 0)
@@ -182,7 +172,7 @@ async def images(state: State, request: Request, report: Report) -> Outcome:
     return made(ImagesSummary.of(record), link_of_images(record.id), is_new)
 
 
-@operation(VIEW, query=ImagesView)
+@operation(media.VIEW, query=ImagesView)
 async def slices(state: State, request: Request, _: Report) -> Outcome:
     """Give the slices of one frame of images, and a track's surface in it."""
     images_id, query, track = request.ids[0], request.query, None
@@ -191,7 +181,7 @@ async def slices(state: State, request: Request, _: Report) -> Outcome:
         track = await asyncio.to_thread(state.store.track_path, query.track)
     with stage("view"):
         body = await state.analysis.work(tracks.show_slices, path, query.frame, track)
-    return Outcome(body, VIEW)
+    return Outcome(body, media.VIEW)
 
 
 def sweep_images(state: State, age: timedelta) -> Sequence[str]:
@@ -264,13 +254,13 @@ async def track(state: State, request: Request, report: Report) -> Outcome:
     return made(answer, answer.links["self"], is_new, filled=filled)
 
 
-@operation(JSON, HDF5, PNG, VIEW, query=TrackView)
+@operation(media.JSON, media.HDF5, media.PNG, media.VIEW, query=TrackView)
 async def track_view(state: State, request: Request, _: Report) -> Outcome:
     """Describe or draw a stored track, or give its file or its data."""
     track_id, kind, store = request.sequence_id, request.media_type, state.store
     path = await asyncio.to_thread(store.track_path, track_id)
     images_id, shown = await asyncio.to_thread(store.images_id_of_track, track_id), None
-    if kind == PNG and request.query.picture == "overlay":
+    if kind == media.PNG and request.query.picture == "overlay":
         shown = await asyncio.to_thread(store.images_of_track, track_id)
     record = store.track_record(track_id)
     with stage("draw"):
@@ -280,7 +270,7 @@ async def track_view(state: State, request: Request, _: Report) -> Outcome:
     return Outcome(body, kind)
 
 
-@operation(ZIP, query=TRACK, settle=settle)
+@operation(media.ZIP, query=TRACK, settle=settle)
 async def tracked_report(state: State, request: Request, report: Report) -> Outcome:
     """Track a surface, name the class of its motion, and write each form of a report to a zip."""
     done = await track.work(state, request, lambda share, text="": report(_TRACKING * share, text))
@@ -289,7 +279,7 @@ async def tracked_report(state: State, request: Request, report: Report) -> Outc
     path = await _whole_report(state, track_id, request.query.model)
     # The job ends with the track that its link names, and with it the file.
     headers = attachment(f"{track_id[:12]}-report.zip")
-    return Outcome(path, ZIP, 200, headers, done.link, done.filled)
+    return Outcome(path, media.ZIP, 200, headers, done.link, done.filled)
 
 
 async def _whole_report(state: State, sequence_id: str, model: str | None) -> Path:

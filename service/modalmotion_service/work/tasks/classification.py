@@ -8,6 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from modalmotion import store
 from modalmotion.classification import (
     CaseFile,
     Model,
@@ -35,12 +36,6 @@ from modalmotion.norm import (
 from modalmotion.norm.norm import Reading
 from modalmotion.norm.training import Control
 from modalmotion.signature.making import ModalSignature, SignatureParameters
-from modalmotion.store import (
-    classification_to_hdf5,
-    model_from_hdf5,
-    sequence_from_hdf5,
-    signature_from_hdf5,
-)
 from modalmotion_service.http.negotiation import CSV, PNG
 from modalmotion_service.schemas.general import ReadingAnswer
 from modalmotion_service.schemas.models import (
@@ -79,9 +74,9 @@ def name_class(
         The topology in which the model would rather have the sequence, which states none.
     """
     asked = loaded(model)
-    kept = replace(signature_from_hdf5(signature), facts=facts)
+    kept = replace(store.signature_from_hdf5(signature), facts=facts)
     imposed = asked.readable.imposed_on(kept.surface, stated)
-    image = classification_to_hdf5(classify(kept, asked, coverage), parameters_key=key)
+    image = store.classification_to_hdf5(classify(kept, asked, coverage), parameters_key=key)
     return image, None if imposed is None else imposed.topology
 
 
@@ -112,7 +107,7 @@ def draw_card(card: dict[str, Any], title: str) -> bytes:
 @lru_cache(maxsize=8)
 def loaded(model: Path | str) -> Model:
     """Load a model, or give the one that was loaded before."""
-    return model_from_hdf5(model) if isinstance(model, Path) else load_model(model)
+    return store.model_from_hdf5(model) if isinstance(model, Path) else load_model(model)
 
 
 Source = Path | str
@@ -223,13 +218,13 @@ class KeptRecording:
 
     def read_signature(self) -> ModalSignature:
         """Read the signature, with the facts."""
-        return replace(signature_from_hdf5(self.signature), facts=self.facts)
+        return replace(store.signature_from_hdf5(self.signature), facts=self.facts)
 
     def read_sequence(self) -> MeshSequence | None:
         """Read the vertices, with the facts."""
         if self.vertices is None:
             return None
-        return sequence_from_hdf5(self.vertices).with_facts(self.facts)
+        return store.sequence_from_hdf5(self.vertices).with_facts(self.facts)
 
 
 def make_norm(

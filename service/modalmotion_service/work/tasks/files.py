@@ -15,16 +15,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
+from modalmotion import store
 from modalmotion.mesh.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature
-from modalmotion.store import (
-    SequenceRecord,
-    sequence_from_hdf5,
-    signature_from_hdf5,
-    template_from_hdf5,
-    track_from_hdf5,
-)
 from modalmotion.template import Template
 
 if TYPE_CHECKING:
@@ -62,10 +56,10 @@ def png_of(figure: Figure) -> bytes:
 
 def loaded_sequence(sequence: Path, track: Path | None) -> MeshSequence:
     """Load a kept sequence; with its track, where one made it, it says how far it may be off."""
-    loaded = sequence_from_hdf5(sequence)
+    loaded = store.sequence_from_hdf5(sequence)
     if track is None:
         return loaded
-    return replace(loaded, uncertainty=track_from_hdf5(track).sequence.uncertainty)
+    return replace(loaded, uncertainty=store.track_from_hdf5(track).sequence.uncertainty)
 
 
 # One, for it may be as large as an upload, and is held until another owner's work.
@@ -73,7 +67,7 @@ def loaded_sequence(sequence: Path, track: Path | None) -> MeshSequence:
 def named_template(template: Path | None) -> Template | None:
     """Load the template that parameters name, once for all tasks of this process."""
     # The path ends with the template's id, which represents its content.
-    return None if template is None else template_from_hdf5(template)
+    return None if template is None else store.template_from_hdf5(template)
 
 
 @dataclass(frozen=True)
@@ -94,7 +88,7 @@ class Fitted:
     sequence: Path
     template: Path | None
     track: Path | None
-    record: SequenceRecord
+    record: store.SequenceRecord
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -114,7 +108,7 @@ class Fitted:
 
     def read_signature(self) -> ModalSignature:
         """Read the signature, with the facts."""
-        return replace(signature_from_hdf5(self.signature), facts=self.facts)
+        return replace(store.signature_from_hdf5(self.signature), facts=self.facts)
 
     def read_sequence(self) -> MeshSequence:
         """Read the sequence, with the facts and what its track says of its positions."""
@@ -122,7 +116,7 @@ class Fitted:
 
     def read_template(self) -> Template | None:
         """Read the template that is named; None for one of the sequence's own."""
-        return None if self.template is None else template_from_hdf5(self.template)
+        return None if self.template is None else store.template_from_hdf5(self.template)
 
 
 T = TypeVar("T")
