@@ -264,16 +264,14 @@ def _files_of(folder: Path) -> list[PurePath]:
     return sorted(
         PurePath(path.relative_to(folder))
         for path in folder.rglob("*")
-        if _is_copied(path.name) and not _is_mark(path) and path.is_file()
+        if _is_copied(path.name)
+        and not (path.suffix == ".deleted" and path.parent.parent.name == "sequences")
+        and path.is_file()
     )
 
 
 def _is_copied(name: str) -> bool:
     return not (name in ("lock", _NOTE) or ".sqlite-" in name or is_temporary(name))
-
-
-def _is_mark(path: PurePath) -> bool:
-    return path.suffix == ".deleted" and path.parent.parent.name == "sequences"
 
 
 def _parted(

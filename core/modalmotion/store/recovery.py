@@ -315,19 +315,16 @@ def _record(
         return record, False
     if record is None or record.id != sequence_id:
         # The index may know what the file does not.
-        record = index.find(sequence_id) or _record_from_upload(
-            folder.upload(sequence_id), sequence_id
-        )
+        record = index.find(sequence_id)
+    if record is None:
+        # Vertices know neither subject nor label, and the file only when it was written.
+        upload = folder.upload(sequence_id)
+        sequence, contents = read_sequence(upload)
+        require_match(upload, contents, sequence_id=sequence_id)
+        record = record_of(sequence, created=to_text(upload.stat().st_mtime), has_upload=True)
     record = replace(record, has_upload=has_upload)
     write_atomic(path, record_to_json(record))
     return record, True
-
-
-def _record_from_upload(path: Path, sequence_id: str) -> SequenceRecord:
-    # Vertices know neither subject nor label, and the file only when it was written.
-    sequence, contents = read_sequence(path)
-    require_match(path, contents, sequence_id=sequence_id)
-    return record_of(sequence, created=to_text(path.stat().st_mtime), has_upload=True)
 
 
 def _pass_over(error: StoreError, *, thorough: bool) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -255,7 +256,7 @@ class Performance:
         request = replace(request, name=self._spool.new_path().name)
         if file is not None:
             request = replace(request, file=file.path.name, facts=file.facts, parts=file.parts)
-        work = what.work(state, request, self._told_to(request.name))
+        work = what.work(state, request, partial(self._tell, request.name))
         if state.settings.stateless:
             # Another replica would not know the job; the work has limits of its own.
             return await work
@@ -312,12 +313,9 @@ class Performance:
             result |= {"file": path.name, "media_type": outcome.media_type, "headers": headers}
         return result
 
-    def _told_to(self, name: str) -> Report:
-        def report(share: float, text: str = "") -> None:
-            if (listener := self._listeners.get(name)) is not None:
-                listener(share, text)
-
-        return report
+    def _tell(self, name: str, share: float, text: str = "", /) -> None:
+        if (listener := self._listeners.get(name)) is not None:
+            listener(share, text)
 
 
 async def settled(state: State, what: Operation, request: Request, link: str | None) -> None:

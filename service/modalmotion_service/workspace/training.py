@@ -28,7 +28,7 @@ from modalmotion.errors import (
 from modalmotion.mesh import Facts, Named
 from modalmotion.modes.topology import MESH
 from modalmotion.signature.making import SignatureKind, SignatureParameters
-from modalmotion.store import ModelRecord, ResultStore, model_from_hdf5
+from modalmotion.store import ModelRecord, ResultStore
 from modalmotion.store.disk import cannot_write
 from modalmotion.store.folder import require_name
 from modalmotion_service.errors import CostError
@@ -228,7 +228,7 @@ async def train(
     leaves_out = options.on_error == OnError.LEAVE_OUT
     weighs_kinds = options.kind is None and await asyncio.to_thread(_may_slide, state, cases)
 
-    async def train_with(asked: SignatureParameters, image: Path) -> None:
+    async def train_with(asked: SignatureParameters, image: Path) -> int:
         paths = await fit_each(state, cases, asked, report, _FITTING, leaves_out=leaves_out)
         offsets: list[Path | LeftOut] | None = None
         if weighs_kinds:
@@ -241,7 +241,7 @@ async def train(
                 paths = [two if isinstance(two, LeftOut) else one for one, two in both]
                 offsets = [one if isinstance(one, LeftOut) else two for one, two in both]
 
-        def begin() -> Future[None]:
+        def begin() -> Future[int]:
             return state.training_engine.run(
                 Terms(str(state.store.root)),
                 train_model,
@@ -268,30 +268,26 @@ async def train(
             report(_FITTING + (1 - _FITTING) * share, text)
 
         try:
-            await followed(asyncio.wrap_future(future), progress, report_training)
+            return await followed(asyncio.wrap_future(future), progress, report_training)
         except ModalMotionError as error:
             raise _about(state, error, error.details.get("sequence_id")) from error
 
-    async def train_with_most(asked: SignatureParameters) -> SignatureParameters:
+    async def train_with_most(asked: SignatureParameters) -> tuple[SignatureParameters, int]:
         # As many modes as every recording can tell apart.
         for modes in FEWER_MODES if options.modes is None else ():
             try:
-                await train_with(asked, image)
+                return asked, await train_with(asked, image)
             except ModeCountError:
                 asked = replace(asked, modes=modes)
-            else:
-                return asked
-        await train_with(asked, image)
-        return asked
+        return asked, await train_with(asked, image)
 
     try:
-        made = await in_one_basis(train_with_most, parameters)
+        made, n_kept = await in_one_basis(train_with_most, parameters)
         is_own = options.topology is None and made.closed_form == parameters.closed_form
-        if leaves_out and is_own and (n_kept := await _n_cases(image)) < len(cases):
+        if leaves_out and is_own and n_kept < len(cases):
             # Spring modes are taken where they leave fewer out.
             with contextlib.suppress(ParameterError):
-                await train_with(replace(parameters, topology=MESH), other)
-                if await _n_cases(other) > n_kept:
+                if await train_with(replace(parameters, topology=MESH), other) > n_kept:
                     image, other = other, image
         model, _ = await asyncio.to_thread(read_kept_model, image)
         return await asyncio.to_thread(state.store.put_model, model)
@@ -363,11 +359,6 @@ def _about(state: State, error: ModalMotionError, sequence_id: object) -> ModalM
     about = named(error, case_name(sequence_id), sequence_id=sequence_id)
     about.remedy = f"{error.remedy} Or leave this sequence out.".strip()
     return about
-
-
-async def _n_cases(image: Path) -> int:
-    model = await asyncio.to_thread(model_from_hdf5, image)
-    return sum(model.card.n_cases.values())
 
 
 def _cases(cases: list[Case], paths: list[Path | LeftOut]) -> Cases:
