@@ -98,7 +98,7 @@ class Request:
     @staticmethod
     def from_json(values: Mapping[str, Any], query: type[BaseModel]) -> Request:
         """Read what `as_json` gave."""
-        return _REQUEST.validate_python({**values, "query": query(**values["query"])})
+        return _REQUEST.validate_python({**values, "query": query(**values.get("query", {}))})
 
 
 _REQUEST: Final = TypeAdapter(Request)
