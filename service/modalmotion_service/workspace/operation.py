@@ -12,9 +12,9 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
-from pydantic import BaseModel, TypeAdapter
+from pydantic import BaseModel, PlainSerializer, PlainValidator, TypeAdapter
 
 from modalmotion.errors import LostFileError
 from modalmotion.mesh.facts import NO_FACTS
@@ -46,7 +46,9 @@ class Case:
     id: str
     label: str
     subject: str | None
-    covariates: Mapping[str, float | str] = field(default_factory=dict)
+    covariates: Annotated[
+        Mapping[str, float | str], PlainValidator(dict), PlainSerializer(dict)
+    ] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
