@@ -475,7 +475,7 @@ def reference_positions(sequence: MeshSequence, reference: Reference) -> NDArray
     ----------
     sequence : MeshSequence
     reference : int or "mean"
-        A frame, or the mean shape: see `modalmotion.mesh.reference`.
+        A frame, or the mean shape: see `mean_shape`.
 
     Returns
     -------
