@@ -43,7 +43,7 @@ def test_a_figure_that_is_looked_for_on_a_recording_is_found(beat: mm.MeshSequen
             assert hasattr(answer, name)
             with pytest.raises(AttributeError, match=rf"Write \.{method}\(\)\.{name}"):
                 getattr(beat, name)
-    with pytest.raises(AttributeError, match=r"no attribute 'nothing'$"):
+    with pytest.raises(AttributeError, match=r"no attribute 'nothing'\.$"):
         beat.nothing  # type: ignore[attr-defined]  # noqa: B018
     model = mm.load_model()
     assert model.classify(beat).label == beat.classify(model).label

@@ -21,8 +21,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 
-from modalmotion.arguments.public import not_to_be_called
-from modalmotion.errors import InputError, ParameterError, ShapeError
+from modalmotion.errors import InputError, ParameterError, ShapeError, not_to_be_called
 from modalmotion.representation import with_article
 
 if TYPE_CHECKING:

@@ -3,35 +3,16 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
-from typing import Any, Final, NoReturn
+from typing import Any, Final
+
+from modalmotion.errors import not_to_be_called
 
 # A formatter puts long names in parentheses, and one home's names may follow one another there.
 _FROM: Final = re.compile(r"^    from (modalmotion\.[\w.]+) import (\([^)]*\)|.*)$", re.MULTILINE)
 _NAMED: Final = re.compile(r"\b(\w+) as \1\b")
-
-
-class Package(ModuleType):
-    """A package that is called as if it were a function: the error says what to write."""
-
-    def __call__(self, *_: object, **__: object) -> NoReturn:
-        """Refuse the call."""
-        own = self.__name__.rpartition(".")[2]
-        functions = [name for name in self.__all__ if own in name and name.islower()]
-        raise TypeError(
-            f"{self.__name__} is a package, not a function. Write "
-            f"{' or '.join(f'{name}(...)' for name in functions) or self.__name__ + '.name(...)'}."
-        )
-
-
-def not_to_be_called(package: str) -> None:
-    """Let calls of a package say what to write instead."""
-    if package in sys.modules:
-        sys.modules[package].__class__ = Package
 
 
 def public_list(
