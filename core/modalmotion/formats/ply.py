@@ -51,14 +51,14 @@ class _Property(NamedTuple):
 
     name: str
     kind: str
-    count: str | None
+    length: str | None
 
 
 class _Element(NamedTuple):
     """Rows of the same properties."""
 
     name: str
-    count: int
+    n_rows: int
     properties: tuple[_Property, ...]
 
 
@@ -102,9 +102,9 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     if len(by_name) != len(header.elements) or "vertex" not in by_name:
         raise _malformed(f"The PLY file has the elements {list(by_name)[:8]}.")
     for name, limit in (("vertex", "vertices"), ("face", "faces")):
-        limits.require(limit, by_name[name].count if name in by_name else 0)
-    declared = [(element.name, element.count) for element in header.elements][:8]
-    if sum(element.count for element in header.elements) > 2 * len(data):
+        limits.require(limit, by_name[name].n_rows if name in by_name else 0)
+    declared = [(element.name, element.n_rows) for element in header.elements][:8]
+    if sum(element.n_rows for element in header.elements) > 2 * len(data):
         raise _malformed(
             f"The PLY file declares {declared}, more than its {len(data)} bytes can contain."
         )
@@ -134,11 +134,11 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     kinds = {p.name: p.kind for p in by_name["vertex"].properties}
     with np.errstate(over="ignore"):
         xyz = [columns[axis].astype("f4" if kinds[axis] == "f4" else "f8") for axis in "xyz"]
-    name = next((name for name in _LISTS if name in faces), None)
-    if name is None and "face" in by_name and by_name["face"].count:
+    listed = next((name for name in _LISTS if name in faces), None)
+    if listed is None and "face" in by_name and by_name["face"].n_rows:
         raise _malformed("The PLY file's faces have no vertex_indices.")
-    polygons = triangulate_sizes(*(((), ()) if name is None else _whole(faces[name])))
-    used = {*(("vertex", axis) for axis in "xyz"), ("face", name)}
+    polygons = triangulate_sizes(*(((), ()) if listed is None else _whole(faces[listed])))
+    used = {*(("vertex", axis) for axis in "xyz"), ("face", listed)}
     every = [(e.name, p.name) for e in header.elements for p in e.properties]
     return Frame(
         np.stack(xyz, axis=1),
@@ -172,44 +172,44 @@ def _whole(of: tuple[NDArray[Any], NDArray[Any]]) -> tuple[NDArray[np.int64], ND
 
 def _rows(body: memoryview, start: int, element: _Element, order: str | None) -> tuple[_Rows, int]:
     """Read the rows of an element; where they end."""
-    if element.count and not element.properties:
+    if element.n_rows and not element.properties:
         raise _malformed(f"The PLY element {element.name!r} has no properties.")
     # Of text all numbers are float64; only lists of integers can name vertices.
-    named = [p.name for p in element.properties if p.count and p.kind[0] != "f"]
+    named = [p.name for p in element.properties if p.length and p.kind[0] != "f"]
     if order is None:
-        plain = tuple(_Property(p.name, "f8", p.count and "f8") for p in element.properties)
+        plain = tuple(_Property(p.name, "f8", p.length and "f8") for p in element.properties)
         element, order = element._replace(properties=plain), "<"
     # Rows all as long as the first, as in most files, are read in one piece.
     fields: list[Any] = []
     at = start
     for p in element.properties:
-        size = _size(body, at, order, p, element, 0) if p.count and element.count else 0
-        if p.count:
-            fields += [(f"{p.name} n", order + p.count), (p.name, order + p.kind, (size,))]
+        size = _size(body, at, order, p, element, 0) if p.length and element.n_rows else 0
+        if p.length:
+            fields += [(f"{p.name} n", order + p.length), (p.name, order + p.kind, (size,))]
         else:
             fields.append((p.name, order + p.kind))
         at = start + np.dtype(fields).itemsize
     dtype, table = np.dtype(fields), np.zeros(0, fields)
-    if element.count and start + dtype.itemsize * element.count <= len(body):
-        table = np.frombuffer(body, dtype, element.count, start)
-    lists = [p.name for p in element.properties if p.count]
-    if len(table) == element.count and all(
+    if element.n_rows and start + dtype.itemsize * element.n_rows <= len(body):
+        table = np.frombuffer(body, dtype, element.n_rows, start)
+    lists = [p.name for p in element.properties if p.length]
+    if len(table) == element.n_rows and all(
         (table[f"{n} n"] == table[f"{n} n"][:1]).all() for n in lists
     ):
-        columns = {p.name: table[p.name] for p in element.properties if not p.count}
+        columns = {p.name: table[p.name] for p in element.properties if not p.length}
         found: Any = {n: (table[f"{n} n"], table[n].ravel()) for n in named}
-        return _Rows(columns, found, np.full(element.count, dtype.itemsize)), start + table.nbytes
+        return _Rows(columns, found, np.full(element.n_rows, dtype.itemsize)), start + table.nbytes
     if not lists:
         raise _too_few(element, (len(body) - start) // max(dtype.itemsize, 1))
     # Else row by row; numbers beside the lists are skipped.
     sizes, items = ({name: array("d") for name in lists} for _ in range(2))
     ends, at = array("q", [start]), start
-    for row in range(element.count):
+    for row in range(element.n_rows):
         for p in element.properties:
             size = 1
-            if p.count:
+            if p.length:
                 size = _size(body, at, order, p, element, row)
-                at += int(p.count[1])
+                at += int(p.length[1])
                 sizes[p.name].append(size)
                 items[p.name].extend(struct.unpack_from(f"{order}{size}{_CODES[p.kind]}", body, at))
             at += size * int(p.kind[1])
@@ -222,7 +222,7 @@ def _rows(body: memoryview, start: int, element: _Element, order: str | None) ->
 
 def _size(body: memoryview, at: int, order: str, p: _Property, element: _Element, row: int) -> int:
     """Length of a list that the bytes contain whole."""
-    code = order + _CODES[p.count or ""]
+    code = order + _CODES[p.length or ""]
     left = len(body) - at - struct.calcsize(code)
     size = struct.unpack_from(code, body, at)[0] if left >= 0 else 0
     if not size >= 0 or size != size // 1:
@@ -234,7 +234,7 @@ def _size(body: memoryview, at: int, order: str, p: _Property, element: _Element
 
 def _too_few(element: _Element, n_read: int) -> MalformedFileError:
     return _malformed(
-        f"The PLY file declares {element.count} rows of {element.name!r} but ends after {n_read} "
+        f"The PLY file declares {element.n_rows} rows of {element.name!r} but ends after {n_read} "
         "of them."
     )
 
