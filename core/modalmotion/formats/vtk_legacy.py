@@ -42,6 +42,7 @@ _SECTIONS: Final = {
     ),
 }
 _WORD: Final = re.compile(rb"\s*(\S{1,250})(?=\s|$)")
+_OFFSETS: Final = re.compile(rb"(?i)\s+offsets(?=\s)")
 # In text all up to the next word are numbers; nan and inf are numbers.
 _NO_NUMBER: Final = re.compile(rb"(?<=\s)(?!(?i:nan|inf)\b)[A-Za-z_]")
 _NAMES: Final = re.compile(
@@ -238,8 +239,8 @@ class _Legacy:
 
     def cells(self, n: int, m: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Sizes of cells and their corners, as of version 5.1 or as lists before."""
-        start = self.at
-        if self.word() == "offsets":
+        if (found := _OFFSETS.match(self.data, self.at)) is not None:
+            self.at = found.end()
             offsets = self.numbers(n, self.word()).astype(np.int64)
             if self.word() != "connectivity":
                 raise malformed("The VTK file has no corners of its cells.")
@@ -247,7 +248,6 @@ class _Legacy:
             if n and (offsets[0], offsets[-1]) != (0, m):
                 raise malformed("The VTK file's polygons do not add up to its list of corners.")
             return np.diff(offsets), corners
-        self.at = start
         numbers = self.numbers(m, "int").astype(np.int64)
         if len(numbers) == 4 * n and (numbers[::4] == 3).all():
             return np.full(n, 3), numbers.reshape(-1, 4)[:, 1:].ravel()
