@@ -50,14 +50,20 @@ ModelReference = Annotated[
 _NAMED: Final = 20
 
 
-class JsonBody(BaseModel):
+class Stated(BaseModel):
+    """What the query of a request states; the router refuses names that a call does not know."""
+
+    model_config = ConfigDict(allow_inf_nan=False, use_attribute_docstrings=True)
+
+
+class JsonBody(Stated):
     """What a request says: one with a million faults is refused at the first ones.
 
     pydantic makes an error of each, of a kilobyte, while no other request is answered. Lists in
     such a body are to be `FailFast` for the same reason.
     """
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid")
 
     own_names: ClassVar[frozenset[str]] = frozenset()
     """Members that are called as facts are, and are none."""
@@ -73,22 +79,31 @@ class JsonBody(BaseModel):
         return value
 
 
-class Paging(BaseModel):
+class Paging(Stated):
     """Which page of a list."""
 
-    limit: int = Field(100, ge=1, le=1000, description="Of one page.")
-    cursor: str | None = Field(None, max_length=200, description="Of the page before.")
+    limit: int = Field(100, ge=1, le=1000)
+    """Of one page."""
+    cursor: str | None = Field(None, max_length=200)
+    """Of the page before."""
 
 
-class Paged(BaseModel):
+class Answer(BaseModel):
+    """An answer; what checks it is built when it is first needed."""
+
+    model_config = ConfigDict(defer_build=True, use_attribute_docstrings=True)
+
+
+class Paged(Answer):
     """A page of a list."""
 
-    cursor: str | None = Field(description="For the next page; null on the last.")
+    cursor: str | None
+    """For the next page; null on the last."""
 
 
 Body = TypeVar("Body", bound=JsonBody)
 Value = TypeVar("Value")
-Answer = TypeVar("Answer", bound=BaseModel)
+Made = TypeVar("Made", bound=Answer)
 
 _HEADING: Final = re.compile(r"^    ([a-z_0-9, ]+) : (.*)$")
 _UNIT: Final = re.compile(r", (mm|s|length unit per s|bytes)(?: or None)?(?:, optional)?$")
@@ -155,13 +170,7 @@ def value_of(body: JsonBody, kind: type[Value], **more: Any) -> Value:
     return kind(**{name: getattr(body, name) for name in names if name in known}, **more)
 
 
-class Mirror(BaseModel):
-    """An answer that `mirrors` completes; what checks it is built when it is first needed."""
-
-    model_config = ConfigDict(defer_build=True)
-
-
-def mirrors(*kinds: type, without: Collection[str] = ()) -> Callable[[type[Answer]], type[Answer]]:
+def mirrors(*kinds: type, without: Collection[str] = ()) -> Callable[[type[Made]], type[Made]]:
     """Give an answer the fields of classes of the library, as these describe them.
 
     Parameters
@@ -171,7 +180,7 @@ def mirrors(*kinds: type, without: Collection[str] = ()) -> Callable[[type[Answe
         Fields that are left out. One that the answer has itself keeps its type.
     """
 
-    def mirrored(model: type[Answer]) -> type[Answer]:
+    def mirrored(model: type[Made]) -> type[Made]:
         made: dict[str, Any] = {}
         for kind in kinds:
             hints, documented = get_type_hints(kind), _documented(kind)
@@ -184,7 +193,7 @@ def mirrors(*kinds: type, without: Collection[str] = ()) -> Callable[[type[Answe
                 hint = _plain(hints[name], heading) if own is None else own.annotation
                 said = words if own is None else own.description or words
                 made[name] = hint, Field(description=said or None)
-        own_model: type[Answer] = create_model(
+        own_model: type[Made] = create_model(
             model.__name__,
             __base__=model,
             __doc__=model.__doc__,
@@ -208,7 +217,7 @@ def _plain(hint: Any, heading: str) -> Any:
     return hint
 
 
-def read_from(model: type[Answer], source: object, **more: Any) -> Answer:
+def read_from(model: type[Made], source: object, **more: Any) -> Made:
     """Make an answer of a value of the library, its members by their names, arrays as lists.
 
     Parameters
