@@ -23,19 +23,19 @@ from modalmotion_service.audit.log import AuditLog, AuditStream, Notes
 from modalmotion_service.document import completed
 from modalmotion_service.errors import NeedsStoreError
 from modalmotion_service.http import problems
-from modalmotion_service.http.admission import BodyLimits, Concurrency, Departure, WholeAnswers
-from modalmotion_service.http.connections import (
-    API_VERSION,
-    HeadAsGet,
-    Prefix,
-    RequestHeadCheck,
-    SecurityHeaders,
-)
 from modalmotion_service.http.gate import Access, Gate, require_judged
 from modalmotion_service.http.judged_router import BODIES
-from modalmotion_service.http.observation import Observation
-from modalmotion_service.monitoring.metrics import Meter, Metrics, StateOfThings
-from modalmotion_service.monitoring.telemetry import Telemetry, Tracing
+from modalmotion_service.http.middleware import (
+    API_VERSION,
+    BodyLimits,
+    Concurrency,
+    HeadAsGet,
+    Heads,
+    Prefix,
+)
+from modalmotion_service.monitoring.metrics import Metrics, StateOfThings
+from modalmotion_service.monitoring.observation import Observation
+from modalmotion_service.monitoring.telemetry import Telemetry
 from modalmotion_service.routes import (
     files,
     models,
@@ -164,9 +164,7 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
     problems.install(app)
     # The last one added is the outermost.
     app.add_middleware(HeadAsGet)
-    app.add_middleware(Departure)
     app.add_middleware(BodyLimits, settings=chosen)
-    app.add_middleware(WholeAnswers)
     app.add_middleware(Concurrency, settings=chosen)
     rates = Rates(
         chosen.max_requests_per_minute,
@@ -176,12 +174,8 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
     )
     logins = logins_of(chosen)
     app.add_middleware(Gate, require_keys=chosen.require_keys, rates=rates, logins=logins)
-    app.add_middleware(RequestHeadCheck)
-    app.add_middleware(Meter, metrics=metrics)
-    if telemetry is not None:
-        app.add_middleware(Tracing, telemetry=telemetry)
-    app.add_middleware(SecurityHeaders)
-    app.add_middleware(Observation)
+    app.add_middleware(Heads)
+    app.add_middleware(Observation, metrics=metrics, telemetry=telemetry)
     if chosen.cors_origins:
         # Before everything: a preflight request carries no key.
         app.add_middleware(

@@ -13,15 +13,9 @@ from typing import Any, Final, TypeVar
 from prometheus_client import CollectorRegistry, Counter, Histogram, Info, ProcessCollector
 from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
-from starlette.requests import ClientDisconnect
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from modalmotion.errors import ModalMotionError, StoreError
-from modalmotion_service.access.scopes import SCOPE_OF
 from modalmotion_service.errors import ClusterError, NoWorkerError
-from modalmotion_service.http.gate import route_of
-from modalmotion_service.http.middleware import Middleware
-from modalmotion_service.http.observation import CLIENT_GONE
 from modalmotion_service.work.engine import Engine
 from modalmotion_service.workspace.owners import Owners
 from modalmotion_service.workspace.spool import require_room
@@ -61,7 +55,6 @@ def require_ready(local: State) -> None:
 
 K = TypeVar("K")
 
-_METHODS: Final = frozenset(method for method, _ in SCOPE_OF) | {"HEAD", "OPTIONS", "PUT"}
 _SECONDS: Final = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 30, 60, 300)
 
 
@@ -110,6 +103,15 @@ class Metrics:
         self._lock = threading.Lock()
         self._n_tasks = 0
 
+    def count(
+        self, method: str, route: str, status: int, seconds: float, n_received: int, n_sent: int
+    ) -> None:
+        """Count a request that was answered, and the bytes of its body and of the answer."""
+        self.requests.labels(method, route, status).inc()
+        self.seconds.labels(method, route).observe(seconds)
+        self.received.labels(route).inc(n_received)
+        self.sent.labels(route).inc(n_sent)
+
     @property
     def tasks_under_way(self) -> int:
         """Tasks that were handed to the workers and have no result yet."""
@@ -132,51 +134,6 @@ class Metrics:
         # They end in other threads.
         with self._lock:
             self._n_tasks += number
-
-
-class Meter(Middleware):
-    """ASGI middleware that counts requests.
-
-    Parameters
-    ----------
-    app : ASGIApp
-    metrics : Metrics
-    """
-
-    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
-        super().__init__(app)
-        self.metrics = metrics
-
-    async def pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the request on and count it when it is answered."""
-        start = time.perf_counter()
-        status, n_received, n_sent = 500, 0, 0
-
-        async def received() -> Message:
-            nonlocal n_received
-            message = await receive()
-            n_received += len(message.get("body", b""))
-            return message
-
-        async def sent(message: Message) -> None:
-            nonlocal status, n_sent
-            status = message.get("status", status)
-            n_sent += len(message.get("body", b""))
-            await send(message)
-
-        try:
-            await self.app(scope, received, sent)
-        except ClientDisconnect:
-            status = CLIENT_GONE
-            raise
-        finally:
-            # All methods and routes that clients make up count as "other".
-            method = scope["method"] if scope["method"] in _METHODS else "other"
-            route = route_of(scope) or "other"
-            self.metrics.requests.labels(method, route, status).inc()
-            self.metrics.seconds.labels(method, route).observe(time.perf_counter() - start)
-            self.metrics.received.labels(route).inc(n_received)
-            self.metrics.sent.labels(route).inc(n_sent)
 
 
 class StateOfThings(Collector):

@@ -6,21 +6,16 @@ query nor anything of a body, no owner, key, sequence or job, and no text of an 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 from concurrent.futures import Future
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from importlib.metadata import version
-from typing import Any, Final
+from typing import Any
 
 from starlette.datastructures import Headers
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import Scope
 
 from modalmotion.errors import needs_extra
-from modalmotion_service.http.gate import route_of
-from modalmotion_service.http.middleware import Middleware
-from modalmotion_service.http.observation import stages_so_far
-
-_METHODS: Final = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
 
 
 class Telemetry:
@@ -63,33 +58,29 @@ class Telemetry:
         """Send what has not been sent."""
         self._provider.shutdown()
 
-    @contextmanager
-    def request(self, scope: Scope) -> Iterator[Any]:
+    def request(self, scope: Scope, method: str) -> AbstractContextManager[Any]:
         """Trace a request, as a part of the trace that its `traceparent` names."""
         # traceparent alone: other headers of the kind may contain anything.
         stated = Headers(scope=scope).get("traceparent")
-        context = self._propagator.extract({} if stated is None else {"traceparent": stated})
-        method = scope["method"] if scope["method"] in _METHODS else "_OTHER"
-        with self._tracer.start_as_current_span(
+        traced: AbstractContextManager[Any] = self._tracer.start_as_current_span(
             method,
-            context,
+            self._propagator.extract({} if stated is None else {"traceparent": stated}),
             kind=self._trace.SpanKind.SERVER,
             attributes={"http.request.method": method},
             record_exception=False,
             set_status_on_exception=False,
-        ) as span:
-            try:
-                yield span
-            finally:
-                route = route_of(scope)
-                if route is not None:
-                    span.update_name(f"{method} {route}")
-                    span.set_attribute("http.route", route)
-                for name, spent in stages_so_far().items():
-                    span.set_attribute(f"modalmotion.stage.{name}.milliseconds", round(spent, 1))
+        )
+        return traced
 
-    def answered(self, span: Any, status: int) -> None:
-        """Note the status of an answer."""
+    def answered(
+        self, span: Any, method: str, route: str | None, status: int, stages: Mapping[str, float]
+    ) -> None:
+        """Note the route and the status of an answer, and milliseconds by stage."""
+        if route is not None:
+            span.update_name(f"{method} {route}")
+            span.set_attribute("http.route", route)
+        for name, spent in stages.items():
+            span.set_attribute(f"modalmotion.stage.{name}.milliseconds", round(spent, 1))
         span.set_attribute("http.response.status_code", status)
         if status >= 500:
             span.set_status(self._trace.StatusCode.ERROR)
@@ -111,28 +102,3 @@ class Telemetry:
             span.end()
 
         future.add_done_callback(end)
-
-
-class Tracing(Middleware):
-    """ASGI middleware that traces requests.
-
-    Parameters
-    ----------
-    app : ASGIApp
-    telemetry : Telemetry
-    """
-
-    def __init__(self, app: ASGIApp, telemetry: Telemetry) -> None:
-        super().__init__(app)
-        self.telemetry = telemetry
-
-    async def pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the request on, and trace it."""
-        with self.telemetry.request(scope) as span:
-
-            async def sent(message: Message) -> None:
-                if message["type"] == "http.response.start":
-                    self.telemetry.answered(span, message["status"])
-                await send(message)
-
-            await self.app(scope, receive, sent)

@@ -5,15 +5,16 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, TypeVar
 
 from fastapi import Depends, Header, Query
 from fastapi import Request as HttpRequest
 from fastapi.exceptions import RequestValidationError
 from starlette.background import BackgroundTask
+from starlette.requests import ClientDisconnect
 from starlette.responses import FileResponse, Response
 
 from modalmotion.classification import DEFAULT_MODEL
@@ -45,7 +46,11 @@ from modalmotion_service.workspace.state import State
 from modalmotion_service.workspace.training import find_cases
 
 _LONGEST_PREFER: Final = 200
+_LOOK_SECONDS: Final = 0.05
 _KEPT_HEADERS: Final = ("content-type", "location", "etag", "preference-applied")
+
+
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True)
@@ -115,7 +120,8 @@ class Asked:
         if tag is not None and (known := self.knows(tag)) is not None:
             return known
         self.note(getattr(request.query, "template", None))
-        done = await self.state.performance.perform(self.state, self.wait, what, request, file)
+        work = self.state.performance.perform(self.state, self.wait, what, request, file)
+        done = await self.unless_left(work)
         if not isinstance(done, Outcome):
             return accepted(done)
         note_facts(self.http, done.filled)
@@ -125,6 +131,38 @@ class Asked:
         if isinstance(done.content, Path):
             return temporary_file(done.content, done.media_type, headers)
         return Response(done.content, done.status, headers, done.media_type)
+
+    async def unless_left(self, work: Coroutine[Any, Any, Made]) -> Made:
+        """Wait for work, and end it when the client leaves.
+
+        Work that others wait for too goes on for them, and so does what has become a job.
+
+        Raises
+        ------
+        ClientDisconnect
+            If the client has left.
+        """
+        done, gone = asyncio.ensure_future(work), None
+        try:
+            # Most is done sooner, and nobody looks after its client.
+            await asyncio.wait([done], timeout=_LOOK_SECONDS)
+            if not done.done():
+                gone = asyncio.ensure_future(self._gone())
+                await asyncio.wait([done, gone], return_when=asyncio.FIRST_COMPLETED)
+                if not done.done():
+                    done.cancel()
+                    await asyncio.wait([done])
+                    gone.result()
+                    raise ClientDisconnect
+            return done.result()
+        finally:
+            for task in (done, gone):
+                if task is not None:
+                    task.cancel()
+
+    async def _gone(self) -> None:
+        while (await self.http.receive())["type"] != "http.disconnect":
+            pass
 
     async def start(
         self, what: Operation, request: Request, file: SpoolFile | None = None
