@@ -10,6 +10,7 @@ import re
 import secrets
 import sqlite3
 import threading
+import time
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
@@ -327,8 +328,9 @@ def _key(row: tuple[Any, ...]) -> Key:
 class KeySnapshot(Authenticator):
     """Keys as they are in a file now, which may be replaced at any time.
 
-    Nothing is written, not even beside it: the folder may be one that nobody can write to. While
-    the file is away or damaged every key is refused with an error of the store.
+    They are read again only where the file has changed. Nothing is written, not even beside it: the
+    folder may be one that nobody can write to. While the file is away or damaged every key is
+    refused with an error of the store.
 
     Parameters
     ----------
@@ -338,29 +340,41 @@ class KeySnapshot(Authenticator):
 
     def __init__(self, data_dir: Path | None) -> None:
         self._path = None if data_dir is None else data_dir / "access" / "keys.sqlite"
-        if self._path is not None and self._path.exists():
-            self._row("")
+        self._known: dict[str, tuple[Any, ...]] = {}
+        self._seen: list[tuple[int, ...]] = []
+        len(self)  # a damaged file is found at once
 
     def __len__(self) -> int:
         """Give how many keys are known, whether they are active or not."""
         if self._path is None or not self._path.exists():
             return 0
-        return int(self._rows("SELECT count(*) FROM keys")[0][0])
+        self._row("")
+        return len(self._known)
 
     def _row(self, key_id: str) -> tuple[Any, ...] | None:
-        rows = self._rows("SELECT * FROM keys WHERE id = ?", key_id)
-        return rows[0] if rows else None
-
-    def _rows(self, statement: str, *values: str) -> list[tuple[Any, ...]]:
         if self._path is None:
-            return []
-        with explained(self._path.name):
-            log = self._path.with_name(f"{self._path.name}-wal")
+            return None
+        seen = [*_stamp(self._path), *_stamp(self._path.with_name(f"{self._path.name}-wal"))]
+        if not seen or seen != self._seen:
             # Immutable, unless a service has it open whose newest rows are beside it: else SQLite
             # would make files there, to share it with writers.
-            is_live = False
-            with suppress(FileNotFoundError):
-                is_live = log.stat().st_size > 0
+            is_live = len(seen) > 1 and seen[1][0] > 0
             address = f"{self._path.absolute().as_uri()}?mode=ro{'' if is_live else '&immutable=1'}"
-            with closing(sqlite3.connect(address, uri=True)) as file:
-                return file.execute(statement, values).fetchall()
+            with explained(self._path.name), closing(sqlite3.connect(address, uri=True)) as file:
+                self._known = {row[0]: row for row in file.execute("SELECT * FROM keys")}
+            # One that was just written may be written again within a tick of its clock.
+            is_settled = all(time.time_ns() - at > _SETTLED_NS for _, at, _ in seen)
+            self._seen = seen if is_settled else []
+        return self._known.get(key_id)
+
+
+_SETTLED_NS: Final = 2_000_000_000
+
+
+def _stamp(path: Path) -> list[tuple[int, ...]]:
+    """Give what changes with a file: size, time, and number on its disk; nothing of none."""
+    try:
+        found = path.stat()
+    except FileNotFoundError:
+        return []
+    return [(found.st_size, found.st_mtime_ns, found.st_ino)]

@@ -96,16 +96,14 @@ async def require_known(request: Request) -> None:
         known = of_route[_KNOWN]
         unknown = [name for name in query if name not in known]
         if unknown:
-            raise RequestValidationError(
-                [
-                    {
-                        "type": "extra_forbidden",
-                        "loc": ("query", name[:80]),
-                        "msg": "Extra inputs are not permitted",
-                    }
-                    for name in unknown
-                ]
-            )
+            raise invalid("Extra inputs are not permitted", "query", *unknown)
+
+
+def invalid(message: str, where: str, *names: str) -> RequestValidationError:
+    """Make the error of parameters in a query, a form or a body that are not valid."""
+    return RequestValidationError(
+        [{"type": "invalid", "loc": (where, name[:80]), "msg": message} for name in names]
+    )
 
 
 def _names(dependant: Dependant) -> Iterator[str]:

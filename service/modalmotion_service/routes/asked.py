@@ -7,17 +7,16 @@ import contextlib
 import json
 from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar
 
 from fastapi import Depends, Header, Query
 from fastapi import Request as HttpRequest
-from fastapi.exceptions import RequestValidationError
 from starlette.background import BackgroundTask
 from starlette.requests import ClientDisconnect
 from starlette.responses import FileResponse, Response
 
-from modalmotion.classification import DEFAULT_MODEL
 from modalmotion.errors import StoreError
 from modalmotion.mesh import facts_as_json
 from modalmotion.store import ResultStore
@@ -45,7 +44,6 @@ from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.state import State
 from modalmotion_service.workspace.training import find_cases
 
-_LONGEST_PREFER: Final = 200
 _LOOK_SECONDS: Final = 0.05
 _KEPT_HEADERS: Final = ("content-type", "location", "etag", "preference-applied")
 
@@ -272,21 +270,9 @@ async def _waiting(
             "Prefer says the same: wait=20, respond-async.",
         ),
     ] = None,
+    prefer: Annotated[str, Header(max_length=200, include_in_schema=False)] = "",
 ) -> Asked:
-    header = request.headers.get("prefer", "")
-    if len(header) > _LONGEST_PREFER:
-        message = f"String should have at most {_LONGEST_PREFER} characters"
-        raise RequestValidationError(
-            [
-                {
-                    "type": "string_too_long",
-                    "loc": ("header", "prefer"),
-                    "msg": message,
-                    "ctx": {"max_length": _LONGEST_PREFER},
-                }
-            ]
-        )
-    stated = preferred_wait(header)
+    stated = preferred_wait(prefer)
     # Of both the sooner: a job at once is one, whatever else is said.
     wait = stated if wait is None or stated == 0 else wait
     return Asked(await get_state(request), request, wait)
@@ -355,39 +341,9 @@ ACCEPTED: Final[dict[int | str, dict[str, Any]]] = {
     202: {"model": JobAnswer, "description": "Continued as a job; fetch the result later."}
 }
 
-_ID: Final = "3f5c" * 16
-
-
-EXAMPLES: Final[dict[str, Any]] = {
-    "SequenceStatements": {"unit": "mm", "subject": "P-7", "cavity": "lv"},
-    "SignatureRequest": {"modes": 18, "reference": "mean"},
-    "SignatureOfFile": {"modes": 7, "unit": "mm"},
-    "TradeRequest": {"tolerance": 0.5},
-    "ManySignatures": {"ids": [_ID], "modes": 7},
-    "EncodingOfFile": {"max_error": 0.5, "unit": "mm"},
-    "ClassOfFile": {"model": DEFAULT_MODEL, "unit": "mm"},
-    "TrackRequest": {"modes": 37, "landmarks": {"apex": [0, 0, -40], "base": [0, 0, 40]}},
-    "SequenceChange": {"label": "rest", "facts": {"period": 0.8, "covariates": {"age": 61}}},
-    "ClassificationRequest": {"model": DEFAULT_MODEL, "coverage": 0.95},
-    "DecodingRequest": {"first": 2, "stop": 5},
-    "TrainingRequest": {
-        "name": "wall-motion",
-        "sequences": [_ID, {"id": _ID, "label": "akinesia"}],
-        "options": {"modes": 7},
-    },
-    "EvaluationRequest": {"sequences": [_ID], "compare_with": "wall-motion@1"},
-    "NormRequest": {"name": "volunteers", "sequences": [_ID], "modes": 7},
-    "DeviationRequest": {"sequences": [_ID], "level": 0.05},
-    "FeaturesRequest": {"sequences": [_ID], "covariates": ["age"]},
-    "sequence_id": _ID,
-    "key": f"{_ID}-0a1b2c3d4e5f6071",
-    "images_id": _ID,
-    "track_id": _ID,
-    "template_id": _ID,
-    "job_id": "0a1b" * 8,
-    "name": "wall-motion",
-}
-
+EXAMPLES: Final[dict[str, Any]] = json.loads(
+    files("modalmotion_service.routes").joinpath("examples.json").read_text()
+)
 """Of each body, by the name of its model; and of what is in a path."""
 
 _BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
@@ -434,7 +390,5 @@ def answers(
         "responses": {**responses, **(ACCEPTED if waits else {})},
     }
     if of is None:
-        from starlette.responses import Response
-
         made |= {"response_class": Response, "response_model": None}
     return made

@@ -24,7 +24,7 @@ from modalmotion_service.http.forms import (
     SentPart,
     received_form,
 )
-from modalmotion_service.http.judged_router import checked, described_as
+from modalmotion_service.http.judged_router import checked, described_as, invalid
 from modalmotion_service.http.negotiation import JSON, RAW
 from modalmotion_service.http.observation import stage
 from modalmotion_service.routes.asked import get_state
@@ -235,16 +235,8 @@ def fields_of(form: FormData, model: type[JsonBody], *, takes_many: bool) -> dic
         is_fact_here = _is_fact_of(model, name)
         is_known = is_fact_here or name in model.model_fields or (takes_many and name == MANIFEST)
         if not isinstance(value, str) or not is_known:
-            raise RequestValidationError(
-                [
-                    {
-                        "type": "misplaced",
-                        "loc": ("form", heading[:80]),
-                        "msg": f"A form has file, {PARAMETERS} and the names that /docs has for "
-                        f"this call, not {heading[:80]}",
-                    }
-                ]
-            )
+            names = f"file, {PARAMETERS} and the names that /docs has for this call"
+            raise invalid(f"A form has {names}, not {heading[:80]}", "form", heading)
         if name in values:
             raise ParameterError(
                 f"The form has two fields '{name[:80]}'.", remedy="Send one of them."
