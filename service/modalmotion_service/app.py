@@ -12,7 +12,6 @@ from typing import Any, Final, NoReturn
 from fastapi import Depends, FastAPI
 from fastapi.middleware.cors import CORSMiddleware
 from fastapi.routing import APIRoute
-from starlette.routing import BaseRoute, Route
 
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion_service.access.keys import KeyRing, KeySnapshot
@@ -34,8 +33,7 @@ from modalmotion_service.http.middleware import (
     Prefix,
 )
 from modalmotion_service.monitoring.metrics import Metrics, StateOfThings
-from modalmotion_service.monitoring.observation import Observation
-from modalmotion_service.monitoring.telemetry import Telemetry
+from modalmotion_service.monitoring.observation import Observation, Telemetry
 from modalmotion_service.routes import (
     files,
     models,
@@ -80,14 +78,15 @@ async def _forget(log: Notes, days: float) -> None:
         await for_ever("audit", partial(asyncio.to_thread, log.forget_before, days), 3600.0)
 
 
-def judged_routes() -> list[BaseRoute]:
+def judged_routes() -> list[APIRoute]:
     """Give all routes, made once for all applications of a process."""
     routers = [
         *(sequences.router, signatures.router, files.router, recordings.router),
         *(sequences.of_templates, models.router, models.of_norms),
         *(operation.of_jobs, operation.router, views.pages),
     ]
-    return [route for router in routers for route in router.routes]
+    routes = (route for router in routers for route in router.routes)
+    return [route for route in routes if isinstance(route, APIRoute)]
 
 
 def create_app(settings: Settings | None = None, telemetry: Telemetry | None = None) -> FastAPI:
@@ -207,33 +206,27 @@ SERVED: Final = frozenset(
 """Calls whose answer hangs on nothing that was sent before, by method and template."""
 
 
-def stateless_routes(routes: Iterable[BaseRoute]) -> list[BaseRoute]:
+def stateless_routes(routes: Iterable[APIRoute]) -> list[APIRoute]:
     """Give routes that serve what needs no store, and refuse the rest by name.
 
     Parameters
     ----------
-    routes : iterable of route
+    routes : iterable of APIRoute
         Of a service with a store.
     """
-    return [route if _is_served(route) else _refused(route) for route in routes]
-
-
-def _is_served(route: BaseRoute) -> bool:
-    return isinstance(route, Route) and any(
-        (method, route.path) in SERVED for method in route.methods or ()
-    )
-
-
-def _refused(route: BaseRoute) -> APIRoute:
-    assert isinstance(route, Route)  # noqa: S101 (all of ours are)
-    return APIRoute(
-        route.path,
-        _refuse,
-        response_model=None,
-        methods=sorted(route.methods or ()),
-        include_in_schema=False,
-        dependencies=[Depends(require_judged)],
-    )
+    return [
+        route
+        if any((method, route.path) in SERVED for method in route.methods or ())
+        else APIRoute(
+            route.path,
+            _refuse,
+            response_model=None,
+            methods=route.methods,
+            include_in_schema=False,
+            dependencies=[Depends(require_judged)],
+        )
+        for route in routes
+    ]
 
 
 def _refuse() -> NoReturn:

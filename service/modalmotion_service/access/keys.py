@@ -44,22 +44,16 @@ def open_database(path: Path, tables: Sequence[str], version: int) -> sqlite3.Co
         If it was written by another version, or cannot be opened.
     """
     with explained(path.name):
-        try:
-            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            # SQLite gives its log and its shared memory the rights of the file itself.
-            is_new = not path.exists()
-            os.close(os.open(path, os.O_CREAT | os.O_RDWR, 0o600))
-            if is_new:
-                sync_paths([path.parent, path.parent.parent])
-            # Restored from a backup they may have others.
-            with suppress(PermissionError):
-                path.parent.chmod(0o700)
-                path.chmod(0o600)
-        except OSError as error:
-            raise StoreError(
-                f"{path.name} cannot be opened: {error.strerror}.",
-                remedy="Check the data folder, and that this user may write to it.",
-            ) from error
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        # SQLite gives its log and its shared memory the rights of the file itself.
+        is_new = not path.exists()
+        os.close(os.open(path, os.O_CREAT | os.O_RDWR, 0o600))
+        if is_new:
+            sync_paths([path.parent, path.parent.parent])
+        # Restored from a backup they may have others.
+        with suppress(PermissionError):
+            path.parent.chmod(0o700)
+            path.chmod(0o600)
         connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
         try:
             _prepare(connection, path.name, tables, version)
@@ -90,19 +84,22 @@ def _prepare(
 
 @contextmanager
 def explained(name: str) -> Iterator[None]:
-    """Raise what SQLite says of a file as an error of ours."""
+    """Raise what SQLite and the system say of a file as an error of ours."""
     try:
         yield
-    except sqlite3.OperationalError as error:
+    except (OSError, sqlite3.OperationalError) as error:
         raise StoreError(
-            f"{name} could not be read or written ({error}).",
-            remedy="Check that the disk is not full and may be written to, and try again.",
+            f"{name} could not be read or written ({getattr(error, 'strerror', error)}).",
+            remedy="Check that the disk is not full and this user may write to it, and try again.",
         ) from error
     except sqlite3.DatabaseError as error:
         raise CorruptFileError(
             f"{name} is damaged ({error}).", remedy="Restore it from a backup."
         ) from error
 
+
+KEYS: Final = "access/keys.sqlite"
+"""Where keys are in a data folder."""
 
 _VERSION: Final = 1
 _TABLES: Final = (
@@ -197,7 +194,7 @@ class KeyRing(Authenticator):
     """
 
     def __init__(self, data_dir: Path) -> None:
-        self._path = data_dir / "access" / "keys.sqlite"
+        self._path = data_dir / KEYS
         self._lock = threading.Lock()
         self._connection = open_database(self._path, _TABLES, _VERSION)
 
@@ -339,7 +336,7 @@ class KeySnapshot(Authenticator):
     """
 
     def __init__(self, data_dir: Path | None) -> None:
-        self._path = None if data_dir is None else data_dir / "access" / "keys.sqlite"
+        self._path = None if data_dir is None else data_dir / KEYS
         self._known: dict[str, tuple[Any, ...]] = {}
         self._seen: list[tuple[int, ...]] = []
         len(self)  # a damaged file is found at once

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Final, TypeVar
 
 from fastapi import Depends, Header, Query
 from fastapi import Request as HttpRequest
+from pydantic import BaseModel
 from starlette.background import BackgroundTask
 from starlette.requests import ClientDisconnect
 from starlette.responses import FileResponse, Response
@@ -35,7 +36,7 @@ from modalmotion_service.http.negotiation import (
     preferred_wait,
     tag_of,
 )
-from modalmotion_service.schemas.from_core import JsonBody
+from modalmotion_service.schemas.from_core import JsonBody, read_from
 from modalmotion_service.schemas.general import JobAnswer, JobState
 from modalmotion_service.schemas.queries import CasesRequest, LabelledSequence
 from modalmotion_service.workspace.jobs import Job
@@ -88,14 +89,12 @@ class Asked:
         """Give the answer 304 where the client has what the tag represents."""
         return not_modified(tag) if is_known(self.http, tag) else None
 
-    def json(
-        self, answer: Any, status: int = 200, headers: Mapping[str, str] | None = None
-    ) -> Response:
+    def json(self, answer: BaseModel, headers: Mapping[str, str] | None = None) -> Response:
         """Answer with a model as JSON, and its tag."""
         body = answer.model_dump_json()
         tag = tag_of(body)
         known = self.knows(tag) if self.http.method in ("GET", "HEAD") else None
-        return known or Response(body, status, {"ETag": tag, **(headers or {})}, JSON)
+        return known or Response(body, 200, {"ETag": tag, **(headers or {})}, JSON)
 
     async def do(
         self,
@@ -305,28 +304,21 @@ def job_answer(job: Job, text: str | None = None) -> JobAnswer:
     here = f"/v1/jobs/{job.id}"
     # Noted a little before the job has succeeded.
     result = (job.state == JobState.SUCCEEDED and job.result) or {}
-    return JobAnswer(
-        id=job.id,
-        kind=job.kind,
-        state=job.state,
-        progress=job.progress,
+    return read_from(
+        JobAnswer,
+        job,
         text=text or None,
         result=f"{here}/result" if "file" in result else result.get("link"),
-        error=job.error,
-        created=job.created,
-        updated=job.updated,
         links={"self": here},
     )
 
 
 def accepted(job: Job) -> Response:
     """Answer 202 with a job."""
-    headers = {
-        "Location": f"/v1/jobs/{job.id}",
-        "Retry-After": "1",
-        "Preference-Applied": "respond-async",
-    }
-    return Response(job_answer(job).model_dump_json(), 202, headers, JSON)
+    answer = job_answer(job)
+    headers = {"Location": answer.links["self"], "Retry-After": "1"}
+    headers["Preference-Applied"] = "respond-async"
+    return Response(answer.model_dump_json(), 202, headers, JSON)
 
 
 def page_of(names: list[str], limit: int, cursor: str | None) -> tuple[list[str], str | None]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from modalmotion.store import ImagesRecord, SequenceRecord
 from modalmotion.tracking import Track
-from modalmotion.tracking.result import Papillary
+from modalmotion.tracking.result import ImageAnswer
 from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from
 from modalmotion_service.schemas.general import FactsAnswer, ReadingAnswer
 from modalmotion_service.schemas.signatures import Label
@@ -73,26 +73,14 @@ class ImagesPageAnswer(Paged):
     images: list[ImagesSummary]
 
 
+@mirrors(ImageAnswer, without=["slope", "shift_sd", "localisation", "bent", "volume_correlation"])
 class ImagesEstimate(Answer):
     """What was found of images that were tracked."""
 
-    papillary: Papillary
-    """Convention of the volumes."""
-    papillary_volume: float
-    """Within the surface, like its outside; mm^3."""
     ejection_fractions: dict[str, float]
     """Under both conventions, percent."""
-    inside: float
-    """Brightness within the surface in the reference frame."""
-    outside: float
-    spread: float
-    """Standard deviation of brightness on one side."""
-    shifts: list[list[float]]
-    """By which each slice shows everything aside, mm; none of volumes."""
     shift_deviation: float
     """Of a shift along one axis, mm."""
-    found: list[float]
-    """Share of profiles with an edge in each frame."""
 
     @staticmethod
     def of(track: Track) -> ImagesEstimate | None:
@@ -108,37 +96,31 @@ class ImagesEstimate(Answer):
         )
 
 
+@mirrors(
+    Track,
+    without=[
+        *("sequence", "template", "amplitudes", "covariances", "prior", "deviations", "harmonic"),
+        *("residuals", "provenance", "data"),
+    ],
+)
 class TrackEstimate(Answer):
     """What was found, and how well; lengths in the unit of the sequence."""
 
     modes: list[Label]
-    reference: int | None
-    """Frame whose surface the start is; null for none."""
     noise: float
     """Standard deviation of a point."""
     residual_rms: list[float | None]
     """Of each frame, of the points that counted; null without any."""
     residual_p95: list[float | None]
-    inliers: list[float]
-    """Share of the points of each frame that counted."""
-    coverage: list[float]
-    """Share of the surface that points are at."""
-    unseen: list[int]
-    """Frames without points, which are interpolated."""
     deviation_across: list[float]
     """Of each frame: standard deviation of a vertex across the surface, RMS."""
     deviation_along: list[float]
     """The same in each direction along it, where the prior speaks."""
-    truncations: list[float]
-    """RMS of what the modes leave in each frame."""
     determined: list[list[float]]
     """Share of each mode that the data have set, across the surface and along it; below 0.5 it is
     the prior's."""
-    gap: float | None
-    """Distance of the shapes that both ways round the cycle end at; null of an open recording."""
     volumes: list[float] | None
     """Cubed unit; null of what encloses none."""
-    volume_deviations: list[float] | None
     ejection_fraction: float | None
     """Share of the largest volume that the smallest lacks, percent."""
     ejection_fraction_bound: float | None
@@ -149,7 +131,6 @@ class TrackEstimate(Answer):
     """Null where points were tracked."""
     parameters: dict[str, Any]
     """As they were used."""
-    notes: list[str]
 
     @staticmethod
     def of(track: Track) -> TrackEstimate:

@@ -12,7 +12,7 @@ from modalmotion.modes import ModeLabel
 from modalmotion.modes.topology import MESH
 from modalmotion.signature.choice import SceneError, SceneKind
 from modalmotion.signature.distance import Comparison
-from modalmotion.signature.front import Price, price_of
+from modalmotion.signature.front import Branch, Front, Price, price_of
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.noise import Noise
 from modalmotion.signature.parameters import SignatureKind, parameters_as_json
@@ -35,25 +35,18 @@ class PriceAnswer(Answer):
         return PriceAnswer(**vars(price))
 
 
+@mirrors(Branch, without=["counts", "joint_rms", "weighted_joint_rms"])
 class BranchAnswer(Answer):
     """RMS errors of all whole sets of one topology and one choice of components."""
 
-    topology: str
-    components: Components
     modes: list[int]
     amplitudes_per_frame: list[int]
     bytes: list[int]
     """Of the whole trajectory as float64."""
-    rms: list[float]
-    """Over all vertices and frames, in the length unit."""
-    weighted_rms: list[float]
-    """By the vertices' shares of the surface."""
     harmonics: list[int]
     rms_by_harmonics: list[list[float]]
     """By modes, then harmonics."""
     weighted_rms_by_harmonics: list[list[float]]
-    condition: float
-    ends_because: str
 
 
 @mirrors(SceneError)
@@ -82,16 +75,11 @@ class ChosenAnswer(Answer):
     notes: list[str]
 
 
+@mirrors(Front, without=["branches"])
 class TradeoffAnswer(Answer):
     """Cost and error of each choice on one sequence."""
 
     sequence_id: str
-    unit: str | None
-    n_frames: int
-    n_vertices: int
-    motion_rms: float
-    """The RMS error of no modes at all."""
-    weighted_motion_rms: float
     front: list[BranchAnswer]
     scene: dict[SceneKind, SceneErrorAnswer]
     limit: float | None
