@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from dataclasses import MISSING, fields, is_dataclass
-from functools import partial
 from types import UnionType
 from typing import (
     Annotated,
@@ -103,7 +102,7 @@ class Paged(Answer):
 
 Body = TypeVar("Body", bound=JsonBody)
 Value = TypeVar("Value")
-Made = TypeVar("Made", bound=Answer)
+Made = TypeVar("Made", bound=BaseModel)
 
 _HEADING: Final = re.compile(r"^    ([a-z_0-9, ]+) : (.*)$")
 _UNIT: Final = re.compile(r", (mm|s|length unit per s|bytes)(?: or None)?(?:, optional)?$")
@@ -123,36 +122,30 @@ def model_of(base: type[Body], *kinds: type, **replaced: Any) -> type[Body]:
         Fields of other types or limits than the classes say, as (type, Field(...)), and further
         ones; None for a field that is left out.
     """
-    known: dict[str, Any] = {}
+    made: dict[str, Any] = {}
     for kind in kinds:
         hints, words = get_type_hints(kind), descriptions(kind)
         for one in fields(kind):
-            if one.name in base.model_fields:
-                continue
-            made = one.default_factory
-            default = {"default": one.default} if made is MISSING else {"default_factory": made}
-            known[one.name] = (
-                hints[one.name],
-                partial(Field, **default, description=words.get(one.name)),
-            )
-    for name, how in replaced.items():
-        if how is None:
-            known.pop(name, None)
-        elif isinstance(how, Mapping):
-            hint, make = known[name]
-            known[name] = hint, partial(make, **how)
-        else:
-            known[name] = how
-    made_fields = {
-        name: (hint, field() if isinstance(field, partial) else field)
-        for name, (hint, field) in known.items()
-    }
-    model: type[Body] = create_model(  # type: ignore[call-overload]
+            how = replaced.get(one.name, {})
+            if isinstance(how, tuple):
+                made[one.name] = how
+            elif how is not None and one.name not in base.model_fields:
+                factory = one.default_factory
+                default = "default" if factory is MISSING else "default_factory"
+                stated = {default: one.default if factory is MISSING else factory, **how}
+                field = Field(**stated, description=words.get(one.name))
+                made[one.name] = hints[one.name], field
+    more = {name: how for name, how in replaced.items() if isinstance(how, tuple)}
+    return _with_fields(base, {**made, **more})
+
+
+def _with_fields(base: type[Made], made: dict[str, Any]) -> type[Made]:
+    model: type[Made] = create_model(
         base.__name__,
         __base__=base,
         __doc__=base.__doc__,
         __module__=base.__module__,
-        **made_fields,
+        **made,
     )
     return model
 
@@ -193,14 +186,7 @@ def mirrors(*kinds: type, without: Collection[str] = ()) -> Callable[[type[Made]
                 hint = _plain(hints[name], heading) if own is None else own.annotation
                 said = words if own is None else own.description or words
                 made[name] = hint, Field(description=said or None)
-        own_model: type[Made] = create_model(
-            model.__name__,
-            __base__=model,
-            __doc__=model.__doc__,
-            __module__=model.__module__,
-            **made,
-        )
-        return own_model
+        return _with_fields(model, made)
 
     return mirrored
 

@@ -17,6 +17,7 @@ from modalmotion.norm.deviation import (
 from modalmotion.signature.parameters import parameters_as_json
 from modalmotion.store import KeptModel, ModelRecord
 from modalmotion_service.schemas.from_core import Answer, Paged, mirrors
+from modalmotion_service.schemas.results import FigureAnswer
 
 
 class ModelSummary(Answer):
@@ -60,23 +61,15 @@ class CalibrationPoint(Answer):
     n_cases: int
 
 
-class Measured(Answer):
-    """A figure with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-
-
 _BY_CLASS: Final = ("class_auc", "sensitivity", "specificity")
 
 
 class Curves(Answer):
     """Figures of answers to labelled sequences; `methods` says how they are made."""
 
-    class_auc: dict[str, Measured]
-    sensitivity: dict[str, Measured]
-    specificity: dict[str, Measured]
+    class_auc: dict[str, FigureAnswer]
+    sensitivity: dict[str, FigureAnswer]
+    specificity: dict[str, FigureAnswer]
     calibration_curve: list[CalibrationPoint]
 
     @staticmethod
@@ -86,7 +79,7 @@ class Curves(Answer):
         curve = [dict(zip(points, one, strict=True)) for one in values["calibration_curve"]]
         named = {
             name: {
-                label: dict(zip(Measured.model_fields, figure, strict=True))
+                label: dict(zip(FigureAnswer.model_fields, figure, strict=True))
                 for label, figure in values[name].items()
             }
             for name in _BY_CLASS
