@@ -19,7 +19,15 @@ from typing import (
 )
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, create_model, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    create_model,
+    field_validator,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from modalmotion.store import NAME_PATTERN, VERSION_PATTERN
@@ -88,9 +96,17 @@ class Paging(Stated):
 
 
 class Answer(BaseModel):
-    """An answer; what checks it is built when it is first needed."""
+    """An answer; what checks it is built when it is first needed.
 
-    model_config = ConfigDict(defer_build=True, use_attribute_docstrings=True)
+    Members that are answers themselves may be values of the library, and lists arrays.
+    """
+
+    model_config = ConfigDict(defer_build=True, from_attributes=True, use_attribute_docstrings=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _as_list(cls, value: Any) -> Any:
+        return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 class Paged(Answer):
@@ -204,7 +220,7 @@ def _plain(hint: Any, heading: str) -> Any:
 
 
 def read_from(model: type[Made], source: object, **more: Any) -> Made:
-    """Make an answer of a value of the library, its members by their names, arrays as lists.
+    """Make an answer of a value of the library, its members by their names.
 
     Parameters
     ----------
@@ -213,16 +229,8 @@ def read_from(model: type[Made], source: object, **more: Any) -> Made:
     **more
         Members that the value does not have, or has otherwise.
     """
-    found = {
-        name: getattr(source, name)
-        for name in model.model_fields
-        if name not in more and hasattr(source, name)
-    }
-    plain = {
-        name: value.tolist() if isinstance(value, np.ndarray) else value
-        for name, value in found.items()
-    }
-    return model(**plain, **more)
+    names = [one for one in model.model_fields if one not in more and hasattr(source, one)]
+    return model(**{name: getattr(source, name) for name in names}, **more)
 
 
 def is_listed(hint: Any) -> bool:

@@ -16,7 +16,7 @@ from modalmotion.norm.deviation import (
 )
 from modalmotion.signature.parameters import parameters_as_json
 from modalmotion.store import KeptModel, ModelRecord
-from modalmotion_service.schemas.from_core import Answer, Paged, mirrors
+from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from
 from modalmotion_service.schemas.results import FigureAnswer
 
 
@@ -39,12 +39,10 @@ class ModelSummary(Answer):
     def of(record: ModelRecord, versions: list[int]) -> ModelSummary:
         """Write a record out."""
         here = f"/v1/models/{record.name}"
-        return ModelSummary(
-            name=record.name,
-            version=record.version,
-            id=record.id,
+        return read_from(
+            ModelSummary,
+            record,
             origin="trained" if record.created else "shipped",
-            classes=list(record.classes),
             created=record.created or None,
             versions=versions,
             links={"self": f"{here}@{record.version}", "newest": here},

@@ -71,7 +71,6 @@ class ClassificationAnswer(Answer):
             result,
             version=version,
             probabilities=dict(zip(result.classes, result.probabilities.tolist(), strict=True)),
-            explanation=[read_from(ContributionAnswer, part) for part in result.explanation],
             file=file,
         )
 

@@ -29,11 +29,6 @@ class PriceAnswer(Answer):
 
     milliseconds: dict[str, float]
 
-    @staticmethod
-    def of(price: Price) -> PriceAnswer:
-        """Write a price out."""
-        return PriceAnswer(**vars(price))
-
 
 @mirrors(Branch, without=["counts", "joint_rms", "weighted_joint_rms"])
 class BranchAnswer(Answer):
@@ -141,11 +136,6 @@ class SignaturePageAnswer(Paged):
 class LandmarksAnswer(Answer):
     """Where the natural coordinates sit, and how well the shape determines it."""
 
-    @staticmethod
-    def of(landmarks: Landmarks) -> LandmarksAnswer:
-        """Write landmarks out."""
-        return read_from(LandmarksAnswer, landmarks)
-
 
 class FrameErrors(Answer):
     """Distances between vertices and their reconstruction, by frame."""
@@ -225,25 +215,20 @@ class SignatureAnswer(Answer):
             modes=[Label.of(label) for label in signature.modes.labels],
             shape=signature.amplitudes.shape,
             components=parameters.components,
-            landmarks=_landmarks(signature.landmarks),
-            rotations=signature.rotations.matrices.tolist(),
-            rotation_determined=signature.rotations.is_determined.tolist(),
+            rotations=signature.rotations.matrices,
+            rotation_determined=signature.rotations.is_determined,
             errors=FrameErrors(
-                rms=signature.rms_errors.tolist(),
-                weighted_rms=signature.weighted_rms_errors.tolist(),
-                p95=signature.p95_errors.tolist(),
-                max=signature.max_errors.tolist(),
+                rms=signature.rms_errors,
+                weighted_rms=signature.weighted_rms_errors,
+                p95=signature.p95_errors,
+                max=signature.max_errors,
             ),
-            strain_energy=signature.strain_energy.sum(axis=1).tolist(),
-            price=PriceAnswer.of(price_of(signature)),
+            strain_energy=signature.strain_energy.sum(axis=1),
+            price=price_of(signature),
             choice=None if signature.choice is None else signature.choice.as_json(),
             facts=FactsAnswer.of(signature.facts),
             parameters=parameters_as_json(parameters),
         )
-
-
-def _landmarks(landmarks: Landmarks | None) -> LandmarksAnswer | None:
-    return None if landmarks is None else LandmarksAnswer.of(landmarks)
 
 
 @mirrors(Comparison)
@@ -274,7 +259,6 @@ class TemplateAnswer(Answer):
             template,
             topology=MESH if template.surface is None else template.surface.name,
             n_faces=len(template.faces),
-            landmarks=_landmarks(template.landmarks),
             links={"self": f"/v1/templates/{template.id}"},
         )
 
