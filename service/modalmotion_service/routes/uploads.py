@@ -205,28 +205,25 @@ def fields_of(form: FormData, model: type[JsonBody], *, takes_many: bool) -> dic
     """
     values: dict[str, Any] = {}
     whole: dict[str, Any] = {}
+    # Of these the second may be a field too.
     own = (FILES, MANIFEST) if takes_many else ("file",)
     for heading in form:
-        name, (value, *others) = column_of(heading), form.getlist(heading)
-        is_file = heading in own and not isinstance(value, str)
-        if name in values or (others and not (is_file and heading == FILES)):
+        name, found = column_of(heading), form.getlist(heading)
+        texts = [one for one in found if isinstance(one, str)]
+        is_file = heading in own and not texts
+        is_known = heading == PARAMETERS or name in model.model_fields or name in own[1:]
+        if not is_file and (len(texts) < len(found) or not (is_known or _is_fact_of(model, name))):
+            names = f"file, {PARAMETERS} and the names that /docs has for this call"
+            raise invalid(f"A form has {names}, not {heading[:80]}", "form", heading)
+        if name in values or (len(found) > 1 and not (is_file and heading == FILES)):
             raise ParameterError(
                 f"The form has several parts '{heading[:80]}'.",
                 remedy=f"Send one, or many files as parts '{FILES}' where a call takes many.",
             )
-        if is_file:
-            continue
-        if heading == PARAMETERS and isinstance(value, str):
-            whole = _object(value)
-        elif isinstance(value, str) and (
-            _is_fact_of(model, name)
-            or name in model.model_fields
-            or (takes_many and name == MANIFEST)
-        ):
-            values[name] = of_text(model, name, value)
-        else:
-            names = f"file, {PARAMETERS} and the names that /docs has for this call"
-            raise invalid(f"A form has {names}, not {heading[:80]}", "form", heading)
+        if heading == PARAMETERS:
+            whole = _object(texts[0])
+        elif not is_file:
+            values[name] = of_text(model, name, texts[0])
     return values | whole
 
 
