@@ -89,7 +89,7 @@ def explained(name: str) -> Iterator[None]:
         yield
     except (OSError, sqlite3.OperationalError) as error:
         raise StoreError(
-            f"{name} could not be read or written ({getattr(error, 'strerror', error)}).",
+            f"{name} could not be read or written ({getattr(error, 'strerror', None) or error}).",
             remedy="Check that the disk is not full and this user may write to it, and try again.",
         ) from error
     except sqlite3.DatabaseError as error:
@@ -351,17 +351,19 @@ class KeySnapshot(Authenticator):
     def _row(self, key_id: str) -> tuple[Any, ...] | None:
         if self._path is None:
             return None
-        seen = [*_stamp(self._path), *_stamp(self._path.with_name(f"{self._path.name}-wal"))]
-        if not seen or seen != self._seen:
-            # Immutable, unless a service has it open whose newest rows are beside it: else SQLite
-            # would make files there, to share it with writers.
-            is_live = len(seen) > 1 and seen[1][0] > 0
-            address = f"{self._path.absolute().as_uri()}?mode=ro{'' if is_live else '&immutable=1'}"
-            with explained(self._path.name), closing(sqlite3.connect(address, uri=True)) as file:
-                self._known = {row[0]: row for row in file.execute("SELECT * FROM keys")}
-            # One that was just written may be written again within a tick of its clock.
-            is_settled = all(time.time_ns() - at > _SETTLED_NS for _, at, _ in seen)
-            self._seen = seen if is_settled else []
+        with explained(self._path.name):
+            seen = [*_stamp(self._path), *_stamp(self._path.with_name(f"{self._path.name}-wal"))]
+            if not seen or seen != self._seen:
+                # Immutable, unless a service has it open whose newest rows are beside it: else
+                # SQLite would make files there, to share it with writers.
+                is_live = len(seen) > 1 and seen[1][0] > 0
+                how = "mode=ro" if is_live else "mode=ro&immutable=1"
+                address = f"{self._path.absolute().as_uri()}?{how}"
+                with closing(sqlite3.connect(address, uri=True)) as file:
+                    self._known = {row[0]: row for row in file.execute("SELECT * FROM keys")}
+                # One that was just written may be written again within a tick of its clock.
+                is_settled = all(time.time_ns() - at > _SETTLED_NS for _, at, _ in seen)
+                self._seen = seen if is_settled else []
         return self._known.get(key_id)
 
 

@@ -34,7 +34,7 @@ def usage_of(data_dir: Path) -> Iterator[dict[str, str | int]]:
     data_dir : Path
     """
     others = [path for path in sorted((data_dir / FOLDER).glob("[a-z0-9]*")) if path.is_dir()]
-    active = [key.owner for key in _active_keys(data_dir)]
+    active = [key.owner for key in _keys(data_dir) if key.state == "active"]
     for owner, root in ((LOCAL, data_dir), *((path.name, path) for path in others)):
         yield {
             "owner": owner,
@@ -89,8 +89,8 @@ def _remove(data_dir: Path, owner: str, root: Path, doomed: Path) -> None:
     try:
         if root.is_dir():
             with folder_lock(root / "lock"):
-                for key in _active_keys(data_dir):
-                    if key.owner == owner:
+                for key in _keys(data_dir):
+                    if key.owner == owner and key.revoked is None:
                         take_back_key(data_dir, key.id)
                 if doomed.is_dir():
                     shutil.rmtree(doomed)
@@ -104,11 +104,11 @@ def _remove(data_dir: Path, owner: str, root: Path, doomed: Path) -> None:
         raise cannot_write(doomed, error) from error
 
 
-def _active_keys(data_dir: Path) -> list[Key]:
+def _keys(data_dir: Path) -> list[Key]:
     if not (data_dir / KEYS).is_file():
         return []
     with KeyRing(data_dir) as ring:
-        return [key for key in ring.all() if key.state == "active"]
+        return ring.all()
 
 
 def _count(folder: Path, pattern: str) -> int:

@@ -218,7 +218,7 @@ def fields_of(form: FormData, model: type[JsonBody], *, takes_many: bool) -> dic
         if name in values or (len(found) > 1 and not (is_file and heading == FILES)):
             raise ParameterError(
                 f"The form has several parts '{heading[:80]}'.",
-                remedy=f"Send one, or many files as parts '{FILES}' where a call takes many.",
+                remedy=f"Send one, or many as parts named '{FILES}' where a call takes many.",
             )
         if heading == PARAMETERS:
             whole = _object(texts[0])

@@ -144,7 +144,7 @@ def test_a_kept_answer_loses_the_names_that_a_change_replaces_and_no_others(
         headers={"Idempotency-Key": "named"},
     )
     here = send().headers["location"]
-    assert fresh_client.patch(here, json={"facts": {"period": 0.8}}).status_code == 200
+    assert fresh_client.patch(here, json={"facts": {"modality": "cine"}}).status_code == 200
     assert (send().json()["subject"], send().json()["label"]) == ("P7", "rest")
     assert fresh_client.patch(here, json={"subject": "P8"}).status_code == 200
     assert (send().json()["subject"], send().json()["label"]) == (None, "rest")
