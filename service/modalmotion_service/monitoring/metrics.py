@@ -18,9 +18,9 @@ from prometheus_client.registry import Collector
 from modalmotion.errors import ModalMotionError, StoreError
 from modalmotion_service.errors import ClusterError, NoWorkerError
 from modalmotion_service.work.engine import Engine
+from modalmotion_service.workspace.operation import State
 from modalmotion_service.workspace.owners import Owners
 from modalmotion_service.workspace.spool import require_room
-from modalmotion_service.workspace.state import State
 
 
 def require_ready(local: State) -> None:

@@ -64,7 +64,9 @@ class ClassificationAnswer(Answer):
     """HDF5 file of this result, within the data folder; null if not stored."""
 
     @staticmethod
-    def of(result: Classification, version: int | None, file: str | None) -> ClassificationAnswer:
+    def of(
+        result: Classification, version: int | None, file: str | None = None
+    ) -> ClassificationAnswer:
         """Write a classification out."""
         return read_from(
             ClassificationAnswer,
