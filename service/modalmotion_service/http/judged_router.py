@@ -78,6 +78,11 @@ def checked(model: type[Body], data: bytes | str | dict[str, Any], where: str) -
 
 # Names that the query of a route may have, kept with it.
 _KNOWN: Final = "known_query"
+# Calls that have no parameters, by the one that has.
+_ELSEWHERE: Final = {
+    "/v1/sequences/{sequence_id}/signature": "This is the usual signature, of 7 modes. For others "
+    'send JSON such as {"modes": 12} to POST /v1/sequences/{id}/signatures.',
+}
 
 
 async def require_known(request: Request) -> None:
@@ -96,14 +101,16 @@ async def require_known(request: Request) -> None:
         known = of_route[_KNOWN]
         unknown = [name for name in query if name not in known]
         if unknown:
-            raise invalid("Extra inputs are not permitted", "query", *unknown)
+            remedy = _ELSEWHERE.get(request.scope["route"].path)
+            raise invalid("Extra inputs are not permitted", "query", *unknown, remedy=remedy)
 
 
-def invalid(message: str, where: str, *names: str) -> RequestValidationError:
+def invalid(
+    message: str, where: str, *names: str, remedy: str | None = None
+) -> RequestValidationError:
     """Make the error of parameters in a query, a form or a body that are not valid."""
-    return RequestValidationError(
-        [{"type": "invalid", "loc": (where, name[:80]), "msg": message} for name in names]
-    )
+    about = {"type": "invalid", "msg": message, "ctx": {"remedy": remedy}}
+    return RequestValidationError([{**about, "loc": (where, name[:80])} for name in names])
 
 
 def _names(dependant: Dependant) -> Iterator[str]:
