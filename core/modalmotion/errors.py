@@ -157,7 +157,6 @@ _PACKAGES: Final = {
     "jwt": "'PyJWT[crypto]'",
     "nrrd": "pynrrd",
     "opentelemetry": "opentelemetry-sdk opentelemetry-exporter-otlp-proto-http",
-    "vtkmodules": "vtk",
 }
 
 
