@@ -276,8 +276,8 @@ class FeatureOptions(JsonBody):
     topology: str | None = Field(None, max_length=80)
     """Of the signatures; mesh for spring modes."""
     kind: Literal["auto", "axis", "summary", "modes", "terms"] = "auto"
-    """Parts about the axis of the motion, modes in few numbers, modes, or modes and their terms, of a
-    transient."""
+    """Parts about the axis of the motion, modes in few numbers, modes, or modes and their terms, of
+    a transient."""
     timing: Literal["auto", "cycle", "transient"] = "auto"
     covariates: Literal["all"] | list[str] | None = None
     """Names of covariates that become columns, or all."""
