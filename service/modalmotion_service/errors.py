@@ -85,6 +85,6 @@ class ClusterError(ModalMotionError):
 
 
 class NoWorkerError(ClusterError):
-    """No worker process says that it is there."""
+    """No worker process is ready to work."""
 
     code = "no_worker"
