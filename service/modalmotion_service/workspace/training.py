@@ -25,7 +25,7 @@ from modalmotion.errors import (
     ParameterError,
     StoreError,
 )
-from modalmotion.mesh import Facts, Named
+from modalmotion.mesh import Facts
 from modalmotion.modes.topology import MESH
 from modalmotion.signature.making import SignatureKind, SignatureParameters
 from modalmotion.store import ModelRecord, ResultStore
@@ -372,4 +372,4 @@ def _cases(cases: list[Case], paths: list[Path | LeftOut]) -> Cases:
 
 def case_file(case: Case, path: Path) -> CaseFile:
     """Give a case with the file of its signature."""
-    return CaseFile(path, case.id, case.label, case.subject, Named(case.covariates))
+    return CaseFile(path, case.id, case.label, case.subject, dict(case.covariates))

@@ -18,7 +18,7 @@ from viewed_surfaces import VIEWED, scaled, viewed
 
 from modalmotion.classification import classify
 from modalmotion.codec import decode, encode
-from modalmotion.mesh.reference import reference_positions
+from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
