@@ -377,6 +377,6 @@ def _explained(call: Call) -> Iterator[None]:
         ) from error
     except (httpx2.HTTPError, httpx2.StreamError, httpx2.InvalidURL) as error:
         raise UnreachableError(
-            f"{what}: the connection broke or timed out ({type(error).__name__}: {error}).",
+            f"{what}: the connection broke, or met its timeout ({type(error).__name__}: {error}).",
             remedy="Send it again, with a longer timeout; or look at the service's log.",
         ) from error
