@@ -383,7 +383,7 @@ def test_read_outs_have_intervals_definitions_and_named_moments(
 def test_a_mode_has_one_colour_and_dash_and_a_picture(chromium: Browser, beat_page: str) -> None:
     with chromium.open(beat_page) as opened:
         page = opened.shown().page
-        opened.wait("modalmotion.pictures.strips.length === modalmotion.pictures.canvases.length")
+        opened.wait("modalmotion.pictures.strips.every(Boolean)")
         opened.wait("modalmotion.pictures.drawn !== null")
         seen = page.evaluate("""(() => {
             const style = (e) => getComputedStyle(e);
