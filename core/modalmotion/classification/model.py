@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import scipy
@@ -24,6 +24,9 @@ from modalmotion.modes.topology import CUP, CYLINDER, MESH, Topology
 from modalmotion.representation import FrozenArrays, shown
 from modalmotion.signature.making import SignatureKind, SignatureParameters
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
+
+if TYPE_CHECKING:
+    from modalmotion import Classification
 
 # Rounding of 1 - coverage.
 _ROUNDING: Final = 1e-9
@@ -185,6 +188,12 @@ class Model(FrozenArrays, Saved, Plotted):
             digest.update(f"{name} {array.shape}".encode())
             digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
         return digest.hexdigest()
+
+    def classify(self, motion: Any, **options: Any) -> Classification:
+        """Name the class of a motion: see `modalmotion.classify`."""
+        import modalmotion
+
+        return modalmotion.classify(motion, self, **options)
 
     @property
     def signature_parameters(self) -> SignatureParameters:

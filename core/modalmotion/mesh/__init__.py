@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from modalmotion.mesh.facts import WORDS as WORDS
     from modalmotion.mesh.facts import Corners as Corners
     from modalmotion.mesh.facts import Facts as Facts
-    from modalmotion.mesh.facts import Named as Named
     from modalmotion.mesh.facts import Place as Place
     from modalmotion.mesh.laplacian import cotangent_laplacian as cotangent_laplacian
     from modalmotion.mesh.laplacian import divergence as divergence

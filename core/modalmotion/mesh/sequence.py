@@ -23,8 +23,7 @@ from modalmotion.mesh.checks import (
 )
 from modalmotion.mesh.facts import NO_FACTS, Facts
 from modalmotion.mesh.triangles import connectivity_of
-from modalmotion.modes.order import require_shape
-from modalmotion.modes.topology import Topology
+from modalmotion.modes.topology import Topology, require_shape
 from modalmotion.representation import FrozenArrays, counted, shown
 
 # Odd numbers that mix the bits of x, y and z (Steele et al., Fast splittable pseudorandom number

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import LimitError, ParameterError
 from modalmotion.mesh.laplacian import graph_laplacian
 from modalmotion.mesh.triangles import connectivity_of
-from modalmotion.modes.mode_set import Surface
-from modalmotion.modes.topology import ModeLabel
+from modalmotion.modes.topology import ModeLabel, Surface
 from modalmotion.numeric.eigenpairs import MOST_EQUAL, lowest_eigenpairs
 from modalmotion.representation import FrozenArrays, shown
 

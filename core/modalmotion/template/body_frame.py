@@ -21,8 +21,7 @@ from modalmotion.errors import TopologyError
 from modalmotion.mesh import connectivity_of, face_normals, oriented_faces
 from modalmotion.numeric.scales import gram, inverse_of_cholesky, lengths
 from modalmotion.template.landmarks import Landmarks
-from modalmotion.template.template import Template
-from modalmotion.template.vibration_modes import nearest_in_use
+from modalmotion.template.template import Template, nearest_in_use
 
 
 class Components(StrEnum):
