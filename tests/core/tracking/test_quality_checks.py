@@ -44,7 +44,7 @@ def flat() -> list[Floats]:
         (filled, {}, "fill a volume"),
         (flat, {}, "are in a plane or on a line"),
         (
-            lambda: with_frame(CLOUDS[2] * 4.2),
+            lambda: with_frame(CLOUDS[2] * 5),
             {},
             "In frame 2 the data are .* of another size.*unit",
         ),
