@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted, Saved
-from modalmotion.classification.extractor import volume_share
 from modalmotion.classification.model import Model, Readable
 from modalmotion.classification.model_files import (
     DEFAULT_MODEL,
@@ -22,7 +21,7 @@ from modalmotion.classification.model_files import (
     shipped_for,
 )
 from modalmotion.classification.motion import Column, Motion
-from modalmotion.classification.motion_features import waves_of
+from modalmotion.classification.motion_features import volume_share, waves_of
 from modalmotion.classification.outliers import OUT_OF_DOMAIN, UNREADABLE, Flag
 from modalmotion.errors import ModeCountError, ParameterError, TopologyError
 from modalmotion.mesh import UNKNOWN

@@ -21,9 +21,9 @@ from modalmotion.classification.cases import (
     left_out_notes,
 )
 from modalmotion.classification.caveats import cohort_notes
-from modalmotion.classification.extractor import states_walls
 from modalmotion.classification.model import Readable
 from modalmotion.classification.motion import Motion
+from modalmotion.classification.motion_features import states_walls
 from modalmotion.classification.options import FEWER_MODES, OnError, TrainingOptions
 from modalmotion.errors import ModalMotionError, ParameterError, UnlikeCasesError
 from modalmotion.mesh.sequence import MEAN

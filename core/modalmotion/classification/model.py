@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted, Saved
 from modalmotion.classification.card import ModelCard
-from modalmotion.classification.extractor import VOLUME, Extractor
 from modalmotion.classification.motion import Column, Motion
+from modalmotion.classification.motion_features import VOLUME, Extractor
 from modalmotion.classification.outliers import OutlierDetector
 from modalmotion.classification.performance import CrossValidation
 from modalmotion.errors import TopologyError
@@ -301,10 +301,8 @@ def share_ranges(shares: Array, y: NDArray[np.int64], n_classes: int) -> Array:
 def answering_parts(model: Model) -> tuple[Arrays, dict[str, Any]]:
     """Take all of a model that an answer depends on to arrays and JSON values."""
     detector, readable = model.outliers, model.readable
-    typical = [one.typical.ravel() for one in model.tables if one.typical is not None]
     arrays: Arrays = {
         **{name: getattr(model, name) for name in OF_MODEL},
-        "typical": np.concatenate([np.zeros(0), *(p for z in typical for p in (z.real, z.imag))]),
         "n_strangeness": np.array([len(own) for own in model.strangeness], dtype=np.int64),
         "strangeness": np.concatenate(model.strangeness),
         **{name: getattr(detector, name) for name in OF_DETECTOR},

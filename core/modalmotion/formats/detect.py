@@ -36,6 +36,9 @@ MESH_FORMATS: Final = frozenset(
 )
 """Formats with one frame in each file."""
 
+STREAM: Final = b"MMSQ"
+"""First bytes of a compressed stream, which the codec reads."""
+
 _HEAD: Final = 1 << 16
 _OFF: Final = re.compile(rb"(?:ST)?C?N?OFF(?=\s|$)")
 _VTK_XML: Final = re.compile(rb"<VTKFile[^>]{0,2000}?\stype=[\"'](\w{1,60})[\"']")
@@ -75,7 +78,7 @@ _OTHERS: Final = (
         "a mesh for finite elements",
         CONVERT,
     ),
-    (rb"MMSQ", "a compressed stream", "Decode it: `modalmotion decode beat.mms -o beat.npz`."),
+    (STREAM, "a compressed stream", "Decode it: `modalmotion decode beat.mms -o beat.npz`."),
     (
         rb"[\w ,;.+\-\t\"]{3,200}\r?\n\s*[-+\d.\"]",
         "a table of numbers",

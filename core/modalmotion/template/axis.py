@@ -320,12 +320,7 @@ def _solved(
     stiffness = _stiffness(surface)
     right = sources[free] - (stiffness @ u)[free]
     try:
-        return solve_positive_definite(
-            scipy.sparse.csc_array(stiffness[free][:, free]),
-            right,
-            surface.vertices[free],
-            report,
-        )
+        return solve_positive_definite(stiffness[free][:, free], right, report)
     except RuntimeError:
         return None
 

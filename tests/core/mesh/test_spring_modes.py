@@ -10,14 +10,13 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import eigsh
 from template_surfaces import make_ventricle, ring_points, sheet_points
 
-import modalmotion.numeric.eigenpairs as eigenpairs_module
+import modalmotion.mesh.spring_modes as eigenpairs_module
 from modalmotion.errors import LimitError, ModeCountError
 from modalmotion.mesh import connectivity_of, graph_laplacian
 from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.mesh.spring_modes import spring_modes
+from modalmotion.mesh.spring_modes import lowest_eigenpairs, spring_modes
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import PLANE
-from modalmotion.numeric.eigenpairs import lowest_eigenpairs
 from modalmotion.template import choose_modes, make_template
 
 NO_PROBES = np.zeros((0, 0))
