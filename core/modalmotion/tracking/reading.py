@@ -235,7 +235,8 @@ def _of_files(
                 landmarks[mark] = place
                 continue
             # Beside what is known of others.
-            rows = np.array(landmarks.get(mark, np.tile(_NOWHERE, (len(names), 1))))
+            known = landmarks.get(mark, _NOWHERE)
+            rows = np.array(np.broadcast_to(known, (len(names), 3)))
             rows[frame_of] = place
             landmarks[mark] = rows
         notes += file.notes
