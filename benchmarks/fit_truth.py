@@ -38,7 +38,7 @@ def excess_of(clean: mm.MeshSequence, noisy: mm.MeshSequence, kept: int) -> floa
         for a in (found.amplitudes - true.amplitudes, true.amplitudes)
     )
     beyond = (true.weighted_rms_errors**2).sum()
-    counts = sorted({len(choose_modes(template, n).modes) for n in range(1, 201)} | {kept})
+    counts = sorted({len(choose_modes(template, n)[0]) for n in range(1, 201)} | {kept})
     risks = {n: beyond + brought[:n].sum() + lost[n:].sum() for n in counts}
     return float(np.sqrt(risks[kept] / min(risks.values())))
 

@@ -12,6 +12,8 @@ from altered_beats import ALTERED, mirror_image
 from foreign_motions import FLAGGED
 from measure import side_by_side
 from third_generator import hearts
+from train_shipped import RECIPES
+from train_shipped import hearts as own_hearts
 
 from modalmotion.classification import (
     DEFAULT_MODEL,
@@ -23,8 +25,6 @@ from modalmotion.classification import (
 )
 from modalmotion.classification import train as trained
 from modalmotion.classification.evaluation import CaseAnswer, evaluation_of
-from modalmotion.classification.train_shipped import RECIPES
-from modalmotion.classification.train_shipped import hearts as own_hearts
 from modalmotion.mesh import Cavity
 from modalmotion.signature.making import modal_signature
 from modalmotion.simulate import MotionClass, simulate_cohort, simulate_ventricle

@@ -39,7 +39,7 @@ def smoothed(name: str) -> MeshSequence:
     x = recorded.vertices.astype(np.float64)
     n_frames = len(x)
     template = make_template(recorded)
-    basis = make_basis(template, choose_modes(template, 60).modes)
+    basis = make_basis(template, choose_modes(template, 60)[0])
     turns = 2 * np.pi * np.arange(n_frames) / n_frames
     n_waves = min(6, (n_frames - 2) // 4)
     waves = [f(p * turns) for p in range(1, n_waves + 1) for f in (np.cos, np.sin)]

@@ -13,8 +13,8 @@ from modalmotion.formats import read_npz
 from modalmotion.mesh.sequence import MeshSequence
 
 sys.path.extend(
-    str(Path(__file__).resolve().parents[1] / "tests" / folder)
-    for folder in ("support", "slow_twins", "extremes")
+    str(Path(__file__).resolve().parents[1] / folder)
+    for folder in ("tests/support", "tests/slow_twins", "tests/extremes", "tools")
 )
 
 from project import DATA as DATA

@@ -73,7 +73,7 @@ def stages() -> str:
     made = individual(np.random.default_rng(1994))
     sequence = mesh_sequence(made.vertices.astype(np.float32), made.faces, unit="mm")
     template = make_template(sequence)
-    chosen = choose_modes(template, 7).modes
+    chosen = choose_modes(template, 7)[0]
     basis = make_basis(template, chosen)
     signature = modal_signature(sequence)
     fit = Fitter.of(sequence, template).fit

@@ -13,7 +13,7 @@ from scipy.sparse.linalg import eigsh
 from template_surfaces import MAKERS
 
 from modalmotion.mesh import cotangent_laplacian, vertex_areas
-from modalmotion.mesh.reference import displacements_from
+from modalmotion.mesh.alignment import displacements_from
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.mesh.spring_modes import spring_modes
 from modalmotion.modes import lowest_modes, whole_count

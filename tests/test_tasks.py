@@ -11,6 +11,7 @@ import pytest
 from ellipsoid_images import labels
 
 import modalmotion as mm
+from modalmotion.arguments.checking import OF_ANSWERS
 from modalmotion.formats.volumes.nifti import write_nifti
 from modalmotion.images import ImageSequence
 
@@ -33,6 +34,19 @@ def test_every_task_is_found_by_its_name() -> None:
         assert {"plot", "save"} <= set(dir(kind))
     # What users never need is below.
     assert not {"project_all", "superpose_all", "whole_count"} & set(dir(mm))
+
+
+def test_a_figure_that_is_looked_for_on_a_recording_is_found(beat: mm.MeshSequence) -> None:
+    for method, names in OF_ANSWERS.items():
+        answer = getattr(beat, method)()
+        for name in names:
+            assert hasattr(answer, name)
+            with pytest.raises(AttributeError, match=rf"Write \.{method}\(\)\.{name}"):
+                getattr(beat, name)
+    with pytest.raises(AttributeError, match=r"no attribute 'nothing'\.$"):
+        beat.nothing  # type: ignore[attr-defined]  # noqa: B018
+    model = mm.load_model()
+    assert model.classify(beat).label == beat.classify(model).label
 
 
 def test_the_lines_of_the_help_run(

@@ -127,7 +127,7 @@ def test_a_tolerance_is_two_standard_errors_and_a_third_of_the_way_to_the_goal_a
 
     assert tolerance(Row("fit.x", "x")) == pytest.approx(2 * spread, rel=0.06)
     way = abs(float(f"{value:.6g}") - goal)
-    bound = min(2 * spread, way / 3 or math.inf)
+    bound = min(2 * spread, way / 3 if way else math.inf)
     assert tolerance(Row("fit.x", "x", goal=goal)) == pytest.approx(bound, rel=0.06)
     # Within a range the nearer bound counts.
     inside = Row("fit.x", "x", goal=(value - 3 * spread, value + 30 * spread))

@@ -26,9 +26,15 @@ from modalmotion.clinical import clinical_readouts
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes import dispersion, group_velocity, phase_velocity
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.order import parse_label
 from modalmotion.modes.oscillators import animate_along
-from modalmotion.modes.topology import CYLINDER, OPEN_CURVE, PLANE, TORUS
+from modalmotion.modes.topology import (
+    CYLINDER,
+    OPEN_CURVE,
+    PLANE,
+    TORUS,
+    lattice_coordinates,
+    parse_label,
+)
 from modalmotion.pictures.modes import COLOURS, draw_shape
 from modalmotion.pictures.movie import Extent, draw_moved
 from modalmotion.pictures.signature import main_trajectories
@@ -61,7 +67,7 @@ def chain() -> Figure:
     shapes, relation, speeds = figure.subplots(1, 3)
     lattice = Lattice(OPEN_CURVE, (16,))
     modes = lattice_modes(lattice, 4)
-    x = lattice.natural_coordinates[:, 0]
+    x = lattice_coordinates(lattice.topology, lattice.shape)[:, 0]
     for mode in range(1, 4):
         shapes.plot(x, modes.shapes[:, mode] - 3.5 * mode, "o-", markersize=3, color=BLUE)
         shapes.text(1.02, -3.5 * mode, str(modes.labels[mode]), va="center", fontsize=8)

@@ -78,7 +78,7 @@ def decode_mutants(count: int, library: Path) -> None:
 
     rng, chance = random.Random(1994), np.random.default_rng(7)  # noqa: S311 - of damage
     targets: tuple[dict[str, Any], ...] = (
-        {"rms": 0.3, "keep_face_order": True},
+        {"rms": 0.3},
         {"max_error": 0.05},
     )
     kept = [

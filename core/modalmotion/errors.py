@@ -24,9 +24,11 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import ClassVar, Final
+from types import ModuleType
+from typing import ClassVar, Final, NoReturn
 
 
 class ModalMotionError(Exception):
@@ -155,7 +157,6 @@ _PACKAGES: Final = {
     "jwt": "'PyJWT[crypto]'",
     "nrrd": "pynrrd",
     "opentelemetry": "opentelemetry-sdk opentelemetry-exporter-otlp-proto-http",
-    "vtkmodules": "vtk",
 }
 
 
@@ -209,3 +210,22 @@ class OlderFileError(StoreError):
     """A file was written by an older version."""
 
     code = "older_file"
+
+
+class Package(ModuleType):
+    """A package that is called as if it were a function: the error says what to write."""
+
+    def __call__(self, *_: object, **__: object) -> NoReturn:
+        """Refuse the call."""
+        own = self.__name__.rpartition(".")[2]
+        functions = [name for name in self.__all__ if own in name and name.islower()]
+        raise TypeError(
+            f"{self.__name__} is a package, not a function. Write "
+            f"{' or '.join(f'{name}(...)' for name in functions) or self.__name__ + '.name(...)'}."
+        )
+
+
+def not_to_be_called(package: str) -> None:
+    """Let calls of a package say what to write instead."""
+    if package in sys.modules:
+        sys.modules[package].__class__ = Package

@@ -50,7 +50,7 @@ from modalmotion_service.schemas.general import Problem
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.pool import WorkerPool, open_engine
 from modalmotion_service.work.upload import say_whether_confined
-from modalmotion_service.workspace.background import for_ever
+from modalmotion_service.workspace.job_runner import for_ever
 from modalmotion_service.workspace.owners import Owners, trainings_at_once
 
 

@@ -25,8 +25,8 @@ from modalmotion.formats import ReadOptions, read_sequence, write_npz, write_raw
 from modalmotion.formats.named_arrays import read_raw
 from modalmotion.mesh import Facts, facts_from_texts
 from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
-from modalmotion.modes.order import modes_named, parse_label
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.lattice import modes_named
+from modalmotion.modes.topology import CUP, parse_label
 from modalmotion.signature.distance import compare
 from modalmotion.signature.making import (
     ModalSignature,
@@ -181,15 +181,6 @@ TRIED = (
         ),
     ),
     Try(
-        "Omit split_pairs, or set modes or amplitudes.",
-        lambda: fitted(tolerance=3.0, split_pairs=True),
-        (
-            lambda _: fitted(tolerance=3.0),
-            lambda _: fitted(modes=4, split_pairs=True),
-            lambda _: fitted(amplitudes=12, split_pairs=True),
-        ),
-    ),
-    Try(
         "Allow a tolerance of",
         lambda: fitted(surface(n=30), tolerance=1e-5),
         (lambda text: fitted(surface(n=30), tolerance=number_in(text, "a tolerance of")),),
@@ -331,14 +322,6 @@ TRIED = (
                 encode(surface(n=40), rms=1.0, effort="fast").data,
                 frames=range(int(number_in(text, "0 to"))),
             ),
-        ),
-    ),
-    Try(
-        "Use n_threads=1 or more.",
-        lambda: decode(encode(surface(n=40), rms=1.0, effort="fast").data, n_threads=0),
-        (
-            lambda _: decode(encode(surface(n=40), rms=1.0, effort="fast").data, n_threads=1),
-            lambda _: decode(encode(surface(n=40), rms=1.0, effort="fast").data, n_threads=2),
         ),
     ),
     Try(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from modalmotion.modes import ModeSet, lowest_modes
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP, CYLINDER, SPHERE, TORUS
+from modalmotion.modes.topology import CUP, CYLINDER, SPHERE, TORUS, lattice_coordinates
 from modalmotion.modes.transform import project, project_all, superpose, superpose_all
 
 Row = tuple[str, str, Callable[[], float], float, Callable[[], float] | None]
@@ -39,7 +39,7 @@ def beat(lattice: Lattice, start: float = 0.0, sense: float = 1.0) -> NDArray[np
     -------
     (3 frames, nodes, 3) float64, mm
     """
-    s, turns = lattice.natural_coordinates.T
+    s, turns = lattice_coordinates(lattice.topology, lattice.shape).T
     theta = 2 * np.pi * (sense * turns + start)
     radius, height = 25 * np.sin(0.5 * np.pi * (0.2 + 0.8 * s)), 80 * s
     rest = np.stack([radius * np.cos(theta), radius * np.sin(theta), height], axis=1)

@@ -12,7 +12,6 @@ from text_of_modes import (
     Edges,
     dct2,
     edges_of,
-    fourier,
     lattice_modes,
     patches_of,
     spring_modes,
@@ -58,11 +57,11 @@ def block(data: bytes, f: int, N: int, modes: Array, edges: Edges, form: str) ->
     origin = np.array([source.zigzag() for _ in range(3)])
     width, rows, n_modes, n_components = (source.varint() for _ in range(4))
     read_matrix = mixed_matrix if source.byte() else matrix
-    largest, P = (source.varint(), source.varint()) if kind == 3 else (0, 0)
+    largest, P = (source.varint(), source.varint()) if kind == 2 else (0, 0)
     coded = Coded(source.data[source.at :])
-    if kind == 3:
+    if kind == 2:
         members = parts_of(coded, patches_of(set(range(N)), edges, largest), P)
-    components = read_matrix(coded, n_components, (0, 0, 3 * f, 3 * f)[kind])
+    components = read_matrix(coded, n_components, 3 * f if kind else 0)
     coefficients = read_matrix(coded, rows, n_modes)
     maps = read_matrix(coded, n_components, 4 * P)
 
@@ -72,10 +71,10 @@ def block(data: bytes, f: int, N: int, modes: Array, edges: Edges, form: str) ->
         return found
 
     over_space = values(coefficients) @ modes[:n_modes]
-    if kind == 3:
+    if kind == 2:
         over_space[3:] += mapped(values(maps), over_space[:3] / np.sqrt(f), members)
     positions = np.zeros((f, 3, N))
-    fixed = (dct2 if kind != 1 else fourier)(f)[: rows // 3 if kind < 2 else 1]
+    fixed = dct2(f)[: 1 if kind else rows // 3]
     for c, component in enumerate(fixed):
         positions += component[:, None, None] * over_space[3 * c : 3 * c + 3]
     learned = values(components)

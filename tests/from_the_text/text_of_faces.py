@@ -13,21 +13,21 @@ from text_of_numbers import Answers, Coded
 
 def walk(data: bytes, M: int, N: int) -> list[list[int]]:
     """Section 10, kind 0."""
-    answers = Answers(Coded(data[3:]))
-    triangles, n_met = walk_triangles(answers, data[1], M)
-    node_of = order_of_vertices(answers, triangles, N, data[2])
+    answers = Answers(Coded(data[2:]))
+    triangles, n_met = walk_triangles(answers, M)
+    node_of = order_of_vertices(answers, triangles, N, data[1])
     vertex_of = {node: vertex for vertex, node in enumerate(node_of)}
     assert sorted(vertex_of) == list(range(N))
     assert n_met <= N
     return [[vertex_of[node] for node in face] for face in triangles]
 
 
-def walk_triangles(answers: Answers, period: int, M: int) -> tuple[list[list[int]], int]:
+def walk_triangles(answers: Answers, M: int) -> tuple[list[list[int]], int]:
     used, pivots, n_met = list[int](), deque[int](), 0
     ahead: dict[int, list[int]] = defaultdict(list)
     behind: dict[int, list[int]] = defaultdict(list)
     around: dict[int, int] = defaultdict(int)
-    codes, in_role = (0,) * 6, dict[int, int]()
+    codes, at_corner = (0,) * 6, dict[int, int]()
     faces: list[list[int]] = []
 
     def drop() -> None:
@@ -38,7 +38,6 @@ def walk_triangles(answers: Answers, period: int, M: int) -> tuple[list[list[int
     kinds = 0
     while len(faces) < M:
         corner = len(face)
-        role = 3 * (len(faces) % period) + corner
         named: dict[int, int] = {0: n_met}
         if corner:
             if ahead[face[-1]]:
@@ -55,13 +54,13 @@ def walk_triangles(answers: Answers, period: int, M: int) -> tuple[list[list[int
         if corner and 2 in named:
             y = around[named[2]]
         contexts = (
-            (role, kinds, codes[-3:]),
-            (role, kinds, codes),
+            (corner, kinds, codes[-3:]),
+            (corner, kinds, codes),
             (kinds, a, b, y),
             (kinds, a, y, codes[-2:]),
             (kinds, a, codes[-1]),
             (kinds, a, b),
-            (role, kinds, in_role.get(role, 0)),
+            (corner, kinds, at_corner.get(corner, 0)),
         )
         kind = 3
         for asked in ((1, 2, 0), (1, 0, 2), (0, 2, 1))[corner]:
@@ -73,7 +72,7 @@ def walk_triangles(answers: Answers, period: int, M: int) -> tuple[list[list[int
             drop()
             codes = (*codes[1:], 64)
             continue
-        v = used[-1 - answers.number("older", corner, role)] if kind == 3 else named[kind]
+        v = used[-1 - answers.number("older", corner)] if kind == 3 else named[kind]
         if kind == 0:
             n_met += 1
             pivots.append(v)
@@ -81,7 +80,7 @@ def walk_triangles(answers: Answers, period: int, M: int) -> tuple[list[list[int
             used.remove(v)
         used.append(v)
         face.append(v)
-        in_role[role] = kind
+        at_corner[corner] = kind
         kinds = 4 * kinds + kind
         if corner == 2:
             for s, e in zip(face, face[1:] + face[:1], strict=True):

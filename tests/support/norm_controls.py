@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import modalmotion as mm
-from modalmotion.classification.extractor import Extractor
 from modalmotion.classification.model import Readable
+from modalmotion.classification.motion_features import Extractor
 from modalmotion.norm import Norm
 from modalmotion.norm.norm import Reading
 from modalmotion.simulate import MotionClass, draw_parameters

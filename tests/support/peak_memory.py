@@ -16,7 +16,7 @@ from modalmotion.formats.parser.child import answer_next
 from modalmotion.formats.parser.registry import prepare
 from modalmotion.formats.volumes.reading import kind_of_image
 
-TASKS = ("nifti", "nrrd", "metaimage", "dicom", "hdf5", "vtp")
+TASKS = ("nifti", "nrrd", "metaimage", "dicom", "hdf5")
 
 
 def parsed(task: str, data: bytes) -> str:

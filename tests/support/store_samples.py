@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -115,7 +116,7 @@ def tree(root: Path) -> dict[str, bytes]:
     }
 
 
-def all_pages(store: ResultStore, limit: int, **filters: str) -> list[str]:
+def all_pages(store: ResultStore, limit: int, **filters: Any) -> list[str]:
     """Ids of the lists' pages, one after another."""
     ids, cursor = [], None
     for _ in range(100):

@@ -57,7 +57,7 @@ def describe(
     """Fit a sequence, amplitudes in the frame of the body where there is one."""
     sequence = mesh_sequence(*moving, topology=topology)
     template = make_template(sequence, landmarks=landmarks, closed_form=closed_form)
-    basis = make_basis(template, choose_modes(template, n_modes).modes)
+    basis = make_basis(template, choose_modes(template, n_modes)[0])
     fit = fit_sequence(sequence, template, basis, components=components)
     amplitudes = fit.amplitudes
     if template.landmarks is not None and components == Components.CARTESIAN:

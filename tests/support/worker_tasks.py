@@ -91,7 +91,7 @@ def remembered() -> dict[str, int]:
 def parse_and_tell(data: bytes, times: int = 1) -> list[int]:
     """Have a file parsed; numbers of what forks parsers and of the parser that lives."""
     for _ in range(times):
-        parser_for(DEFAULT_LIMITS).parse("vtp", data)
+        parser_for(DEFAULT_LIMITS).parse("hdf5", data)
     (forks,) = _forks
     children = Path(f"/proc/{forks.pid}/task/{forks.pid}/children").read_text()
     return [forks.pid, *map(int, children.split())]

@@ -188,16 +188,9 @@ function chosenFile() {
   });
 }
 
-// The page's own text is on the screen, or not seen at all.
-const painted = () =>
-  new Promise((done) => {
-    new PerformanceObserver(done).observe({ type: "largest-contentful-paint", buffered: true });
-    setTimeout(done, 500);
-  });
-
 // A single file: everything stands in the page, with a first view as text, which is seen at once.
 async function fromPage(root, holders) {
-  const [payloads] = await Promise.all([Promise.all([...holders].map(bufferOf)), painted()]);
+  const payloads = await Promise.all([...holders].map(bufferOf));
   let viewer = null;
   viewer = new Viewer(root, payloads, {
     frames: async (motion, add) => {
@@ -273,7 +266,7 @@ const copied = (view) => view.buffer.slice(view.byteOffset, view.byteOffset + vi
 const host = document.getElementById("modalmotion");
 if (host) {
   const holders = document.querySelectorAll("script[data-payload]");
-  if (holders.length) setTimeout(() => fromPage(host, holders));
+  if (holders.length) fromPage(host, holders);
   else new Pages(host);
 }
 

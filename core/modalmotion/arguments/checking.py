@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 
-from modalmotion.errors import InputError, ParameterError, ShapeError
+from modalmotion.errors import InputError, ParameterError, ShapeError, not_to_be_called
 from modalmotion.representation import with_article
 
 if TYPE_CHECKING:
@@ -61,6 +61,7 @@ def check_arguments(public: dict[str, Any]) -> None:
     public : dict
         The package's `globals()`.
     """
+    not_to_be_called(public["__name__"])
     for name in public["__all__"]:
         if name in public:
             public[name] = checked(public[name], public["__name__"])
@@ -420,8 +421,31 @@ class Plotted:
         return modalmotion.plot(self, path)
 
 
+# What is often looked for on a recording, by the method whose answer has it.
+OF_ANSWERS: Final = {
+    "readouts": ("ejection_fraction", "stroke_volume", "curve"),
+    "strain": ("gls", "gcs", "gas", "end_diastole", "end_systole"),
+    "signature": ("amplitudes", "modes", "rms_error", "rms_errors"),
+    "classify": ("label", "probability", "class_set"),
+}
+
+
 class Recorded(Saved, Plotted):
     """A moving surface: a sequence or a track."""
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Say where a figure is that is looked for here."""
+            told = "".join(
+                f" Write .{method}().{name}"
+                for method, names in OF_ANSWERS.items()
+                if name in names
+            )
+            kind = type(self).__name__
+            raise AttributeError(
+                f"{kind!r} object has no attribute {name!r}.{told}", name=name, obj=self
+            )
 
     def signature(self: Any, *parameters: Any, **fields: Any) -> ModalSignature:
         """Fit modes, `signature(modes=7)`: see `modalmotion.modal_signature`."""

@@ -8,6 +8,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
+from modalmotion.errors import not_to_be_called
+
 # A formatter puts long names in parentheses, and one home's names may follow one another there.
 _FROM: Final = re.compile(r"^    from (modalmotion\.[\w.]+) import (\([^)]*\)|.*)$", re.MULTILINE)
 _NAMED: Final = re.compile(r"\b(\w+) as \1\b")
@@ -30,6 +32,7 @@ def public_list(
     folder = Path(package["__file__"]).parent
     homes = homes_in(folder / "__init__.py")
     names = sorted(homes)
+    not_to_be_called(package["__name__"])
 
     def get(name: str) -> object:
         if name not in homes:

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted, Saved
-from modalmotion.classification.extractor import volume_share
 from modalmotion.classification.model import Model, Readable
 from modalmotion.classification.model_files import (
     DEFAULT_MODEL,
@@ -22,13 +21,13 @@ from modalmotion.classification.model_files import (
     shipped_for,
 )
 from modalmotion.classification.motion import Column, Motion
-from modalmotion.classification.motion_features import waves_of
+from modalmotion.classification.motion_features import volume_share, waves_of
 from modalmotion.classification.outliers import OUT_OF_DOMAIN, UNREADABLE, Flag
 from modalmotion.errors import ModeCountError, ParameterError, TopologyError
 from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MEAN, MeshSequence
 from modalmotion.modes import Modes
-from modalmotion.modes.order import common_count
+from modalmotion.modes.mode_set import common_count
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature, modal_signature, provenance

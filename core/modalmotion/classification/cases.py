@@ -17,7 +17,7 @@ from modalmotion.errors import (
     OlderFileError,
     ParameterError,
 )
-from modalmotion.mesh import Facts, Named
+from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import counted, shown
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
@@ -54,7 +54,7 @@ class TrainingCase:
     label: str
     subject: str | None = None
     name: str = ""
-    covariates: Mapping[str, float | str] = field(default_factory=Named)
+    covariates: Mapping[str, float | str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.covariates:
@@ -132,7 +132,7 @@ class CaseFile:
     sequence_id: str
     label: str
     subject: str | None = None
-    covariates: Mapping[str, float | str] = field(default_factory=Named)
+    covariates: Mapping[str, float | str] = field(default_factory=dict)
 
     @property
     def name(self) -> str:

@@ -21,13 +21,13 @@ from modalmotion.classification.cases import (
     left_out_notes,
 )
 from modalmotion.classification.caveats import cohort_notes
-from modalmotion.classification.extractor import states_walls
 from modalmotion.classification.model import Readable
 from modalmotion.classification.motion import Motion
+from modalmotion.classification.motion_features import states_walls
 from modalmotion.classification.options import FEWER_MODES, OnError, TrainingOptions
 from modalmotion.errors import ModalMotionError, ParameterError, UnlikeCasesError
 from modalmotion.mesh.sequence import MEAN
-from modalmotion.modes.order import common_count
+from modalmotion.modes.mode_set import common_count
 from modalmotion.modes.topology import MESH
 from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
 from modalmotion.signature.value import first_modes

@@ -6,14 +6,20 @@ import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from operator import index
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.cohort import Cohort
-from modalmotion.classification.extractor import (
+from modalmotion.classification.linear import (
+    Linear,
+    discriminant,
+    left_out_scores,
+    log_losses,
+    temperature_of,
+)
+from modalmotion.classification.motion_features import (
     AXIS,
     SUMMARY,
     TERMS,
@@ -22,13 +28,6 @@ from modalmotion.classification.extractor import (
     Extractor,
     kinds_of,
     timings_of,
-)
-from modalmotion.classification.linear import (
-    Linear,
-    discriminant,
-    left_out_scores,
-    log_losses,
-    temperature_of,
 )
 from modalmotion.classification.options import MODE_COUNTS, TrainingOptions
 from modalmotion.errors import ParameterError
@@ -107,7 +106,7 @@ class Tables:
     def __init__(self, cohort: Cohort, options: TrainingOptions) -> None:
         self.cohort = cohort
         self._options = options
-        self._values: dict[tuple[object, ...], Array] = {}
+        self._values: dict[Extractor, Array] = {}
 
     @cached_property
     def read(self) -> tuple[Extractor, ...]:
@@ -127,17 +126,10 @@ class Tables:
 
     def values(self, extractor: Extractor) -> Array:
         """Features of all cases, (cases, features)."""
-        if extractor.learns:
-            return np.stack([extractor.values(motion) for motion in self.cohort.motions])
-        key = (extractor.what, extractor.is_cycle, extractor.n_modes)
-        if key not in self._values:
+        if extractor not in self._values:
             values = [extractor.values(motion) for motion in self.cohort.motions]
-            self._values[key] = np.stack(values)
-        return self._values[key]
-
-    def fitted(self, extractor: Extractor, rows: Rows) -> Extractor:
-        """Give a table what it learns from some cases."""
-        return extractor.fitted(self.cohort.motions[k] for k in rows.tolist())
+            self._values[extractor] = np.stack(values)
+        return self._values[extractor]
 
 
 def fit_rows(tables: Tables, rows: Rows) -> Fit:
@@ -158,13 +150,9 @@ def fit_rows(tables: Tables, rows: Rows) -> Fit:
     found = []
     for weight, k in zip(weights.tolist(), order.tolist(), strict=True):
         one = tried[k]
-        extractor, X = one.extractor, one.X
-        if len(compared) < len(rows):
-            extractor = tables.fitted(extractor, rows)
-            X = tables.values(extractor)
-        linear = discriminant(X[rows], cohort.y[rows], n_classes)
+        linear = discriminant(one.X[rows], cohort.y[rows], n_classes)
         factor = weight / (one.temperature * temperature)
-        found.append(TableFit(extractor, X, linear.times(factor), weight))
+        found.append(TableFit(one.extractor, one.X, linear.times(factor), weight))
     return Fit(tuple(found), log_losses(scores / temperature, y), groups)
 
 
@@ -191,7 +179,6 @@ class _Tried(NamedTuple):
     @classmethod
     def of(cls, tables: Tables, extractor: Extractor, rows: Rows) -> _Tried:
         cohort = tables.cohort
-        extractor = tables.fitted(extractor, rows)
         X, y = tables.values(extractor), cohort.y[rows]
         scores = left_out_scores(X[rows], y, len(cohort.classes), cohort.groups[rows])
         temperature = temperature_of(scores, y)
@@ -240,6 +227,7 @@ _HOW: Final = (
 )
 
 
+@runtime_checkable
 class Splitter(Protocol):
     """What scikit-learn calls a cross-validation generator."""
 
@@ -349,49 +337,46 @@ def _held_out(folds: Sequence[Fold]) -> set[tuple[int, ...]]:
 
 
 def _own_folds(cv: Folds, cohort: Cohort) -> list[Fold]:
-    """Take the user's own folds of the cases that count."""
-    n, pairs, split = cohort.n_given, cv, getattr(cv, "split", None)
-    rows = np.full(n, -1)
+    """Take the user's own folds of the cases that count; those left out or repeated are missing."""
+    n, rows = cohort.n_given, np.full(cohort.n_given, -1)
     rows[cohort.numbers] = np.arange(len(cohort))
     try:
         with warnings.catch_warnings():
             # A splitter that does not look at groups says so.
             warnings.simplefilter("ignore", UserWarning)
-            if split is not None:
+            if isinstance(cv, Splitter):
                 labels = np.array([cohort.classes[k] for k in cohort.y])
-                pairs = split(np.arange(len(cohort))[:, None], labels, cohort.groups)
-                rows = np.arange(len(cohort))
-            found = [[[index(k) for k in part] for part in pair] for pair in pairs]  # type: ignore[union-attr]
-    except (TypeError, ValueError) as error:
-        raise ParameterError(f"'cv' gives no folds: {error}.", remedy=_HOW) from error
-    if wrong := [k for pair in found for part in pair for k in part if not 0 <= k < n]:
+                pairs = cv.split(np.arange(len(cohort))[:, None], labels, cohort.groups)
+                rows, n = np.arange(len(cohort)), len(cohort)
+            else:
+                pairs = cv
+            found = [
+                [np.array([range(n).index(k) for k in part], dtype=np.int64) for part in pair]
+                for pair in pairs
+            ]
+        sides = [(rows[inner], rows[outer]) for inner, outer in found]
+    except (TypeError, ValueError, IndexError) as error:
         raise ParameterError(
-            f"A fold of 'cv' names the case {wrong[0]}, but cases are numbered 0 to {n - 1}.",
-            remedy=_HOW,
-            details={"case": wrong[0]},
-        )
-    sides = [(rows[inner], rows[outer]) for inner, outer in found]
-    # Cases that came twice or were left out are missing.
+            f"'cv' gives no folds of cases numbered 0 to {n - 1}: {error}.", remedy=_HOW
+        ) from error
     folds = [(inner[inner >= 0], outer[outer >= 0]) for inner, outer in sides]
     folds = [(inner, outer) for inner, outer in folds if len(outer)]
-    for k, (inner, outer) in enumerate(folds):
-        both = np.intersect1d(inner, outer)
-        if len(both) or len(np.unique(cohort.y[inner])) < 2:
-            fault = "leaves fewer than two classes to fit to"
-            if len(both):
-                fault = f"both fits to and predicts the case {cohort.numbers[both[0]]}"
-            raise ParameterError(f"Fold {k + 1} of 'cv' {fault}.", remedy=_HOW)
     counts = np.zeros(len(cohort), dtype=np.int64)
-    for _, outer in folds:
+    faults = []
+    for k, (inner, outer) in enumerate(folds):
         np.add.at(counts, outer, 1)
-    if (counts != 1).any():
-        row = int(np.argmax(counts != 1))
-        case = int(cohort.numbers[row])
-        raise ParameterError(
-            f"The folds of 'cv' predict the case {case} {counts[row]} times.",
-            remedy=_HOW,
-            details={"case": case},
-        )
+        if len(both := np.intersect1d(inner, outer)):
+            faults.append(
+                f"fold {k + 1} both fits to and predicts the case {cohort.numbers[both[0]]}"
+            )
+        elif len(np.unique(cohort.y[inner])) < 2:
+            faults.append(f"fold {k + 1} leaves fewer than two classes to fit to")
+    faults += [
+        f"the case {cohort.numbers[row]} is predicted {counts[row]} times"
+        for row in np.flatnonzero(counts != 1)
+    ]
+    if faults:
+        raise ParameterError(f"'cv' cannot be used: {faults[0]}.", remedy=_HOW)
     return folds
 
 

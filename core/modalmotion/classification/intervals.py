@@ -134,12 +134,20 @@ def auc(scores: NDArray[np.float64], is_class: NDArray[np.bool_]) -> Auc:
     areas under two or more correlated receiver operating characteristic curves, Biometrics, 1988.
     """
     m, n = int(is_class.sum()), int((~is_class).sum())
-    ranks, shares = scipy.stats.rankdata(scores), np.empty(len(scores))
+    positive, negative = scores[is_class], scores[~is_class]
     # Share of the rest below each case of the class, and of the class above each of the rest.
-    shares[is_class] = (ranks[is_class] - scipy.stats.rankdata(scores[is_class])) / n
-    shares[~is_class] = 1.0 - (ranks[~is_class] - scipy.stats.rankdata(scores[~is_class])) / m
+    shares = np.empty(len(scores))
+    shares[is_class] = _below(negative, positive)
+    shares[~is_class] = 1.0 - _below(positive, negative)
     value = float(shares[is_class].mean())
     return Auc(value, (shares - value) / np.where(is_class, m, n))
+
+
+def _below(others: NDArray[np.float64], scores: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Share of the others below each score; equal ones count by half."""
+    ranked = np.sort(others)
+    twice = np.searchsorted(ranked, scores) + np.searchsorted(ranked, scores, "right")
+    return twice / (2.0 * len(others))
 
 
 def auc_interval(

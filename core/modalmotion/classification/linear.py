@@ -15,6 +15,8 @@ _N_FOLDS: Final = 10
 _LIMITS: Final = (0.05, 400.0)
 # What is constant has no variance, and would make the covariance singular.
 _LEAST: Final = 1e-9
+# Share of its deviation that a feature is taken to have within the classes, at least.
+_LEAST_WITHIN: Final = 0.1
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -44,7 +46,8 @@ class Linear(NamedTuple):
 def discriminant(X: Array, y: Labels, n_classes: int) -> Linear:
     """Log p(k | x) up to a constant, by classes of one shrunk covariance.
 
-    z' S^-1 m_k - m_k' S^-1 m_k / 2 + log prior_k, of standardised features z and class means m_k.
+    z' S^-1 m_k - m_k' S^-1 m_k / 2 + log prior_k, of features z of unit variance within the classes
+    and class means m_k.
 
     Parameters
     ----------
@@ -59,9 +62,16 @@ def discriminant(X: Array, y: Labels, n_classes: int) -> Linear:
     Ledoit and Wolf, A well-conditioned estimator for large-dimensional covariance matrices, J
     Multivar Anal, 2004. Where features are more than cases, S^-1 is solved among the cases
     (Woodbury): scikit-learn's, which solves among features, takes a hundred times as long here.
+
+    Features are scaled by their deviation within the classes. Scaled by that of all cases, one that
+    separates the classes would vary little about their means, and shrinkage, which makes variances
+    alike, would take most of its weight.
     """
     centre, spread = X.mean(axis=0), X.std(axis=0)
-    scale = np.where(spread > 1e-12 * np.abs(X).max(axis=0), spread, np.inf)
+    within = (X - class_means(X, y, n_classes)[y]).std(axis=0)
+    scale = np.where(
+        spread > 1e-12 * np.abs(X).max(axis=0), np.maximum(within, _LEAST_WITHIN * spread), np.inf
+    )
     z = (X - centre) / scale
     counts = np.bincount(y, minlength=n_classes)
     means = class_means(z, y, n_classes)

@@ -20,6 +20,9 @@ from modalmotion.tracking.parameters import sequence_of
 COLUMNS: Final = ("path", "label", "subject")
 """Of a manifest; further ones are facts and covariates."""
 
+# What they are also called.
+_ALSO: Final = {"file": "path", "class": "label", "patient": "subject"}
+
 # As spreadsheets state the separator that their language uses.
 _STATED_SEPARATOR: Final = re.compile(r"sep=(.)\r?\n")
 
@@ -89,8 +92,9 @@ def read_manifest(
 ) -> list[LabelledFile]:
     """Read a table of files: path, label, subject; paths are relative to the table's folder.
 
-    Further columns state facts, by their names or as landmark:apex and covariate:age; all others
-    are covariates.
+    A column `file` is read as path, `class` as label and `patient` as subject where these are
+    absent. Further columns state facts, by their names or as landmark:apex and covariate:age; all
+    others are covariates.
 
     Raises
     ------
@@ -171,7 +175,8 @@ def manifest_rows(text: str, name: str, needed: Sequence[str] = COLUMNS[:1]) -> 
 
 
 def _heading(cells: list[str], needed: Sequence[str], where: str, line: int) -> list[str]:
-    names = [column_of(name) for name in cells]
+    given = [column_of(name) for name in cells]
+    names = [name if _ALSO.get(name, name) in given else _ALSO.get(name, name) for name in given]
     if missing := [name for name in needed if name not in names]:
         found = ", ".join(map(repr, names[:5]))[:80]
         raise _wrong(f"{where} has no column '{missing[0]}', only {found or 'nothing'}.", line)

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import scipy
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted, Saved
 from modalmotion.classification.card import ModelCard
-from modalmotion.classification.extractor import VOLUME, Extractor
 from modalmotion.classification.motion import Column, Motion
+from modalmotion.classification.motion_features import VOLUME, Extractor
 from modalmotion.classification.outliers import OutlierDetector
 from modalmotion.classification.performance import CrossValidation
 from modalmotion.errors import TopologyError
@@ -24,6 +24,9 @@ from modalmotion.modes.topology import CUP, CYLINDER, MESH, Topology
 from modalmotion.representation import FrozenArrays, shown
 from modalmotion.signature.making import SignatureKind, SignatureParameters
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
+
+if TYPE_CHECKING:
+    from modalmotion import Classification
 
 # Rounding of 1 - coverage.
 _ROUNDING: Final = 1e-9
@@ -186,6 +189,12 @@ class Model(FrozenArrays, Saved, Plotted):
             digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
         return digest.hexdigest()
 
+    def classify(self, motion: Any, **options: Any) -> Classification:
+        """Name the class of a motion: see `modalmotion.classify`."""
+        import modalmotion
+
+        return modalmotion.classify(motion, self, **options)
+
     @property
     def signature_parameters(self) -> SignatureParameters:
         """Parameters of the signatures it reads."""
@@ -292,10 +301,8 @@ def share_ranges(shares: Array, y: NDArray[np.int64], n_classes: int) -> Array:
 def answering_parts(model: Model) -> tuple[Arrays, dict[str, Any]]:
     """Take all of a model that an answer depends on to arrays and JSON values."""
     detector, readable = model.outliers, model.readable
-    typical = [one.typical.ravel() for one in model.tables if one.typical is not None]
     arrays: Arrays = {
         **{name: getattr(model, name) for name in OF_MODEL},
-        "typical": np.concatenate([np.zeros(0), *(p for z in typical for p in (z.real, z.imag))]),
         "n_strangeness": np.array([len(own) for own in model.strangeness], dtype=np.int64),
         "strangeness": np.concatenate(model.strangeness),
         **{name: getattr(detector, name) for name in OF_DETECTOR},

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.card import ModelCard, ModelRecord, require_model_name
-from modalmotion.classification.extractor import Extractor
 from modalmotion.classification.model import (
     OF_DETECTOR,
     OF_MODEL,
@@ -22,6 +21,7 @@ from modalmotion.classification.model import (
     answering_parts,
 )
 from modalmotion.classification.motion import Column
+from modalmotion.classification.motion_features import Extractor
 from modalmotion.classification.outliers import CHECKS, PLACE, OutlierDetector
 from modalmotion.classification.performance import CrossValidation
 from modalmotion.errors import CorruptFileError, NotFoundError
@@ -31,7 +31,7 @@ from modalmotion.mesh import Facts
 from modalmotion.representation import shown
 from modalmotion.signature.parameters import parameters_from_json
 
-FORM: Final = Form("model", 9)
+FORM: Final = Form("model", 10)
 
 _LARGEST: Final = 512 * 2**20
 
@@ -52,7 +52,6 @@ _AXES: Final = {
     "weights": "feature, class",
     "intercepts": "class",
     "centre": "feature",
-    "typical": "value",
     "shares": "class, end",
     "n_strangeness": "class",
     "strangeness": "score",
@@ -223,21 +222,16 @@ def _model(kept: KeptModel, contents: Contents) -> Model:
     sizes = {"class": len(classes), "feature": len(columns), "end": 2, "symmetry": 2, "bound": 3}
     sizes |= {"place": len(PLACE), "check": len(CHECKS)}
     arrays = {name: _array(contents, name, sizes) for name in _AXES if name in contents.arrays}
-    typical, tables = arrays["typical"], []
-    for values in texts["tables"]:
-        size = 0 if values["typical"] is None else 2 * int(np.prod(values["typical"]))
-        tables.append(Extractor.from_json(values, typical[:size]))
-        typical = typical[size:]
     ends = np.cumsum(arrays["n_strangeness"].astype(np.int64))
     detector = texts["detector"]
     return Model(
         name=kept.record.name,
         classes=classes,
         readable=readable,
-        tables=tuple(tables),
+        tables=tuple(map(Extractor.from_json, texts["tables"])),
         columns=columns,
         outliers=OutlierDetector(
-            reader=Extractor.from_json(detector["reader"], np.zeros(0)),
+            reader=Extractor.from_json(detector["reader"]),
             knows_size=bool(detector["knows_size"]),
             has_unit=bool(detector["has_unit"]),
             **{name: arrays[name] for name in OF_DETECTOR},

@@ -1,4 +1,4 @@
-"""Features of motions: parts about an axis, and waves.
+"""Features of motions: parts about an axis, waves, and the tables of them that models read.
 
 About an axis: contraction, twist, shortening, and what is one-sided. Waves are features of any
 topology that depend neither on the start nor, where it is free, on theta.
@@ -7,15 +7,21 @@ topology that depend neither on the start nor, where it is free, on theta.
 from __future__ import annotations
 
 import cmath
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.motion import Column
+from modalmotion.classification.motion import N_COSINES, N_HARMONICS, Column, Motion
+from modalmotion.classification.options import Timing
+from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.modes import Modes, wave_pairs
 from modalmotion.modes.topology import CLOSED
+from modalmotion.representation import shown
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -211,11 +217,6 @@ def waves_of(modes: Modes, *, walls: bool) -> Waves:
     return Waves(names, members, i, j)
 
 
-def theta_is_free(modes: Modes, *, walls: bool) -> bool:
-    """Whether modes as they are depend on a start angle that is arbitrary."""
-    return any(len(group) > 1 for group in waves_of(modes, walls=walls).modes)
-
-
 def wave_features(terms: NDArray[Any], waves: Waves) -> Array:
     """Roots of products of modes over all terms, (features,) float64; see `wave_columns`.
 
@@ -339,3 +340,169 @@ def _areas(n_terms: int) -> Array:
     is_odd = (k + m) % 2 == 1
     apart = np.where(is_odd, k**2 - m**2, 1)
     return np.where(is_odd, 2.0 * (k**2 + m**2) / apart, 0.0)
+
+
+AXIS: Final = "axis"
+SUMMARY: Final = "summary"
+WAVES: Final = "modes"
+TERMS: Final = "terms"
+
+VOLUME: Final = "volume"
+
+_IN_WORDS: Final = {
+    AXIS: "parts about the axis",
+    SUMMARY: "a few numbers of the modes",
+    WAVES: "modes and their products",
+    TERMS: "modes, their products and terms",
+    VOLUME: "volume",
+}
+
+# A cycle whose next frame would be the first closes within this many usual steps.
+_CLOSED: Final = 2.5
+# Percent of the size: less motion than this counts as rest.
+_LEAST_TOTAL: Final = 1e-2
+
+
+@shown("description")
+@dataclass(frozen=True)
+class Extractor:
+    """One table of features.
+
+    Parameters
+    ----------
+    what : str
+        AXIS, SUMMARY, WAVES or, of a transient, TERMS of the motion, or VOLUME of a cavity.
+    is_cycle : bool
+        Whether a recording is one turn of a cycle, which may start anywhere, or a transient.
+    n_modes : int
+        First modes that are read.
+    walls : bool
+        Whether the zero of theta is a known place on the body.
+    """
+
+    what: str
+    is_cycle: bool = True
+    n_modes: int = 0
+    walls: bool = False
+
+    @property
+    def description(self) -> str:
+        """The features, in words."""
+        time = "a cycle" if self.is_cycle else "a transient"
+        of_motion = f"{_IN_WORDS[self.what]} of {self.n_modes} modes over {time}"
+        return of_motion if self.reads_motion else self.what
+
+    @property
+    def reads_motion(self) -> bool:
+        """Whether it reads the motion itself, and not the volume of its cavity."""
+        return self.what != VOLUME
+
+    def values(self, motion: Motion) -> Array:
+        """Features of a motion, (features,) float64.
+
+        Of parts about the axis in percent of the size, their roots where they have no sign; else
+        the log of how much moves, and what share of it moves how.
+        """
+        modes = first(motion.modes, self.n_modes)
+        if self.what == VOLUME:
+            return _volume(motion)
+        if self.what == AXIS:
+            return axis_parts(motion.harmonics[:, : self.n_modes], modes, walls=self.walls)
+        terms = self.terms(motion)
+        total = math.sqrt(float((np.abs(terms) ** 2).sum()))
+        shares: NDArray[Any] = terms / total if total > 0.0 else terms
+        waves = waves_of(modes, walls=self.walls)
+        read = summary if self.what == SUMMARY else wave_features
+        found: list[Any] = [[math.log(max(total, _LEAST_TOTAL))], read(shares, waves)]
+        return np.concatenate([*found, shares.ravel()] if self.what == TERMS else found)
+
+    def terms(self, motion: Motion) -> NDArray[Any]:
+        """Terms over time of the modes that are read, (terms, modes, n)."""
+        return (motion.harmonics if self.is_cycle else motion.cosines)[:, : self.n_modes]
+
+    def columns(self, motion: Motion) -> tuple[Column, ...]:
+        """Columns of the values of motions in the same modes."""
+        modes = first(motion.modes, self.n_modes)
+        waves = waves_of(modes, walls=self.walls)
+        n_terms = N_HARMONICS if self.is_cycle else N_COSINES
+        n = motion.amplitudes.shape[2]
+        if self.what == VOLUME:
+            return Column("log largest volume / 3"), Column("share of volume lost")
+        if self.what == AXIS:
+            return axis_columns(modes, n_terms, is_offset=n == 1, walls=self.walls)
+        columns = [Column("log motion", tuple(range(self.n_modes)))]
+        if self.what == SUMMARY:
+            columns += summary_columns(waves, n_terms, n, is_cycle=self.is_cycle)
+        else:
+            columns += wave_columns(waves, n_terms, n)
+        if self.what == TERMS:
+            columns += [
+                Column(f"term {h + 1} {modes.labels[k]} {'xyz'[i]}", (k,))
+                for h, k, i in np.ndindex(n_terms, len(modes), n)
+            ]
+        return tuple(columns)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as JSON-able values."""
+        return dict(vars(self))
+
+    @staticmethod
+    def from_json(values: Mapping[str, Any]) -> Extractor:
+        """Read the output of `as_json`.
+
+        Raises
+        ------
+        ValueError
+            If it reads what there is not.
+        """
+        if values["what"] not in _IN_WORDS:
+            raise ValueError("it reads what no model reads")
+        return Extractor(**values)
+
+
+def first(modes: Modes, n: int) -> Modes:
+    """Return the first n modes."""
+    return modes if n >= len(modes) else modes.take(np.arange(n))
+
+
+def reads_about_axis(motion: Motion, n_modes: int) -> bool:
+    """Whether parts about an axis can be read of a motion."""
+    return motion.signature.landmarks is not None and has_axis(first(motion.modes, n_modes))
+
+
+def kinds_of(
+    motions: Sequence[Motion], n_modes: int, *, is_cycle: bool, walls: bool
+) -> tuple[str, ...]:
+    """Give the kinds of features of the motion that all recordings have, the simplest first."""
+    has_axis = is_cycle and all(reads_about_axis(motion, n_modes) for motion in motions)
+    # Terms of modes mean nothing where a cycle or theta may start anywhere.
+    waves = waves_of(first(motions[0].modes, n_modes), walls=walls)
+    has_terms = not is_cycle and all(len(group) == 1 for group in waves.modes)
+    return (*((AXIS,) if has_axis else ()), SUMMARY, WAVES, *((TERMS,) if has_terms else ()))
+
+
+def states_walls(motions: Sequence[Motion]) -> bool:
+    """Whether every recording states the zero of theta."""
+    landmarks = [motion.signature.landmarks for motion in motions]
+    return all(one is not None and "theta_zero" in one.given for one in landmarks)
+
+
+def timings_of(motions: Sequence[Motion], timing: Timing | str) -> tuple[bool, ...]:
+    """Give whether recordings may be cycles, and transients: (True, False) where both may be."""
+    if timing != Timing.AUTO:
+        return (timing == Timing.CYCLE,)
+    gaps = [motion.signature.closure_gap for motion in motions]
+    return (True, False) if float(np.median(gaps)) < _CLOSED else (False,)
+
+
+def volume_share(motion: Motion) -> float:
+    """Share of the volume of a cavity that is lost, as an ejection fraction; NaN without one."""
+    volumes = motion.volumes
+    return math.nan if volumes is None else 1.0 - float(volumes.min() / volumes.max())
+
+
+def _volume(motion: Motion) -> Array:
+    volumes = motion.volumes
+    assert volumes is not None  # noqa: S101 (asked for only of motions that have one)
+    unit = math.log(MM_PER_UNIT.get(motion.signature.unit or "", 1.0))
+    return np.array([math.log(volumes.max()) / 3.0 + unit, volume_share(motion)])

@@ -11,12 +11,14 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from modalmotion.classification.extractor import AXIS, Extractor, first
 from modalmotion.classification.linear import class_means
 from modalmotion.classification.motion import Motion
 from modalmotion.classification.motion_features import (
+    AXIS,
+    Extractor,
     axis_columns,
     axis_parts,
+    first,
     wave_columns,
     wave_features,
     waves_of,

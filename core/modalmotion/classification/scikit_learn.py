@@ -14,7 +14,9 @@ from sklearn.utils.validation import check_is_fitted
 from modalmotion.classification.answer import fitted_in, unlike
 from modalmotion.classification.cases import TrainingCase, named
 from modalmotion.classification.cohort import alike, readable_of
-from modalmotion.classification.extractor import (
+from modalmotion.classification.model import Readable
+from modalmotion.classification.motion import Motion
+from modalmotion.classification.motion_features import (
     AXIS,
     SUMMARY,
     TERMS,
@@ -24,8 +26,6 @@ from modalmotion.classification.extractor import (
     states_walls,
     timings_of,
 )
-from modalmotion.classification.model import Readable
-from modalmotion.classification.motion import Motion
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.errors import (
     ModalMotionError,
@@ -61,7 +61,7 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         Of these signatures; "mesh" for spring modes. None lets the recordings decide together.
     kind : str
         "axis": parts about the axis; "modes": modes and their products; "summary": the same in
-        few numbers; "terms": modes and their terms in the frame of the body; "auto": "axis" where
+        few numbers; "terms": modes and their terms, of a transient; "auto": "axis" where
         all have one over a cycle, else "modes".
     timing : str
         "cycle", "transient" or "auto": cycles where most recordings close.
@@ -183,14 +183,13 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         kinds = kinds_of(motions, n, is_cycle=is_cycle, walls=walls)
         kind = (AXIS if AXIS in kinds else WAVES) if self.kind == "auto" else self.kind
         if kind not in kinds:
-            reason = "a recording is no cycle about an axis" if kind == AXIS else "theta is free"
+            needed = "cycles about an axis" if kind == AXIS else "transients whose theta is known"
             raise ParameterError(
-                f"The features {kind!r} cannot be read: {reason}.",
-                remedy="Use kind='modes', or state timing='cycle', a topology with an axis, or "
-                "the landmark theta_zero.",
+                f"The features {kind!r} cannot be read: they are of {needed}.",
+                remedy="Use kind='modes', or state the timing, the topology or theta_zero.",
                 details={"option": "kind"},
             )
-        return Extractor(kind, is_cycle, n, walls).fitted(motions)
+        return Extractor(kind, is_cycle, n, walls)
 
     def _table(self, signatures: list[ModalSignature]) -> Array:
         n, rows = self.readable_.n_modes, []

@@ -16,7 +16,6 @@ from modalmotion.classification.card import ModelCard
 from modalmotion.classification.cases import AnyCase
 from modalmotion.classification.caveats import confound_notes, confounds
 from modalmotion.classification.cohort import Cohort, collect_cohorts
-from modalmotion.classification.extractor import AXIS, WAVES, volume_share
 from modalmotion.classification.fitting import (
     Fit,
     Fold,
@@ -29,6 +28,7 @@ from modalmotion.classification.fitting import (
 )
 from modalmotion.classification.linear import softmax
 from modalmotion.classification.model import Model, holds, share_ranges, strangeness_of
+from modalmotion.classification.motion_features import AXIS, WAVES, volume_share
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.outliers import OutlierDetector, detector_for
 from modalmotion.classification.performance import METHODS, CrossValidation, performance, spread
@@ -264,7 +264,7 @@ def _model(
     strangeness: tuple[Array, ...] = tuple(np.zeros(0) for _ in cohort.classes)
     if held_out is not None:
         strangeness = strangeness_of(held_out.probabilities[0], cohort.y)
-    extractors = tuple(_rounded_arrays(table.extractor) for table in tables)
+    extractors = tuple(table.extractor for table in tables)
     return Model(
         name=name,
         classes=cohort.classes,

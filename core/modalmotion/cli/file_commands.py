@@ -90,14 +90,6 @@ def encode(source: Path, output: Path, **options: Any) -> Any:
 @click.option("--stop", type=int, help="Frame after the last.")
 @click.option("--first-vertex", type=int, help="First vertex.")
 @click.option("--stop-vertex", type=int, help="Vertex after the last.")
-@click.option(
-    "--threads",
-    "n_threads",
-    type=click.IntRange(1, 256),
-    default=1,
-    show_default=True,
-    help="Number of patches of a mesh that are solved in parallel.",
-)
 def decode(
     stream: Path,
     output: Path,
@@ -105,7 +97,6 @@ def decode(
     stop: int | None,
     first_vertex: int | None,
     stop_vertex: int | None,
-    n_threads: int,
 ) -> Any:
     """Decode a compressed STREAM, or some of its frames and vertices.
 
@@ -119,7 +110,7 @@ def decode(
     header = inspect(data)
     frames = _span(first, stop, header.n_frames)
     vertices = _span(first_vertex, stop_vertex, header.n_vertices)
-    sequence = expand(data, frames=frames, vertices=vertices, n_threads=n_threads)
+    sequence = expand(data, frames=frames, vertices=vertices)
     write_atomic(output, write(sequence))
     return sequence_numbers(sequence)
 

@@ -202,7 +202,7 @@ def model_named(which: str) -> Model:
     default="auto",
     show_default=True,
     help="axis: parts about the axis; modes: modes and their products; summary: the same in few "
-    "numbers; terms: modes and their terms.",
+    "numbers; terms: modes and their terms, of a transient.",
 )
 @click.option(
     "--timing",

@@ -26,8 +26,7 @@ from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes import ModeLabel
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.order import parse_label
-from modalmotion.modes.topology import MESH, Topology
+from modalmotion.modes.topology import MESH, Topology, parse_label
 from modalmotion.signature.making import (
     SignatureParameters,
     resolve_parameters,

@@ -338,7 +338,7 @@ def output_option(text: str, *suffixes: str, **settings: Any) -> Decorator:
 
 mode_options = options_of(
     SignatureParameters,
-    *("modes", "amplitudes", "split_pairs", "tolerance", "tolerance_of", "auto"),
+    *("modes", "amplitudes", "tolerance", "tolerance_of", "auto"),
     "harmonics",
     group=FIT,
     modes={"show_default": str(USUAL_MODES)},

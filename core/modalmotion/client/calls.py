@@ -79,6 +79,7 @@ class JobStatus:
         return self.state in ("succeeded", "failed", "cancelled")
 
 
+@dataclass(eq=False, repr=False)
 class Job(Generic[T]):
     """A job, with the reader of its result.
 
@@ -93,17 +94,10 @@ class Job(Generic[T]):
         Media type to request the result in.
     """
 
-    def __init__(
-        self,
-        connection: Connection,
-        status: JobStatus,
-        read: Callable[[Answer], T],
-        accept: str,
-    ) -> None:
-        self.status = status
-        self._connection = connection
-        self._read = read
-        self._accept = accept
+    _connection: Connection
+    status: JobStatus
+    _read: Callable[[Answer], T]
+    _accept: str
 
     def __repr__(self) -> str:
         return f"Job({self.id}, {self.status.kind}, {self.status.state})"

@@ -353,10 +353,7 @@ class Client(Recordings):
         StoreError
             If the file cannot be written.
         """
-        from modalmotion.store import write_atomic
-
-        target = Path(path)
-        place, media_type = form_of(what, target)
+        place, media_type = form_of(what, Path(path))
         if place.startswith("/v1/signatures/"):
             own, options = parted(options)
             name = self._key(str(name), own)
@@ -366,7 +363,7 @@ class Client(Recordings):
             asked = posted(place, options, media_type)
         else:
             asked = Call("GET", place, options, media_type)
-        write_atomic(target, self._awaited(asked, _content))
+        self._save(path, asked)
 
     def save_dicom(
         self, sequence_id: str, study: bytes | Path, path: str | Path, **options: Option
@@ -387,14 +384,10 @@ class Client(Recordings):
         RemoteError
             If the sequence's coordinates are not stated to be LPS, in mm.
         """
-        from modalmotion.store import write_atomic
-
-        target = Path(path)
-        require_place(target)
+        require_place(Path(path))
         own, rest = parted(options)
         place = f"/v1/signatures/{self._key(sequence_id, own)}/dicom"
-        asked = Call("POST", place, rest, ZIP, body_of(study), is_repeatable=True)
-        write_atomic(target, self._awaited(asked, _content))
+        self._save(path, Call("POST", place, rest, ZIP, body_of(study), is_repeatable=True))
 
     def save_tracked_report(
         self,
@@ -422,12 +415,14 @@ class Client(Recordings):
         RemoteError
             If it cannot be tracked.
         """
+        require_place(Path(path))
+        asked = replace(track_call(source, {**options, "report": True}), accept=ZIP)
+        self._save(path, asked, progress)
+
+    def _save(self, path: str | Path, asked: Call, progress: Share | None = None) -> None:
         from modalmotion.store import write_atomic
 
-        target = Path(path)
-        require_place(target)
-        asked = replace(track_call(source, {**options, "report": True}), accept=ZIP)
-        write_atomic(target, self._awaited(asked, _content, progress))
+        write_atomic(Path(path), self._awaited(asked, _content, progress))
 
 
 def _content(answer: Answer) -> bytes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import email.utils
-import ipaddress
 import json
 import re
 import secrets
@@ -90,11 +89,6 @@ class Retries:
         return own if requested is None else requested + 0.1 * own
 
 
-def is_passing(status: int) -> bool:
-    """Return whether the same request may succeed later."""
-    return status in _PASSING
-
-
 def retry_after(header: str | None) -> float | None:
     """Read a Retry-After header (RFC 9110, 10.2.3): seconds, or a date.
 
@@ -124,6 +118,8 @@ MOST_BYTES: Final = 2_000_000_000
 """Default limit of an answer: twice that of an unpacked upload."""
 
 _KEY: Final = re.compile(r"[\x21-\x7e]+")
+
+_LOOPBACK: Final = r"localhost|127\.[0-9.]+|::1"
 
 # Methods that may be sent twice for every path.
 _SAFE: Final = frozenset({"GET", "HEAD", "PUT", "DELETE", "PATCH"})
@@ -232,7 +228,7 @@ class Connection:
             timeout=timeout,
             transport=transport,
             # Proxies that the environment names are for other hosts.
-            trust_env=not _is_loopback(parts.hostname),
+            trust_env=not re.fullmatch(_LOOPBACK, parts.hostname),
         )
 
     def close(self) -> None:
@@ -257,6 +253,7 @@ class Connection:
         """
         if call.is_keyed:
             call = call.with_headers(Idempotency_Key=secrets.token_hex(16))
+        may_repeat = call.method in _SAFE or call.is_repeatable or call.is_keyed
         end = time.monotonic() + self._retries.deadline
         for attempt in range(self._retries.attempts):
             requested = None
@@ -267,13 +264,13 @@ class Connection:
                     # Deleted by an attempt whose answer was lost.
                     return Answer(204, {}, b"")
                 requested = error.details.get("retry_after")
-                waits = (is_passing(error.status) and _may_repeat(call)) or (
+                waits = (error.status in _PASSING and may_repeat) or (
                     attempt > 0 and call.is_keyed and error.status == _STILL_UNDER_WAY
                 )
                 failure: RemoteError | UnreachableError = error
             except UnreachableError as error:
                 # Where nothing was sent nothing can happen twice.
-                waits = _may_repeat(call) or bool(error.details.get("nothing_sent"))
+                waits = may_repeat or bool(error.details.get("nothing_sent"))
                 failure = error
             wait = self._retries.wait(attempt, requested if isinstance(requested, float) else None)
             is_last = attempt + 1 == self._retries.attempts
@@ -325,10 +322,6 @@ class Connection:
         if wait is not None:
             error.details["retry_after"] = wait
         raise error
-
-
-def _may_repeat(call: Call) -> bool:
-    return call.method in _SAFE or call.is_repeatable or call.is_keyed
 
 
 def _plain_key(key: str) -> str:
@@ -391,10 +384,3 @@ def _explained(call: Call) -> Iterator[None]:
             f"{what}: the connection broke ({type(error).__name__}: {error}).",
             remedy="Send it again; look at the service's log if it comes back.",
         ) from error
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"

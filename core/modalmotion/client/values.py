@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.client.connection import Answer
-from modalmotion.client.errors import BrokenAnswerError, understood
+from modalmotion.client.errors import understood
 from modalmotion.errors import ParameterError, StoreError
 from modalmotion.mesh import facts_from_json
 from modalmotion.representation import LONGEST_LINE, shown
@@ -49,7 +49,9 @@ class Info(Mapping[str, Any]):
         return len(self._answer)
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__") or name not in self._answer:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        if name not in self._answer:
             raise AttributeError(f"The answer has no {name!r}: it has {', '.join(self._answer)}.")
         value = self._answer[name]
         return facts_from_json(value) if name == "facts" else _as_value(value)
@@ -58,12 +60,6 @@ class Info(Mapping[str, Any]):
         said = [f"{name}={self._answer[name]!r}" for name in _SHOWN if name in self._answer]
         text = f"Info({', '.join(said) or ', '.join(self._answer)})"
         return text if len(text) <= LONGEST_LINE else f"{text[: LONGEST_LINE - 4]}...)"
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"_answer": self._answer}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
 
 
 def info_of(answer: Answer) -> Info:
@@ -163,17 +159,12 @@ class CompressedSequence:
 def compressed_of(answer: Answer) -> CompressedSequence:
     """Read a compressed stream and its headers."""
     names = ("rms", "max_error", "kg_error", "bits_per_vertex_and_frame")
-    try:
+    with understood("a stream with its measured errors as headers"):
         return CompressedSequence(
             data=answer.content,
             transform=answer.headers["encoded-transform"],
             **{name: float(answer.headers[f"encoded-{name.replace('_', '-')}"]) for name in names},
         )
-    except (KeyError, ValueError) as error:
-        raise BrokenAnswerError(
-            "The answer lacks the measured errors of the stream.",
-            remedy="Check that no proxy removes headers.",
-        ) from error
 
 
 def template_modes_of(answer: Answer) -> TemplateModes:

@@ -14,9 +14,9 @@ from modalmotion.clinical.vertex_noise import volume_deviations
 from modalmotion.clinical.volume_curve import Fraction, VolumeCurve
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh import Cavity, cavity_of
+from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.facts import UNKNOWN
-from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.modes.topology import CUP, PLANE
 from modalmotion.numeric.scales import power_of_two

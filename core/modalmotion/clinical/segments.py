@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import Facts
+from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.facts import UNKNOWN
-from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP
 from modalmotion.representation import shown

@@ -33,11 +33,10 @@ from modalmotion.codec.coder import (
 )
 from modalmotion.codec.spatial_modes import OrthonormalModes
 from modalmotion.codec.temporal import (
-    CLOSED_FORM,
     Quantiser,
     Temporal,
     TimeBasis,
-    closed_form_basis,
+    cosine_basis,
     restore_basis,
 )
 from modalmotion.errors import MalformedFileError
@@ -217,35 +216,17 @@ class Block:
 
     def time_basis(self) -> TimeBasis:
         """Make the temporal components."""
-        if self.kind in CLOSED_FORM:
-            return closed_form_basis(self.kind, self.n_frames)
+        if self.kind == Temporal.DCT:
+            return cosine_basis(self.n_frames)
         return restore_basis(self.kind, self.basis, self.n_frames, self.quantiser)
 
-    def scaled(self, modes: OrthonormalModes, where: Ints | None = None) -> Floats:
-        """Positions about the origin in quanta, before rounding, (frames, 3, vertices).
-
-        Of some vertices only if they are stated.
-        """
-        numbers = self.quantiser.restore(self.coefficients)
-        rows = modes.synthesise(numbers, where)
+    def scaled(self, modes: OrthonormalModes) -> Floats:
+        """Positions about the origin in quanta, before rounding, (frames, 3, vertices)."""
+        rows = modes.synthesise(self.quantiser.restore(self.coefficients))
         if self.parts is not None:
-            shape = rows[:3] if where is None else self._shape_around(modes, numbers, where)
-            functions = self.parts.functions(shape / np.sqrt(self.n_frames))
-            added = self.parts.spread(self.quantiser.restore(self.maps), functions)
-            rows[3:] += added if where is None else added[:, where]
+            functions = self.parts.functions(rows[:3] / np.sqrt(self.n_frames))
+            rows[3:] += self.parts.spread(self.quantiser.restore(self.maps), functions)
         return self.time_basis().superpose(rows)
-
-    def _shape_around(self, modes: OrthonormalModes, numbers: Floats, where: Ints) -> Floats:
-        """Shape of the parts that contain some vertices, (3, vertices); zero elsewhere."""
-        assert self.parts is not None  # noqa: S101 - for the type checker
-        asked = np.zeros(sum(map(len, self.parts.pieces)), dtype=bool)
-        asked[where] = True
-        for part in self.parts.members:
-            asked[part] = asked[part].any()
-        around = np.flatnonzero(asked)
-        shape = np.zeros((3, len(asked)))
-        shape[:, around] = modes.synthesise(numbers[:3], around)
-        return shape
 
 
 def positions_of(block: Block, whole: Ints, dtype: np.dtype[np.floating]) -> FloatArray:
@@ -299,9 +280,8 @@ def read_block(
     n_vertices: int,
     modes: OrthonormalModes,
     dtype: np.dtype[np.floating],
-    where: Ints | None = None,
 ) -> FloatArray:
-    """Decode a block, or some of its vertices; the hash is one of all, and compared with all.
+    """Decode a block, and compare the hash of its positions.
 
     Raises
     ------
@@ -319,18 +299,14 @@ def read_block(
     maps = reader.matrix(block.maps.shape, None, mixed=block.mixed)
     guards = code_guards(reader, 3 * n_frames * n_vertices, None)
     block = replace(block, basis=basis, coefficients=coefficients, parts=parts, maps=maps)
-    scaled = block.scaled(modes, where)
-    shape = n_frames, 3, n_vertices
-    if where is not None:
-        guards = guards.within(shape, where)
+    scaled = block.scaled(modes)
     if not (np.abs(scaled) < MOST_QUANTA).all():
         raise damaged("Decoded positions are beyond what the stream's quantum can count.")
     whole = guards.round(scaled)
     if block.width:
-        corrections = code_corrections(reader, shape, None)
-        whole += block.width * (corrections if where is None else corrections[:, :, where])
+        whole += block.width * code_corrections(reader, whole.shape, None)
     positions = positions_of(block, whole, dtype)
-    if where is None and digest(positions) != data[:HASH_BYTES]:
+    if digest(positions) != data[:HASH_BYTES]:
         raise MalformedFileError(
             "The decoded vertices are not those that were encoded.",
             remedy="The stream is damaged, or this machine computes its modes differently: "
@@ -373,7 +349,7 @@ def _parse_head(data: bytes, n_frames: int, n_vertices: int) -> tuple[Block, int
     exponent = unzigzag(numbers[0])
     origin = np.array([unzigzag(n) for n in numbers[1:4]], dtype=np.int64)
     width, n_rows, n_modes, n_components = numbers[4:]
-    closed_form = kind in CLOSED_FORM
+    closed_form = kind == Temporal.DCT
     rows = n_rows if closed_form else 3 + n_components
     columns = 3 * n_frames
     if (

@@ -150,30 +150,19 @@ class Coder:
         self._in_room("mm_matrix", *shape, found, int(mixed))
         return found
 
-    def faces(
-        self,
-        shape: tuple[int, int, int, int],
-        faces: Ints | None,
-        *,
-        keep_order: bool = False,
-        walk_only: bool = False,
-    ) -> Ints:
+    def faces(self, shape: tuple[int, int, int], faces: Ints | None) -> Ints:
         """Code triangles and the order of their vertices.
 
         Parameters
         ----------
-        shape : (int, int, int, int)
-            Vertices, faces, triangles after which the pattern may repeat, relations of the order.
+        shape : (int, int, int)
+            Vertices, faces, relations of the order.
         faces : (faces, 3) int64, optional
             For a writer.
-        keep_order : bool, optional
-            Of a writer: whether to keep the order of the triangles, and the first corner of each.
-        walk_only : bool, optional
-            Leave out the order of the vertices.
         """
         found = np.zeros((shape[1], 3), np.int32) if faces is None else faces.astype(np.int32)
         found = np.ascontiguousarray(found)
-        self._in_room("mm_faces", *shape, int(keep_order), int(walk_only), found)
+        self._in_room("mm_faces", *shape, found)
         return found.astype(np.int64)
 
     def _values(self, shape: tuple[int, ...], values: Ints | None) -> Ints:
@@ -293,22 +282,6 @@ class Guards:
         flat = whole.reshape(-1)
         flat[self.places] = np.floor(scaled.reshape(-1)[self.places]).astype(np.int64) + self.up
         return whole
-
-    def within(self, shape: tuple[int, int, int], where: Ints) -> Guards:
-        """Those of some vertices, in the order of these.
-
-        Parameters
-        ----------
-        shape : (int, int, int)
-            Frames, directions, and vertices of all.
-        where : (n,) int64
-        """
-        place = np.full(shape[2], -1, dtype=np.int64)
-        place[where] = np.arange(len(where))
-        vertex = place[self.places % shape[2]]
-        there = vertex >= 0
-        row = self.places[there] // shape[2]
-        return Guards(row * len(where) + vertex[there], self.up[there])
 
 
 def find_guards(scaled: Floats, uncertainty: float) -> Guards:

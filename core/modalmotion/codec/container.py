@@ -268,7 +268,6 @@ LARGEST_RELATED: Final = 10_000
 _NO_FACES: Final = "The faces of the stream make no sense."
 _WALK: Final = 0
 _CELLS: Final = 1
-_PERIODS: Final = (1, 2, 8, 32)
 _PATTERN_BITS: Final = 13
 
 
@@ -276,11 +275,9 @@ def write_faces(
     n_vertices: int,
     grid: Grid | None,
     faces: Ints,
-    *,
-    keep_order: bool,
     n_relations: tuple[int, ...] = (MOST_RELATIONS,),
 ) -> bytes:
-    """Write triangles by the cheapest of a few rules.
+    """Write triangles by the cheapest of a few rules, fan by fan in the same orientation.
 
     Parameters
     ----------
@@ -288,9 +285,6 @@ def write_faces(
     grid : (Topology, tuple of int), optional
         Lattice whose nodes the vertices are.
     faces : (faces, 3) int64
-    keep_order : bool
-        Whether to keep the order of the triangles, and the first corner of each;
-        otherwise they come fan by fan, in the same orientation.
     n_relations : tuple of int, optional
         Numbers of relations that the numbering of the vertices may use: the smallest wins.
     """
@@ -298,17 +292,12 @@ def write_faces(
     if cells is not None:
         return bytes([_CELLS]) + np.packbits(cells).tobytes()
 
-    def coded(period: int, n_relations: int, *, walk_only: bool) -> bytes:
-        coder, shape = Coder(), (n_vertices, len(faces), period, n_relations)
-        coder.faces(shape, faces, keep_order=keep_order, walk_only=walk_only)
-        return bytes([_WALK, period, n_relations]) + coder.finish()
+    def coded(n_relations: int) -> bytes:
+        coder = Coder()
+        coder.faces((n_vertices, len(faces), n_relations), faces)
+        return bytes([_WALK, n_relations]) + coder.finish()
 
-    period = 1
-    if keep_order:
-        period = min(_PERIODS, key=lambda period: len(coded(period, 0, walk_only=True)))
-    if n_vertices > LARGEST_RELATED:
-        n_relations = (0,)
-    return min((coded(period, n, walk_only=False) for n in n_relations), key=len)
+    return min(map(coded, n_relations if n_vertices <= LARGEST_RELATED else (0,)), key=len)
 
 
 def read_faces(data: bytes, n_faces: int, n_vertices: int, grid: Grid | None) -> Ints:
@@ -327,9 +316,9 @@ def read_faces(data: bytes, n_faces: int, n_vertices: int, grid: Grid | None) ->
         if faces is None:
             raise damaged(_NO_FACES)
         return faces
-    if len(data) < 3 or not data[1] or data[2] > MOST_RELATIONS:
+    if len(data) < 2 or data[1] > MOST_RELATIONS:
         raise damaged(_NO_FACES)
-    return Coder(data[3:]).faces((n_vertices, n_faces, data[1], data[2]), None)
+    return Coder(data[2:]).faces((n_vertices, n_faces, data[1]), None)
 
 
 def _cells_of(grid: Grid, faces: Ints) -> NDArray[np.uint8] | None:

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.arguments.checking import whole
 from modalmotion.codec.block import read_block, restore_positions
 from modalmotion.codec.coder import damaged
 from modalmotion.codec.container import (
@@ -34,7 +33,6 @@ def decode(
     frames: range | None = None,
     vertices: range | NDArray[np.int64] | None = None,
     limits: ReadLimits = DECODE_LIMITS,
-    n_threads: int = 1,
 ) -> MeshSequence:
     """Decode a stream, or some of its frames and vertices.
 
@@ -45,15 +43,10 @@ def decode(
     frames : range, optional
         Frames to decode, in steps of 1; only the blocks that contain them are read.
     vertices : range or (n,) int, optional
-        Numbers of the vertices to decode, each once, in any order; only what they need is solved
-        for and computed. The sequence has these vertices in this order, the triangles between
-        them, and no lattice. Whether the vertices are those that were encoded is known of all
-        together only: of some the checksums of the bytes speak, and the probe of the modes.
+        Numbers of the vertices to return, each once, in any order. The sequence has these vertices
+        in this order, the triangles between them, and no lattice.
     limits : ReadLimits, optional
         Largest sequence to accept, compared with the sizes that the stream declares.
-    n_threads : int, optional
-        How many patches of a mesh are solved side by side; the bytes are the same with any number.
-        Worth it from some ten thousand vertices on.
 
     Raises
     ------
@@ -63,10 +56,8 @@ def decode(
     LimitError
         If the stream declares more than the limits accept.
     ParameterError
-        If the stream does not have these frames or vertices, or there is no thread.
+        If the stream does not have these frames or vertices.
     """
-    if whole("n_threads", n_threads) < 1:
-        raise ParameterError(f"There are {n_threads} threads.", remedy="Use n_threads=1 or more.")
     header, position = read_header(data, limits)
     span = range(header.n_frames) if frames is None else frames
     if span.step != 1 or not 0 <= span.start < span.stop <= header.n_frames:
@@ -79,14 +70,21 @@ def decode(
     faces, position = _read_faces(data, position, header)
     parts = [
         positions[max(0, span.start - first) : span.stop - first]
-        for first, positions in _blocks(data, position, header, faces, span, where, n_threads)
+        for first, positions in _blocks(data, position, header, faces, span)
     ]
+    positions: FloatArray = np.concatenate(parts)  # type: ignore[assignment]
     if where is not None:
-        header = replace(header, grid=None, topology=None)
+        header, positions = replace(header, grid=None, topology=None), positions[:, where]
         faces = _faces_between(faces, where, header.n_vertices)
     times = None if header.times is None else header.times[span.start : span.stop]
-    positions: FloatArray = np.concatenate(parts)  # type: ignore[assignment]
-    return _sequence(header, positions, faces, times)
+    return mesh_sequence(
+        given_up(positions),
+        faces,
+        grid=header.grid,
+        topology=header.topology,
+        times=times,
+        unit=header.unit,
+    )
 
 
 def _require_vertices(vertices: range | NDArray[np.int64], n_vertices: int) -> NDArray[np.int64]:
@@ -151,15 +149,11 @@ def _blocks(
     header: Header,
     faces: NDArray[np.int64],
     span: range,
-    where: NDArray[np.int64] | None,
-    n_threads: int,
 ) -> Iterator[tuple[int, FloatArray]]:
     """First frame and positions of each block that overlaps a span of frames."""
-    stored = header.modes == STORED
     modes = None
-    if not stored:
-        whole = where is None
-        modes = read_modes(header.modes, header.n_vertices, faces, n_threads, whole=whole)
+    if header.modes != STORED:
+        modes = read_modes(header.modes, header.n_vertices, faces)
     first = 0
     for n_frames in header.block_frames:
         if first >= span.stop or first + n_frames <= span.start:
@@ -168,26 +162,9 @@ def _blocks(
             section, position = read_section(data, position)
             size = n_frames, header.n_vertices
             if modes is None:
-                positions = restore_positions(section, *size, header.dtype)
-                yield first, positions if where is None else positions[:, where]
+                yield first, restore_positions(section, *size, header.dtype)
             else:
-                yield first, read_block(section, *size, modes, header.dtype, where)
+                yield first, read_block(section, *size, modes, header.dtype)
         first += n_frames
     if position != len(data):
         raise damaged(f"{len(data) - position} bytes follow the end of the stream.")
-
-
-def _sequence(
-    header: Header,
-    positions: FloatArray,
-    faces: NDArray[np.int64],
-    times: NDArray[np.float64] | None,
-) -> MeshSequence:
-    return mesh_sequence(
-        given_up(positions),
-        faces,
-        grid=header.grid,
-        topology=header.topology,
-        times=times,
-        unit=header.unit,
-    )

@@ -51,7 +51,6 @@ def encode(
     max_error: float | None = None,
     n_bytes: int | None = None,
     effort: Effort | str = Effort.BALANCED,
-    keep_face_order: bool = False,
     progress: ShareReport | None = None,
 ) -> Encoded:
     """Encode a mesh sequence at one of three targets.
@@ -71,10 +70,8 @@ def encode(
     effort : {"fast", "balanced"}
         How many transforms are tried, and for meshes without a lattice how large the
         eigenproblems of a decoder are: "fast" takes a third of the time, and on surfaces a sixth
-        more bits.
-    keep_face_order : bool
-        Vertices keep their order and triangles their orientation in any case. The order of the
-        triangles means nothing to a surface, and keeping it can cost more than its motion.
+        more bits. Vertices keep their order and triangles their orientation; the order of the
+        triangles changes.
     progress : callable, optional
         Called with the share done so far, from 0 to 1.
 
@@ -98,7 +95,7 @@ def encode(
     report = progress or silent
     report(0.0)
     choice = choose(sequence, effort)
-    faces = _faces_section(sequence, keep_face_order, RELATIONS[effort])
+    faces = _faces_section(sequence, RELATIONS[effort])
     report(SHARE_OF_FACES)
     rest = part_of(report, SHARE_OF_FACES, 1.0)
     if target.measure == Measure.BYTES:
@@ -107,13 +104,7 @@ def encode(
         encoded = _at_error(sequence, choice, faces, target, rest)
     is_error = target.measure != Measure.BYTES
     if is_error and effort == Effort.BALANCED and sequence.n_vertices <= FEW:
-        quick = encode(
-            sequence,
-            rms=rms,
-            max_error=max_error,
-            effort=Effort.FAST,
-            keep_face_order=keep_face_order,
-        )
+        quick = encode(sequence, rms=rms, max_error=max_error, effort=Effort.FAST)
         encoded = min(encoded, quick, key=lambda one: one.n_bytes)
     report(1.0)
     return encoded
@@ -206,19 +197,13 @@ def _require_fit(best: Encoded | None, smallest: int, n_bytes: int) -> Encoded:
     return best
 
 
-def _faces_section(sequence: MeshSequence, keep_order: bool, n_relations: tuple[int, ...]) -> bytes:
+def _faces_section(sequence: MeshSequence, n_relations: tuple[int, ...]) -> bytes:
     if not len(sequence.faces):
         return b""
     lattice = None
     if sequence.grid is not None and sequence.topology is not None:
         lattice = (sequence.topology, sequence.grid)
-    return write_faces(
-        sequence.n_vertices,
-        lattice,
-        sequence.faces,
-        keep_order=keep_order,
-        n_relations=n_relations,
-    )
+    return write_faces(sequence.n_vertices, lattice, sequence.faces, n_relations)
 
 
 def _header(

@@ -137,14 +137,9 @@ def choose(sequence: MeshSequence, effort: Effort) -> Choice:
         springs = _spring_modes(sequence, CUTS[effort])
         modes = springs
         name = f"spring modes, patches: {len(springs.patches)}"
-    is_quick = effort == Effort.FAST
-    kinds: tuple[Temporal, ...] = (Temporal.DCT, Temporal.TRAJECTORY)
-    if is_quick:
+    kinds = tuple(Temporal)[: 2 if on_lattice else 3]
+    if effort == Effort.FAST:
         kinds = (Temporal.DCT if on_lattice else Temporal.TRAJECTORY,)
-    if not on_lattice and not is_quick:
-        kinds = (*kinds, Temporal.PARTS)
-    if _is_cycle(sequence) and not (is_quick and not on_lattice):
-        kinds = (Temporal.FOURIER, *(k for k in kinds if not is_quick))
     return Choice(modes, kinds, effort, name)
 
 
@@ -178,23 +173,12 @@ def _spring_modes(sequence: MeshSequence, cut: Cut) -> PatchModes:
     return PatchModes(edges_of(sequence.faces), n, cut)
 
 
-def _is_cycle(sequence: MeshSequence) -> bool:
-    """Whether the last frame leads back to the first in a step like the others."""
-    if sequence.n_frames < 4:
-        return False
-    vertices = sequence.vertices
-    steps = [float(np.abs(vertices[i] - vertices[i - 1]).mean()) for i in range(sequence.n_frames)]
-    return steps[0] <= 1.5 * float(np.median(steps[1:]))
-
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 QUANTA_PER_RMS: Final = 16
 QUANTA_PER_MAX: Final = 64
 MOST_UNCERTAIN: Final = 1e-2
-# Whole numbers of a coarse step are parallel to the last bit, or far from it.
-ALIKE: Final = 1e-8
 # Rounding may take more than its average, and modes that are not orthonormal more than their
 # coefficients: how often to ask for less, at least by so much, and by so much more than is over.
 MOST_SHARES: Final = 5
@@ -379,21 +363,9 @@ def _finish(
 ) -> EncodedBlock | None:
     """Write a trial as a block, with guards and corrections from decoding it.
 
-    Only vertices farther off than `room`, in quanta, are corrected, in steps of `width`.
+    Only vertices farther off than `room`, in quanta, are corrected, in steps of `width`. None if
+    the numbers are too large, or other machines may round them otherwise.
     """
-    done = _written(frames, choice, trial, width, room)
-    if done is None:
-        # A coarse step rounds some components to the same one, and a difference between them
-        # takes huge numbers of opposite signs: let them share what they describe.
-        shared = attempt(frames.motion, trial.kind, trial.quantiser.step, alike=ALIKE)
-        done = None if shared is None else _written(frames, choice, shared, width, room)
-    return done
-
-
-def _written(
-    frames: _Frames, choice: Choice, trial: Trial, width: int, room: float
-) -> EncodedBlock | None:
-    """Write a trial; None if its numbers are too large, or other machines may round them."""
     if trial.largest > LARGEST_MAGNITUDE:
         return None
     block = trial.block(len(frames.vertices), frames.exponent, frames.origin, width)

@@ -9,7 +9,7 @@ lost: the modes are complete, and nearly the eigenvectors where it counts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -23,8 +23,6 @@ from modalmotion.numeric.native import run
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-Each = Callable[..., Iterable[tuple[Floats, Floats]]]
-"""How independent eigenproblems are called, as `map` is: one after the other, or side by side."""
 
 TILTED: Final = (1, 2)
 """Of the joined modes: the share that the modes left over are turned into."""
@@ -132,32 +130,12 @@ class PatchBasis:
         return core
 
 
-@dataclass(frozen=True)
-class Shaken:
-    """Errors to reckon with: the same eigenproblems, each with errors of their own.
-
-    Parameters
-    ----------
-    share : float
-        Of the largest entry of a matrix: standard deviation of the errors of all entries.
-    """
-
-    share: float
-
-    def of(self, K: Floats) -> Floats:
-        """Symmetric errors of a matrix."""
-        noise = np.random.default_rng(len(K)).normal(size=K.shape)
-        noise = self.share * float(np.abs(np.diagonal(K)).max(initial=0.0)) * noise
-        return np.tril(noise) + np.tril(noise, -1).T
-
-
 def solve_patch(
     leaves: Sequence[Ints],
     springs: Springs,
     signs: Floats,
     n_joined: int,
-    shaken: Shaken | None,
-    each: Each = map,
+    errors: float,
 ) -> PatchBasis:
     """Solve for the modes of a patch.
 
@@ -170,23 +148,18 @@ def solve_patch(
         The sum over the vertices of these times a mode is positive.
     n_joined : int
         At least one for each leaf; of no meaning for a single one.
-    shaken : Shaken, optional
-        Errors to add, to see what they do.
-    each : callable
-        How the leaves are solved.
+    errors : float
+        To add to each entry of a matrix, over its largest, to see what they do.
     """
     leaf_of, place = np.empty((2, len(signs)), dtype=np.int64)
     for number, leaf in enumerate(leaves):
         leaf_of[leaf] = number
         place[leaf] = np.arange(len(leaf))
     home = np.where(leaf_of[springs.a] == leaf_of[springs.b], leaf_of[springs.a], -1)
-
-    def solved(number: int) -> tuple[Floats, Floats]:
-        inside = springs.within(home == number, place)
-        return _eigenvectors(_stiffness_matrix(inside, len(leaves[number])), shaken)
-
     squares, modes = [], []
-    for leaf, (square, Phi) in zip(leaves, each(solved, range(len(leaves))), strict=True):
+    for number, leaf in enumerate(leaves):
+        inside = springs.within(home == number, place)
+        square, Phi = _eigenvectors(_stiffness_matrix(inside, len(leaf)), errors)
         squares.append(square)
         modes.append(_signed(Phi, signs[leaf]))
     if len(leaves) == 1:
@@ -198,7 +171,7 @@ def solve_patch(
     across = _across(springs, leaf_of, place, len(leaves))
     A = across.pulled(low, across.stretched(low, np.eye(n_joined)))
     A[np.diag_indices_from(A)] += _parts(squares, counts, lowest=True)
-    found, C = _eigenvectors(A, shaken)
+    found, C = _eigenvectors(A, errors)
     sums = [signs[leaf] @ Phi for leaf, Phi in zip(leaves, low, strict=True)]
     C = _signed(C, np.concatenate(sums))
     k = n_joined * TILTED[0] // TILTED[1]
@@ -274,8 +247,12 @@ def _stiffness_matrix(springs: Springs, n: int) -> Floats:
     return K
 
 
-def _eigenvectors(K: Floats, shaken: Shaken | None) -> tuple[Floats, Floats]:
-    square, Phi = np.linalg.eigh(K if shaken is None else K + shaken.of(K))
+def _eigenvectors(K: Floats, errors: float) -> tuple[Floats, Floats]:
+    if errors:
+        noise = np.random.default_rng(len(K)).normal(size=K.shape)
+        noise *= errors * float(np.abs(np.diagonal(K)).max(initial=0.0))
+        K = K + np.tril(noise) + np.tril(noise, -1).T
+    square, Phi = np.linalg.eigh(K)
     return square, Phi
 
 

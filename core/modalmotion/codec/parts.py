@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from modalmotion.codec.block import MOST_PARTS, N_FUNCTIONS, Block, Parts
 from modalmotion.codec.spatial_modes import OrthonormalModes
 from modalmotion.codec.temporal import (
+    ALIKE,
     Quantiser,
     Temporal,
     basis_numbers,
@@ -21,6 +22,9 @@ from modalmotion.codec.temporal import (
     quantise,
     restore_basis,
 )
+
+PRICE: Final = 0.13
+"""Squared steps that a bit is worth: the slope of distortion over rate of a fine quantiser."""
 
 MOST_PIECES: Final = 256
 FINEST_PIECE: Final = 24
@@ -132,10 +136,6 @@ def _unexplained(G: Floats, H: Floats, square: Floats) -> Floats:
     return left
 
 
-PRICE: Final = 0.13
-"""Squared steps that a bit is worth: the slope of distortion over rate of a fine quantiser."""
-
-
 @dataclass(frozen=True, eq=False)
 class Trial:
     """A block at some step, and the error it makes.
@@ -237,33 +237,28 @@ class Articulated:
     parts: Parts
     shape: Floats
 
-    def attempt(self, step: float, price: float, alike: float | None) -> Trial | None:
+    def attempt(self, step: float) -> Trial | None:
         """Quantise at one step; None if it is finer than the numbers themselves.
 
         Parameters
         ----------
         step : float, quanta
-        price : float, squared steps per bit
-        alike : float, optional
-            See `TimeBasis.project`.
         """
         exact = self.shape * np.sqrt(len(self.amplitudes))
         if not is_countable(exact, step):
             return None
-        shape = quantise(exact, step, price)
-        first = self._quantised(shape, fit_quantiser(exact, shape, step), price, alike, None)
+        shape = quantise(exact, step, PRICE)
+        first = self._quantised(shape, fit_quantiser(exact, shape, step), None)
         if first is None:
             return None
         # Again with one set of shifts for all numbers, and without what is not worth its bits.
-        again = self._quantised(shape, first.shifted, price, alike, first.n_worth)
+        again = self._quantised(shape, first.shifted, first.n_worth)
         return None if again is None else again.trial
 
     def _quantised(
         self,
         numbers: Ints,
         quantiser: Quantiser,
-        price: float,
-        alike: float | None,
         most: int | None,
     ) -> _Found | None:
         n_frames, step = len(self.amplitudes), quantiser.step
@@ -278,23 +273,23 @@ class Articulated:
             return None
         loud = np.abs(exact_basis).max(axis=1) > step / 2
         exact_basis = exact_basis[: int(np.count_nonzero(loud))][:most]
-        basis = quantise(exact_basis, step, price)
+        basis = quantise(exact_basis, step, PRICE)
         basis = basis[: leading(basis.any(axis=1))]
         time_basis = restore_basis(Temporal.PARTS, basis, n_frames, quantiser)
         B = time_basis.learned.reshape(3 * n_frames, -1)
 
-        exact_maps, exact_rows = _fitted(B, turned, alike), _fitted(B, left, alike)
+        exact_maps, exact_rows = _fitted(B, turned), _fitted(B, left)
         if not (is_countable(exact_maps, step) and is_countable(exact_rows, step)):
             return None
-        maps = quantise(exact_maps, step, price)
+        maps = quantise(exact_maps, step, PRICE)
         mapped = quantiser.restore(maps) @ self.modes.analyse(self.parts.apart(functions))
         exact_rest = exact_rows - mapped
-        rest = quantise(exact_rest, step, price)
+        rest = quantise(exact_rest, step, PRICE)
         rows = mapped + quantiser.restore(rest)
 
         gain = (exact_rows**2 - (exact_rows - rows) ** 2).sum(axis=1) / step**2
         bits = rough_bits(basis) + rough_bits(maps) + rough_bits(rest)
-        worth = np.cumsum(gain - price * bits)
+        worth = np.cumsum(gain - PRICE * bits)
         pairs = (
             (self.shape * np.sqrt(n_frames), numbers),
             (exact_basis[: len(basis)], basis),
@@ -357,10 +352,10 @@ def _components(turned: Floats, n_frames: int) -> Floats:
     return np.ascontiguousarray((U * strengths).T).reshape(-1, n_frames, 3)
 
 
-def _fitted(B: Floats, motion: Floats, alike: float | None) -> Floats:
+def _fitted(B: Floats, motion: Floats) -> Floats:
     """Find the combinations of components that leave the least error."""
     if not B.shape[1]:
         return np.zeros((0, motion.shape[1]))
     # Orthonormal up to their rounding: fitted, not projected.
-    found, *_ = scipy.linalg.lstsq(B, motion, cond=alike, lapack_driver="gelsy")
+    found, *_ = scipy.linalg.lstsq(B, motion, cond=ALIKE, lapack_driver="gelsy")
     return np.asarray(found)

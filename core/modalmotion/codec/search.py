@@ -15,11 +15,10 @@ from modalmotion.arguments.checking import Saved
 from modalmotion.codec.parts import PRICE, Articulated, Trial, find_parts, leading, rough_bits
 from modalmotion.codec.spatial_modes import OrthonormalModes
 from modalmotion.codec.temporal import (
-    CLOSED_FORM,
     Quantiser,
     Temporal,
     basis_numbers,
-    closed_form_basis,
+    cosine_basis,
     fit_quantiser,
     is_countable,
     last_used,
@@ -50,15 +49,12 @@ class ModalBlock:
     amplitudes: Floats
     offsets: Floats | None = None
     modes: OrthonormalModes | None = None
-    _projected: dict[Temporal, Floats] = field(default_factory=dict)
     _articulated: list[Articulated | None] = field(default_factory=list)
 
-    def projected(self, kind: Temporal) -> Floats:
-        """Coefficients of a basis in closed form, (3 x components, modes), slow ones first."""
-        if kind not in self._projected:
-            basis = closed_form_basis(kind, len(self.amplitudes))
-            self._projected[kind] = basis.project(self.amplitudes)
-        return self._projected[kind]
+    @cached_property
+    def cosines(self) -> Floats:
+        """Coefficients of cosines over time, (3 x components, modes), slow ones first."""
+        return cosine_basis(len(self.amplitudes)).project(self.amplitudes)
 
     @cached_property
     def components(self) -> Floats:
@@ -75,13 +71,7 @@ class ModalBlock:
         return self._articulated[0]
 
 
-def attempt(
-    motion: ModalBlock,
-    kind: Temporal,
-    step: float,
-    price: float = PRICE,
-    alike: float | None = None,
-) -> Trial | None:
+def attempt(motion: ModalBlock, kind: Temporal, step: float) -> Trial | None:
     """Quantise some frames at one step.
 
     Parameters
@@ -89,9 +79,6 @@ def attempt(
     motion : ModalBlock
     kind : Temporal
     step : float, quanta
-    price : float, squared steps per bit
-    alike : float, optional
-        See `TimeBasis.project`.
 
     Returns
     -------
@@ -102,44 +89,42 @@ def attempt(
     step = float(np.float32(step))
     if kind == Temporal.PARTS:
         parts = motion.articulated(step)
-        return None if parts is None else parts.attempt(step, price, alike)
-    if kind in CLOSED_FORM:
-        exact = motion.projected(kind)
+        return None if parts is None else parts.attempt(step)
+    if kind == Temporal.DCT:
+        exact = motion.cosines
         if not is_countable(exact, step):
             return None
-        numbers = quantise(exact, step, price)
+        numbers = quantise(exact, step, PRICE)
         n_rows = 3 * max(1, -(-last_used(numbers.any(axis=1)) // 3))
         quantiser = fit_quantiser(exact[:n_rows], numbers[:n_rows], step)
         error = ((exact[:n_rows] - quantiser.restore(numbers[:n_rows])) ** 2).sum()
         error += (exact[n_rows:] ** 2).sum()
         empty = np.zeros((0, 0), dtype=np.int64)
         return Trial(kind, quantiser, empty, numbers[:n_rows], float(error))
-    return _attempt_trajectories(motion, step, price, alike)
+    return _attempt_trajectories(motion, step)
 
 
-def _attempt_trajectories(
-    motion: ModalBlock, step: float, price: float, alike: float | None
-) -> Trial | None:
+def _attempt_trajectories(motion: ModalBlock, step: float) -> Trial | None:
     kind, n_frames, exact_basis = Temporal.TRAJECTORY, len(motion.amplitudes), motion.components
     if not is_countable(exact_basis, step):
         return None
     exact_basis = exact_basis[: int(np.count_nonzero(np.abs(exact_basis).max(axis=1) > step / 2))]
-    basis = quantise(exact_basis, step, price)
+    basis = quantise(exact_basis, step, PRICE)
     basis = basis[: leading(basis.any(axis=1))]
     for last in (False, True):
         exact_basis = exact_basis[: len(basis)]
         quantiser = fit_quantiser(exact_basis, basis, step)
         time_basis = restore_basis(kind, basis, n_frames, quantiser)
-        exact = time_basis.project(motion.amplitudes, alike)
+        exact = time_basis.project(motion.amplitudes)
         if not is_countable(exact, step):
             return None
-        numbers = quantise(exact, step, price)
+        numbers = quantise(exact, step, PRICE)
         if last or not len(basis):
             break
         restored = Quantiser(step, (0, 0, 0)).restore(numbers[3:])
         gain = (exact[3:] ** 2 - (exact[3:] - restored) ** 2).sum(axis=1)
         bits = rough_bits(numbers[3:]) + rough_bits(basis)
-        worth = np.cumsum(gain / step**2 - price * bits)
+        worth = np.cumsum(gain / step**2 - PRICE * bits)
         n_worth = int(np.argmax(worth)) + 1 if worth.max() > 0 else 0
         if n_worth == len(basis):
             break
@@ -163,7 +148,7 @@ MOST_ATTEMPTS: Final = 12
 
 
 def coarsest(
-    motion: ModalBlock, kind: Temporal, squared_error: float, start: float, price: float = PRICE
+    motion: ModalBlock, kind: Temporal, squared_error: float, start: float
 ) -> Trial | None:
     """Find the coarsest step whose squared error stays within a bound.
 
@@ -175,7 +160,6 @@ def coarsest(
         Summed over frames and vertices.
     start : float, quanta
         Step to try first.
-    price : float, squared steps per bit
 
     Returns
     -------
@@ -187,7 +171,7 @@ def coarsest(
     log_step, slope = np.log(start), 1.6
     goal, boldness = np.log(squared_error), 0.01
     for _ in range(MOST_ATTEMPTS):
-        trial = attempt(motion, kind, float(np.exp(log_step)), price)
+        trial = attempt(motion, kind, float(np.exp(log_step)))
         if trial is None:
             break
         error = np.log(max(trial.squared_error, 1e-300))
@@ -257,7 +241,6 @@ FULL_ENOUGH: Final = 0.99
 # stream and what is too fine for one.
 CLOSE: Final = 0.01
 COARSE: Final = 0.1
-LONGEST_STEP: Final = 6.0
 
 
 def try_sizes(
@@ -270,7 +253,7 @@ def try_sizes(
     """Try errors until one has nearly the largest size that is allowed.
 
     At fine errors the size falls straight with the logarithm of the error: a bit for each
-    coefficient where the error is halved. Lines through the nearest two trials find it.
+    coefficient where the error is halved. Lines through the last two trials find it.
 
     Parameters
     ----------
@@ -287,38 +270,24 @@ def try_sizes(
         Bytes that an error e times smaller costs at most.
     """
     low, high = bracket
-    tried: dict[float, int] = {}
-    log_error = start
+    log_error, before, close = start, None, COARSE
     for _ in range(MOST_TRIALS):
         n_bytes = size(log_error)
-        width = high - low
-        if n_bytes is not None:
-            tried[log_error] = n_bytes
         if n_bytes is None or n_bytes > most:
-            low = log_error
+            low, close = log_error, COARSE if n_bytes is None else CLOSE
         else:
             high = log_error
             if n_bytes > FULL_ENOUGH * most:
                 return
-        if high - low < (CLOSE if low in tried else COARSE):
+        if high - low < close:
             return
-        is_slow = low in tried and high in tried and high - low > width / 2
-        guess = None if is_slow else _straight(tried, AIM * most, slope)
-        log_error = guess if guess is not None and low < guess < high else (low + high) / 2
-
-
-def _straight(tried: dict[float, int], goal: float, slope: float) -> float | None:
-    """Where the line through the nearest two, or of a slope through the only one, has a size."""
-    nearest = sorted(tried, key=lambda at: abs(tried[at] - goal))[:2]
-    if not nearest:
-        return None
-    if len(nearest) == 2:
-        one, other = nearest
-        slope = -(tried[other] - tried[one]) / (other - one)
-    if slope <= 0:
-        return None
-    change = (tried[nearest[0]] - goal) / slope
-    return nearest[0] + min(max(change, -LONGEST_STEP), LONGEST_STEP)
+        guess = np.nan
+        if n_bytes is not None:
+            if before is not None and before[1] != n_bytes:
+                slope = (before[1] - n_bytes) / (log_error - before[0])
+            guess = log_error + (n_bytes - AIM * most) / slope
+            before = log_error, n_bytes
+        log_error = guess if low < guess < high else (low + high) / 2
 
 
 @dataclass(frozen=True)

@@ -3,15 +3,11 @@
 They depend on the connectivity alone. Frequencies that coincide (symmetric or repeated parts)
 would leave their modes undetermined, so every spring is stiffened a little, by an amount that
 its two ends decide: then no two frequencies coincide, and each mode is one vector whose sign
-is fixed by a rule. How far rounding can turn the modes is seen by solving again with errors;
-encoder and decoder compare a probe of the basis.
+is fixed by a rule. How far rounding can turn the modes is seen by solving again with errors.
 """
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
@@ -22,9 +18,7 @@ from numpy.typing import NDArray
 
 from modalmotion.codec.coder import damaged, parsing, read_varint, read_varints, write_varint
 from modalmotion.codec.joined_modes import (
-    Each,
     PatchBasis,
-    Shaken,
     Springs,
     by_rank,
     edges_of,
@@ -42,9 +36,8 @@ from modalmotion.codec.temporal import (
     turn,
     turn_back,
 )
-from modalmotion.errors import LimitError, MalformedFileError
-from modalmotion.modes.order import require_shape
-from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology
+from modalmotion.errors import LimitError
+from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology, require_shape
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -55,8 +48,6 @@ SPRINGS: Final = 2
 LARGEST_PATCH: Final = 4096
 # Numbers in proportion to the time to decode, for each vertex: of the leaves, and of joining.
 MOST_WORK: Final = 2.0e11
-PROBES: Final = 8
-PROBE_STEP: Final = 1.0 / 4096.0
 SHARES: Final = 256
 ROUNDING: Final = 2.0e-15
 """Errors to reckon with: of each entry of a matrix, over its largest."""
@@ -101,17 +92,14 @@ class PatchModes:
         Pairs of vertices joined by a spring, each once, smaller first, sorted.
     n_vertices : int
     cut : Cut
-    errors : Shaken, optional
-        Errors to add to each eigenproblem.
-    n_threads : int, optional
-        How many patches, or leaves of a lone patch, are solved side by side.
+    errors : float
+        Of each entry of a matrix, over its largest, to see what they do.
     """
 
     edges: Ints
     n_vertices: int
     cut: Cut
-    errors: Shaken | None = None
-    n_threads: int = 1
+    errors: float = 0.0
 
     @cached_property
     def patches(self) -> list[Ints]:
@@ -119,56 +107,28 @@ class PatchModes:
         return patches_of(self.edges, self.n_vertices, self.cut.patch)
 
     @cached_property
-    def _places(self) -> tuple[Ints, Ints]:
-        """Patch of each vertex, and its place in it."""
+    def bases(self) -> list[PatchBasis]:
+        """Modes of each patch, for unit stiffness and mass."""
         owner, where = np.empty((2, self.n_vertices), dtype=np.int64)
         for number, patch in enumerate(self.patches):
             owner[patch] = number
             where[patch] = np.arange(len(patch))
-        return owner, where
-
-    @cached_property
-    def _solved(self) -> dict[int, PatchBasis]:
-        """Modes of the patches that were asked for."""
-        return {}
-
-    def bases(self, numbers: Sequence[int]) -> list[PatchBasis]:
-        """Modes of some patches, for unit stiffness and mass; solved for once."""
-        left = [number for number in numbers if number not in self._solved]
-        if left:
-            self._solved.update(zip(left, self._solve(left), strict=True))
-        return [self._solved[number] for number in numbers]
-
-    def _solve(self, numbers: Sequence[int]) -> list[PatchBasis]:
-        owner, where = self._places
-        inside = owner[self.edges[:, 0]] == owner[self.edges[:, 1]]
-        edges = self.edges[inside]
-        order = np.argsort(owner[edges[:, 0]], kind="stable")
-        edges = edges[order]
-        cuts = np.searchsorted(owner[edges[:, 0]], np.arange(len(self.patches) + 1)).tolist()
-        stiffness = stiffness_of(edges)
+        edges = self.edges[owner[self.edges[:, 0]] == owner[self.edges[:, 1]]]
+        edges = edges[np.argsort(owner[edges[:, 0]], kind="stable")]
+        cuts = np.searchsorted(owner[edges[:, 0]], np.arange(len(self.patches) + 1))
+        (a, b), stiffness = where[edges.T], stiffness_of(edges)
         leaves: list[list[Ints]] = [[] for _ in self.patches]
         parts = self.patches
         if self.cut.leaf < self.cut.patch:
             parts = patches_of(edges, self.n_vertices, self.cut.leaf)
         for part in parts:
             leaves[int(owner[part[0]])].append(where[part])
-        several = sum(len(leaves[number]) > 1 for number in numbers) > 1
-
-        def solved(number: int, each: Each = map) -> PatchBasis:
-            patch = self.patches[number]
-            some = slice(cuts[number], cuts[number + 1])
-            springs = Springs(where[edges[some, 0]], where[edges[some, 1]], stiffness[some])
-            signs = scatter(patch, 1) - 0.5
-            n_joined = self.cut.n_joined(len(patch), len(leaves[number]))
-            return solve_patch(leaves[number], springs, signs, n_joined, self.errors, each)
-
-        if self.n_threads == 1:
-            return list(map(solved, numbers))
-        with ThreadPoolExecutor(self.n_threads) as pool:
-            if several or self.cut.leaf >= self.cut.patch:
-                return list(pool.map(solved, numbers))
-            return [solved(number, pool.map) for number in numbers]
+        bases = []
+        for patch, own, start, end in zip(self.patches, leaves, cuts, cuts[1:], strict=False):
+            springs = Springs(a[start:end], b[start:end], stiffness[start:end])
+            n_joined = self.cut.n_joined(len(patch), len(own))
+            bases.append(solve_patch(own, springs, scatter(patch, 1) - 0.5, n_joined, self.errors))
+        return bases
 
     @cached_property
     def order(self) -> Ints:
@@ -179,78 +139,50 @@ class PatchModes:
         """Values at the vertices to coefficients, (rows, vertices) to (rows, modes)."""
         parts = [
             basis.analyse(values[:, patch])
-            for patch, basis in zip(self.patches, self._all, strict=True)
+            for patch, basis in zip(self.patches, self.bases, strict=True)
         ]
         return np.concatenate(parts, axis=1)[:, self.order]
 
-    def synthesise(self, coefficients: Floats, where: Ints | None = None) -> Floats:
-        """Coefficients to values, (rows, first modes) to (rows, vertices), or some of these."""
+    def synthesise(self, coefficients: Floats) -> Floats:
+        """Coefficients to values, (rows, first modes) to (rows, vertices)."""
         n_rows, n_modes = coefficients.shape
         flat = np.zeros((n_rows, self.n_vertices))
         flat[:, self.order[:n_modes]] = coefficients
-        starts = np.cumsum([0, *map(len, self.patches)]).tolist()
-        if where is None:
-            values = np.empty((n_rows, self.n_vertices))
-            for number, (patch, basis) in enumerate(zip(self.patches, self._all, strict=True)):
-                values[:, patch] = basis.synthesise(flat[:, starts[number] : starts[number + 1]])
-            return values
-        owner, place = self._places
-        values = np.empty((n_rows, len(where)))
-        needed = np.unique(owner[where]).tolist()
-        for number, basis in zip(needed, self.bases(needed), strict=True):
-            there = owner[where] == number
-            part = basis.synthesise(flat[:, starts[number] : starts[number + 1]])
-            values[:, there] = part[:, place[where[there]]]
+        values, at = np.empty((n_rows, self.n_vertices)), 0
+        for patch, basis in zip(self.patches, self.bases, strict=True):
+            values[:, patch] = basis.synthesise(flat[:, at : at + len(patch)])
+            at += len(patch)
         return values
-
-    @property
-    def _all(self) -> list[PatchBasis]:
-        return self.bases(range(len(self.patches)))
 
     @cached_property
     def shaken(self) -> PatchModes:
         """The same modes with errors that are larger than those of rounding."""
-        return replace(self, errors=Shaken(ROUNDING))
+        return replace(self, errors=ROUNDING)
 
     def pieces(self, largest: int) -> list[Ints]:
         """Vertices of the connected parts of the mesh, halved until none is larger."""
         return patches_of(self.edges, self.n_vertices, largest)
 
-    def probe(self) -> Ints:
-        """Look at a few entries of the basis, (8,) int64, in 1/4096."""
-        (basis,) = self.bases([int(np.argmax([len(patch) for patch in self.patches]))])
-        places = np.arange(PROBES)
-        chosen = np.zeros((PROBES, basis.n))
-        chosen[places, (places * basis.n) // PROBES] = 1.0
-        entries = basis.synthesise(chosen)[places, (places * 7919 + 11) % basis.n]
-        probe: Ints = np.rint(entries / PROBE_STEP).astype(np.int64)
-        return probe
-
     def write(self) -> bytes:
-        """Write which modes these are, and a probe of them."""
+        """Write which modes these are."""
         cut = self.cut
-        head = bytes([SPRINGS]) + write_varint(cut.patch) + write_varint(cut.leaf)
-        return head + bytes([cut.share]) + struct.pack(f"<{PROBES}h", *self.probe().tolist())
+        sizes = write_varint(cut.patch) + write_varint(cut.leaf)
+        return bytes([SPRINGS]) + sizes + bytes([cut.share])
 
 
-def read_patch_modes(
-    data: bytes, n_vertices: int, faces: Ints, n_threads: int = 1, *, whole: bool = True
-) -> PatchModes:
-    """Solve for the modes that `PatchModes.write` wrote, or of one patch first to compare them.
+def read_patch_modes(data: bytes, n_vertices: int, faces: Ints) -> PatchModes:
+    """Read modes that `PatchModes.write` wrote.
 
     Raises
     ------
-    IndexError, ValueError, struct.error
+    IndexError, ValueError
         If they make no sense.
-    MalformedFileError
-        If they are not those of the encoder.
     LimitError
         If solving for them would take too long.
     """
     (patch, leaf), position = read_varints(data, 1, 2)
     share = data[position]
-    probe = np.array(struct.unpack_from(f"<{PROBES}h", data, position + 1), dtype=np.int64)
-    if not 1 <= leaf <= patch or position + 1 + 2 * PROBES != len(data):
+    if not 1 <= leaf <= patch or position + 1 != len(data):
         raise ValueError
     cut = Cut(min(patch, n_vertices), min(leaf, n_vertices), share)
     if cut.patch > LARGEST_PATCH or cut.work(n_vertices) > MOST_WORK:
@@ -259,15 +191,7 @@ def read_patch_modes(
             remedy="No encoder of this project writes such a stream: refuse its sender.",
             limit="spring_modes",
         )
-    modes = PatchModes(edges_of(faces), n_vertices, cut, n_threads=n_threads)
-    if whole:
-        modes.bases(range(len(modes.patches)))
-    if np.abs(modes.probe() - probe).max() > 1:
-        raise MalformedFileError(
-            "This machine solves for other spring modes than the encoder did.",
-            remedy="Encode the sequence on this machine.",
-        )
-    return modes
+    return PatchModes(edges_of(faces), n_vertices, cut)
 
 
 LATTICE: Final = 1
@@ -325,12 +249,11 @@ class LatticeModes:
             array = self._along(array, axis, inverse=False)
         return array.reshape(len(values), -1)[:, self.order]
 
-    def synthesise(self, coefficients: Floats, where: Ints | None = None) -> Floats:
-        """Coefficients to values, (rows, first modes) to (rows, nodes), or some of these."""
+    def synthesise(self, coefficients: Floats) -> Floats:
+        """Coefficients to values, (rows, first modes) to (rows, nodes)."""
         n_rows, n_modes = coefficients.shape
         n_nodes = prod(self.shape)
-        n_values = n_nodes if where is None else len(where)
-        values, places = np.empty((n_rows, n_values)), self.order[:n_modes]
+        values, places = np.empty((n_rows, n_nodes)), self.order[:n_modes]
         # A few rows at once: what stands between the steps stays in the cache, and in memory that
         # the process has already.
         n_at_once = max(1, _AT_ONCE // n_nodes)
@@ -341,8 +264,7 @@ class LatticeModes:
             array = flat.reshape(-1, *self.shape)
             for axis in reversed(self._axes()):
                 array = self._along(array, axis, inverse=True)
-            found = array.reshape(-1, n_nodes)
-            values[rows] = found if where is None else found[:, where]
+            values[rows] = array.reshape(-1, n_nodes)
         return values
 
     @property
@@ -424,11 +346,8 @@ class OrthonormalModes(Protocol):
     def analyse(self, values: Floats) -> Floats:
         """Values to coefficients, (rows, vertices) to (rows, modes)."""
 
-    def synthesise(self, coefficients: Floats, where: Ints | None = None) -> Floats:
-        """Coefficients of the first modes to values, (rows, modes) to (rows, vertices).
-
-        At some vertices only if they are stated; what they do not need is not solved for.
-        """
+    def synthesise(self, coefficients: Floats) -> Floats:
+        """Coefficients of the first modes to values, (rows, modes) to (rows, vertices)."""
 
     @property
     def shaken(self) -> OrthonormalModes | None:
@@ -438,18 +357,16 @@ class OrthonormalModes(Protocol):
         """Vertices of the pieces of the connectivity; None if the modes do not know it."""
 
     def write(self) -> bytes:
-        """Write which modes these are, and a probe of those that are solved for."""
+        """Write which modes these are."""
 
 
-def read_modes(
-    data: bytes, n_vertices: int, faces: Ints, n_threads: int = 1, *, whole: bool = True
-) -> OrthonormalModes:
-    """Make the modes that a stream names, with so many threads; not all at once unless whole.
+def read_modes(data: bytes, n_vertices: int, faces: Ints) -> OrthonormalModes:
+    """Make the modes that a stream names.
 
     Raises
     ------
     MalformedFileError
-        If they make no sense, or are not those of the encoder.
+        If they make no sense.
     LimitError
         If solving for them would take too long.
     """
@@ -457,5 +374,5 @@ def read_modes(
         if data[0] == LATTICE:
             return read_lattice_modes(data, n_vertices)
         if data[0] == SPRINGS:
-            return read_patch_modes(data, n_vertices, faces, n_threads, whole=whole)
+            return read_patch_modes(data, n_vertices, faces)
     raise damaged(_UNKNOWN)

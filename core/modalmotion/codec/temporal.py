@@ -100,6 +100,9 @@ def _alternating(array: Floats, axis: int) -> Floats:
 SHIFT_UNIT: Final = 1.0 / 256.0
 # Beyond them a float64 is further from the next than a step.
 MOST_STEPS: Final = 2.0**53
+# A coarse step rounds some components to the same one, and a difference between them would take
+# huge numbers of opposite signs: beyond this reciprocal condition they share what they describe.
+ALIKE: Final = 1e-8
 
 
 @dataclass(frozen=True)
@@ -207,12 +210,8 @@ class Temporal(IntEnum):
     """Which temporal basis a block uses."""
 
     DCT = 0
-    FOURIER = 1
-    TRAJECTORY = 2
-    PARTS = 3
-
-
-CLOSED_FORM: Final = (Temporal.DCT, Temporal.FOURIER)
+    TRAJECTORY = 1
+    PARTS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,11 +232,9 @@ class TimeBasis:
 
     def superpose(self, rows: Floats) -> Floats:
         """Combine components, (rows, n) to (frames, 3, n)."""
-        if self.kind in CLOSED_FORM:
+        if self.kind == Temporal.DCT:
             amplitudes = np.zeros((self.n_frames, 3, rows.shape[1]))
             amplitudes[: len(rows) // 3] = rows.reshape(-1, 3, rows.shape[1])
-            if self.kind == Temporal.FOURIER:
-                return turn_back(amplitudes, 0)
             return from_cosines(amplitudes, 0)
         constant = rows[:3] / np.sqrt(self.n_frames)
         n_components = self.learned.shape[-1]
@@ -248,21 +245,11 @@ class TimeBasis:
         total: Floats = moving.reshape(self.n_frames, 3, -1) + constant
         return total
 
-    def project(self, motion: Floats, alike: float | None = None) -> Floats:
-        """Coefficients that leave the least error, (frames, 3, n) to (rows, n).
-
-        Parameters
-        ----------
-        motion : (frames, 3, n) float64
-        alike : float, optional
-            Reciprocal condition beyond which learned components are taken as dependent; that of
-            rounding by default.
-        """
+    def project(self, motion: Floats) -> Floats:
+        """Coefficients that leave the least error, (frames, 3, n) to (rows, n)."""
         n = motion.shape[2]
         if self.kind == Temporal.DCT:
             return cosines(motion, 0).reshape(-1, n)
-        if self.kind == Temporal.FOURIER:
-            return turn(motion, 0).reshape(-1, n)
         mean = motion.mean(axis=0)
         constant: Floats = mean * np.sqrt(self.n_frames)
         if not self.learned.shape[-1]:
@@ -270,13 +257,13 @@ class TimeBasis:
         # Learned components are orthonormal up to their rounding: fitted, not projected.
         basis = self.learned.reshape(-1, self.learned.shape[-1])
         moving = (motion - mean).reshape(len(basis), -1)
-        fitted, *_ = scipy.linalg.lstsq(basis, moving, cond=alike, lapack_driver="gelsy")
+        fitted, *_ = scipy.linalg.lstsq(basis, moving, cond=ALIKE, lapack_driver="gelsy")
         return np.concatenate([constant, fitted.reshape(-1, n)])
 
 
-def closed_form_basis(kind: Temporal, n_frames: int) -> TimeBasis:
-    """Make a basis that needs no sending."""
-    return TimeBasis(kind, n_frames, np.zeros((n_frames, 0)))
+def cosine_basis(n_frames: int) -> TimeBasis:
+    """Make the basis that needs no sending."""
+    return TimeBasis(Temporal.DCT, n_frames, np.zeros((n_frames, 0)))
 
 
 def learned_components(motion: Floats) -> Floats:

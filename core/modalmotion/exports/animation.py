@@ -16,7 +16,7 @@ from modalmotion.formats.gltf.animation import MorphAnimation
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.limits import DEFAULT_LIMITS
-from modalmotion.mesh.reference import reference_positions
+from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import Oscillators, State, free_response
 from modalmotion.modes.oscillators import animate_along, directional_mode
@@ -29,7 +29,8 @@ from modalmotion.signature.making import (
 )
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components
-from modalmotion.template.vibration_modes import VibrationModes, shapes_of
+from modalmotion.template.template import shapes_of
+from modalmotion.template.vibration_modes import VibrationModes
 
 
 def modal_animation(

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from typing import Any, Final
-from xml.parsers import expat
 
-from modalmotion.errors import InputError, MalformedFileError
+from modalmotion.errors import MalformedFileError
+from modalmotion.formats.xml_trees import xml_tree
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.representation import counted
 
@@ -119,55 +119,16 @@ def write_series(names: list[str], times: list[float]) -> bytes:
 
 
 def _read_pvd(data: bytes, limits: ReadLimits) -> list[tuple[float, str]]:
-    entries: list[tuple[float, str]] = []
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        if tag == "VTKFile" and attributes.get("type") != "Collection":
-            kind = attributes.get("type", "")
-            raise _malformed(f"The .pvd file is of the type {kind[:40]!r}, not 'Collection'.")
-        if tag == "DataSet":
-            if attributes.get("part", "0") not in ("0", ""):
-                raise MalformedFileError(
-                    "The .pvd file lists several parts for one time.",
-                    remedy="Merge the parts of each time into one surface, and save again.",
-                )
-            entries.append(_entry(attributes.get("timestep"), attributes.get("file")))
-            limits.require("frames", len(entries))
-
-    parser = expat.ParserCreate()
-    parser.StartElementHandler = start
-    parse_xml(parser, data, ".pvd", _malformed)
-    return entries
-
-
-def parse_xml(
-    parser: expat.XMLParserType,
-    data: bytes,
-    form: str,
-    malformed: Callable[[str], MalformedFileError],
-    *,
-    has_type: bool = False,
-) -> None:
-    """Parse XML that has no entities, nor a document type unless such files have it.
-
-    Raises
-    ------
-    MalformedFileError
-        Made by `malformed`, with the form in its message.
-    """
-
-    def refuse(*_: object) -> None:
-        raise malformed(f"The {form} file contains a document type or entities.")
-
-    parser.EntityDeclHandler = refuse
-    if not has_type:
-        parser.StartDoctypeDeclHandler = refuse
-    try:
-        parser.Parse(data, True)
-    except InputError:
-        raise
-    except (expat.ExpatError, LookupError, ValueError) as error:
-        raise malformed(f"The {form} file is not readable XML ({str(error)[:80]}).") from error
+    root = xml_tree(data, ".pvd", _malformed, 2 * limits.frames + 100)
+    if root.tag == "VTKFile" and (kind := root.get("type")) != "Collection":
+        raise _malformed(f"The .pvd file is of the type {str(kind)[:40]!r}, not 'Collection'.")
+    listed = [*root.iter("DataSet")]
+    if any(one.get("part", "0") not in ("0", "") for one in listed):
+        raise MalformedFileError(
+            "The .pvd file lists several parts for one time.",
+            remedy="Merge the parts of each time into one surface, and save again.",
+        )
+    return [_entry(one.get("timestep"), one.get("file")) for one in listed]
 
 
 def _read_json(data: bytes) -> list[tuple[float, str]]:

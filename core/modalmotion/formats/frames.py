@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
@@ -15,16 +14,15 @@ from modalmotion.errors import (
     MalformedFileError,
     NonFiniteError,
     ShapeError,
-    needs_extra,
 )
 from modalmotion.formats.detect import MESH_FORMATS, Format, detect_format, unknown_format
-from modalmotion.formats.frame import ONE_MESH, Frame, MergeMap, merge_corners, triangulate
+from modalmotion.formats.frame import ONE_MESH, Frame, MergeMap, merge_corners
 from modalmotion.formats.ply import read_ply
 from modalmotion.formats.result import Parser, Reading, reading_of
 from modalmotion.formats.stl import read_stl
 from modalmotion.formats.text_meshes import read_obj, read_off
-from modalmotion.formats.vtk_legacy_gate import require_plain_legacy
-from modalmotion.formats.vtk_xml_gate import require_plain_xml
+from modalmotion.formats.vtk_legacy import read_vtk_legacy
+from modalmotion.formats.vtk_xml import read_vtk_xml
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh import facts_from_texts
 from modalmotion.mesh.checks import FloatArray
@@ -161,11 +159,9 @@ _READERS: Final = {
     Format.PLY: read_ply,
     Format.OBJ: read_obj,
     Format.OFF: read_off,
-}
-_GATES: Final = {
-    Format.VTK: require_plain_legacy,
-    Format.VTP: require_plain_xml,
-    Format.VTU: require_plain_xml,
+    Format.VTK: read_vtk_legacy,
+    Format.VTP: read_vtk_xml,
+    Format.VTU: read_vtk_xml,
 }
 
 
@@ -198,26 +194,7 @@ def read_mesh(data: bytes, stated: Format | None, parser: Parser) -> tuple[Frame
             f"The file is {kind.upper()}, which contains a whole sequence or none.",
             remedy="Send such a file by itself, not as a frame.",
         )
-    if kind in _READERS:
-        return _READERS[kind](data, parser.limits), kind
-    return _read_vtk(data, kind, parser), kind
-
-
-def _read_vtk(data: bytes, kind: Format, parser: Parser) -> Frame:
-    with needs_extra("vtk"):
-        if importlib.util.find_spec("vtkmodules") is None:
-            raise ModuleNotFoundError(name="vtk")
-    # Before memory is allocated; the parser's process is limited as well.
-    _GATES[kind](data, parser.limits)
-    answer = parser.parse(kind.value, data)
-    polygons = triangulate(answer.arrays["offsets"], answer.arrays["corners"])
-    return Frame(
-        answer.arrays["positions"],
-        polygons.faces,
-        notes=polygons.notes,
-        ignored=tuple(answer.info["ignored"]),
-        statements=tuple((str(name), str(value)) for name, value in answer.info["statements"]),
-    )
+    return _READERS[kind](data, parser.limits), kind
 
 
 def read_frames(

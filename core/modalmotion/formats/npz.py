@@ -19,7 +19,7 @@ from collections.abc import Iterable
 from functools import partial
 from itertools import islice
 from math import prod
-from typing import Any, Final, NamedTuple, cast
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.lib import format as npy
@@ -56,6 +56,8 @@ def member_content(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[n
 
 _ARRAYS: Final = ("vertices", "faces", "grid", "topology", "times", "times_ms", "unit")
 _KNOWN: Final = (*_ARRAYS, *NAMES)
+# Which axis of which array is limited.
+_LIMITS: Final = (("vertices", 0, "frames"), ("vertices", 1, "vertices"), ("faces", 0, "faces"))
 _TEXTS: Final = ("topology", "unit", *(name for name in NAMES if name != "period"))
 
 _malformed: Final = partial(
@@ -66,7 +68,7 @@ _malformed: Final = partial(
 def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     """Read a mesh sequence from the bytes of an .npz archive.
 
-    Sizes are read from the headers and checked before any array is read.
+    Declared sizes are checked before any array is read.
 
     Parameters
     ----------
@@ -119,7 +121,7 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
 
 def read_arrays(
     data: bytes, known: Iterable[str], needed: Iterable[str], limits: ReadLimits = NO_LIMITS
-) -> tuple[dict[str, np.ndarray[Any, Any]], tuple[str, ...]]:
+) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
     """Read arrays of an .npz archive, their sizes checked before any of them is read.
 
     Parameters
@@ -162,13 +164,12 @@ def read_arrays(
                     f"The archive contains {_some(members)} but no {name!r}.",
                     details={"arrays": [own[:40] for own in list(members)[:20]]},
                 )
-        headers: dict[str, _Header] = {
-            name: _read_header(archive, members[name]) for name in known if name in members
-        }
-        _require_limits(headers, limits)
-        arrays: dict[str, np.ndarray[Any, Any]] = {
-            name: _read_array(archive, members[name], headers[name]) for name in headers
-        }
+        wanted = [members[name] for name in known if name in members]
+        limits.require("decompressed_bytes", sum(info.file_size for info in wanted))
+        arrays = {info.filename.removesuffix(".npy"): _array(archive, info) for info in wanted}
+    for name, axis, limit in _LIMITS:
+        if name in arrays:
+            limits.require(limit, (*arrays[name].shape, 0, 0)[axis])
     return arrays, tuple(members)
 
 
@@ -207,79 +208,42 @@ def npz_arrays(sequence: MeshSequence) -> dict[str, Any]:
 _LONGEST_HEADER: Final = 10_012
 
 
-class _Header(NamedTuple):
-    shape: tuple[int, ...]
-    is_fortran: bool
-    dtype: np.dtype[Any]
-    offset: int
-
-    @property
-    def n_bytes(self) -> int:
-        return prod(self.shape) * self.dtype.itemsize
-
-
-def _read_header(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Header:
+def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
     name = info.filename.removesuffix(".npy")
     try:
         with archive.open(info) as packed:
             # NumPy would read as much as the header says that it is long.
             stream = io.BytesIO(packed.read(_LONGEST_HEADER))
-            read_magic: Any = npy.read_magic
-            version = read_magic(stream)
-            read: Any = (
-                npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-            )
-            shape, is_fortran, dtype = read(stream)
-            header = _Header(shape, is_fortran, dtype, stream.tell())
+        read_magic: Any = npy.read_magic
+        is_first = read_magic(stream) == (1, 0)
+        read: Any = npy.read_array_header_1_0 if is_first else npy.read_array_header_2_0
+        shape, is_fortran, dtype = read(stream)
     except Exception as error:
         # NumPy reads the header as Python writes it, and raises what Python does.
         raise _malformed(f"The array {name[:40]!r} cannot be read: {_reason(error)}.") from error
-    if dtype.hasobject:
-        raise MalformedFileError(
-            f"The array {name!r} contains pickled Python objects, which are never loaded.",
-            remedy="Store plain numbers (float32, float64, int32, int64) and text.",
-        )
     if dtype.kind not in ("fiuU" if name in _TEXTS else "fiu"):
-        raise ShapeError(
-            f"The array {name!r} contains {dtype.str[:20]}, which is not understood there.",
+        raise (MalformedFileError if dtype.hasobject else ShapeError)(
+            f"The array {name[:40]!r} contains {dtype.str[:20]}, which is not understood there; "
+            "pickled objects are never loaded.",
             remedy="Store plain numbers (float32, float64, int32, int64), and text only for "
             f"{', '.join(_TEXTS)}.",
             details={"array": name, "dtype": dtype.str[:20]},
         )
-    if min(shape, default=0) < 0 or header.offset + header.n_bytes != info.file_size:
+    n_bytes, left = prod(shape) * dtype.itemsize, info.file_size - stream.tell()
+    if min(shape, default=0) < 0 or n_bytes != left:
         raise _malformed(
-            f"The array {name!r} declares the shape {shape} of {dtype}, {header.n_bytes} bytes, "
-            f"but {info.file_size - header.offset} are there."
+            f"The array {name[:40]!r} declares the shape {shape} of {dtype}, {n_bytes} bytes, but "
+            f"{left} are there."
         )
-    return header
-
-
-def _require_limits(headers: dict[str, _Header], limits: ReadLimits) -> None:
-    vertices, faces = (headers[n].shape if n in headers else () for n in ("vertices", "faces"))
-    for limit, size in (
-        ("frames", vertices[:1]),
-        ("vertices", vertices[1:2]),
-        ("faces", faces[:1]),
-    ):
-        limits.require(limit, max(size, default=0))
-    limits.require("decompressed_bytes", sum(header.n_bytes for header in headers.values()))
-
-
-def _read_array(
-    archive: zipfile.ZipFile, info: zipfile.ZipInfo, header: _Header
-) -> np.ndarray[Any, Any]:
     try:
         data = member_content(archive, info)
     except UNREADABLE as error:
-        raise MalformedFileError(
-            f"The array {info.filename.removesuffix('.npy')!r} is damaged: {_reason(error)}.",
-            remedy="Send the file again, or write it anew.",
-        ) from error
-    array = np.frombuffer(data, dtype=header.dtype, offset=header.offset)
-    return array.reshape(header.shape, order="F" if header.is_fortran else "C")
+        raise _malformed(f"The array {name[:40]!r} is damaged: {_reason(error)}.") from error
+    array: NDArray[Any] = np.frombuffer(data, dtype, offset=stream.tell())
+    return array.reshape(shape, order="F" if is_fortran else "C")
 
 
-def text_in(arrays: dict[str, np.ndarray[Any, Any]], name: str) -> str | None:
+def text_in(arrays: dict[str, NDArray[Any]], name: str) -> str | None:
     """Read an array that is one text; None if it is empty or not there.
 
     Raises
@@ -299,7 +263,7 @@ def text_in(arrays: dict[str, np.ndarray[Any, Any]], name: str) -> str | None:
     return str(array.reshape(())[()]) or None
 
 
-def _facts(arrays: dict[str, np.ndarray[Any, Any]]) -> Facts:
+def _facts(arrays: dict[str, NDArray[Any]]) -> Facts:
     texts: dict[str, Any] = {name: text_in(arrays, name) for name in NAMES if name != "period"}
     if "period" in arrays:
         if arrays["period"].size != 1:

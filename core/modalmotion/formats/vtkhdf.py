@@ -21,17 +21,35 @@ from modalmotion.limits import ReadLimits
 from modalmotion.mesh.checks import given_up
 from modalmotion.mesh.sequence import MeshSequence
 
-TOPOLOGIES: Final = ("Vertices", "Lines", "Polygons", "Strips")
+_TOPOLOGIES: Final = ("Vertices", "Lines", "Polygons", "Strips")
 """Groups of cells, in the order of their columns in the offsets of steps."""
 
-OURS: Final = "modalmotion"
+_OURS: Final = "modalmotion"
 """Group beside "VTKHDF" for data that the format has no place for: unit, topology, grid."""
 
-_POLYGONS: Final = TOPOLOGIES.index("Polygons")
-malformed: Final = partial(
+_OTHERS: Final = ("Vertices", "Lines", "Strips")
+_POLYGONS: Final = _TOPOLOGIES.index("Polygons")
+_malformed: Final = partial(
     MalformedFileError, remedy="Save the surface again as VTKHDF from ParaView or VTK."
 )
-"""Error for a file that is not as VTK writes it."""
+
+
+class _Surface(NamedTuple):
+    """Where each step begins: part, point, polygon, corner; (frames,) int64 each."""
+
+    root: Any
+    # What our own files state beside it.
+    ours: Any
+    # Of the points of each step, which are not read yet.
+    sizes: NDArray[np.int64]
+    points: NDArray[np.int64]
+    parts: NDArray[np.int64]
+    cells: NDArray[np.int64]
+    corners: NDArray[np.int64]
+    times: dict[str, NDArray[np.float64]]
+
+    def stated(self, name: str) -> str | None:
+        return _text(self.ours[name]) if name in self.ours else None
 
 
 def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
@@ -57,226 +75,32 @@ def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
     ConnectivityError
         If a frame has other faces than frame 0.
     """
-    points = _points(file, limits)
-    steps, polygons = points.steps, points.root["Polygons"]
-    cells = _Cells(
-        *(
-            integers_of(polygons, name)
-            for name in ("NumberOfCells", "NumberOfConnectivityIds", "Offsets", "Connectivity")
-        )
-    )
-    if not points.n_parts == len(cells.n_cells) == len(cells.n_corners):
-        raise malformed("The VTKHDF file's lists of parts differ.")
-    faces = _same_faces(cells, steps, limits)
-    if "Strips" in points.root and integers_of(points.root["Strips"], "NumberOfCells").any():
+    surface = _surface(file, limits)
+    root, ours = surface.root, surface.ours
+    faces = _same_faces(surface, limits)
+    skipped = {name: _integers(root[name], "NumberOfCells").any() for name in root.keys() & _OTHERS}
+    if skipped.pop("Strips", False):
         raise MalformedFileError(
             "The VTKHDF file contains triangle strips.",
             remedy="Apply the filter 'Triangulate' and save again.",
         )
-    arrays: dict[str, NDArray[Any]] = {
-        "vertices": _positions(points, limits),
-        "faces": faces.faces,
-        **_times(points),
-    }
     notes = list(faces.notes)
-    if "times" in arrays and OURS not in file:
+    if surface.times and _OURS not in file:
         notes.append("The format has no unit of time; its values were read as seconds.")
+    groups = (name for name in ("PointData", "CellData", "FieldData") if name in root)
     info = {
         "format": "vtkhdf",
-        "unit": points.stated("unit"),
-        "topology": points.stated("topology"),
-        "grid": np.atleast_1d(points.ours["grid"]).tolist() if "grid" in points.ours else None,
-        "ignored": _ignored(points.root),
+        "unit": surface.stated("unit"),
+        "topology": surface.stated("topology"),
+        "grid": np.atleast_1d(ours["grid"]).tolist() if "grid" in ours else None,
+        "ignored": [
+            *(f"{group}.{name}" for group in groups for name in root[group]),
+            *(name for name in _OTHERS if skipped.get(name)),
+        ],
         "notes": notes,
     }
-    return info, arrays
-
-
-class _Points(NamedTuple):
-    """Points of all steps, not yet read: where those of each step begin, and how many they are."""
-
-    root: Any
-    # What our own files state beside it.
-    ours: Any
-    dataset: Any
-    sizes: NDArray[np.int64]
-    steps: Steps
-    n_parts: int
-
-    def stated(self, name: str) -> str | None:
-        return text_of(self.ours[name]) if name in self.ours else None
-
-
-def _points(file: Any, limits: ReadLimits) -> _Points:
-    root = file["VTKHDF"]
-    kind = text_of(root.attrs.get("Type"))
-    if kind != "PolyData":
-        raise MalformedFileError(
-            f"The VTKHDF file is of the type {kind[:40]!r}, not 'PolyData'.",
-            remedy="Apply 'Extract Surface' in ParaView, and save again.",
-        )
-    n_points = integers_of(root, "NumberOfPoints")
-    steps = steps_of(root, len(n_points))
-    sizes = n_points[steps.parts]
-    limits.require("frames", len(sizes))
-    limits.require("vertices", int(sizes.max(initial=0)))
-    dataset = root["Points"]
-    if dataset.ndim != 2 or dataset.shape[1] != 3 or dataset.dtype.kind != "f":
-        raise malformed(
-            f"The VTKHDF file's points have the shape {dataset.shape} of {dataset.dtype}."
-        )
-    starts = steps.points
-    if sizes.min() < 0 or starts.min() < 0 or int((starts + sizes).max()) > len(dataset):
-        raise malformed(
-            f"The VTKHDF file contains {len(dataset)} points, fewer than its steps name."
-        )
-    ours = file[OURS].attrs if OURS in file else {}
-    return _Points(root, ours, dataset, sizes, steps, len(n_points))
-
-
-def _times(points: _Points) -> dict[str, NDArray[np.float64]]:
-    times = points.steps.times
-    return {} if times is None or "times_unknown" in points.ours else {"times": times}
-
-
-class Steps(NamedTuple):
-    """Where each step begins: part, point, polygon, corner; (frames,) int64 each."""
-
-    parts: NDArray[np.int64]
-    points: NDArray[np.int64]
-    cells: NDArray[np.int64]
-    corners: NDArray[np.int64]
-    times: NDArray[np.float64] | None
-
-
-class _Cells(NamedTuple):
-    n_cells: NDArray[np.int64]
-    n_corners: NDArray[np.int64]
-    offsets: NDArray[np.int64]
-    corners: NDArray[np.int64]
-
-
-def steps_of(root: Any, n_parts: int) -> Steps:
-    """Read where each step begins; one step where there are none.
-
-    Raises
-    ------
-    MalformedFileError
-        If they do not fit one another, or have several parts.
-    """
-    if "Steps" not in root:
-        if n_parts != 1:
-            raise _several_parts(n_parts)
-        zero = np.zeros(1, dtype=np.int64)
-        return Steps(zero, zero, zero, zero, None)
-    group = root["Steps"]
-    n_steps = int(group.attrs["NSteps"])
-    parts, points = (integers_of(group, f"{name}Offsets") for name in ("Part", "Point"))
-    cells, corners = (
-        integers_of(group, f"{name}Offsets", columns=len(TOPOLOGIES))[:, _POLYGONS]
-        for name in ("Cell", "ConnectivityId")
-    )
-    times = np.asarray(group["Values"][()], dtype=np.float64)
-    lengths = {len(a) for a in (parts, points, cells, corners, times)}
-    if n_steps < 1 or lengths != {n_steps}:
-        raise malformed(f"The VTKHDF file declares {n_steps} steps but lists {sorted(lengths)}.")
-    if "NumberOfParts" in group and (several := integers_of(group, "NumberOfParts").max()) > 1:
-        raise _several_parts(int(several))
-    if parts.min() < 0 or parts.max() >= n_parts:
-        raise malformed("A step of the VTKHDF file names no part.")
-    return Steps(parts, points, cells, corners, times)
-
-
-def _same_faces(cells: _Cells, steps: Steps, limits: ReadLimits) -> Triangles:
-    limits.require("faces", int(cells.n_cells[steps.parts].max(initial=0)))
-    sizes = cells.n_cells[steps.parts], cells.n_corners[steps.parts]
-    # Each part before has one offset more than polygons, unless steps share theirs.
-    places = np.stack([steps.cells + steps.parts, steps.corners, *sizes], axis=1)
-    first: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
-    known = None
-    for frame, place in enumerate(places.tolist()):
-        if place == known:
-            continue
-        start, corner, n_cells, n_corners = place
-        offsets = cells.offsets[start : start + n_cells + 1] if start >= 0 else cells.offsets[:0]
-        corners = cells.corners[corner : corner + n_corners] if corner >= 0 else cells.corners[:0]
-        fits = len(offsets) == n_cells + 1 and len(corners) == n_corners
-        if not fits or offsets[0] != 0 or offsets[-1] != n_corners or (np.diff(offsets) < 0).any():
-            raise malformed(
-                f"Frame {frame}: the polygons of the VTKHDF file do not add up to its lists.",
-                frame=frame,
-            )
-        if first is None:
-            first, known = (offsets, corners), place
-        elif not (np.array_equal(first[0], offsets) and np.array_equal(first[1], corners)):
-            raise ConnectivityError(
-                f"Frame {frame} has other faces than frame 0.",
-                remedy=ONE_MESH,
-                frame=frame,
-            )
-    if first is None:
-        raise malformed("The VTKHDF file contains no step.")
-    return triangulate(*first)
-
-
-def _positions(points: _Points, limits: ReadLimits) -> NDArray[Any]:
-    n, starts = int(points.sizes[0]), points.steps.points
-    different = np.flatnonzero(points.sizes != n)
-    if different.size:
-        frame = int(different[0])
-        raise ShapeError(
-            f"Frame {frame} has {points.sizes[frame]} vertices, frame 0 has {n}.",
-            remedy=ONE_MESH,
-            frame=frame,
-        )
-    dtype = np.dtype(np.float32 if points.dataset.dtype.itemsize == 4 else np.float64)
-    # Steps may all name the same points, so this can be far more than the file declares.
-    limits.require("decompressed_bytes", len(starts) * n * 3 * dtype.itemsize)
-    # All at once: a chunk that contains many frames would be unpacked again for each of them.
-    values = given_up(np.asarray(points.dataset[()], dtype=dtype))
-    if np.array_equal(starts, n * np.arange(len(starts))):
-        return values[: n * len(starts)].reshape(len(starts), n, 3)
-    return np.stack([values[start : start + n] for start in starts.tolist()])
-
-
-def integers_of(group: Any, name: str, columns: int | None = None) -> NDArray[np.int64]:
-    """Read a list of whole numbers, or a table of so many columns."""
-    dataset = group[name]
-    fits = dataset.ndim == 1 if columns is None else dataset.shape[1:] == (columns,)
-    if dataset.dtype.kind not in "iu" or not fits:
-        raise malformed(
-            f"The VTKHDF file's {name!r} has the shape {dataset.shape} of {dataset.dtype}."
-        )
-    return np.asarray(dataset[()], dtype=np.int64)
-
-
-def _ignored(root: Any) -> list[str]:
-    names = [
-        f"{group}.{name}"
-        for group in ("PointData", "CellData", "FieldData")
-        if group in root
-        for name in root[group]
-    ]
-    names += [
-        group
-        for group in ("Vertices", "Lines")
-        if group in root and integers_of(root[group], "NumberOfCells").any()
-    ]
-    return names
-
-
-def _several_parts(n_parts: int) -> MalformedFileError:
-    return MalformedFileError(
-        f"The VTKHDF file contains {n_parts} parts for one time.",
-        remedy="Merge them ('Merge Blocks' or 'Append Geometry' in ParaView) and save again.",
-    )
-
-
-def text_of(value: Any) -> str:
-    """Read an attribute as text."""
-    if isinstance(value, bytes):
-        return value.decode("utf-8", "replace")
-    return str(value)
+    vertices = _positions(surface, limits)
+    return info, {"vertices": vertices, "faces": faces.faces, **surface.times}
 
 
 def parse_vtkhdf_clouds(file: Any, limits: ReadLimits) -> Parsed:
@@ -300,15 +124,124 @@ def parse_vtkhdf_clouds(file: Any, limits: ReadLimits) -> Parsed:
     MalformedFileError
         If it is not PolyData of one part, or its offsets lead nowhere.
     """
-    points = _points(file, limits)
-    sizes, starts = points.sizes, points.steps.points
+    surface = _surface(file, limits)
+    sizes = surface.sizes
     # Steps may all name the same points.
     limits.require("decompressed_bytes", 24 * int(sizes.sum()))
-    values = np.asarray(points.dataset[()], dtype=np.float64)
-    rows = [values[a : a + n] for a, n in zip(starts.tolist(), sizes.tolist(), strict=True)]
+    values = np.asarray(surface.root["Points"][()], dtype=np.float64)
+    places = zip(surface.points.tolist(), sizes.tolist(), strict=True)
+    points = np.concatenate([values[start : start + n] for start, n in places])
     offsets = np.concatenate([[0], np.cumsum(sizes)])
-    arrays = {"points": np.concatenate(rows), "offsets": offsets, **_times(points)}
-    return {"unit": points.stated("unit")}, arrays
+    arrays = {"points": points, "offsets": offsets, **surface.times}
+    return {"unit": surface.stated("unit")}, arrays
+
+
+def _surface(file: Any, limits: ReadLimits) -> _Surface:
+    root, ours = file["VTKHDF"], file[_OURS].attrs if _OURS in file else {}
+    if (kind := _text(root.attrs.get("Type"))) != "PolyData":
+        raise MalformedFileError(
+            f"The VTKHDF file is of the type {kind[:40]!r}, not 'PolyData'.",
+            remedy="Apply 'Extract Surface' in ParaView, and save again.",
+        )
+    n_points = _integers(root, "NumberOfPoints")
+    parts = points = cells = corners = np.zeros(1, dtype=np.int64)
+    times, n_parts = {}, len(n_points)
+    if "Steps" in root:
+        group = root["Steps"]
+        parts, points = (_integers(group, f"{name}Offsets") for name in ("Part", "Point"))
+        cells, corners = (
+            _integers(group, f"{name}Offsets", len(_TOPOLOGIES))[:, _POLYGONS]
+            for name in ("Cell", "ConnectivityId")
+        )
+        values = np.asarray(group["Values"][()], dtype=np.float64)
+        lengths = {int(group.attrs["NSteps"]), *map(len, (parts, points, cells, corners, values))}
+        if len(lengths) > 1 or 0 in lengths:
+            raise _malformed(
+                f"The VTKHDF file's lists of steps have the lengths {sorted(lengths)}."
+            )
+        n_parts = int(_integers(group, "NumberOfParts").max()) if "NumberOfParts" in group else 1
+        times = {} if "times_unknown" in ours else {"times": values}
+    if n_parts > 1:
+        raise MalformedFileError(
+            f"The VTKHDF file contains {n_parts} parts for one time.",
+            remedy="Merge them ('Merge Blocks' or 'Append Geometry' in ParaView) and save again.",
+        )
+    if parts.min() < 0 or parts.max() >= len(n_points):
+        raise _malformed("A step of the VTKHDF file names no part.")
+    sizes = n_points[parts]
+    limits.require("frames", len(sizes))
+    limits.require("vertices", int(sizes.max()))
+    found = root["Points"]
+    if found.ndim != 2 or found.shape[1] != 3 or found.dtype.kind != "f":
+        raise _malformed(f"The VTKHDF file's points have the shape {found.shape} of {found.dtype}.")
+    if min(sizes.min(), points.min()) < 0 or int((points + sizes).max()) > len(found):
+        raise _malformed(
+            f"The VTKHDF file contains {len(found)} points, fewer than its steps name."
+        )
+    return _Surface(root, ours, sizes, points, parts, cells, corners, times)
+
+
+def _same_faces(surface: _Surface, limits: ReadLimits) -> Triangles:
+    polygons, parts = surface.root["Polygons"], surface.parts
+    n_cells, n_corners, offsets, corners = (
+        _integers(polygons, name)
+        for name in ("NumberOfCells", "NumberOfConnectivityIds", "Offsets", "Connectivity")
+    )
+    if not len(_integers(surface.root, "NumberOfPoints")) == len(n_cells) == len(n_corners):
+        raise _malformed("The VTKHDF file's lists of parts differ.")
+    limits.require("faces", int(n_cells[parts].max()))
+    # Each part before has one offset more than polygons, unless steps share theirs.
+    starts = (surface.cells + parts, surface.corners, n_cells[parts], n_corners[parts])
+    places = np.stack(starts, axis=1)
+    first: list[NDArray[np.int64]] = []
+    for frame in np.sort(np.unique(places, axis=0, return_index=True)[1]).tolist():
+        start, corner, n, m = places[frame].tolist()
+        own = [offsets[max(start, 0) : start + n + 1], corners[max(corner, 0) : corner + m]]
+        fits = min(start, corner) >= 0 and [*map(len, own)] == [n + 1, m]
+        if not fits or (own[0][0], own[0][-1]) != (0, m) or (np.diff(own[0]) < 0).any():
+            raise _malformed(
+                f"Frame {frame}: the polygons of the VTKHDF file do not add up to its lists.",
+                frame=frame,
+            )
+        first = first or own
+        if not all(map(np.array_equal, first, own)):
+            raise ConnectivityError(
+                f"Frame {frame} has other faces than frame 0.", remedy=ONE_MESH, frame=frame
+            )
+    return triangulate(*first)
+
+
+def _positions(surface: _Surface, limits: ReadLimits) -> NDArray[Any]:
+    n, starts, dataset = int(surface.sizes[0]), surface.points, surface.root["Points"]
+    for frame in np.flatnonzero(surface.sizes != n).tolist():
+        raise ShapeError(
+            f"Frame {frame} has {surface.sizes[frame]} vertices, frame 0 has {n}.",
+            remedy=ONE_MESH,
+            frame=frame,
+        )
+    dtype = np.dtype(np.float32 if dataset.dtype.itemsize == 4 else np.float64)
+    # Steps may all name the same points, so this can be far more than the file declares.
+    limits.require("decompressed_bytes", len(starts) * n * 3 * dtype.itemsize)
+    # All at once: a chunk that contains many frames would be unpacked again for each of them.
+    values = given_up(np.asarray(dataset[()], dtype=dtype))
+    if np.array_equal(starts, n * np.arange(len(starts))):
+        return values[: n * len(starts)].reshape(len(starts), n, 3)
+    return np.stack([values[start : start + n] for start in starts.tolist()])
+
+
+def _integers(group: Any, name: str, columns: int | None = None) -> NDArray[np.int64]:
+    """Read a list of whole numbers, or a table of so many columns."""
+    dataset = group[name]
+    fits = dataset.ndim == 1 if columns is None else dataset.shape[1:] == (columns,)
+    if dataset.dtype.kind not in "iu" or not fits:
+        raise _malformed(
+            f"The VTKHDF file's {name!r} has the shape {dataset.shape} of {dataset.dtype}."
+        )
+    return np.asarray(dataset[()], dtype=np.int64)
+
+
+def _text(value: Any) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
 # The first version that has PolyData over time.
@@ -361,8 +294,16 @@ def write_vtkhdf(
         root.attrs["Type"] = np.bytes_(b"PolyData")
         root["NumberOfPoints"] = np.array([n_vertices], dtype=np.int64)
         root["Points"] = sequence.vertices.reshape(-1, 3)
-        for name in TOPOLOGIES:
-            _write_cells(root.create_group(name), _corners(name, sequence))
+        cells = {name: np.zeros((0, 1), dtype=np.int64) for name in _TOPOLOGIES}
+        cells["Polygons"] = sequence.faces
+        if not len(sequence.faces):
+            cells["Vertices"] = np.arange(n_vertices, dtype=np.int64)[:, None]
+        for name, corners in cells.items():
+            group, (n_cells, size) = root.create_group(name), corners.shape
+            group["NumberOfCells"] = np.array([n_cells], dtype=np.int64)
+            group["NumberOfConnectivityIds"] = np.array([n_cells * size], dtype=np.int64)
+            group["Offsets"] = np.arange(n_cells + 1, dtype=np.int64) * size
+            group["Connectivity"] = corners.ravel()
         steps = root.create_group("Steps")
         steps.attrs["NSteps"] = n_frames
         is_timed = sequence.times is not None
@@ -372,45 +313,24 @@ def write_vtkhdf(
         steps["PartOffsets"] = np.zeros(n_frames, dtype=np.int64)
         steps["NumberOfParts"] = np.ones(n_frames, dtype=np.int64)
         for name in ("CellOffsets", "ConnectivityIdOffsets"):
-            steps[name] = np.zeros((n_frames, len(TOPOLOGIES)), dtype=np.int64)
+            steps[name] = np.zeros((n_frames, len(_TOPOLOGIES)), dtype=np.int64)
         data = root.create_group("PointData")
         offsets = steps.create_group("PointDataOffsets")
         for name, values in fields.items():
             data[name] = values.reshape(n_frames * n_vertices, *values.shape[2:])
             offsets[name] = starts
-        _write_ours(file.create_group(OURS), sequence, attributes or {})
+        stated: dict[str, Any] = {
+            **(attributes or {}),
+            "unit": sequence.unit,
+            "topology": None if sequence.topology is None else sequence.topology.name,
+            "grid": None if sequence.grid is None else np.array(sequence.grid, dtype=np.int64),
+            "times_unknown": None if is_timed else 1,
+        }
+        ours = file.create_group(_OURS).attrs
+        for name, value in stated.items():
+            if value is not None:
+                ours[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
     return buffer.getvalue()
-
-
-def _corners(name: str, sequence: MeshSequence) -> NDArray[np.int64]:
-    if name == "Polygons":
-        return sequence.faces
-    if name == "Vertices" and not len(sequence.faces):
-        return np.arange(sequence.n_vertices, dtype=np.int64)[:, None]
-    return np.zeros((0, 1), dtype=np.int64)
-
-
-def _write_cells(group: Any, corners: NDArray[np.int64]) -> None:
-    n_cells, size = corners.shape
-    group["NumberOfCells"] = np.array([n_cells], dtype=np.int64)
-    group["NumberOfConnectivityIds"] = np.array([n_cells * size], dtype=np.int64)
-    group["Offsets"] = np.arange(n_cells + 1, dtype=np.int64) * size
-    group["Connectivity"] = corners.ravel()
-
-
-def _write_ours(
-    group: Any, sequence: MeshSequence, attributes: Mapping[str, str | int | float]
-) -> None:
-    stated: dict[str, Any] = {
-        **attributes,
-        "unit": sequence.unit,
-        "topology": None if sequence.topology is None else sequence.topology.name,
-        "grid": None if sequence.grid is None else np.array(sequence.grid, dtype=np.int64),
-        "times_unknown": 1 if sequence.times is None else None,
-    }
-    for name, value in stated.items():
-        if value is not None:
-            group.attrs[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
 
 
 def _require_field(name: str, values: NDArray[Any], sequence: MeshSequence) -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache, partial
 from typing import Any, Final
-from xml.etree.ElementTree import Element, TreeBuilder
-from xml.parsers import expat
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,17 +13,16 @@ from numpy.typing import NDArray
 from modalmotion.errors import MalformedFileError, ShapeError
 from modalmotion.formats.detect import Format
 from modalmotion.formats.frame import Frame
-from modalmotion.formats.frame_lists import parse_xml
 from modalmotion.formats.frames import FrameStack
 from modalmotion.formats.named_arrays import faces_in
 from modalmotion.formats.result import Parser, Reading
+from modalmotion.formats.xml_trees import xml_tree
 
 XDMF_SUFFIXES: Final = (".xdmf", ".xmf")
 """Ends of the names of such files."""
 
 _DISPLACEMENT: Final = ("displacement", "displacements", "u", "disp")
 _MOST_ELEMENTS: Final = 200_000
-_DEEPEST: Final = 20
 
 _malformed: Final = partial(
     MalformedFileError,
@@ -51,7 +49,7 @@ def read_xdmf(data: bytes, beside: Callable[[str], bytes], parser: Parser) -> Re
     InputError
         If the frames do not form a sequence.
     """
-    domain = _parsed(data)
+    domain = xml_tree(data, "XDMF", _malformed, _MOST_ELEMENTS, has_type=True)
     grids = [g for g in domain.iter("Grid") if g.get("GridType", "Uniform") == "Uniform"]
     if not grids:
         raise _malformed("The XDMF file contains no grid.")
@@ -125,31 +123,3 @@ def _numbers_of(
         return datasets(name)[place.strip("/")]
 
     return numbers
-
-
-def _parsed(data: bytes) -> Element:
-    """Read the XML: no entities, no more elements than frames need."""
-    builder = TreeBuilder()
-    n_elements = depth = 0
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal n_elements, depth
-        n_elements, depth = n_elements + 1, depth + 1
-        if n_elements > _MOST_ELEMENTS or depth > _DEEPEST:
-            raise _malformed(
-                f"The XDMF file has more than {_MOST_ELEMENTS} elements, or more than {_DEEPEST} "
-                "in one another."
-            )
-        builder.start(tag, attributes)
-
-    def end(tag: str) -> None:
-        nonlocal depth
-        depth -= 1
-        builder.end(tag)
-
-    parser = expat.ParserCreate()
-    parser.buffer_text = True
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.CharacterDataHandler = builder.data
-    parse_xml(parser, data, "XDMF", _malformed, has_type=True)
-    return builder.close()

@@ -14,7 +14,6 @@ from modalmotion.hdf5.image import (
     Contents,
     Dataset,
     contents_of,
-    header_of,
     sealed_image,
 )
 from modalmotion.hdf5.sealed import digest_of, load_sealed, require_sealed
@@ -76,7 +75,7 @@ class Form:
         """
         name, data = load_sealed(path)
         with _explained(name, self.kind):
-            self._require(header_of(name, data))
+            self._require(contents_of(name, data, has_arrays=False))
         return digest_of(data)
 
     @contextmanager
@@ -143,7 +142,7 @@ def form_of(path: Path) -> Form:
     """
     name, data = load_sealed(path)
     with _explained(name, "result"):
-        return _form(header_of(name, data))
+        return _form(contents_of(name, data, has_arrays=False))
 
 
 def _form(contents: Contents) -> Form:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeVar
@@ -30,7 +30,8 @@ class Dataset(NamedTuple):
     Parameters
     ----------
     name : str
-    values : ndarray
+    values : ndarray or list of ndarray
+        Rows of one shape and type that are written one at a time.
     unit : str
         "1" for plain numbers, "none" for text.
     axes : str
@@ -38,7 +39,7 @@ class Dataset(NamedTuple):
     """
 
     name: str
-    values: NDArray[Any]
+    values: Any
     unit: str
     axes: str
 
@@ -46,24 +47,6 @@ class Dataset(NamedTuple):
 def json_text(name: str, value: object) -> Dataset:
     """Dataset that contains a value as JSON, in ASCII."""
     return Dataset(name, np.array(json.dumps(value, sort_keys=True).encode()), "none", "")
-
-
-class Rows(NamedTuple):
-    """One dataset of a file that is written a row at a time.
-
-    Parameters
-    ----------
-    name : str
-    rows : sequence of ndarray
-        All of one shape and type.
-    unit, axes : str
-        As of `Dataset`.
-    """
-
-    name: str
-    rows: Sequence[NDArray[Any]]
-    unit: str
-    axes: str
 
 
 def sealed_image(attributes: Mapping[str, Attribute], datasets: Sequence[Dataset]) -> bytes:
@@ -90,7 +73,7 @@ def sealed_image(attributes: Mapping[str, Attribute], datasets: Sequence[Dataset
 
 
 def write_sealed(
-    path: Path, attributes: Mapping[str, Attribute], datasets: Sequence[Dataset | Rows]
+    path: Path, attributes: Mapping[str, Attribute], datasets: Sequence[Dataset]
 ) -> None:
     """Write a sealed HDF5 file that is too large to be built in memory; may raise OSError.
 
@@ -100,7 +83,7 @@ def write_sealed(
         Written over.
     attributes : mapping
         Of the root.
-    datasets : sequence of Dataset or Rows
+    datasets : sequence of Dataset
     """
     import h5py
 
@@ -110,19 +93,17 @@ def write_sealed(
     seal_file(path)
 
 
-def _write(
-    file: Any, attributes: Mapping[str, Attribute], datasets: Sequence[Dataset | Rows]
-) -> None:
+def _write(file: Any, attributes: Mapping[str, Attribute], datasets: Sequence[Dataset]) -> None:
     for name, value in attributes.items():
         file.attrs[name] = _as_attribute(value)
     for one in datasets:
-        if isinstance(one, Dataset):
-            dataset = file.create_dataset(one.name, data=one.values, track_times=False)
-        else:
-            shape = (len(one.rows), *one.rows[0].shape)
-            dataset = file.create_dataset(one.name, shape, one.rows[0].dtype, track_times=False)
-            for k, row in enumerate(one.rows):
-                dataset[k] = row
+        rows = one.values if isinstance(one.values, list) else []
+        values = one.values if not isinstance(one.values, list) else None
+        shape = (len(rows), *rows[0].shape) if rows else None
+        kind = rows[0].dtype if rows else None
+        dataset = file.create_dataset(one.name, shape, kind, values, track_times=False)
+        for k, row in enumerate(rows):
+            dataset[k] = row
         dataset.attrs["unit"] = _as_attribute(one.unit)
         dataset.attrs["axes"] = _as_attribute(one.axes)
 
@@ -210,91 +191,55 @@ class Contents:
         return array
 
 
-def contents_of(name: str, source: bytes | Path) -> Contents:
-    """Read all of an HDF5 file, and nothing that is outside of it or takes more than its size.
+def contents_of(name: str, source: bytes | Path, *, has_arrays: bool = True) -> Contents:
+    """Read an HDF5 file, and nothing that is outside of it or takes more than its size.
 
     The datasets of a path stay where they are, as maps of the file.
+
+    Parameters
+    ----------
+    name : str
+    source : bytes or Path
+    has_arrays : bool
+        False for the attributes of the root alone.
 
     Raises
     ------
     KeyError, TypeError, ValueError, OSError, RuntimeError
         If it is not made of plain datasets.
     """
-    # The library's lower level, which takes half the time on many small datasets.
-    from h5py import h5s
+    import h5py
 
-    root = _root(source)
-    size = len(source) if isinstance(source, bytes) else source.stat().st_size
+    is_image = isinstance(source, bytes)
+    most_bytes = len(source) if isinstance(source, bytes) else source.stat().st_size
     arrays: dict[str, NDArray[Any]] = {}
-    for key, dataset in _datasets(root, size):
-        kind, shape, offset = dataset.dtype, dataset.shape, dataset.get_offset()
-        if isinstance(source, bytes) or offset is None:
-            array = np.empty(shape, kind)
-            if array.size:
-                dataset.read(h5s.ALL, h5s.ALL, array)
-        else:
-            array = np.asarray(np.memmap(source, kind, "r", offset, shape))
-        arrays[key] = array
-    return Contents(name, _attributes(root), arrays)
-
-
-def _root(source: bytes | Path) -> Any:
-    from h5py import h5f, h5g
-
-    if isinstance(source, bytes):
-        return h5g.open(h5f.open_file_image(source), b"/")
-    return h5g.open(h5f.open(str(source).encode(), h5f.ACC_RDONLY), b"/")
-
-
-def _datasets(root: Any, most_bytes: int) -> Iterator[tuple[str, Any]]:
-    from h5py import h5d, h5l
-
     n_bytes = 0
-    for number in range(root.get_num_objs()):
-        key = root.get_objname_by_idx(number)
-        # Other links lead out of the file, to others on this machine.
-        if root.links.get_info(key).type != h5l.TYPE_HARD:
-            raise ValueError(f"{key!r} is a link out of the file")
-        dataset = h5d.open(root, key)
-        _require_in_file(key, dataset)
-        # Many names of one dataset, or datasets on the same bytes, would fill the memory.
-        n_bytes += dataset.get_storage_size()
-        if n_bytes > most_bytes:
-            raise ValueError("its datasets are on one another")
-        yield key.decode(), dataset
-
-
-def header_of(name: str, data: bytes) -> Contents:
-    """Read the attributes of the root alone; see `contents_of`."""
-    return Contents(name, _attributes(_root(data)), {})
-
-
-def _attributes(root: Any) -> dict[str, Any]:
-    from h5py import h5a
-
-    attributes = {}
-    for number in range(h5a.get_num_attrs(root)):
-        attribute = h5a.open(root, index=number)
-        if attribute.dtype.kind not in "iuS":
-            raise ValueError(f"the attribute {attribute.name!r} contains {attribute.dtype}")
-        value = np.empty(attribute.shape, attribute.dtype)
-        attribute.read(value)
-        attributes[attribute.name.decode()] = _plain(value)
-    return attributes
-
-
-def _require_in_file(name: bytes, dataset: Any) -> None:
-    # Contiguous and as large as its shape says: no external file, no bomb of fill values.
-    from h5py import h5d
-
-    plan = dataset.get_create_plist()
-    if not (
-        plan.get_layout() == h5d.CONTIGUOUS
-        and plan.get_external_count() == 0
-        and dataset.dtype.kind in "fiuS"
-        and dataset.get_storage_size() == math.prod(dataset.shape) * dataset.dtype.itemsize
-    ):
-        raise ValueError(f"{name!r} is not a plain dataset")
+    with h5py.File(h5py.h5f.open_file_image(source) if is_image else source, "r") as file:
+        for key in file if has_arrays else ():
+            # Other links lead out of the file, to others on this machine.
+            if not isinstance(file.get(key, getlink=True), h5py.HardLink):
+                raise TypeError(f"{key!r} is a link out of the file")
+            dataset = file[key]
+            shape, kind, n_stored = dataset.shape, dataset.dtype, dataset.id.get_storage_size()
+            is_simple = dataset.chunks is None and not (dataset.external or dataset.is_virtual)
+            # As large as its shape says: no external file, no bomb of fill values.
+            is_whole = kind.kind in "fiuS" and n_stored == math.prod(shape) * kind.itemsize
+            if not (is_simple and is_whole):
+                raise ValueError(f"{key!r} is not a plain dataset")
+            # Many names of one dataset, or datasets on the same bytes, would fill the memory.
+            n_bytes += n_stored
+            if n_bytes > most_bytes:
+                raise ValueError("its datasets are on one another")
+            offset = None if is_image else dataset.id.get_offset()
+            if offset is None:
+                arrays[key] = np.asarray(dataset[()])
+            else:
+                arrays[key] = np.asarray(np.memmap(source, kind, "r", offset, shape))
+        attributes = {key: np.asarray(value) for key, value in file.attrs.items()}
+    for key, value in attributes.items():
+        if value.dtype.kind not in "iuS":
+            raise ValueError(f"the attribute {key!r} contains {value.dtype}")
+    return Contents(name, {key: _plain(value) for key, value in attributes.items()}, arrays)
 
 
 def _plain(value: NDArray[Any]) -> Any:

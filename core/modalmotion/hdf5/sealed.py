@@ -12,12 +12,13 @@ memory, and let through only if everything in it is in it.
 from __future__ import annotations
 
 import hashlib
+import io
 import math
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
 from modalmotion.errors import (
     CorruptFileError,
@@ -250,32 +251,30 @@ def require_sealed(path: Path) -> None:
     CorruptFileError
         If it has no seal, or differs from what was sealed.
     """
-    name = f"'{path.name}'"
-    digest = hashlib.sha256()
     try:
         with path.open("rb") as file:
-            left = path.stat().st_size - SEAL_LENGTH
-            while left > 0 and (piece := file.read(min(left, _PIECE))):
-                digest.update(piece)
-                left -= len(piece)
-            match = _SEAL.fullmatch(file.read())
+            _require_seal(f"'{path.name}'", file, path.stat().st_size)
     except OSError as error:
         raise _unreadable(path, error) from error
-    _require_seal(name, match, digest.hexdigest())
 
 
-def _require_seal(name: str, match: re.Match[bytes] | None, digest: str) -> None:
+def _require_seal(name: str, file: BinaryIO, size: int) -> None:
+    digest, left = hashlib.sha256(), size - SEAL_LENGTH
+    while left > 0 and (piece := file.read(min(left, _PIECE))):
+        digest.update(piece)
+        left -= len(piece)
+    match = _SEAL.fullmatch(file.read())
     if match is None:
         raise CorruptFileError(
             f"{name} does not end with the seal that modalmotion writes: it is cut "
             "short, was changed, or comes from another program.",
             remedy=_RESTORE,
         )
-    if digest.encode() != match[1]:
+    if digest.hexdigest().encode() != match[1]:
         raise CorruptFileError(
             f"{name} is damaged: its bytes do not have the sha256 that its seal states.",
             remedy=_RESTORE,
-            details={"stated": match[1].decode(), "found": digest},
+            details={"stated": match[1].decode(), "found": digest.hexdigest()},
         )
 
 
@@ -316,8 +315,7 @@ def load_sealed(source: bytes | Path) -> tuple[str, bytes]:
             f"{name} {what}.",
             remedy=f"Name an HDF5 file written by modalmotion. If this was one: {_RESTORE}",
         )
-    digest = hashlib.sha256(memoryview(data)[:-SEAL_LENGTH]).hexdigest()
-    _require_seal(name, _SEAL.fullmatch(data, max(0, len(data) - SEAL_LENGTH)), digest)
+    _require_seal(name, io.BytesIO(data), len(data))
     return name, data
 
 

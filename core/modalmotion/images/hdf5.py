@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import Contents, Dataset, Rows, json_text, write_sealed
+from modalmotion.hdf5.image import Contents, Dataset, json_text, write_sealed
 from modalmotion.images.sequence import Image, ImageSequence, parts_of
 from modalmotion.images.volume import Plane, PlaneSet, Volume
 
@@ -46,8 +46,8 @@ def write_images(path: Path, images: ImageSequence) -> None:
             rows.append(part.values)
             affines.append(np.column_stack([part.affine, np.zeros((3, 4 - part.affine.shape[1]))]))
             thicknesses.append(part.thickness if isinstance(part, Plane) else 0.0)
-    datasets: list[Dataset | Rows] = [
-        Rows(f"values_{number}", rows, "none", "part, i, j, k"[: 10 + 3 * (rows[0].ndim - 2)])
+    datasets = [
+        Dataset(f"values_{number}", rows, "none", "part, i, j, k"[: 10 + 3 * (rows[0].ndim - 2)])
         for number, rows in enumerate(alike.values())
     ]
     datasets += [

@@ -5,50 +5,13 @@ from __future__ import annotations
 import math
 import operator
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from numbers import Real
-from typing import Any, Final, Literal, TypeAlias, TypeVar, get_args
+from typing import Any, Final, Literal, TypeAlias, get_args
 
 from modalmotion.errors import ParameterError
 from modalmotion.representation import is_readable
-
-T = TypeVar("T")
-
-
-class Named(Mapping[str, T]):
-    """A mapping that can be hashed, compared and sent to another process.
-
-    Parameters
-    ----------
-    values : mapping of str to T
-        Copied, and sorted by name: equal mappings are written alike.
-    """
-
-    __slots__ = ("_values",)
-
-    def __init__(self, values: Mapping[str, T] | None = None) -> None:
-        self._values = dict(sorted((values or {}).items()))
-
-    def __getitem__(self, name: str) -> T:
-        return self._values[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._values)
-
-    def __len__(self) -> int:
-        return len(self._values)
-
-    def __eq__(self, other: object) -> bool:
-        # As of any mapping, but without making two dictionaries first.
-        return self._values == other._values if isinstance(other, Named) else super().__eq__(other)
-
-    def __hash__(self) -> int:
-        return hash(tuple(self._values.items()))
-
-    def __repr__(self) -> str:
-        return f"Named({self._values!r})"
-
 
 Place: TypeAlias = int | tuple[float, float, float]
 """A vertex by its number, or a point in the coordinates of the reference frame."""
@@ -212,8 +175,8 @@ class Facts:
     period: float | None = None
     cavity: Cavity = UNKNOWN
     modality: str | None = None
-    landmarks: Mapping[str, Place | Corners] = field(default_factory=Named)
-    covariates: Mapping[str, float | str] = field(default_factory=Named)
+    landmarks: Mapping[str, Place | Corners] = field(default_factory=dict)
+    covariates: Mapping[str, float | str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, words in WORDS.items():
@@ -360,7 +323,7 @@ def _covariate(name: str, value: Any) -> float | str:
     )
 
 
-def _named(kind: str, values: Any, most: int, check: Any) -> Named[Any]:
+def _named(kind: str, values: Any, most: int, check: Any) -> dict[str, Any]:
     if isinstance(values, Mapping):
         values = values.items()
     pairs = list(values) if isinstance(values, Iterable) and not isinstance(values, str) else None
@@ -382,7 +345,7 @@ def _named(kind: str, values: Any, most: int, check: Any) -> Named[Any]:
         if name.casefold() in known:
             raise stated_twice(kind, name, known[name.casefold()])
         known[name.casefold()] = name
-    return Named({name: check(name, value) for name, value in pairs})
+    return dict(sorted((name, check(name, value)) for name, value in pairs))
 
 
 def require_fact_name(kind: str, name: Any) -> None:

@@ -20,6 +20,7 @@ from modalmotion.modes.topology import (
     SPHERE,
     TORUS,
     Topology,
+    lattice_coordinates,
 )
 
 
@@ -66,7 +67,7 @@ def standard_surface(lattice: Lattice) -> MeshSequence:
         If its topology is another.
     """
     topology = lattice.topology
-    coordinates = lattice.natural_coordinates
+    coordinates = lattice_coordinates(topology, lattice.shape)
     s, theta = coordinates[:, 0], 2.0 * np.pi * coordinates[:, -1]
     if topology == OPEN_CURVE:
         x = _points(_AXIS * (s - 0.5), 0.0 * s, 0.0 * s)

@@ -5,13 +5,12 @@ from typing import TYPE_CHECKING
 from modalmotion.arguments.public import public_list
 
 if TYPE_CHECKING:
-    from modalmotion.modes.mode_set import Modes as Modes
     from modalmotion.modes.mode_set import ModeSet as ModeSet
+    from modalmotion.modes.mode_set import all_modes as all_modes
+    from modalmotion.modes.mode_set import lowest_modes as lowest_modes
     from modalmotion.modes.mode_set import wave_pairs as wave_pairs
+    from modalmotion.modes.mode_set import whole_count as whole_count
     from modalmotion.modes.mode_set import whole_counts as whole_counts
-    from modalmotion.modes.order import all_modes as all_modes
-    from modalmotion.modes.order import lowest_modes as lowest_modes
-    from modalmotion.modes.order import whole_count as whole_count
     from modalmotion.modes.oscillators import Oscillators as Oscillators
     from modalmotion.modes.oscillators import State as State
     from modalmotion.modes.oscillators import animate_along as animate_along
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
     from modalmotion.modes.stepping import driven_states as driven_states
     from modalmotion.modes.stepping import exact_step as exact_step
     from modalmotion.modes.topology import ModeLabel as ModeLabel
+    from modalmotion.modes.topology import Modes as Modes
     from modalmotion.modes.waves import dispersion as dispersion
     from modalmotion.modes.waves import first_zone as first_zone
     from modalmotion.modes.waves import group_velocity as group_velocity

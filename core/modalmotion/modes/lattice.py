@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import real, whole_numbers
 from modalmotion.errors import LimitError, ParameterError, ShapeError, TopologyError
-from modalmotion.modes.mode_set import ModeSet
-from modalmotion.modes.order import (
-    all_modes,
-    lowest_modes,
+from modalmotion.modes.mode_set import ModeSet, all_modes, lowest_modes, whole_count
+from modalmotion.modes.topology import (
+    CLOSED,
+    ModeLabel,
+    Topology,
+    require_mode,
     require_shape,
-    require_within_zone,
-    whole_count,
+    scales_of,
 )
-from modalmotion.modes.topology import CLOSED, Topology, scales_of
 from modalmotion.modes.trigonometry import cosines, sin_pi
 from modalmotion.representation import shown
 
@@ -131,22 +131,6 @@ class Lattice:
     @cached_property
     def _all_modes(self) -> ModeSet:
         return all_modes(self.topology, self.shape)
-
-    @cached_property
-    def natural_coordinates(self) -> NDArray[np.float64]:
-        """Natural coordinates of every node.
-
-        Returns
-        -------
-        (nodes, axes) float64
-            (2n - 1) / 2N on open and pole axes, n / N on closed ones, n = 1..N.
-        """
-        axes = [
-            np.arange(1, n + 1) / n if ends == CLOSED else np.arange(1, 2 * n, 2) / (2 * n)
-            for ends, n in zip(self.topology.ends, self.shape, strict=True)
-        ]
-        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-        return grid.reshape(self.n_nodes, self.topology.n_axes)
 
     def angular_frequencies(self, modes: ModeSet) -> NDArray[np.float64]:
         """Angular frequency of each mode, the dispersion relation (7) summed over the axes.
@@ -298,3 +282,69 @@ def places_along(
         )
     along = np.unravel_index(numbers.astype(np.int64), shape)
     return [place.astype(np.int64) for place in along]
+
+
+def require_within_zone(modes: ModeSet, shape: tuple[int, ...]) -> None:
+    """Refuse modes beyond the lattice's Nyquist wavenumber: they would alias into low ones.
+
+    Raises
+    ------
+    ParameterError
+        Naming the first label at fault and the largest wavenumber the axis resolves, or the
+        sine of a wave vector that is its own opposite.
+    """
+    has_zeros = False
+    for axis, (ends, n) in enumerate(zip(modes.topology.ends, shape, strict=True)):
+        least, most = (-((n - 1) // 2), n // 2) if ends == CLOSED else (0, n - 1)
+        lowest, highest = modes.extents[axis]
+        if lowest < least or highest > most:
+            p = modes.wavenumbers[:, axis]
+            beyond = np.flatnonzero((p < least) | (p > most))
+            raise ParameterError(
+                f"Mode {modes.labels[beyond[0]]} is beyond what {n} nodes along axis {axis} "
+                f"resolve ({least} to {most}) and would alias into a lower mode.",
+                remedy="Ask for lower wavenumbers, or use more nodes.",
+                details={"axis": axis, "least": least, "most": most},
+            )
+        has_zeros |= ends == CLOSED and (2 * highest == n or lowest == 0)
+    if has_zeros:
+        _require_nonzero(modes, shape)
+
+
+def _require_nonzero(modes: ModeSet, shape: tuple[int, ...]) -> None:
+    """Refuse sines that are zero at every node."""
+    closed = list(modes.topology.closed_axes)
+    n = np.array([shape[axis] for axis in closed], dtype=np.int64)
+    zero = np.flatnonzero(modes.is_sine & (2 * modes.wavenumbers[:, closed] % n == 0).all(axis=1))
+    if zero.size:
+        raise ParameterError(
+            f"Mode {modes.labels[zero[0]]} is zero at every node of a lattice of {shape} nodes.",
+            remedy="Ask for its cosine alone.",
+        )
+
+
+def modes_named(
+    topology: Topology, labels: list[ModeLabel], shape: tuple[int, ...] | None = None
+) -> ModeSet:
+    """Modes with these labels, each checked to be a mode of the topology.
+
+    Parameters
+    ----------
+    topology : Topology
+    labels : list of ModeLabel
+    shape : tuple of int, optional
+        Nodes along each axis of a lattice, which has no modes beyond its Nyquist wavenumber.
+
+    Raises
+    ------
+    ParameterError
+        Naming the first label that no mode of the topology has, and the intended one if
+        there is one.
+    """
+    for label in labels:
+        require_mode(topology, label)
+    modes = ModeSet.of(topology, labels)
+    if shape is not None:
+        require_shape(topology, shape)
+        require_within_zone(modes, shape)
+    return modes

@@ -1,131 +1,38 @@
-"""Modes of one topology, in closed form: names, shapes and frequencies on a continuum.
+"""Modes of one topology, in closed form: order, shapes and frequencies on a continuum.
 
 The limit of fine lattices: the shapes solve (6) between the nodes too, and the frequencies are
 those of (7) while waves are long. Equation numbers are those of Nastar (1994).
+
+The order is by physical wavenumber on a reference surface whose axis is 0.55 of its
+circumference, computed in integers. It depends on the topology alone, never on the number of
+nodes or on the eigenvalues of the surface at hand, so a label keeps its place everywhere.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Protocol
+from functools import cached_property, lru_cache
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arguments.checking import whole
+from modalmotion.errors import LimitError, ModeCountError
 from modalmotion.modes.topology import (
     CLOSED,
     End,
     ModeLabel,
+    Modes,
+    Surface,
     Topology,
     half_periods,
     odd_at_pole,
+    require_shape,
     scales_of,
 )
 from modalmotion.representation import FrozenArrays, shown
-
-
-class Surface(Protocol):
-    """Properties of a surface that modes need; a template has them."""
-
-    @property
-    def coordinates(self) -> NDArray[np.float64]:
-        """Natural coordinates, (vertices, axes) float64: see `ModeSet.shapes_at`."""
-
-    @property
-    def lengths(self) -> tuple[float, ...]:
-        """Length along each axis, length unit."""
-
-    @property
-    def vertices(self) -> NDArray[np.float64]:
-        """Positions, (vertices, 3) float64, length unit."""
-
-    @property
-    def faces(self) -> NDArray[np.int64]:
-        """Triangles, (faces, 3) int64."""
-
-    @property
-    def representatives(self) -> NDArray[np.int64]:
-        """Vertex that represents each in the triangles, (vertices,) int64."""
-
-
-class Modes(Protocol):
-    """Modes in an order, by name: equal, with equal hashes, where their names are."""
-
-    @property
-    def topology(self) -> Topology | None:
-        """None for modes that belong to one mesh."""
-
-    @property
-    def connectivity_id(self) -> str:
-        """Sha256 in hex of the edges of the one mesh whose amplitudes compare; empty for all."""
-
-    @property
-    def wavenumbers(self) -> NDArray[np.int64]:
-        """Numbers of the labels, (modes, axes) int64."""
-
-    @property
-    def is_sine(self) -> NDArray[np.bool_]:
-        """True for the sine of a pair, (modes,) bool."""
-
-    @property
-    def labels(self) -> tuple[ModeLabel, ...]:
-        """The modes' labels, in order."""
-
-    @property
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Datasets of the modes in files."""
-
-    @property
-    def names(self) -> Modes:
-        """The modes as a result stores them: without shapes that had to be solved for."""
-
-    def __len__(self) -> int: ...
-
-    def __hash__(self) -> int: ...
-
-    def take(self, indices: NDArray[np.int64]) -> Modes:
-        """Modes at these indices, in this order.
-
-        Raises
-        ------
-        ParameterError
-            If their order is fixed, and this one differs.
-        """
-
-    def shapes_on(self, surface: Surface) -> NDArray[np.float64]:
-        """Evaluate the shapes at the vertices of a surface, (vertices, modes) float64."""
-
-    def frequencies_on(self, surface: Surface, wave_speed: float) -> NDArray[np.float64]:
-        """Angular frequencies in the limit of long waves, w = c k.
-
-        Parameters
-        ----------
-        surface : Surface
-        wave_speed : float, length unit per s
-
-        Returns
-        -------
-        (modes,) float64, rad per s
-        """
-
-    def length_of(
-        self,
-        lengths: tuple[float, ...],
-        angular_frequencies: NDArray[np.float64],
-        wave_speed: float,
-    ) -> float:
-        """Length that amplitudes compare with; 1 where the surface has none.
-
-        Parameters
-        ----------
-        lengths : tuple of float, length unit
-            Of the surface, along each axis.
-        angular_frequencies : (modes,) float64, rad per s
-            As `frequencies_on` gave them.
-        wave_speed : float, length unit per s
-        """
 
 
 def wave_pairs(modes: Modes) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -354,3 +261,177 @@ def _each_once(*columns: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]
     """Give different rows of columns once, a column each, and which of them each row is."""
     rows, own = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
     return rows.T, own.ravel()
+
+
+# Squared reciprocal reference lengths times 121, as integers: axis 11/20, circumference 1,
+# and 1/10 for a third axis (the thickness of a wall).
+_INVERSE_SQUARED_LENGTHS: Final = (400, 121, 12_100)
+
+
+_LARGEST_COUNT: Final = 10_000_000
+
+
+# The order is a fixed table: its beginnings are worked out once.
+_KEPT_COUNT: Final = 1024
+
+
+def lowest_modes(topology: Topology, n_modes: int, shape: tuple[int, ...] | None = None) -> ModeSet:
+    """First modes in the fixed order, chosen without building all of them.
+
+    Parameters
+    ----------
+    topology : Topology
+    n_modes : int
+        How many. Taken literally: see `whole_count` for counts that split no pair.
+    shape : tuple of int, optional
+        Nodes along each axis of a lattice, which has no modes beyond its Nyquist
+        wavenumber; without it the surface is a continuum and has any number of modes.
+
+    Raises
+    ------
+    ModeCountError
+        If `n_modes` is below 1, above ten million, or above the number of modes of the
+        lattice.
+    """
+    n_modes = whole("n_modes", n_modes)
+    n_total = None if shape is None else _n_modes_of(topology, shape)
+    if n_modes < 1 or n_modes > _LARGEST_COUNT or (n_total is not None and n_modes > n_total):
+        most = _LARGEST_COUNT if n_total is None else min(n_total, _LARGEST_COUNT)
+        raise ModeCountError(
+            f"{n_modes} modes were requested; a {topology} "
+            f"{'' if shape is None else f'of {shape} nodes '}has 1 to {most}.",
+            remedy=f"Ask for 1 to {most} modes.",
+            details={"modes": n_modes, "most": most},
+        )
+    if n_modes <= _KEPT_COUNT:
+        return _lowest_kept(topology, n_modes, shape)
+    return _lowest(topology, n_modes, shape)
+
+
+def whole_count(topology: Topology, n_modes: int, shape: tuple[int, ...] | None = None) -> int:
+    """Smallest count from `n_modes` on that splits no cosine-sine pair.
+
+    A split pair would make a signature depend on where the angle starts.
+    """
+    modes = lowest_modes(topology, n_modes, shape)
+    if modes.is_sine[-1] or len(modes) == (shape is not None and _n_modes_of(topology, shape)):
+        return n_modes
+    more = lowest_modes(topology, n_modes + 1, shape)
+    return n_modes + int(more.is_sine[-1])
+
+
+def common_count(modes: Modes) -> int:
+    """Count the first modes that every surface of the topology has, whatever its nodes.
+
+    A lattice of few nodes has no modes beyond its Nyquist wavenumbers: from there on its order
+    names others. Of one mesh, whose modes belong to no other, it is all.
+    """
+    if modes.topology is None:
+        return len(modes)
+    usual = lowest_modes(modes.topology, len(modes))
+    is_same = (usual.wavenumbers == modes.wavenumbers).all(axis=1) & (
+        usual.is_sine == modes.is_sine
+    )
+    if is_same.all():
+        return len(modes)
+    n = int(is_same.argmin())
+    # No cosine without its sine.
+    return n - int(usual.is_sine[n])
+
+
+def all_modes(topology: Topology, shape: tuple[int, ...]) -> ModeSet:
+    """Every mode of a lattice, in the fixed order: as many as it has nodes."""
+    return lowest_modes(topology, _n_modes_of(topology, shape), shape)
+
+
+def squared_keys(topology: Topology, wavenumbers: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Squared wavenumbers on the reference surface, times 484 / pi^2: integers, no ties lost.
+
+    Raises
+    ------
+    LimitError
+        If 64 bits do not contain them.
+    """
+    h = half_periods(topology, wavenumbers)
+    key = np.zeros(len(h), dtype=np.int64)
+    most = 0
+    for axis, weight in enumerate(_weights(topology)):
+        most += weight * int(np.abs(h[:, axis]).max(initial=0)) ** 2
+        key += weight * h[:, axis] ** 2
+    if most >= 2**63:
+        raise LimitError(
+            "The squared wavenumbers of these modes exceed integers of 64 bits.",
+            remedy="Ask for lower modes.",
+            limit="squared wavenumber",
+        )
+    return key
+
+
+def _weights(topology: Topology) -> list[int]:
+    """Weigh a squared half period (closed: period) along each axis in the key."""
+    # k = pi h / 2L on non-closed axes, 2 pi p / L on closed ones.
+    return [
+        w * (16 if ends == CLOSED else 1)
+        for w, ends in zip(_INVERSE_SQUARED_LENGTHS, topology.ends, strict=False)
+    ]
+
+
+def _n_modes_of(topology: Topology, shape: tuple[int, ...]) -> int:
+    require_shape(topology, shape)
+    product = 1
+    for n in shape:
+        product *= int(n)
+    return product
+
+
+@lru_cache(maxsize=64)
+def _lowest_kept(topology: Topology, n_modes: int, shape: tuple[int, ...] | None) -> ModeSet:
+    return _lowest(topology, n_modes, shape)
+
+
+def _lowest(topology: Topology, n_modes: int, shape: tuple[int, ...] | None) -> ModeSet:
+    bound = 4.0 * max(_INVERSE_SQUARED_LENGTHS)
+    if shape is not None and n_modes == _n_modes_of(topology, shape):
+        bound = sum(w * (2.0 * n) ** 2 for w, n in zip(_weights(topology), shape, strict=True))
+    while True:
+        modes, keys = _modes_within(topology, bound, shape)
+        # A whole level is needed so that ties are broken among all of its members.
+        if len(modes) >= n_modes:
+            return modes.take(np.lexsort(keys)[:n_modes])
+        bound *= 2.0 if len(modes) > 1000 else 4.0
+
+
+def _modes_within(
+    topology: Topology, bound: float, shape: tuple[int, ...] | None
+) -> tuple[ModeSet, tuple[NDArray[np.int64] | NDArray[np.bool_], ...]]:
+    """All modes whose squared key is at most `bound`, with the keys that sort them."""
+    axes = []
+    for axis, (ends, weight) in enumerate(zip(topology.ends, _weights(topology), strict=True)):
+        # h = 2 p at least on non-closed axes
+        most = int((bound / weight) ** 0.5 / (1 if ends == CLOSED else 2))
+        n = None if shape is None else shape[axis]
+        if ends == CLOSED:
+            high = most if n is None else min(most, n // 2)
+            low = most if n is None else min(most, (n - 1) // 2)
+            axes.append(np.arange(-low, high + 1, dtype=np.int64))
+        else:
+            high = most if n is None else min(most, n - 1)
+            axes.append(np.arange(high + 1, dtype=np.int64))
+    p = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, topology.n_axes)
+    p = p[squared_keys(topology, p) <= bound]
+
+    # Of a wave vector and its opposite, keep the one whose first entry that differs from
+    # its own opposite is positive. Where none differs the sine is zero and not a mode.
+    sign = np.zeros(len(p), dtype=np.int8)
+    for axis in topology.closed_axes:
+        entry = np.sign(p[:, axis]).astype(np.int8)
+        if shape is not None:
+            entry[2 * p[:, axis] == shape[axis]] = 0
+        sign = np.where(sign == 0, entry, sign)
+    p, is_pair = p[sign >= 0], sign[sign >= 0] > 0
+
+    wavenumbers = np.concatenate([p, p[is_pair]])
+    is_sine = np.concatenate([np.zeros(len(p), bool), np.ones(int(is_pair.sum()), bool)])
+    key = squared_keys(topology, wavenumbers)
+    ties = [column for q in wavenumbers.T[::-1] for column in (q < 0, np.abs(q))]
+    return ModeSet(topology, wavenumbers, is_sine), (is_sine, *ties, key)

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from modalmotion.arguments.checking import whole_numbers
 from modalmotion.errors import ParameterError, ShapeError, TopologyError
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.order import require_shape
-from modalmotion.modes.topology import Topology
+from modalmotion.modes.topology import Topology, require_shape
 from modalmotion.modes.trigonometry import cos_pi, sin_pi
 from modalmotion.representation import FrozenArrays, shown
 

@@ -1,16 +1,17 @@
-"""Topologies, the ends of each axis of a surface, and the labels of their modes."""
+"""Topologies, the ends of each axis of a surface, and the names of their modes."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import TopologyError
-from modalmotion.representation import shown
+from modalmotion.errors import LimitError, ParameterError, ShapeError, TopologyError
+from modalmotion.representation import shown, with_article
 
 
 class End(StrEnum):
@@ -204,3 +205,215 @@ def half_periods(topology: Topology, wavenumbers: NDArray[np.int64]) -> NDArray[
         h[:, axis] = 2 * wavenumbers[:, axis]
         h[:, axis] += odd[:, axis] * (1 if ends == POLE_OPEN else 2)
     return h
+
+
+# 8 N parts of a turn, and twice as many half periods, stay below 2^60.
+_MOST_NODES_ALONG_AXIS: Final = 2**56
+
+
+def require_shape(topology: Topology, shape: tuple[int, ...]) -> None:
+    """Refuse a lattice shape without a closed form on the topology.
+
+    Raises
+    ------
+    ShapeError
+        If the number of axes differs, an axis has no node, or the closed axis around a pole
+        has an odd number of nodes.
+    LimitError
+        If an axis has more nodes than phases of 64 bits can resolve.
+    """
+    if len(shape) != topology.n_axes or min(shape, default=0) < 1:
+        raise ShapeError(
+            f"A {topology} lattice has {topology.n_axes} axes of at least one node, "
+            f"not the shape {tuple(shape)}.",
+            remedy="Give the number of nodes along each axis.",
+        )
+    if max(shape) > _MOST_NODES_ALONG_AXIS:
+        raise LimitError(
+            f"An axis of {max(shape)} nodes is longer than 2^56.",
+            remedy="Use fewer nodes.",
+            limit="nodes along an axis",
+            details={"nodes": max(shape), "most": _MOST_NODES_ALONG_AXIS},
+        )
+    for axis, ends in enumerate(topology.ends):
+        if End.POLE in ends and shape[axis + 1] % 2 == 1:
+            raise ShapeError(
+                f"Axis {axis + 1} runs around a pole and has {shape[axis + 1]} nodes: with an "
+                "odd number no node is opposite another, and there is no closed form.",
+                remedy="Use an even number of nodes, or the cylinder.",
+                details={"axis": axis + 1, "nodes": shape[axis + 1]},
+            )
+
+
+def lattice_coordinates(topology: Topology, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Natural coordinates of every node of a lattice, (nodes, axes) float64.
+
+    From 0 to 1 along each axis: (2 n - 1) / 2 N on an axis with ends, n / N on a closed one.
+    """
+    axes = [
+        np.arange(1, n + 1) / n if ends == CLOSED else np.arange(1, 2 * n, 2) / (2 * n)
+        for ends, n in zip(topology.ends, shape, strict=True)
+    ]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    return grid.reshape(-1, topology.n_axes)
+
+
+_SPRING: Final = re.compile(r"\s*\(?\s*spring[\s,]*([0-9]{1,9})\s*\)?\s*")
+_LABEL: Final = re.compile(r"\s*\(?\s*((?:-?[0-9]{1,9}\s*,\s*){1,3})(cos|sin)\s*\)?\s*")
+
+
+def parse_label(text: str) -> ModeLabel:
+    """Read a label such as "1,1,cos" or "spring 3", or as it is printed: "(1, 1, cos)".
+
+    Raises
+    ------
+    ParameterError
+        If the text is not a label.
+    """
+    if rank := _SPRING.fullmatch(text):
+        return ModeLabel((int(rank[1]),), "spring")
+    parts = _LABEL.fullmatch(text)
+    if parts is None:
+        raise ParameterError(
+            f"{text[:40]!r} is not the label of a mode.",
+            remedy="Write one wavenumber for each axis, then cos or sin: 1,1,cos; or, on a mesh "
+            "without natural coordinates, spring and a rank: spring 3.",
+        )
+    wavenumbers = tuple(int(p) for p in parts[1].split(",") if p.strip())
+    return ModeLabel(wavenumbers, "sin" if parts[2] == "sin" else "cos")
+
+
+def require_mode(topology: Topology, label: ModeLabel) -> None:
+    """Refuse a label that names no mode of a topology.
+
+    Raises
+    ------
+    ParameterError
+    """
+    p, closed, name = label.wavenumbers, topology.closed_axes, with_article(topology.name)
+    # One of p and -p names the wave: the first wavenumber around a closed axis is not negative.
+    first = next((p[axis] for axis in closed if axis < len(p) and p[axis]), 0)
+    fault, remedy = "", ""
+    if label.part == "spring":
+        fault = f"names a spring mode, but {name} has modes in closed form"
+        remedy = "Write one wavenumber for each axis, then cos or sin: 1,1,cos."
+    elif len(p) != topology.n_axes:
+        fault = f"has {len(p)} wavenumbers; {name} has {topology.n_axes} axes"
+        remedy = "Give one wavenumber for each axis."
+    elif any(k < 0 for axis, k in enumerate(p) if axis not in closed):
+        fault = "counts backwards along an axis that is not closed"
+        remedy = "Use wavenumbers from 0 on."
+    elif first == 0 and label.part == "sin":
+        fault = (
+            f"is not a mode of {name}: the sine of a wave without any period around a closed axis "
+            "is zero everywhere"
+        )
+        remedy = "Use its cosine."
+    elif first < 0:
+        meant = tuple(-k if axis in closed else k for axis, k in enumerate(p))
+        fault = "runs against the sense in which waves are counted"
+        remedy = f"Use {ModeLabel(meant, label.part)}; a sine changes its sign."
+    if fault:
+        raise ParameterError(f"{label} {fault}.", remedy=remedy, details={"label": str(label)})
+
+
+class Surface(Protocol):
+    """Properties of a surface that modes need; a template has them."""
+
+    @property
+    def coordinates(self) -> NDArray[np.float64]:
+        """Natural coordinates, (vertices, axes) float64: see `ModeSet.shapes_at`."""
+
+    @property
+    def lengths(self) -> tuple[float, ...]:
+        """Length along each axis, length unit."""
+
+    @property
+    def vertices(self) -> NDArray[np.float64]:
+        """Positions, (vertices, 3) float64, length unit."""
+
+    @property
+    def faces(self) -> NDArray[np.int64]:
+        """Triangles, (faces, 3) int64."""
+
+    @property
+    def representatives(self) -> NDArray[np.int64]:
+        """Vertex that represents each in the triangles, (vertices,) int64."""
+
+
+class Modes(Protocol):
+    """Modes in an order, by name: equal, with equal hashes, where their names are."""
+
+    @property
+    def topology(self) -> Topology | None:
+        """None for modes that belong to one mesh."""
+
+    @property
+    def connectivity_id(self) -> str:
+        """Sha256 in hex of the edges of the one mesh whose amplitudes compare; empty for all."""
+
+    @property
+    def wavenumbers(self) -> NDArray[np.int64]:
+        """Numbers of the labels, (modes, axes) int64."""
+
+    @property
+    def is_sine(self) -> NDArray[np.bool_]:
+        """True for the sine of a pair, (modes,) bool."""
+
+    @property
+    def labels(self) -> tuple[ModeLabel, ...]:
+        """The modes' labels, in order."""
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Datasets of the modes in files."""
+
+    @property
+    def names(self) -> Modes:
+        """The modes as a result stores them: without shapes that had to be solved for."""
+
+    def __len__(self) -> int: ...
+
+    def __hash__(self) -> int: ...
+
+    def take(self, indices: NDArray[np.int64]) -> Modes:
+        """Modes at these indices, in this order.
+
+        Raises
+        ------
+        ParameterError
+            If their order is fixed, and this one differs.
+        """
+
+    def shapes_on(self, surface: Surface) -> NDArray[np.float64]:
+        """Evaluate the shapes at the vertices of a surface, (vertices, modes) float64."""
+
+    def frequencies_on(self, surface: Surface, wave_speed: float) -> NDArray[np.float64]:
+        """Angular frequencies in the limit of long waves, w = c k.
+
+        Parameters
+        ----------
+        surface : Surface
+        wave_speed : float, length unit per s
+
+        Returns
+        -------
+        (modes,) float64, rad per s
+        """
+
+    def length_of(
+        self,
+        lengths: tuple[float, ...],
+        angular_frequencies: NDArray[np.float64],
+        wave_speed: float,
+    ) -> float:
+        """Length that amplitudes compare with; 1 where the surface has none.
+
+        Parameters
+        ----------
+        lengths : tuple of float, length unit
+            Of the surface, along each axis.
+        angular_frequencies : (modes,) float64, rad per s
+            As `frequencies_on` gave them.
+        wave_speed : float, length unit per s
+        """

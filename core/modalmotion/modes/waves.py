@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
-from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.lattice import Lattice, require_within_zone
 from modalmotion.modes.mode_set import ModeSet
-from modalmotion.modes.order import require_within_zone
 from modalmotion.modes.oscillators import Oscillators, State
 from modalmotion.modes.responses import free_states
 from modalmotion.modes.topology import CLOSED, ModeLabel

@@ -17,9 +17,9 @@ from modalmotion.arguments.checking import Saved
 from modalmotion.classification.answer import fitted_in, unlike
 from modalmotion.classification.card import require_model_name
 from modalmotion.classification.cohort import conditions_of
-from modalmotion.classification.extractor import Extractor
 from modalmotion.classification.model import Readable
 from modalmotion.classification.motion import Motion
+from modalmotion.classification.motion_features import Extractor
 from modalmotion.clinical import Fraction, clinical_readouts
 from modalmotion.errors import ParameterError, TopologyError, UnlikeCasesError
 from modalmotion.hdf5.form import Form
@@ -46,7 +46,7 @@ from modalmotion.representation import counted, numeral, shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.value import first_modes
 
-FORM: Final = Form("norm", 3)
+FORM: Final = Form("norm", 4)
 
 QUANTITIES: Final = ("share", "end_diastolic_volume", "end_systolic_volume")
 """Share of the volume that is lost, percent; volumes, ml, NaN where the unit is unknown."""
@@ -528,7 +528,7 @@ def norm_from_hdf5(source: bytes | Path) -> Norm:
         norm = Norm(
             name=require_model_name(contents.text("name")),
             readable=Readable.from_json(contents.json("readable", dict)),
-            extractor=Extractor.from_json(contents.json("extractor", dict), np.zeros(0)),
+            extractor=Extractor.from_json(contents.json("extractor", dict)),
             columns=columns,
             controls=tuple(
                 Reading(

@@ -19,7 +19,7 @@ from modalmotion.pictures.view import (
     upright,
 )
 from modalmotion.representation import counted, numeral
-from modalmotion.template.axis import corner_steps
+from modalmotion.template.surface import corner_steps
 from modalmotion.template.template import Template
 from modalmotion.template.vibration_modes import VibrationModes
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.mesh import lattice_faces
-from modalmotion.mesh.reference import reference_positions
+from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.sequence import MEAN, MeshSequence
 from modalmotion.pictures.view import (
     ShownUnit,

@@ -198,7 +198,7 @@ def choose_fit(fitter: Fitter) -> tuple[Fit, ModelChoice, list[str]]:
         If a tolerance is in mm and the unit unknown, or an option does not go with the data.
     """
     sequence, template, parameters = fitter.sequence, fitter.template, fitter.parameters
-    lowest = choose_modes(template, 1, sequence.grid).modes
+    lowest = choose_modes(template, 1, sequence.grid)[0]
     smallest = fitter.fit(make_basis(template, lowest))
     motions = simple_motions(fitter, smallest)
     errors = {kind: SceneError.of(motion) for kind, motion in motions.items()}

@@ -26,15 +26,15 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ModeCountError
 from modalmotion.mesh import mean_slopes, vertex_areas
+from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.normal_lines import vertex_normals
-from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.signature.fit import Basis, Fit, Fitter, make_basis
 from modalmotion.signature.noise import Noise, estimated
 from modalmotion.template import Template
-from modalmotion.template.template import Placement
+from modalmotion.template.axis import Placement
 
 # Below this cosine the surface has turned away from the line: it meets it at the rim, whose
 # points move along the line as they are.

@@ -18,8 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ModeCountError
-from modalmotion.mesh.alignment import DisplacementBlock, Displacements, Rotations
-from modalmotion.mesh.reference import displacements_from
+from modalmotion.mesh.alignment import (
+    DisplacementBlock,
+    Displacements,
+    Rotations,
+    displacements_from,
+)
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes import Modes, whole_counts
 from modalmotion.numeric.scales import (
@@ -32,7 +36,7 @@ from modalmotion.signature.parameters import ErrorKind, SignatureKind, Signature
 from modalmotion.signature.superposition import Offsets, offsets_of
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, local_frames, to_local
-from modalmotion.template.vibration_modes import shapes_of
+from modalmotion.template.template import shapes_of
 
 # Amplitudes lose this factor of the data's precision; beyond it they are not worth giving.
 LARGEST_CONDITION: Final = 1e8

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import version
 from typing import Final
@@ -13,8 +14,8 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh import NO_FACTS
+from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.cavity import cavity_of
-from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import PLANE, Topology
 from modalmotion.progress import ShareReport, Stopwatch, silent
@@ -31,7 +32,7 @@ from modalmotion.signature.parameters import (
 )
 from modalmotion.signature.value import ModalSignature
 from modalmotion.template import Template, choose_modes, make_template, require_same_mesh
-from modalmotion.template.vibration_modes import frequencies_of
+from modalmotion.template.template import frequencies_of
 
 # Corners of triangles in memory at a time.
 _BLOCK: Final = 2**20
@@ -135,15 +136,13 @@ def modal_signature(
             fit, choice, said = choose_fit(fitter)
             notes += said
         else:
-            chosen = choose_modes(
-                own_template, parameters.modes, sequence.grid, split_pairs=parameters.split_pairs
-            )
-            fit = fitter.fit(make_basis(own_template, chosen.modes))
+            chosen, words = choose_modes(own_template, parameters.modes, sequence.grid)
+            fit = fitter.fit(make_basis(own_template, chosen))
             if parameters.harmonics is not None:
                 fit = limited(fitter, fit)
-            notes += chosen.notes
-            if len(chosen.modes) > USUAL_MODES:
-                note = note_on_compactness(len(chosen.modes), sequence.n_vertices)
+            notes += words
+            if len(chosen) > USUAL_MODES:
+                note = note_on_compactness(len(chosen), sequence.n_vertices)
                 notes += [note] if note else []
     modes = fit.basis.modes
     undetermined = np.flatnonzero(~fit.rotations.is_determined)
@@ -235,7 +234,7 @@ def resolve_template(
         require_same_mesh(template, sequence)
         return template
     return make_template(
-        sequence.with_facts(NO_FACTS),
+        replace(sequence, facts=NO_FACTS),
         reference=parameters.reference,
         landmarks=parameters.landmarks,
         closed_form=parameters.closed_form,

@@ -15,7 +15,7 @@ from modalmotion.numeric.scales import orthonormal, power_of_two
 from modalmotion.signature.fit import Basis, Fit, Fitter, largest_sound
 from modalmotion.signature.parameters import MOST_MODES, ErrorKind
 from modalmotion.template import Template, choose_modes
-from modalmotion.template.vibration_modes import shapes_of
+from modalmotion.template.template import shapes_of
 
 # Numbers in the shapes that are factored at once: 480 MB with their factor.
 _MOST_NUMBERS: Final = 30_000_000
@@ -59,15 +59,15 @@ def nested_modes(template: Template, n_modes: int, grid: tuple[int, ...] | None)
         Nodes along each axis of a lattice.
     """
     n, ends = most_modes_of(template, n_modes, grid)
-    choice = choose_modes(template, n, grid)
-    modes, counts = choice.modes, whole_counts(choice.modes)
+    modes, notes = choose_modes(template, n, grid)
+    counts = whole_counts(modes)
     shapes, root = shapes_of(modes, template), np.sqrt(template.weights)[:, None]
     Q, R = orthonormal(root * shapes)
     sound = largest_sound(R, counts)
     if sound < n:
         ends = f"{sound} modes are the most that its vertices tell apart"
     whole = Basis(modes, shapes, R, np.ascontiguousarray((root * Q).T), 1.0)
-    return NestedModes(whole.first(sound), counts[counts <= sound], ends, choice.notes)
+    return NestedModes(whole.first(sound), counts[counts <= sound], ends, notes)
 
 
 def most_modes_of(

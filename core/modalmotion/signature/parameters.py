@@ -62,7 +62,7 @@ class SignatureParameters:
     ----------
     modes : int or None
         Number of modes, three amplitudes per frame each, or one of offsets. 7 where nothing else is
-        asked for; rounded up where a cosine-sine pair would be split, unless `split_pairs`. None
+        asked for; rounded up where a cosine-sine pair would be split. None
         where it follows from the data.
     topology : str or None
         Topology: cup, cylinder, ..., or mesh for the spring modes of the mesh itself. It takes
@@ -90,9 +90,6 @@ class SignatureParameters:
         Stop where the residual looks like the noise of the measurement.
     harmonics : int or None
         Harmonics that each amplitude's path over time is limited to. None leaves it as it is.
-    split_pairs : bool
-        Take the stated number of modes exactly: a cosine without its sine depends on where theta is
-        zero. Its amplitudes compare only where that is the same.
     kind : SignatureKind
         Whether amplitudes follow the vertices, or measure the surface along its reference's
         normals. OFFSET has one amplitude a mode, and does not see where on the surface the
@@ -119,7 +116,6 @@ class SignatureParameters:
     tolerance_of: ErrorKind = ErrorKind.RMS
     auto: bool = False
     harmonics: int | None = None
-    split_pairs: bool = False
     kind: SignatureKind = SignatureKind.MATERIAL
     volumes: bool = False
     deviations: bool = False
@@ -144,12 +140,6 @@ class SignatureParameters:
                 f"{self.modes} modes were requested; a signature has 1 to {MOST_MODES}.",
                 remedy=f"Ask for 1 to {MOST_MODES} modes; 7 is the usual number.",
                 details={"modes": self.modes, "most": MOST_MODES},
-            )
-        if self.split_pairs and self.modes is None:
-            raise ParameterError(
-                "Pairs are split only if the number of modes is given: a number that follows "
-                "from the data takes whole pairs.",
-                remedy="Omit split_pairs, or set modes or amplitudes.",
             )
         self._require_kind()
         if self.tolerance is not None and not (np.isfinite(self.tolerance) and self.tolerance >= 0):
@@ -182,9 +172,7 @@ class SignatureParameters:
         takes: dict[str, Callable[[str, Any], object]] = {
             **dict.fromkeys(("modes", "harmonics"), whole),
             "tolerance": real,
-            **dict.fromkeys(
-                ("remove_rotation", "auto", "split_pairs", "volumes", "deviations"), truth
-            ),
+            **dict.fromkeys(("remove_rotation", "auto", "volumes", "deviations"), truth),
             **{
                 name: partial(one_of, words=words)
                 for name, words in (

@@ -21,7 +21,7 @@ from modalmotion.signature.making import (
 )
 from modalmotion.signature.superposition import Superposition
 from modalmotion.template import Template
-from modalmotion.template.vibration_modes import shapes_of
+from modalmotion.template.template import shapes_of
 
 
 def reconstruct(

@@ -17,16 +17,21 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import oriented_faces
-from modalmotion.mesh.alignment import DisplacementBlock, Displacements, PositionBlock, Rotations
+from modalmotion.mesh.alignment import (
+    DisplacementBlock,
+    Displacements,
+    PositionBlock,
+    Rotations,
+    reference_positions,
+)
 from modalmotion.mesh.normal_lines import NormalLines, vertex_normals
-from modalmotion.mesh.reference import reference_positions
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.mesh.triangles import face_normals
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import shown
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, from_local, local_frames
-from modalmotion.template.vibration_modes import nearest_in_use
+from modalmotion.template.template import nearest_in_use
 
 # Below this the surface is no more on one side of its centroid than on the other: its winding
 # says then which side is outside.

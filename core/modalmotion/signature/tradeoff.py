@@ -223,7 +223,7 @@ def measure_tradeoff(
             sequence, parameters, most_modes=most_modes, components=components, template=template
         )
     with watch.stage("scene"):
-        first = fitter.fit(make_basis(used, choose_modes(used, 1, own.grid).modes))
+        first = fitter.fit(make_basis(used, choose_modes(used, 1, own.grid)[0]))
         scene = {k: SceneError.of(each) for k, each in simple_motions(fitter, first).items()}
     with watch.stage("choice"):
         if limit is not None:
@@ -254,7 +254,7 @@ def _fit_milliseconds(fitter: Fitter, branch: Branch) -> dict[int, float]:
     places = np.unique(len(branch.counts) // 2 ** np.arange(_TIMED) - 1)
     times = {}
     for count in branch.counts[places[places >= 0]].tolist():
-        modes = choose_modes(fitter.template, count, fitter.sequence.grid).modes
+        modes = choose_modes(fitter.template, count, fitter.sequence.grid)[0]
         spent = []
         for _ in range(_REPEATS):
             watch = Stopwatch()

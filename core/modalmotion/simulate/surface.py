@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import lattice_faces
-from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topology import CUP, lattice_coordinates
 from modalmotion.representation import shown
 
 _N_TABLE: Final = 4001
@@ -174,7 +173,7 @@ def lattice_points(
     ShapeError
         If the grid is not that of a cup: its columns must be even in number.
     """
-    coordinates = Lattice(CUP, grid).natural_coordinates
+    coordinates = lattice_coordinates(CUP, grid)
     return Points(
         spheroid.polar_angle(coordinates[:, 0], spacing),
         2 * np.pi * coordinates[:, 1],

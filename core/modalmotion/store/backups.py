@@ -7,7 +7,7 @@ import json
 import os
 import shutil
 import sqlite3
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Final
@@ -17,9 +17,9 @@ from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.store.deletion import TOMBSTONES, Deletions
 from modalmotion.store.disk import (
+    FolderLock,
     JsonForm,
     cannot_write,
-    folder_lock,
     is_temporary,
     sync_paths,
     temporary_beside,
@@ -121,13 +121,8 @@ def backup(
             f"'{target.name}' contains other files, which a backup would remove.",
             remedy="Name a new folder, or that of an earlier backup.",
         )
-    try:
-        # Files that only one user may read stay private in the copy.
-        there.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with folder_lock(there / "lock"):
-            return _bring_up_to_date(here, there, accept_missing, progress)
-    except OSError as error:
-        raise cannot_write(Path(error.filename or there), error) from error
+    with _writing_to(there):
+        return _bring_up_to_date(here, there, accept_missing, progress)
 
 
 def backup_time(root: Path) -> str | None:
@@ -170,27 +165,35 @@ def restore(
     knows_deletions = any(Folder(one).exists or (one / TOMBSTONES).is_dir() for one in knowing)
     known = [Deletions(folder) for folder in knowing]
     n_files = n_bytes = n_deleted = 0
-    try:
-        there.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with folder_lock(there / "lock"), folder_lock(here / "lock"):
-            # Databases last: what they name is there before them.
-            names = sorted(_files_of(here), key=lambda name: (name.suffix == ".sqlite", name))
-            for number, name in enumerate(names):
-                status = (here / name).stat()
-                if not (there / name).exists():
-                    if any(one.cover(name, status.st_mtime) for one in known):
-                        n_deleted += 1
-                    else:
-                        _remove_logs(there / name)
-                        _copy(here / name, there / name)
-                        n_files, n_bytes = n_files + 1, n_bytes + status.st_size
-                if progress is not None:
-                    progress(number + 1, len(names))
-            _sync_folders(there, names)
-    except OSError as error:
-        raise cannot_write(Path(error.filename or there), error) from error
+    with _writing_to(there), FolderLock(here / "lock"):
+        # Databases last: what they name is there before them.
+        names = sorted(_files_of(here), key=lambda name: (name.suffix == ".sqlite", name))
+        for number, name in enumerate(names):
+            status = (here / name).stat()
+            if not (there / name).exists():
+                if any(one.cover(name, status.st_mtime) for one in known):
+                    n_deleted += 1
+                else:
+                    _remove_logs(there / name)
+                    _copy(here / name, there / name)
+                    n_files, n_bytes = n_files + 1, n_bytes + status.st_size
+            if progress is not None:
+                progress(number + 1, len(names))
+        _sync_folders(there, names)
     as_of = backup_time(copy) or "unknown"
     return RestoreReport(n_files, n_bytes, n_deleted, as_of, knows_deletions)
+
+
+@contextlib.contextmanager
+def _writing_to(folder: Path) -> Iterator[None]:
+    """Make a folder and hold its lock."""
+    try:
+        # Files that only one user may read stay private in the copy.
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with FolderLock(folder / "lock"):
+            yield
+    except OSError as error:
+        raise cannot_write(Path(error.filename or folder), error) from error
 
 
 def _apart(source: Path, target: Path) -> tuple[Path, Path]:
@@ -261,16 +264,14 @@ def _files_of(folder: Path) -> list[PurePath]:
     return sorted(
         PurePath(path.relative_to(folder))
         for path in folder.rglob("*")
-        if _is_copied(path.name) and not _is_mark(path) and path.is_file()
+        if _is_copied(path.name)
+        and not (path.suffix == ".deleted" and path.parent.parent.name == "sequences")
+        and path.is_file()
     )
 
 
 def _is_copied(name: str) -> bool:
     return not (name in ("lock", _NOTE) or ".sqlite-" in name or is_temporary(name))
-
-
-def _is_mark(path: PurePath) -> bool:
-    return path.suffix == ".deleted" and path.parent.parent.name == "sequences"
 
 
 def _parted(

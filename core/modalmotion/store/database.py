@@ -12,7 +12,6 @@ import sqlite3
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, get_args
 
@@ -110,21 +109,8 @@ _READ_CACHE_KB = 8_000
 _REBUILD = "Run `modalmotion store rebuild FOLDER`."
 
 
-@dataclass(frozen=True)
-class GuestTable:
-    """A table of the file that is not the store's own.
-
-    Parameters
-    ----------
-    name : str
-    statement : str
-        That makes it.
-    rows : list of tuple
-    """
-
-    name: str
-    statement: str
-    rows: list[tuple[Any, ...]]
+Guest = tuple[str, str, list[tuple[Any, ...]]]
+"""A table of the file that is not the store's own: name, statement that makes it, rows."""
 
 
 class Database:
@@ -220,7 +206,7 @@ class Database:
             for statement in statements:
                 connection.execute(statement)
 
-    def guests(self) -> list[GuestTable]:
+    def guests(self) -> list[Guest]:
         """Read the tables that `extend` has made, to put them into a new index."""
         names = ", ".join("?" * len(OWN_TABLES))
         tables = self.read(
@@ -229,19 +215,17 @@ class Database:
             OWN_TABLES,
         )
         return [
-            GuestTable(name, sql, self.read(f'SELECT * FROM "{name}"'))  # noqa: S608 (own schema)
+            (name, sql, self.read(f'SELECT * FROM "{name}"'))  # noqa: S608 (own schema)
             for name, sql in tables
         ]
 
-    def receive(self, guests: Iterable[GuestTable]) -> None:
+    def receive(self, guests: Iterable[Guest]) -> None:
         """Make tables that `guests` has read, with their rows."""
         with self.write() as connection:
-            for guest in guests:
-                connection.execute(guest.statement)
-                for row in guest.rows:
-                    places = ", ".join("?" * len(row))
-                    statement = f'INSERT INTO "{guest.name}" VALUES ({places})'  # noqa: S608
-                    connection.execute(statement, row)
+            for name, statement, rows in guests:
+                connection.execute(statement)
+                places = ", ".join("?" * len(rows[0])) if rows else ""
+                connection.executemany(f'INSERT INTO "{name}" VALUES ({places})', rows)  # noqa: S608
 
     def close(self) -> None:
         """Close both connections; the write-ahead log is merged into the file."""

@@ -227,17 +227,6 @@ def begin_model_deletion(folder: Folder, record: ModelRecord) -> ModelRecord:
     return gone
 
 
-def finish_model_deletion(folder: Folder, reference: ModelReference) -> None:
-    """Remove the file of a version that is noted as deleted.
-
-    Raises
-    ------
-    StoreError
-        If that fails; the note stays, and the next `open` calls this again.
-    """
-    remove_durably(folder.model(reference))
-
-
 def deleted_record(path: Path, reference: ModelReference) -> ModelRecord:
     """Read what is known of a deleted version.
 

@@ -11,13 +11,12 @@ import os
 import re
 import secrets
 import weakref
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from modalmotion.errors import CorruptFileError, OlderFileError, StoreError
 from modalmotion.hdf5.sealed import read_file
@@ -285,15 +284,11 @@ class FolderLock:
         if descriptor is not None:
             os.close(descriptor)
 
+    def __enter__(self) -> Self:
+        return self
 
-@contextmanager
-def folder_lock(path: Path) -> Iterator[None]:
-    """Hold the lock inside the block."""
-    lock = FolderLock(path)
-    try:
-        yield
-    finally:
-        lock.release()
+    def __exit__(self, *_: object) -> None:
+        self.release()
 
 
 @cache

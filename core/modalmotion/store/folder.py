@@ -192,14 +192,8 @@ class Folder:
 
     def derived(self, sequence_id: str) -> list[Path]:
         """All files of results of a sequence, as they are there."""
-        shards = [self.root / name / sequence_id[:2] for name in RESULT_FOLDERS]
-        return [
-            path
-            for shard in shards
-            if shard.is_dir()
-            for path in shard.iterdir()
-            if path.name.startswith(f"{sequence_id}-")
-        ]
+        shards = (self.root / name / sequence_id[:2] for name in RESULT_FOLDERS)
+        return [path for shard in shards for path in shard.glob(f"{sequence_id}-*")]
 
     def short(self, path: Path) -> str:
         """Path within the store, which names no folder of the machine."""
@@ -367,21 +361,16 @@ def record_of(
     label: str | None = None,
 ) -> SequenceRecord:
     """Record of a sequence."""
+    same = ("id", "n_frames", "n_vertices", "grid", "unit", "facts", "span")
     return SequenceRecord(
-        id=sequence.id,
-        n_frames=sequence.n_frames,
-        n_vertices=sequence.n_vertices,
+        **{name: getattr(sequence, name) for name in same},
         n_faces=len(sequence.faces),
         topology=None if sequence.topology is None else sequence.topology.name,
-        grid=sequence.grid,
-        unit=sequence.unit,
         has_times=sequence.times is not None,
         subject=subject,
         label=label,
         created=created,
         has_upload=has_upload,
-        facts=sequence.facts,
-        span=sequence.span,
     )
 
 

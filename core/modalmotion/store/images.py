@@ -97,11 +97,6 @@ def images_record_of(images: ImageSequence) -> ImagesRecord:
     )
 
 
-def images_record_to_json(record: ImagesRecord) -> bytes:
-    """Write a record as JSON that ends with the sha256 of the text before it."""
-    return FORM.write(asdict(record))
-
-
 def read_images_record(path: Path) -> ImagesRecord:
     """Read a record.
 
@@ -348,4 +343,4 @@ class ImageStore(SequenceStore):
 
     def _write_record(self, record: ImagesRecord) -> None:
         path = self._folder.images_record(record.id)
-        self._write([(path, images_record_to_json(record))], lambda: None)
+        self._write([(path, FORM.write(asdict(record)))], lambda: None)

@@ -127,12 +127,7 @@ class Index:
 
     def ids(self) -> Iterator[str]:
         """Ids of all sequences, sorted; a piece of them is in memory at a time."""
-        last = ""
-        while rows := self.database.read(
-            "SELECT id FROM sequences WHERE id > ? ORDER BY id LIMIT ?", (last, _PIECE)
-        ):
-            yield from (sequence_id for (sequence_id,) in rows)
-            (last,) = rows[-1]
+        return (sequence_id for (sequence_id,) in self._all("sequences", "id"))
 
     def page(
         self,
@@ -240,15 +235,19 @@ class Index:
 
     def results(self) -> Iterator[ResultName]:
         """Give all results by sequence, kind, model and key; a piece is in memory at a time."""
-        last = ("", "", "", "")
-        while rows := self.database.read(
-            "SELECT sequence_id, kind, model_id, key FROM results "
-            "WHERE (sequence_id, kind, model_id, key) > (?, ?, ?, ?) "
-            "ORDER BY sequence_id, kind, model_id, key LIMIT ?",
-            (*last, _PIECE),
-        ):
-            for sequence_id, kind, model_id, key in rows:
-                yield ResultName(kind, sequence_id, model_id, key)
+        for sequence_id, kind, *name in self._all("results", "sequence_id, kind, model_id, key"):
+            yield ResultName(kind, sequence_id, *name)
+
+    def _all(self, table: str, key: str) -> Iterator[tuple[Any, ...]]:
+        """Give the keys of all rows, in their order."""
+        last: tuple[Any, ...] = ("",) * len(key.split())
+        places = ", ".join("?" * len(last))
+        statement = (
+            f"SELECT {key} FROM {table} WHERE ({key}) > ({places}) "  # noqa: S608 (constants)
+            f"ORDER BY {key} LIMIT {_PIECE}"
+        )
+        while rows := self.database.read(statement, last):
+            yield from rows
             last = rows[-1]
 
     def remove_result(self, name: ResultName) -> None:

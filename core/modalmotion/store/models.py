@@ -7,7 +7,6 @@ from pathlib import Path
 
 from modalmotion.classification.card import (
     ModelRecord,
-    ModelReference,
     is_model_name,
     require_model_name,
 )
@@ -28,8 +27,8 @@ from modalmotion.store.deletion import (
     begin_model_deletion,
     bury_and_remove,
     digest_of_norm,
-    finish_model_deletion,
 )
+from modalmotion.store.disk import remove_durably
 from modalmotion.store.folder import is_id
 from modalmotion.store.index import now
 from modalmotion.store.opening import Opening, lost_file
@@ -83,23 +82,6 @@ class ModelStore(Opening):
                 [(path, model_to_hdf5(new_version))], lambda: index.put_model(new_version.record)
             )
             return new_version.record
-
-    def put_model_image(self, image: Path) -> ModelRecord:
-        """Keep a model that another process has written with `model_to_hdf5`.
-
-        Parameters
-        ----------
-        image : Path
-            Sealed HDF5 file; what it holds is copied.
-
-        Raises
-        ------
-        ParameterError, StoreError
-            As `put_model` does.
-        CorruptFileError
-            If the image is not whole.
-        """
-        return self.put_model(read_kept_model(image)[0])
 
     def model_record(self, name: str, version: int | None = None) -> ModelRecord:
         """Look up a version of a model, the newest by default.
@@ -220,7 +202,7 @@ class ModelStore(Opening):
             gone = begin_model_deletion(self._folder, record)
             # From here on it is deleted, whatever happens.
             index.put_model(gone)
-            finish_model_deletion(self._folder, ModelReference(name, version))
+            remove_durably(self._folder.model(gone.reference))
 
 
 def _lock_of(name: str) -> str:
@@ -333,25 +315,6 @@ class NormStore(Opening):
                 details={"norm": norm.name},
             )
         return known is None
-
-    def put_norm_image(self, image: Path) -> Norm:
-        """Keep a norm that another process has written with `norm_to_hdf5`.
-
-        Parameters
-        ----------
-        image : Path
-            Sealed HDF5 file; what it holds is copied.
-
-        Raises
-        ------
-        ParameterError, StoreError
-            As `put_norm` does.
-        CorruptFileError
-            If the image is not whole.
-        """
-        norm = norm_from_hdf5(image)
-        self.put_norm(norm)
-        return norm
 
     def norm_path(self, name: str) -> Path:
         """HDF5 file of a norm.

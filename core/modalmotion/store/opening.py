@@ -284,6 +284,7 @@ class SequenceRecords(Opening):
         *,
         subject: str | None = None,
         label: str | None = None,
+        tracked: bool = False,
         limit: int = 100,
         cursor: str | None = None,
     ) -> SequencePage:
@@ -296,6 +297,8 @@ class SequenceRecords(Opening):
         ----------
         subject, label : str, optional
             Only those with exactly this subject, this label.
+        tracked : bool
+            Only those that were tracked.
         limit : int
             Of one page, 1 to 1000.
         cursor : str, optional
@@ -306,7 +309,7 @@ class SequenceRecords(Opening):
         ParameterError
             If the limit is out of range or the cursor is not one of a list.
         """
-        return self._open_index().page(subject, label, limit, cursor)
+        return self._open_index().page(subject, label, limit, cursor, tracked=tracked)
 
     def update_sequence(
         self,
@@ -401,7 +404,7 @@ class SequenceRecords(Opening):
         require_name("label", label)
         with self._changing(sequence_id):
             known = self.sequence_record(sequence_id)
-            stated = {"subject": subject, "label": label}
+            stated: dict[str, Any] = {"subject": subject, "label": label}
             new = {name: text for name, text in stated.items() if text is not None}
             differ = [
                 name for name, text in new.items() if getattr(known, name) not in (None, text)
@@ -419,12 +422,7 @@ class SequenceRecords(Opening):
                 )
             if completed != known.facts:
                 completed.require_fit(known.n_vertices, known.span)
-            record = replace(
-                known,
-                facts=completed,
-                subject=known.subject if subject is None else subject,
-                label=known.label if label is None else label,
-            )
+            record = replace(known, facts=completed, **new)
             self._restate(known, record)
         filled = [name for name in new if getattr(known, name) is None]
         return record, (*filled, *completed.changed(known.facts))

@@ -19,16 +19,15 @@ from modalmotion.mesh.hdf5 import read_sequence
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.signature import hdf5 as signature_hdf5
-from modalmotion.store.database import Database, GuestTable, recount
+from modalmotion.store.database import Database, Guest, recount
 from modalmotion.store.deletion import (
     buried,
     deleted_record,
     digest_of_norm,
     finish_deletion,
-    finish_model_deletion,
     is_older,
 )
-from modalmotion.store.disk import folder_lock, remove_durably, write_atomic
+from modalmotion.store.disk import FolderLock, remove_durably, write_atomic
 from modalmotion.store.folder import (
     RENDERED,
     Folder,
@@ -107,7 +106,7 @@ def rebuild(root: Path, *, progress: Progress | None = None) -> Reconciliation:
         If another process has it open, or it cannot be written.
     """
     folder = existing_store(root)
-    with folder_lock(folder.lock):
+    with FolderLock(folder.lock):
         database, guests_lost = _usable(folder)
         try:
             index = Index(database)
@@ -139,7 +138,7 @@ def existing_store(root: Path) -> Folder:
 
 def _usable(folder: Folder) -> tuple[Database, bool]:
     """Index to write to, and whether tables of others were lost with a damaged one."""
-    guests: list[GuestTable] | None = None
+    guests: list[Guest] | None = None
     with contextlib.suppress(CorruptFileError):
         database = Database(folder.index)
         if not database.faults():
@@ -182,7 +181,7 @@ def reconcile(
     for sequence_id in sorted(scan.deletions):
         finish_deletion(folder, index, sequence_id)
     for reference in sorted(scan.models & scan.deleted_models):
-        finish_model_deletion(folder, reference)
+        remove_durably(folder.model(reference))
     sequence_ids = sorted((scan.records | scan.uploads) - scan.deletions)
     results = sorted(name for name in scan.results if name.sequence_id not in scan.deletions)
     records: list[SequenceRecord] = []
@@ -316,19 +315,16 @@ def _record(
         return record, False
     if record is None or record.id != sequence_id:
         # The index may know what the file does not.
-        record = index.find(sequence_id) or _record_from_upload(
-            folder.upload(sequence_id), sequence_id
-        )
+        record = index.find(sequence_id)
+    if record is None:
+        # Vertices know neither subject nor label, and the file only when it was written.
+        upload = folder.upload(sequence_id)
+        sequence, contents = read_sequence(upload)
+        require_match(upload, contents, sequence_id=sequence_id)
+        record = record_of(sequence, created=to_text(upload.stat().st_mtime), has_upload=True)
     record = replace(record, has_upload=has_upload)
     write_atomic(path, record_to_json(record))
     return record, True
-
-
-def _record_from_upload(path: Path, sequence_id: str) -> SequenceRecord:
-    # Vertices know neither subject nor label, and the file only when it was written.
-    sequence, contents = read_sequence(path)
-    require_match(path, contents, sequence_id=sequence_id)
-    return record_of(sequence, created=to_text(path.stat().st_mtime), has_upload=True)
 
 
 def _pass_over(error: StoreError, *, thorough: bool) -> None:

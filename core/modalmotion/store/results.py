@@ -27,7 +27,6 @@ from modalmotion.store.folder import (
     track_name,
 )
 from modalmotion.store.images import ImageStore
-from modalmotion.store.index import SequencePage
 from modalmotion.store.models import ModelStore, NormStore, TemplateStore
 from modalmotion.store.sequences import SequenceStore, upload_image
 from modalmotion.tracking.hdf5 import read_track, track_to_hdf5
@@ -124,10 +123,6 @@ class TrackStore(SequenceStore):
             )
         return record
 
-    def is_tracked(self, sequence_id: str) -> bool:
-        """Whether a sequence that is kept was tracked."""
-        return self._open_index().digest(track_name(sequence_id)) is not None
-
     def track_path(self, track_id: str) -> Path:
         """HDF5 file of a track.
 
@@ -153,17 +148,6 @@ class TrackStore(SequenceStore):
         track = self._read(read_track, partial(self._track_file, track_id), sequence_id=track_id)
         facts = self.track_record(track_id).facts
         return replace(track, sequence=track.sequence.with_facts(facts))
-
-    def list_tracks(
-        self,
-        *,
-        subject: str | None = None,
-        label: str | None = None,
-        limit: int = 100,
-        cursor: str | None = None,
-    ) -> SequencePage:
-        """Tracked sequences from the newest to the oldest, as `list_sequences` lists all."""
-        return self._open_index().page(subject, label, limit, cursor, tracked=True)
 
     def _track_file(self, track_id: str) -> Path:
         self.track_record(track_id)
@@ -332,7 +316,7 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
     def all_signatures(self) -> list[tuple[str, str]]:
         """Sequence id and key of every signature, in that order."""
         names = self._open_index().results()
-        return [(name.sequence_id, name.key) for name in names if name.kind == "signature"]
+        return [(one.sequence_id, one.key) for one in names if one.kind == "signature"]
 
     def put_classification(self, classification: Classification, key: str) -> Path:
         """Keep a classification; a stored one is not written again.
@@ -355,10 +339,22 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
         StoreError
             If it cannot be written; the store is as it was.
         """
-        name = ResultName(
-            "classification", classification.sequence_id, classification.model_id, key
+        image = classification_to_hdf5(classification, parameters_key=key)
+        return self.put_classification_image(
+            image, classification.sequence_id, classification.model_id, key
         )
-        return self._put_result(name, classification_to_hdf5(classification, parameters_key=key))
+
+    def put_classification_image(
+        self, image: bytes, sequence_id: str, model_id: str, key: str
+    ) -> Path:
+        """Keep a classification that another process has written with `classification_to_hdf5`.
+
+        Raises
+        ------
+        NotFoundError, StoreError
+            As `put_classification` does.
+        """
+        return self._put_result(ResultName("classification", sequence_id, model_id, key), image)
 
     def classification(self, sequence_id: str, model_id: str, key: str) -> Classification:
         """Classification of a sequence by a model, from the signature with that key.

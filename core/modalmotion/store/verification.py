@@ -23,7 +23,7 @@ from modalmotion.representation import shown
 from modalmotion.signature.hdf5 import read_signature
 from modalmotion.store.database import Database
 from modalmotion.store.deletion import deleted_record
-from modalmotion.store.disk import folder_lock
+from modalmotion.store.disk import FolderLock
 from modalmotion.store.folder import Folder, ResultName, Scan, read_record
 from modalmotion.store.images import read_images_record
 from modalmotion.store.index import Index
@@ -98,7 +98,7 @@ def verify(root: Path, *, progress: Progress | None = None) -> VerifyReport:
         If another process has it open, or its folder cannot be read.
     """
     folder = existing_store(root)
-    with folder_lock(folder.lock), ExitStack() as stack:
+    with FolderLock(folder.lock), ExitStack() as stack:
         scan = folder.scan()
         check = _Check(folder, scan)
         index = folder.index

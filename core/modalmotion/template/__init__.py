@@ -9,9 +9,8 @@ if TYPE_CHECKING:
     from modalmotion.template.landmarks import GivenLandmarks as GivenLandmarks
     from modalmotion.template.landmarks import Landmarks as Landmarks
     from modalmotion.template.template import Template as Template
+    from modalmotion.template.template import choose_modes as choose_modes
     from modalmotion.template.template import require_same_mesh as require_same_mesh
     from modalmotion.template.template import template_id as template_id
-    from modalmotion.template.vibration_modes import ModeChoice as ModeChoice
-    from modalmotion.template.vibration_modes import choose_modes as choose_modes
 
 __all__, __getattr__, __dir__ = public_list(globals())

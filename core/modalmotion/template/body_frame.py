@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
-from modalmotion.mesh import connectivity_of, face_normals, oriented_faces
+from modalmotion.mesh import connectivity_of, oriented_faces
+from modalmotion.mesh.normal_lines import vertex_normals as normals_of
 from modalmotion.numeric.scales import gram, inverse_of_cholesky, lengths
 from modalmotion.template.landmarks import Landmarks
-from modalmotion.template.template import Template
-from modalmotion.template.vibration_modes import nearest_in_use
+from modalmotion.template.template import Template, nearest_in_use
 
 
 class Components(StrEnum):
@@ -205,21 +205,13 @@ def vertex_normals(template: Template) -> NDArray[np.float64]:
         )
     # At any size: squares of very large or very small numbers overflow or vanish.
     vertices = template.vertices / (float(np.abs(template.vertices).max()) or 1.0)
-    of_faces = face_normals(vertices, faces)
-    normals = np.zeros_like(vertices)
-    for corner in range(3):
-        np.add.at(normals, faces[:, corner], of_faces)
+    normals: NDArray[np.float64] = normals_of(vertices, faces)
     offsets = vertices - template.weights @ vertices
+    outward = template.weights @ np.einsum("vi,vi->v", normals, offsets)
     # The flux of the offsets is three times the volume inside, signed by the winding.
-    if float(np.einsum("vi,vi->", normals, offsets)) < 0 and _has_inside(template):
+    if outward < 0 and (template.surface is None or template.surface.closed_axes):
         normals = -normals
-    size = lengths(normals)
-    normals /= np.where(size > 0, size, 1.0)[:, None]
     return normals[template.representatives]
-
-
-def _has_inside(template: Template) -> bool:
-    return template.surface is None or bool(template.surface.closed_axes)
 
 
 HELD: Final = 0.5

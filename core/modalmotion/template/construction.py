@@ -9,11 +9,18 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import lattice_faces
-from modalmotion.mesh.reference import middle_positions, reference_positions
+from modalmotion.mesh.alignment import middle_positions, reference_positions
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.mesh.triangles import curve_weights
-from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
+from modalmotion.modes.topology import (
+    CUP,
+    CYLINDER,
+    PLANE,
+    SPHERE,
+    TORUS,
+    Topology,
+    lattice_coordinates,
+)
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.progress import ShareReport, part_of, silent
 from modalmotion.template.axial_coordinates import (
@@ -24,7 +31,7 @@ from modalmotion.template.axial_coordinates import (
     sphere_axes,
     sphere_coordinates,
 )
-from modalmotion.template.axis import degree
+from modalmotion.template.axis import Placement, degree
 from modalmotion.template.landmarks import (
     Coordinates,
     GivenLandmarks,
@@ -46,16 +53,14 @@ from modalmotion.template.other_coordinates import (
     torus_coordinates,
 )
 from modalmotion.template.recognition import recognise, require_fit
-from modalmotion.template.surface import Surface, steady_shape, surface_of
+from modalmotion.template.surface import Surface, axis_lengths, steady_shape, surface_of
 from modalmotion.template.template import (
-    Placement,
     Template,
-    axis_lengths,
     is_placed_by_shape,
     landmarks_read,
+    nearest_in_use,
     template_id,
 )
-from modalmotion.template.vibration_modes import nearest_in_use
 
 
 def shares_of(
@@ -331,7 +336,7 @@ def _of_lattice(
     of_surface: bool,
 ) -> tuple[Coordinates | None, dict[str, NDArray[np.float64]]]:
     """Coordinates by rows and columns; or where those of the surface, if wanted, begin."""
-    values = Lattice(topology, grid).natural_coordinates
+    values = lattice_coordinates(topology, grid)
     landmarks = lattice_landmarks(mean, topology, values)
     if not of_surface or landmarks is None:
         return Coordinates(topology, values, landmarks), {}

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
-from modalmotion.mesh import Corners, Facts, Named, Place
+from modalmotion.mesh import Corners, Facts, Place
 from modalmotion.modes.topology import CLOSED, Topology
 from modalmotion.representation import counted, shown
 from modalmotion.template.surface import Surface
@@ -124,9 +124,6 @@ class Landmarks:
     n_loops: int
     given: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "strengths", Named(self.strengths))
-
     @property
     def theta_zero_strength(self) -> float:
         """How well the zero of theta is determined, 0 to 1."""
@@ -139,16 +136,9 @@ class Landmarks:
 
     def placed(self, corner: NDArray[np.float64], scale: float) -> Landmarks:
         """Return the same landmarks in other coordinates: scale * position + corner."""
-        return Landmarks(
-            origin=self.origin * scale + corner,
-            axis=self.axis,
-            theta_zero=self.theta_zero,
-            apex=self.apex * scale + corner,
-            base=self.base * scale + corner,
-            strengths=self.strengths,
-            n_loops=self.n_loops,
-            given=self.given,
-        )
+        places = (self.origin, self.apex, self.base)
+        origin, apex, base = (place * scale + corner for place in places)
+        return replace(self, origin=origin, apex=apex, base=base)
 
 
 LANDMARKS_ON: Final[dict[str, tuple[str, ...]]] = {

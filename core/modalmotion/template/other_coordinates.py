@@ -15,7 +15,6 @@ from modalmotion.template.axis import (
     any_across,
     axes_about,
     azimuth,
-    corner_steps,
     degree,
     n_vortices,
     potential,
@@ -25,7 +24,7 @@ from modalmotion.template.axis import (
     widest_across,
 )
 from modalmotion.template.landmarks import Coordinates, Landmarks
-from modalmotion.template.surface import Surface
+from modalmotion.template.surface import Surface, corner_steps
 
 
 def plane_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:

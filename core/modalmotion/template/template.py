@@ -1,139 +1,26 @@
-"""Templates: surfaces before they move, and what their coordinates rest on."""
+"""Templates: surfaces before they move, and the modes on them."""
 
 from __future__ import annotations
 
-import copy
 import hashlib
 import json
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.mesh import face_areas, face_gradients
-from modalmotion.mesh.reference import middle_positions, reference_positions
+from modalmotion.mesh.alignment import middle_positions, reference_positions
 from modalmotion.mesh.sequence import MeshSequence, Reference
-from modalmotion.mesh.triangles import mean_slopes, step_lengths
-from modalmotion.modes.topology import CLOSED, CUP, CYLINDER, End, Topology
+from modalmotion.mesh.spring_modes import spring_modes
+from modalmotion.modes.mode_set import lowest_modes, whole_count
+from modalmotion.modes.topology import CUP, CYLINDER, Modes, Topology
+from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import FrozenArrays, shown
-from modalmotion.template.axis import Axes, azimuth, corner_steps, origin_on
-from modalmotion.template.landmarks import Coordinates, GivenLandmarks, Landmarks, landmarks_in
-from modalmotion.template.surface import Opening, Surface
-
-Places = dict[str, NDArray[np.float64]]
-
-# Step of a difference, on a surface of about size 1.
-_STEP: Final = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class Placement:
-    """Axes of a template, and what they and its coordinates come from.
-
-    Parameters
-    ----------
-    topology : Topology
-    surface, mean : Surface
-        The reference, and the mean of all frames in the same place.
-    places, mean_places : mapping of str to (3,) float64, scaled
-        Stated landmarks on each.
-    vertices : mapping of str to int
-        Those of them that name a vertex, which is the one on the surface.
-    scale : float, length unit
-        Of the surfaces.
-    axes_of, make : callable
-        Find axes on a surface with its places; make coordinates about axes.
-    """
-
-    topology: Topology
-    surface: Surface
-    mean: Surface
-    places: Places
-    mean_places: Places
-    vertices: Mapping[str, int]
-    scale: float
-    axes_of: Callable[[Surface, Places], Axes]
-    make: Callable[..., Coordinates | None]
-
-    @cached_property
-    def axes(self) -> Axes:
-        """Those of the mean of all frames."""
-        return self.axes_of(self.mean, self.mean_places)
-
-    def coordinates(self, axes: Axes, before: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Coordinates about other axes, (vertices, axes) float64, like those about its own."""
-        surface = self.surface
-        if self.topology in (CUP, CYLINDER):
-            # Their s is of the openings.
-            origin = origin_on(surface, axes.axis, self.places)
-            theta = azimuth(surface.vertices - origin, axes.axis, axes.zero)
-            return np.stack([before[:, 0], theta], axis=1)
-        found = self.make(surface, self.places, axes)
-        return before if found is None else found.values
-
-    def slopes(self) -> NDArray[np.float64]:
-        """Turn of the axes by errors of the mean's positions.
-
-        The axes follow from area integrals up to the second moment, from the centres of the
-        openings and from stated vertices: differences by these, times the slopes of these.
-
-        Returns
-        -------
-        (3, vertices, 3) float64, rad per length unit
-            Of the rotation vector by each position, in the order of the mesh.
-        """
-        mean, C, o = self.mean, self.mean.covariance, self.mean.offsets
-        k = self._turns(lambda step: {"centroid": mean.centroid + step})
-        K = np.stack(
-            [
-                self._turns(lambda step, e=e: {"covariance": C + _symmetric(e, step)})  # type: ignore[misc]
-                for e in np.eye(3)
-            ],
-            axis=1,
-        )
-        # The area mean of f = k . o + o'K o has these slopes.
-        f = k @ o.T + np.einsum("vi,wij,vj->wv", o, K, o)
-        slopes = mean_slopes(mean.vertices, mean.faces, f, k[:, None] + 2.0 * o @ K)
-        for number, opening in enumerate(mean.openings):
-
-            def changed(
-                step: NDArray[np.float64], n: int = number, one: Opening = opening
-            ) -> dict[str, tuple[Opening, ...]]:
-                other = replace(one, centre=one.centre + step[:3], length=one.length + step[3])
-                return {"openings": (*mean.openings[:n], other, *mean.openings[n + 1 :])}
-
-            turns = self._turns(changed, n=4)
-            slopes += opening.slopes(mean.vertices, turns[:, :3], turns[:, 3])
-        for name, vertex in self.vertices.items():
-            slopes[:, vertex] += self._turns(lambda _: {}, name)
-        return slopes / self.scale
-
-    def _turns(
-        self,
-        changed: Callable[[NDArray[np.float64]], Mapping[str, object]],
-        place: str = "",
-        n: int = 3,
-    ) -> NDArray[np.float64]:
-        """Rotation vector by each direction of a step in parts of the mean, or in a place."""
-        before, columns = self.axes.matrix, []
-        for step in _STEP * np.eye(n):
-            other, places = copy.copy(self.mean), dict(self.mean_places)
-            # Instead of what the surface would work out.
-            vars(other).update(changed(step))
-            if place:
-                places[place] = places[place] + step
-            W = self.axes_of(other, places).matrix @ before.T
-            columns.append([W[2, 1] - W[1, 2], W[0, 2] - W[2, 0], W[1, 0] - W[0, 1]])
-        return np.array(columns).T / (2.0 * _STEP)
-
-
-def _symmetric(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    return 0.5 * (np.outer(a, b) + np.outer(b, a))
-
+from modalmotion.template.axis import Placement
+from modalmotion.template.landmarks import GivenLandmarks, Landmarks, landmarks_in
 
 # Changes with everything that changes coordinates, so that no old template answers for a new one.
 _SCHEMA = 3
@@ -319,49 +206,140 @@ def require_same_mesh(template: Template, sequence: MeshSequence) -> None:
         )
 
 
-def axis_lengths(
-    surface: Surface,
-    topology: Topology,
-    grid: tuple[int, ...] | None,
-    coordinates: NDArray[np.float64],
-) -> tuple[float, ...]:
-    """Length along each axis: the reciprocal of the mean gradient of its coordinate.
+FASTEST_WAVE: Final = 1e100
+"""Largest wave speed, length unit per s: beyond it the energy, which contains its square, may
+overflow."""
 
-    An integral over the surface, so it does not hang on single vertices. Around a pole, where
-    that gradient has no bound, it is the area over the meridian, which is the same on a surface
-    of revolution.
+
+def require_wave_speed(wave_speed: float) -> None:
+    """Refuse what no waves have.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if not 0 < wave_speed <= FASTEST_WAVE:
+        raise ParameterError(
+            f"The wave speed is {wave_speed}.",
+            remedy=f"Use a speed above zero, at most {FASTEST_WAVE:g}.",
+        )
+
+
+def frequencies_of(
+    modes: Modes, template: Template, wave_speed: float = 1.0
+) -> NDArray[np.float64]:
+    """Angular frequencies w = c k of modes on a template's surface.
+
+    Parameters
+    ----------
+    modes : Modes
+    template : Template
+    wave_speed : float, length unit per s
+        c.
 
     Returns
     -------
-    tuple of float, length unit
-        0 along an axis without extent.
+    (modes,) float64, rad per s
+
+    Raises
+    ------
+    ParameterError
+        If no waves have this speed, or a frequency is beyond the largest number.
     """
-    if topology.n_axes == 1 and grid is None:
-        return (float(step_lengths(surface.vertices, topology).sum()),)
-    if topology.n_axes == 2 and surface.area > 0:
-        first = _from_gradients(surface, coordinates[:, 0], topology.ends[0] == CLOSED)
-        if End.POLE in topology.ends[0]:
-            return first, surface.area / first if first > 0 else 0.0
-        return first, _from_gradients(surface, coordinates[:, 1], topology.ends[1] == CLOSED)
-    if grid is None:
-        return (0.0,) * topology.n_axes
-    return tuple(
-        _from_steps(surface.vertices.reshape(*grid, 3), axis, ends == CLOSED)
-        for axis, ends in enumerate(topology.ends)
+    require_wave_speed(wave_speed)
+    with np.errstate(over="ignore"):
+        frequencies = modes.frequencies_on(template, wave_speed)
+    if not np.isfinite(frequencies).all():
+        raise ParameterError(
+            f"Waves of {wave_speed:g} length units per s on a surface of the lengths "
+            f"{', '.join(f'{length:.3g}' for length in template.lengths)} have frequencies beyond "
+            "the largest number.",
+            remedy="State lengths in a smaller unit, or a smaller wave speed.",
+        )
+    return frequencies
+
+
+# Extents of the surface; farther vertices are looked for from here, where squares are usual.
+_FARTHEST: Final = 1e6
+
+
+def nearest_in_use(vertices: NDArray[np.float64], isolated: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Vertex of the surface nearest to each isolated one.
+
+    Parameters
+    ----------
+    vertices : (vertices, 3) float64, length unit
+        Isolated ones may lie anywhere.
+    isolated : (n,) int64
+
+    Returns
+    -------
+    (n,) int64
+        Itself where no vertex is in use.
+    """
+    used = np.delete(np.arange(len(vertices)), isolated)
+    if not len(used):
+        return isolated
+    corner = vertices[used[0]]
+    surface = vertices[used] - corner
+    scale = power_of_two(float(np.abs(surface).max(initial=0.0)))
+    with np.errstate(over="ignore"):
+        apart = np.clip((vertices[isolated] - corner) / scale, -_FARTHEST, _FARTHEST)
+    nearest: NDArray[np.int64] = used[scipy.spatial.cKDTree(surface / scale).query(apart)[1]]
+    return nearest
+
+
+def shapes_of(modes: Modes, template: Template) -> NDArray[np.float64]:
+    """Mode shapes at all vertices of a template, isolated ones as their nearest in use.
+
+    Returns
+    -------
+    (vertices, modes) float64
+    """
+    shapes = modes.shapes_on(template)
+    if len(template.isolated):
+        shapes = shapes.copy()
+        shapes[template.isolated] = shapes[nearest_in_use(template.vertices, template.isolated)]
+    return shapes
+
+
+def choose_modes(
+    template: Template, n_modes: int, grid: tuple[int, ...] | None = None
+) -> tuple[Modes, tuple[str, ...]]:
+    """Lowest modes of a template, rounded up so that no cosine-sine pair is split.
+
+    Parameters
+    ----------
+    template : Template
+    n_modes : int
+    grid : tuple of int, optional
+        Nodes along each axis of a lattice, which has no modes beyond its own number.
+
+    Returns
+    -------
+    modes : Modes
+        In closed form where the surface has natural coordinates.
+    notes : tuple of str
+        Why there are more than requested, or that they belong to one mesh only.
+
+    Raises
+    ------
+    ModeCountError
+        If there are not that many.
+    """
+    if template.surface is None:
+        springs = spring_modes(template.faces, template.n_vertices, n_modes)
+        note = (
+            "These are the spring modes of this mesh; their amplitudes compare with those of "
+            "meshes of the same connectivity only."
+        )
+        return springs.at(template.representatives), (note,)
+    n_whole = whole_count(template.surface, n_modes, grid)
+    chosen = lowest_modes(template.surface, n_whole, grid)
+    if n_whole == n_modes:
+        return chosen, ()
+    note = (
+        f"{n_modes} modes would split a cosine-sine pair; {n_whole} were fitted "
+        f"({3 * n_whole} amplitudes a frame)."
     )
-
-
-def _from_gradients(surface: Surface, coordinate: NDArray[np.float64], closed: bool) -> float:
-    areas = face_areas(surface.vertices, surface.faces)
-    values = corner_steps(coordinate, surface.faces) if closed else coordinate
-    gradients = face_gradients(surface.vertices, surface.faces, values)
-    mean = float((areas * np.linalg.norm(gradients, axis=1)).sum() / areas.sum())
-    return 1.0 / mean if mean > 0 else 0.0
-
-
-def _from_steps(nodes: NDArray[np.float64], axis: int, closed: bool) -> float:
-    n = nodes.shape[axis]
-    ahead = np.roll(nodes, -1, axis=axis) if closed else np.take(nodes, range(1, n), axis=axis)
-    here = nodes if closed else np.take(nodes, range(n - 1), axis=axis)
-    steps = np.linalg.norm(ahead - here, axis=-1)
-    return float(steps.mean() * n) if steps.size else 0.0
+    return chosen, (note,)

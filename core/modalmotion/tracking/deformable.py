@@ -17,7 +17,7 @@ from modalmotion.modes import ModeSet, lowest_modes, whole_count
 from modalmotion.modes.topology import CLOSED, OPEN_CURVE, End
 from modalmotion.template import Template
 from modalmotion.template.body_frame import affine_shapes
-from modalmotion.template.vibration_modes import shapes_of
+from modalmotion.template.template import shapes_of
 from modalmotion.tracking.closest import closest_points
 from modalmotion.tracking.observation import Place, open_sides
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import (
     CLOSED_CURVE,
     CUP,
@@ -20,6 +19,7 @@ from modalmotion.modes.topology import (
     PLANE,
     SPHERE,
     Topology,
+    lattice_coordinates,
 )
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.deformable import Deformable, require_unfolded
@@ -86,7 +86,7 @@ def start_shape(
             details={"needed": ["apex", "base"]},
         )
     shape = _SURFACE if topology.n_axes == 2 else _CURVE
-    coordinates = Lattice(topology, shape).natural_coordinates
+    coordinates = lattice_coordinates(topology, shape)
     s, theta = coordinates[:, 0], 2.0 * np.pi * coordinates[:, -1]
     middle, spread, axes = _ellipsoid(points)
     if {"apex", "base"} <= set(landmarks):

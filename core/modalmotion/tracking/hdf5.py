@@ -19,8 +19,7 @@ from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import Topology
 from modalmotion.template.body_frame import affine_shapes
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
-from modalmotion.template.template import Template
-from modalmotion.template.vibration_modes import shapes_of
+from modalmotion.template.template import Template, shapes_of
 from modalmotion.tracking.deviations import uncertainty_of
 from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.result import ImageAnswer, SampledData, Track

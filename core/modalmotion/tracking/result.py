@@ -20,8 +20,7 @@ from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import PLANE
 from modalmotion.representation import FrozenArrays, shown
 from modalmotion.template.body_frame import affine_shapes
-from modalmotion.template.template import Template
-from modalmotion.template.vibration_modes import shapes_of
+from modalmotion.template.template import Template, shapes_of
 from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.normal_equations import NormalEquations
 from modalmotion.tracking.observation import Frame

@@ -98,7 +98,7 @@ def _picture(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> s
     grey = (_DARKEST + _RANGE * shades[order]).astype(np.uint8)
     pixels[row[order], column[order]] = np.stack([grey, np.full_like(grey, 255)], axis=1)
     text = base64.b64encode(_png(pixels)).decode()
-    return f'<img alt="The surface at rest" src="data:image/png;base64,{text}">'
+    return f'<img alt="The surface at rest" decoding="sync" src="data:image/png;base64,{text}">'
 
 
 def _sampled(

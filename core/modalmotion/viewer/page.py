@@ -34,6 +34,18 @@ NOTHING: Final = (
 )
 """The part of the content security policy that all pages of the viewer have."""
 
+AFTER_PAINT: Final = (
+    'new PerformanceObserver(start).observe({type: "largest-contentful-paint", buffered: true}); '
+    "setTimeout(start, 1000);"
+)
+"""Calls `start` once the text of a page is on the screen, or where nothing is painted."""
+
+# A script of another type is neither compiled nor run until it is put into the page again.
+_START: Final = (
+    'const code = document.querySelector("script[data-code]"); '
+    'const start = () => { code.type = "module"; document.body.append(code); }; ' + AFTER_PAINT
+)
+
 
 @cache
 def script() -> str:
@@ -192,7 +204,7 @@ def view_page(views: Sequence[View]) -> str:
             held.append(_held(f'data-stream="{number}"', view.stream))
         if view.data is not None:
             held.append(_held(f'data-points="{number}"', data_payload(view.data)))
-    sources = source_hash(script())
+    sources = f"{source_hash(script())} {source_hash(_START)}"
     if any(view.stream is not None for view in views):
         held.append(_held("data-decoder", decoder()))
         # Lets WebAssembly be compiled, and nothing else.
@@ -209,7 +221,8 @@ def view_page(views: Sequence[View]) -> str:
             f'<body><main id="modalmotion" class="modalmotion">{first_view(payloads)}</main>',
             f"<!-- {licences()} -->",
             *held,
-            f'<script type="module">{script()}</script></body></html>',
+            f'<script type="text/plain" data-code>{script()}</script>',
+            f"<script>{_START}</script></body></html>",
             "",
         ]
     )

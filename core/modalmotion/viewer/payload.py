@@ -22,7 +22,7 @@ from modalmotion.clinical.ventricle import ventricle_readouts
 from modalmotion.clinical.volume_curve import TWO_DEVIATIONS, Fraction
 from modalmotion.errors import InputError, LimitError
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion.mesh.reference import reference_positions
+from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.mode_set import wave_pairs
 from modalmotion.numeric.scales import power_of_two
@@ -33,7 +33,7 @@ from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.signature.superposition import offset_reference
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, local_frames
-from modalmotion.template.vibration_modes import nearest_in_use, shapes_of
+from modalmotion.template.template import nearest_in_use, shapes_of
 from modalmotion.viewer.container import write_container
 from modalmotion.viewer.wave_names import wave_name
 

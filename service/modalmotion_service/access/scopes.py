@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from difflib import get_close_matches
 from enum import StrEnum
 from typing import Final
 
@@ -141,6 +142,14 @@ def methods_of(path: str) -> list[str]:
     else:
         found = {method for method in _MATCHERS if target_of(method, path) is not None}
     return sorted(found | ({"HEAD"} if "GET" in found else set()))
+
+
+def calls_like(path: str) -> list[str]:
+    """List the calls whose paths end nearly as one that does not exist."""
+    end = path.rstrip("/").rpartition("/")[2]
+    ends = {template.rpartition("/")[2] for _, template in SCOPE_OF if "/v1/" in template}
+    near = get_close_matches(end, ends)
+    return [f"{method} {name}" for method, name in SCOPE_OF if name.rpartition("/")[2] in near]
 
 
 LOCAL: Final = "local"

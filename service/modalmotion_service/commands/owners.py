@@ -13,7 +13,7 @@ import click
 from modalmotion.cli.options import example, json_option, tell
 from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
 from modalmotion.store.deletion import bury, digest_of_owner
-from modalmotion.store.disk import cannot_write, folder_lock, sync_paths
+from modalmotion.store.disk import FolderLock, cannot_write, sync_paths
 from modalmotion.store.folder import ResultKind
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import LOCAL
@@ -111,7 +111,7 @@ def remove_owner(data_dir: Path, owner: str) -> None:
 def _remove(data_dir: Path, owner: str, root: Path, doomed: Path) -> None:
     try:
         if root.is_dir():
-            with folder_lock(root / "lock"):
+            with FolderLock(root / "lock"):
                 _revoke_keys(data_dir, owner)
                 if doomed.is_dir():
                     shutil.rmtree(doomed)

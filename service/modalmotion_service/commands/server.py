@@ -87,9 +87,10 @@ def stated_key(file: Path | None) -> str:
         parts_of(stated)
     except (OSError, ValueError, ParameterError) as error:
         raise ParameterError(
-            f"MODALMOTION_FIRST_KEY_FILE names {str(file)!r}, which has no key: {error}.",
-            remedy="Mount the secret there, readable by the service's user. "
-            + getattr(error, "remedy", ""),
+            f"MODALMOTION_FIRST_KEY_FILE names {str(file)!r}, which has no key: "
+            f"{getattr(error, 'message', error)}",
+            remedy="Mount the secret there, readable by the service's user; make it with "
+            "`modalmotion keys create --owner local --scopes read --data-dir new-folder`.",
         ) from None
     return stated
 

@@ -78,6 +78,11 @@ def checked(model: type[Body], data: bytes | str | dict[str, Any], where: str) -
 
 # Names that the query of a route may have, kept with it.
 _KNOWN: Final = "known_query"
+# Calls that have no parameters, by the one that has.
+_ELSEWHERE: Final = {
+    "/v1/sequences/{sequence_id}/signature": "This is the usual signature, of 7 modes. For others "
+    'send JSON such as {"modes": 12} to POST /v1/sequences/{id}/signatures.',
+}
 
 
 async def require_known(request: Request) -> None:
@@ -102,6 +107,7 @@ async def require_known(request: Request) -> None:
                         "type": "extra_forbidden",
                         "loc": ("query", name[:80]),
                         "msg": "Extra inputs are not permitted",
+                        "ctx": {"remedy": _ELSEWHERE.get(request.scope["route"].path)},
                     }
                     for name in unknown
                 ]

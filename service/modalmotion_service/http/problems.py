@@ -26,7 +26,7 @@ from modalmotion.errors import (
     StoreError,
 )
 from modalmotion.store.disk import cannot_write, is_of_the_machine
-from modalmotion_service.access.scopes import methods_of
+from modalmotion_service.access.scopes import calls_like, methods_of
 from modalmotion_service.errors import (
     AuthenticationError,
     BusyError,
@@ -206,11 +206,14 @@ async def _on_http_exception(request: Request, error: Exception) -> Response:
     if detail == phrase:
         detail = f"{detail}: {request.method} {request.url.path}"
     code = phrase.lower().replace(" ", "_").replace("-", "_")
-    headers = dict(error.headers or {})
+    headers, members = dict(error.headers or {}), {}
+    if error.status_code == 404 and error.detail == phrase:
+        near = " or ".join(calls_like(request.url.path))
+        members["remedy"] = f"/docs lists all calls{near and f'; perhaps {near} is meant'}."
     if error.status_code == 405:
         # The router names the methods of one of a path's routes; RFC 9110 requires all.
         headers["Allow"] = ", ".join(methods_of(request.url.path))
-    return _answer(_body(error.status_code, code, detail, {}), headers)
+    return _answer(_body(error.status_code, code, detail, members), headers)
 
 
 def remedy_of(errors: Sequence[Mapping[str, Any]]) -> str:
@@ -221,6 +224,8 @@ def remedy_of(errors: Sequence[Mapping[str, Any]]) -> str:
     errors : sequence of mapping
         As pydantic gives them, with `loc`: "query" or "body", the parameter, and a place in it.
     """
+    if errors and (elsewhere := errors[0].get("ctx", {}).get("remedy")):
+        return str(elsewhere)
     places = [error.get("loc", ())[1:2] for error in errors]
     names = dict.fromkeys(one[0] for one in places if one and isinstance(one[0], str))
     what = ", ".join(list(names)[:_NAMED_IN_REMEDY]) or "the request"

@@ -23,9 +23,9 @@ from modalmotion_service.http.gate import route_of
 from modalmotion_service.http.middleware import Middleware
 from modalmotion_service.http.observation import CLIENT_GONE
 from modalmotion_service.work.engine import Engine
+from modalmotion_service.workspace.operation import State
 from modalmotion_service.workspace.owners import Owners
 from modalmotion_service.workspace.spool import require_room
-from modalmotion_service.workspace.state import State
 
 
 def require_ready(local: State) -> None:

@@ -39,9 +39,8 @@ from modalmotion_service.schemas.from_core import JsonBody
 from modalmotion_service.schemas.general import JobAnswer, JobState
 from modalmotion_service.schemas.queries import CasesRequest, LabelledSequence
 from modalmotion_service.workspace.jobs import Job
-from modalmotion_service.workspace.operation import Case, Operation, Outcome, Request
+from modalmotion_service.workspace.operation import Case, Operation, Outcome, Request, State
 from modalmotion_service.workspace.spool import SpoolFile
-from modalmotion_service.workspace.state import State
 from modalmotion_service.workspace.training import find_cases
 
 _LONGEST_PREFER: Final = 200

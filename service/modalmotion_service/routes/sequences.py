@@ -38,7 +38,7 @@ from modalmotion_service.schemas.signatures import (
     TemplatePageAnswer,
     TradeoffAnswer,
 )
-from modalmotion_service.workspace import sequence_operations as operations
+from modalmotion_service.workspace import recording_operations as operations
 from modalmotion_service.workspace.erasure import erase, restate
 from modalmotion_service.workspace.operation import Request
 
@@ -71,9 +71,7 @@ async def upload_sequence(
 @router.get("", response_model=SequencePageAnswer)
 def list_sequences(query: Annotated[SequenceList, Query()], asked: AskedNow) -> SequencePageAnswer:
     """List sequences from the newest to the oldest, a page at a time."""
-    wanted = query.model_dump(exclude={"tracked"})
-    listed = asked.store.list_tracks if query.tracked else asked.store.list_sequences
-    page = listed(**wanted)
+    page = asked.store.list_sequences(**query.model_dump())
     return SequencePageAnswer(
         sequences=[SequenceSummary.of(record) for record in page.records], cursor=page.cursor
     )

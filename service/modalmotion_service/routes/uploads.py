@@ -30,8 +30,8 @@ from modalmotion_service.http.observation import stage
 from modalmotion_service.routes.asked import get_state
 from modalmotion_service.schemas.from_core import JsonBody, is_listed
 from modalmotion_service.work.upload import Part
+from modalmotion_service.workspace.operation import State
 from modalmotion_service.workspace.spool import SpoolFile
-from modalmotion_service.workspace.state import State
 
 PARAMETERS: Final = "parameters"
 """Name of the part that has statements as JSON."""

@@ -11,7 +11,7 @@ from fastapi import Request, Response
 from starlette.exceptions import HTTPException
 from starlette.responses import HTMLResponse
 
-from modalmotion.viewer.page import NOTHING, content_name, script, source_hash, style
+from modalmotion.viewer.page import AFTER_PAINT, NOTHING, content_name, script, source_hash, style
 from modalmotion_service.http.connections import PREFIX
 from modalmotion_service.http.judged_router import JudgedRouter
 
@@ -34,10 +34,6 @@ _WELCOME: Final = (
     '<p class="lead">A beating ventricle, a tongue, any mesh sequence: a few amplitudes per frame, '
     "volumes and strain with intervals, the class of the motion, and a report.</p></header>"
 )
-_AFTER_PAINT: Final = (
-    'new PerformanceObserver(start).observe({type: "paint", buffered: true}); '
-    "setTimeout(start, 1000);"
-)
 _FOR_EVER: Final = "public, max-age=31536000, immutable"
 
 
@@ -50,7 +46,7 @@ def page(request: Request) -> HTMLResponse:
     start = f"const start = () => import({json.dumps(address)}); "
     is_first = request.url.path.endswith("/")
     # What the first page says is on the screen before the script takes the processor.
-    start += _AFTER_PAINT if is_first else "start();"
+    start += AFTER_PAINT if is_first else "start();"
     head = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'

@@ -295,7 +295,7 @@ class FeatureOptions(JsonBody):
     kind: Literal["auto", "axis", "summary", "modes", "terms"] = Field(
         "auto",
         description="Parts about the axis of the motion, modes in few numbers, modes, or modes "
-        "and their terms.",
+        "and their terms, of a transient.",
     )
     timing: Literal["auto", "cycle", "transient"] = "auto"
     covariates: Literal["all"] | list[str] | None = Field(

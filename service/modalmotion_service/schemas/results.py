@@ -63,7 +63,9 @@ class ClassificationAnswer(Mirror):
     )
 
     @staticmethod
-    def of(result: Classification, version: int | None, file: str | None) -> ClassificationAnswer:
+    def of(
+        result: Classification, version: int | None, file: str | None = None
+    ) -> ClassificationAnswer:
         """Write a classification out."""
         return read_from(
             ClassificationAnswer,

@@ -2,21 +2,21 @@
 
 A worker reads files that strangers send, so its answers are read as a stranger's too: they are
 never unpickled. The reader knows of what type an answer must be (the task's own annotation says
-so), and pydantic makes nothing else of it: plain values, arrays of numbers, and the dataclasses,
-models and enumerations that the type names. An error is the name of a class of ours and its data.
+so), and pydantic makes nothing else of it: plain values, byte strings, and the dataclasses, models
+and enumerations that the type names. An error is the name of a class of ours and its data.
 
-The form: the length of a JSON text (8 bytes, little-endian), the text, then the bytes of all
-arrays and byte strings, which the text refers to by their place and length.
+The form: the length of a JSON text (8 bytes, little-endian), the text, then all byte strings, which
+the text refers to by their place and length.
 """
 
 from __future__ import annotations
 
 import json
 import types
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Final, get_type_hints
 
@@ -35,9 +35,8 @@ _OF_ERRORS: Final = ("message", "remedy", "frame", "vertex", "limit", "details")
 # Errors of Python that mean something to whoever asked; all others are faults of ours.
 _PLAIN: Final = (MemoryError, RecursionError)
 
-# In place of byte strings and arrays; nothing else is called so.
+# In place of byte strings; nothing else is called so.
 _BYTES: Final = "\0bytes"
-_ARRAY: Final = "\0array"
 
 
 class AnswerError(Exception):
@@ -64,9 +63,7 @@ def to_bytes(value: object) -> bytes:
     AnswerError
         If it holds what has no form here.
     """
-    pieces: list[bytes | memoryview] = []
-    tree = _written(value, pieces)
-    return _joined({"result": tree}, pieces)
+    return _joined(result=value)
 
 
 def error_to_bytes(error: BaseException) -> bytes:
@@ -74,17 +71,18 @@ def error_to_bytes(error: BaseException) -> bytes:
     if isinstance(error, ModalMotionError):
         state = {name: getattr(error, name) for name in _OF_ERRORS}
         state["details"] = json.loads(json.dumps(state["details"], default=str))
-        return _joined({"error": type(error).__name__, "state": state}, [])
+        return _joined(error=type(error).__name__, state=state)
     if isinstance(error, OSError):
-        state = {"errno": error.errno, "text": error.strerror, "file": _name(error.filename)}
-        return _joined({"error": "OSError", "state": state}, [])
+        file = None if error.filename is None else str(error.filename)
+        state = {"errno": error.errno, "text": error.strerror, "file": file}
+        return _joined(error="OSError", state=state)
     if isinstance(error, _PLAIN):
-        return _joined({"error": type(error).__name__, "state": {"text": str(error)[:1000]}}, [])
+        return _joined(error=type(error).__name__, state={"text": str(error)[:1000]})
     # Here, for a worker whose memory is full can import little.
     import traceback
 
     text = "".join(traceback.format_exception(error))[-20_000:]
-    return _joined({"error": "TaskError", "state": {"text": text}}, [])
+    return _joined(error="TaskError", state={"text": text})
 
 
 def from_bytes(data: bytes, expected: object) -> Any:
@@ -106,9 +104,9 @@ def from_bytes(data: bytes, expected: object) -> Any:
     try:
         length = int.from_bytes(data[:_PREFIX], "little")
         body = memoryview(data)[_PREFIX + length :]
-        head = json.loads(data[_PREFIX : _PREFIX + length])
+        head = json.loads(data[_PREFIX : _PREFIX + length], object_hook=partial(_placed, body))
         if "error" not in head:
-            return _reader(expected).validate_python([_placed(head["result"], body)])[0]
+            return _reader(expected).validate_python([head["result"]])[0]
         error = _read_error(str(head["error"]), dict(head["state"]))
     except AnswerError:
         raise
@@ -136,47 +134,30 @@ def result_type(function: Callable[..., Any]) -> object:
         return Any
 
 
-def _joined(head: Mapping[str, object], pieces: Sequence[bytes | memoryview]) -> bytes:
-    text = json.dumps(head).encode()
+def _joined(**head: object) -> bytes:
+    pieces: list[bytes] = []
+
+    def plain(value: object) -> object:
+        """Give what JSON has a form for."""
+        if isinstance(value, bytes):
+            pieces.append(value)
+            return {_BYTES: [sum(map(len, pieces[:-1])), len(value)]}
+        if isinstance(value, Enum):
+            return value.value
+        if isinstance(value, Path):
+            return str(value)
+        if isinstance(value, np.generic):
+            return value.item()
+        if isinstance(value, BaseModel):
+            return value.model_dump(mode="json")
+        if is_dataclass(value) and not isinstance(value, type):
+            return {field.name: getattr(value, field.name) for field in fields(value) if field.init}
+        if isinstance(value, Mapping):
+            return dict(value)
+        raise AnswerError(f"{type(value).__name__} has no form here")
+
+    text = json.dumps(head, default=plain).encode()
     return b"".join((len(text).to_bytes(_PREFIX, "little"), text, *pieces))
-
-
-def _name(file: object) -> str | None:
-    return None if file is None else str(file)
-
-
-def _written(value: object, pieces: list[bytes | memoryview]) -> object:
-    if isinstance(value, Enum):
-        return _written(value.value, pieces)
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
-    if isinstance(value, np.generic):
-        return _written(value.item(), pieces)
-    if isinstance(value, bytes):
-        return {_BYTES: _place_of(value, pieces)}
-    if isinstance(value, Path):
-        return str(value)
-    if isinstance(value, np.ndarray):
-        plain = np.ascontiguousarray(value)
-        if plain.dtype.kind not in "fiub":
-            raise AnswerError(f"an array of {plain.dtype} has no form here")
-        place = _place_of(memoryview(plain.reshape(-1).view(np.uint8).data), pieces)
-        return {"dtype": plain.dtype.str, "shape": value.shape, _ARRAY: place}
-    if isinstance(value, BaseModel):
-        return value.model_dump(mode="json")
-    if is_dataclass(value) and not isinstance(value, type):
-        return {f.name: _written(getattr(value, f.name), pieces) for f in fields(value) if f.init}
-    if isinstance(value, Mapping):
-        return {str(name): _written(inner, pieces) for name, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_written(inner, pieces) for inner in value]
-    raise AnswerError(f"{type(value).__name__} has no form here")
-
-
-def _place_of(piece: bytes | memoryview, pieces: list[bytes | memoryview]) -> list[int]:
-    place = sum(len(other) for other in pieces)
-    pieces.append(piece)
-    return [place, len(piece)]
 
 
 @lru_cache(maxsize=256)
@@ -185,28 +166,14 @@ def _reader(expected: Any) -> TypeAdapter[Any]:
     return TypeAdapter(tuple[expected], config=ConfigDict(arbitrary_types_allowed=True))
 
 
-def _placed(tree: Any, body: memoryview) -> Any:
-    """Put byte strings and arrays where the text refers to them."""
-    if isinstance(tree, list):
-        return [_placed(one, body) for one in tree]
-    if not isinstance(tree, dict):
+def _placed(body: memoryview, tree: dict[str, Any]) -> Any:
+    """Put a byte string where the text refers to it."""
+    if _BYTES not in tree:
         return tree
-    if _BYTES in tree:
-        return bytes(_piece(tree[_BYTES], body))
-    if _ARRAY not in tree:
-        return {name: _placed(one, body) for name, one in tree.items()}
-    kind, shape = np.dtype(str(tree["dtype"])), tuple(int(n) for n in tree["shape"])
-    if kind.kind not in "fiub" or min(shape, default=0) < 0:
-        raise AnswerError("an array of a worker's answer is not one of numbers")
-    # As long as it says, or there is an error.
-    return np.frombuffer(_piece(tree[_ARRAY], body), kind).reshape(shape).copy()
-
-
-def _piece(tree: Any, body: memoryview) -> memoryview:
-    place, length = (int(n) for n in tree)
-    if not 0 <= place <= place + length <= len(body):
+    place, size = (int(n) for n in tree[_BYTES])
+    if not 0 <= place <= place + size <= len(body):
         raise AnswerError("a piece of a worker's answer is not in it")
-    return body[place : place + length]
+    return bytes(body[place : place + size])
 
 
 def _read_error(name: str, state: dict[str, Any]) -> BaseException:

@@ -109,19 +109,16 @@ class DaskEngine(Engine):
 
         def settle(done: Future[bytes]) -> None:
             with contextlib.suppress(InvalidStateError):
-                try:
-                    answer = done.result()
-                except BaseException:  # noqa: BLE001 (errors of the task come as bytes)
+                # Errors of the task come as bytes.
+                if done.cancelled() or done.exception() is not None:
                     future.set_exception(self._is_lost())
                     return
                 try:
-                    result = from_bytes(answer, result_type(fn))
+                    future.set_result(from_bytes(done.result(), result_type(fn)))
                 except AnswerError:
                     future.set_exception(unreadable_answer())
                 except BaseException as error:  # noqa: BLE001 (it is the task's)
                     future.set_exception(error)
-                else:
-                    future.set_result(result)
 
         def forget(_: Future[T]) -> None:
             self._under_way.discard(future)

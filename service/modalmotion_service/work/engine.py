@@ -117,13 +117,10 @@ def serve(owner: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -
 
 def remembering() -> list[Any]:
     """List the caches of our modules whose keys a user's data may have a part in."""
-    modules = [module for name, module in list(sys.modules.items()) if _is_ours(name)]
+    ours = ("modalmotion", "modalmotion_service")
+    modules = [one for name, one in list(sys.modules.items()) if name.partition(".")[0] in ours]
     values = [value for module in modules for value in list(vars(module).values())]
     return [value for value in values if hasattr(value, "cache_clear") and _depends(value)]
-
-
-def _is_ours(module: str) -> bool:
-    return module.partition(".")[0] in ("modalmotion", "modalmotion_service")
 
 
 def _depends(cache: Any) -> bool:

@@ -136,11 +136,15 @@ class WorkerProcess:
 
     def end(self) -> None:
         """End it, whatever it does."""
+        self.kill()
+        self._socket.close()
+
+    def kill(self) -> None:
+        """Have the system end it."""
         # While its end of the socket is open the number is its own and nobody else's.
         if self.pid and self.is_alive:
             with contextlib.suppress(OSError):
                 os.kill(self.pid, signal.SIGKILL)
-        self._socket.close()
 
     def _parsers(self) -> list[int]:
         """Give the process that forks its parsers, and the one parser that lives."""
@@ -283,7 +287,6 @@ class Keeper:
         self._is_lane = is_lane
         self._process: WorkerProcess | None = None
         self._task: Task | None = None
-        self._question: Task | None = None
         self._is_ending = False
         self._waker, self._wake = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._is_over = False
@@ -300,21 +303,19 @@ class Keeper:
         """Wait for its end."""
         self._thread.join()
 
-    def asked(self, seconds: float) -> Future[Any]:
-        """Have its process say that it is there; settled with an error if it does not."""
-        process, question = self._process, self._question
-        if self._task not in (None, question) and process is not None and not process.is_stopped:
-            at_work: Future[Any] = Future()
-            at_work.set_result(None)
-            return at_work
-        if question is None or question.future.done():
-            self._question = question = Task(Future(), os.getpid, b"", 1, seconds)
-        return question.future
+    def look(self) -> bool | None:
+        """Return whether its process can work: not while it is stopped; None if there is none.
 
-    def _next_question(self) -> Task | None:
-        """Give what `asked` has left for its thread."""
-        question = self._question
-        return None if question is None or question.future.done() else question
+        One that is stopped without a task is ended: there will be another one for the next task.
+        """
+        process, is_idle = self._process, self._task is None
+        if process is None or not process.is_alive:
+            return None
+        if process.is_stopped:
+            if is_idle:
+                process.kill()
+            return False
+        return True
 
     def _look_up(self) -> None:
         # Not into a file that has the number of a pipe that is closed.
@@ -328,7 +329,8 @@ class Keeper:
                 # The first one waits for all imports, before there is a task.
                 with contextlib.suppress(ProcessLostError):
                     self._require_process()
-            while (task := self._next_task()) is not None:
+            while (task := self._lanes.take(is_lane=self._is_lane)) is not None:
+                self._task = task
                 self._do(task)
                 self._task = None
                 del task
@@ -339,10 +341,6 @@ class Keeper:
                 self._is_over = True
                 os.close(self._waker)
                 os.close(self._wake)
-
-    def _next_task(self) -> Task | None:
-        self._task = self._lanes.take(self._next_question, is_lane=self._is_lane)
-        return self._task
 
     def _do(self, task: Task) -> None:
         """Run a task; its future is settled when this returns, or it is in the queue again."""

@@ -112,21 +112,12 @@ class Lanes:
                 self._append(replace(task, terms=replace(terms, price=10 * LANE_SECONDS)))
             return self._is_open
 
-    def take(self, question: Callable[[], Task | None], *, is_lane: bool) -> Task | None:
-        """Wait for a task; None when there will be no more.
-
-        Parameters
-        ----------
-        question : callable
-            Gives what whoever takes is to do before anything else.
-        is_lane : bool
-        """
+    def take(self, *, is_lane: bool) -> Task | None:
+        """Wait for a task; None when there will be no more."""
         condition = self._of_lane if is_lane else self._of_workers
         queues = ("short",) if is_lane else ("long", "short")
         with condition:
             while True:
-                if (asked := question()) is not None:
-                    return asked
                 for name in queues:
                     if (task := self._queues[name].take()) is not None:
                         return task
@@ -135,11 +126,6 @@ class Lanes:
                 self._idle[is_lane] += 1
                 condition.wait()
 
-    def have_look(self) -> None:
-        """Have all who wait look whether they are asked something."""
-        with self._of_workers:
-            self._wake_all()
-
     def close(self, *, give_up: bool) -> list[Task]:
         """Take no more tasks; gives those that wait, if they are given up."""
         left: list[Task] = []
@@ -147,18 +133,15 @@ class Lanes:
             self._is_open = False
             for queue in self._queues.values() if give_up else ():
                 left += queue.clear()
-            self._wake_all()
+            self._of_workers.notify_all()
+            self._of_lane.notify_all()
         return left
 
     @property
     def lengths(self) -> Mapping[str, int]:
         """Tasks that wait, by lane."""
-        return {name: len(queue) for name, queue in self._queues.items()}
-
-    def _wake_all(self) -> None:
-        self._idle = {False: 0, True: 0}
-        self._of_workers.notify_all()
-        self._of_lane.notify_all()
+        with self._of_workers:
+            return {name: len(queue) for name, queue in self._queues.items()}
 
     def _append(self, task: Task) -> None:
         terms = task.terms
@@ -204,7 +187,6 @@ class FairQueue(Generic[T]):
         self._waiting: dict[str, deque[tuple[float, T]]] = {}
         self._clocks: dict[str, float] = {}
         self._now = 0.0
-        self._length = 0
 
     def put(self, item: T, owner: str, price: float) -> None:
         """Append an item to those of its owner; `price` in s."""
@@ -212,14 +194,12 @@ class FairQueue(Generic[T]):
             self._waiting[owner] = deque()
             self._clocks[owner] = max(self._clocks.get(owner, 0.0), self._now)
         self._waiting[owner].append((min(max(price, _LEAST), _MOST), item))
-        self._length += 1
 
     def take(self) -> T | None:
         """Take the next item that is wanted; None if there is none."""
         while self._waiting:
             owner = min(self._waiting, key=self._clocks.__getitem__)
             price, item = self._waiting[owner].popleft()
-            self._length -= 1
             is_wanted = self._is_wanted(item)
             if is_wanted:
                 self._now = self._clocks[owner]
@@ -235,11 +215,10 @@ class FairQueue(Generic[T]):
         """Take all that is left, wanted or not."""
         left = [item for queue in self._waiting.values() for _, item in queue]
         self._waiting.clear()
-        self._length = 0
         return left
 
     def __len__(self) -> int:
-        return self._length
+        return sum(map(len, self._waiting.values()))
 
     def _forget(self) -> None:
         # Those who have nothing here and are not ahead start anew as anybody does.

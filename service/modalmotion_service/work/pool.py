@@ -8,9 +8,9 @@ comes, so every future settles, whatever is killed at whatever moment.
 
 from __future__ import annotations
 
-import contextlib
+import os
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, as_completed
+from concurrent.futures import Future, wait
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import ParamSpec, TypeVar
@@ -102,27 +102,30 @@ class WorkerPool(Engine):
         return are_confined()
 
     def require_ready(self) -> None:
-        """Check that a process is at work, or says that it is there.
+        """Check that a process is there that no signal has stopped, or that one can be begun.
 
-        Those that are idle are asked, all at once; one that does not answer is replaced. That of
-        the lane counts for short work alone, so it does not count.
+        One that was stopped while it was idle is ended. That of the lane counts for short work
+        alone, so it does not count.
 
         Raises
         ------
         NoWorkerError
             If there is none.
         """
-        answers = [keeper.asked(READY_SECONDS) for keeper in self._keepers][: self._n_workers]
-        self._lanes.have_look()
-        with contextlib.suppress(TimeoutError):
-            for answer in as_completed(answers, timeout=READY_SECONDS):
-                if not answer.cancelled() and answer.exception() is None:
-                    return
+        found = [keeper.look() for keeper in self._keepers[: self._n_workers]]
+        if True in found:
+            return
+        if False not in found:
+            question = Task(Future(), os.getpid, b"", 1, READY_SECONDS)
+            self._lanes.put(question)
+            wait([question.future], timeout=READY_SECONDS)
+            if not question.future.cancel() and question.future.exception() is None:
+                return
         raise NoWorkerError(
-            f"None of the {self.n_workers} worker processes answered within {READY_SECONDS:g} s.",
+            f"None of the {self.n_workers} worker processes is ready to work.",
             remedy="Those that are stuck are replaced: try again soon. If it stays so, look after "
             "the machine's memory and its limit on processes.",
-            details={"workers": self.n_workers, "seconds": READY_SECONDS},
+            details={"workers": self.n_workers},
         )
 
     def submit_for(

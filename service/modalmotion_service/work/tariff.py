@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -69,6 +70,7 @@ _TRACKED_IMAGES: Final = 1.5e-6
 _HEAD_BYTES: Final = 1024
 
 
+@dataclass(frozen=True)
 class Tariff:
     """The terms of one owner's tasks.
 
@@ -82,10 +84,9 @@ class Tariff:
         Processor time that every task may take.
     """
 
-    def __init__(self, owner: str, factor: float, least_seconds: float) -> None:
-        self._owner = owner
-        self._factor = factor
-        self._least_seconds = least_seconds
+    owner: str
+    factor: float
+    least_seconds: float
 
     def terms(self, task: Callable[..., Any], args: Sequence[Any]) -> Terms:
         """Give the terms of a task with these arguments."""
@@ -93,7 +94,7 @@ class Tariff:
         price = math.inf if rule is None else rule(args)
         # Of a surface that turns out to have no natural coordinates.
         dear = price + spring_seconds(_bytes(args), _modes_of(args))
-        return Terms(self._owner, price, max(self._least_seconds, self._factor * dear))
+        return Terms(self.owner, price, max(self.least_seconds, self.factor * dear))
 
 
 def _bytes(args: Iterable[Any]) -> int:
@@ -212,8 +213,7 @@ _RULES: Final[dict[Callable[..., Any], Rule]] = {
     sequences.show_template: _USUAL,
     sequences.make_template: _signature,
     sequences.modes_of_template: _modes,
-    sequences.encode_upload: _encoding,
-    sequences.encode_kept: _encoding,
+    sequences.encode_sequence: _encoding,
     sequences.decode_upload: _rule(per_byte=_DECODED),
     signatures.sign: _signature,
     signatures.sign_upload: _signature,

@@ -5,11 +5,13 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Final
+
+from pydantic import PlainSerializer, PlainValidator
 
 from modalmotion.errors import InputError
 from modalmotion.formats import Parser, ParserHere, Reading, ReadLimits, ReadOptions, read_sequence
@@ -210,6 +212,9 @@ def _own_words(**limits: str) -> Iterator[None]:
         raise
 
 
+FactsAsJson = Annotated[Facts, PlainValidator(facts_from_json), PlainSerializer(facts_as_json)]
+
+
 @dataclass(frozen=True)
 class Part:
     """One file of many that are in one, one after the other.
@@ -228,14 +233,4 @@ class Part:
     length: int
     subject: str | None = None
     label: str | None = None
-    facts: Facts = NO_FACTS
-
-
-def parts_as_json(parts: Iterable[Part]) -> list[dict[str, Any]]:
-    """Write parts as a job remembers them."""
-    return [{**vars(part), "facts": facts_as_json(part.facts)} for part in parts]
-
-
-def parts_from_json(values: Iterable[Mapping[str, Any]]) -> tuple[Part, ...]:
-    """Read what `parts_as_json` gave."""
-    return tuple(Part(**{**one, "facts": facts_from_json(one["facts"])}) for one in values)
+    facts: FactsAsJson = NO_FACTS

@@ -1,30 +1,241 @@
-"""Signatures of one owner: read from the store, or made by a worker and stored or not."""
+"""Work of one owner: tasks, files that they write, and signatures that many wait for."""
 
 from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
-from dataclasses import replace
+from collections.abc import AsyncIterator, Awaitable, Callable, Hashable, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, ParamSpec, TypeVar
 
 from pydantic_core import from_json
 
-from modalmotion.errors import LostFileError, NotFoundError, ParameterError
+from modalmotion.errors import (
+    LostFileError,
+    ModalMotionError,
+    ModeCountError,
+    NotFoundError,
+    ParameterError,
+    TopologyError,
+    UnlikeCasesError,
+)
 from modalmotion.mesh import Facts, facts_as_json
 from modalmotion.modes.topology import MESH, SPHERE
 from modalmotion.progress import StageReport
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.signature.parameters import parameters_from_json
-from modalmotion.store import SequenceRecord
+from modalmotion.store import ResultStore, SequenceRecord
 from modalmotion_service.errors import ConflictError
-from modalmotion_service.http.observation import stage
+from modalmotion_service.http.observation import add_milliseconds, stage
+from modalmotion_service.work.engine import Engine
+from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.work.tasks import signatures
-from modalmotion_service.work.tasks.files import Fitted
-from modalmotion_service.workspace.owner_work import OwnerWork, unheard
-from modalmotion_service.workspace.spool import remove_with_beside
+from modalmotion_service.work.tasks.files import Fitted, followed
+from modalmotion_service.workspace.spool import Quota, Spool, remove_with_beside
+
+T = TypeVar("T")
+A = TypeVar("A")
+
+
+def unheard(_share: float, _text: str = "") -> None:
+    """Report progress to nobody."""
+
+
+class SharedWork:
+    """Work under way, by what it makes.
+
+    A request for a result that is being made waits for it. Work whose last waiter has gone
+    is cancelled.
+    """
+
+    def __init__(self) -> None:
+        self._tasks: dict[Hashable, asyncio.Task[Any]] = {}
+        self._waiters: dict[Hashable, list[StageReport]] = {}
+
+    async def join(
+        self,
+        key: Hashable,
+        make: Callable[[StageReport], Awaitable[T]],
+        report: StageReport = unheard,
+    ) -> T:
+        """Wait for the work of that key, begun now if nobody has.
+
+        Parameters
+        ----------
+        key : hashable
+        make : async function
+            Does the work; called with a function that tells all who wait how far it is.
+        report : callable
+            Called with the share that is done, and with what is done now.
+        """
+        task: asyncio.Task[T] | None = self._tasks.get(key)
+
+        def tell(share: float, text: str = "") -> None:
+            for waiter in self._waiters.get(key, ()):
+                waiter(share, text)
+
+        if task is None:
+            task = asyncio.ensure_future(make(tell))
+            self._tasks[key] = task
+            # From then on the result is in the store: the next request finds it there.
+            task.add_done_callback(lambda _: self._tasks.pop(key, None))
+        waiters = self._waiters.setdefault(key, [])
+        waiters.append(report)
+        try:
+            # The shield lets one waiter go without taking the work from the others.
+            return await asyncio.shield(task)
+        except asyncio.CancelledError:
+            if len(waiters) == 1 and not task.done():
+                task.cancel()
+                await asyncio.wait([task])
+            raise
+        finally:
+            waiters.remove(report)
+            if not waiters and self._waiters.get(key) is waiters:
+                del self._waiters[key]
+
+
+P = ParamSpec("P")
+
+
+@dataclass(frozen=True)
+class OwnerWork:
+    """Has workers do tasks of one owner, each within its tariff.
+
+    Parameters
+    ----------
+    store : ResultStore
+    engine : Engine
+        Where parsing and fitting happen.
+    spool : Spool
+        Where workers leave their output.
+    tariff : Tariff
+        Of the owner whose store it is.
+    quota : Quota
+        Of the same.
+    """
+
+    store: ResultStore
+    engine: Engine
+    spool: Spool
+    tariff: Tariff
+    quota: Quota
+    shared_work: SharedWork = field(default_factory=SharedWork)
+
+    async def work(self, task: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+        """Have a worker do a task."""
+        terms = self.tariff.terms(task, args)
+        # Cancelling the wait cancels the future, and with it ends the worker's process.
+        return await asyncio.wrap_future(self.engine.run(terms, task, *args, **kwargs))
+
+    async def followed(self, report: StageReport, task: Callable[..., T], *args: Any) -> T:
+        """Have a worker do a task whose last argument is a `ProgressFile`; report what it tells."""
+        progress = self.spool.new_path()
+        try:
+            return await followed(self.work(task, *args, progress), progress, report)
+        finally:
+            remove_with_beside(progress)
+
+    async def written(self, what: str, task: Callable[..., object], *args: Any) -> Path:
+        """Have a worker write a file, which a task names last; gives it. `what` is the stage."""
+        with self.output() as output, stage(what):
+            await self.work(task, *args, output)
+        return output
+
+    async def staged(
+        self, report: StageReport, task: Callable[..., tuple[Any, ...]], *args: Any
+    ) -> list[Any]:
+        """Have a worker do a task as `followed` does; the last it gives are milliseconds by stage.
+
+        They are those of the request; the rest is given.
+        """
+        with stage("worker"):
+            *found, milliseconds = await self.followed(report, task, *args)
+            add_milliseconds(milliseconds)
+        return found
+
+    async def each(
+        self,
+        items: Sequence[A],
+        work: Callable[[A], Awaitable[T]],
+        told: Callable[[int, int], None],
+    ) -> list[T]:
+        """Do something for each of many, as many at a time as there are workers.
+
+        Parameters
+        ----------
+        items : sequence
+        work : async function
+            What fails with an error of ours lets none begin after it; those under way are finished.
+        told : callable
+            Called with the number that is done, and that of all.
+        """
+        done: dict[int, T] = {}
+        failures: list[ModalMotionError] = []
+        waiting = iter(enumerate(items))
+
+        async def take() -> None:
+            for number, item in waiting:
+                try:
+                    done[number] = await work(item)
+                except ModalMotionError as error:
+                    failures.append(error)
+                if failures:
+                    return
+                told(len(done), len(items))
+
+        takers = [asyncio.ensure_future(take()) for _ in range(self.engine.n_workers)]
+        try:
+            await asyncio.gather(*takers)
+        finally:
+            for taker in takers:
+                taker.cancel()
+            await asyncio.wait(takers)
+        if failures:
+            raise failures[0]
+        return [done[number] for number in range(len(items))]
+
+    @contextmanager
+    def image(self) -> Iterator[Path]:
+        """Name a file for a worker to write and the store to take; it is removed in the end.
+
+        Raises
+        ------
+        StoreError
+            If the owner may store no more.
+        """
+        self.quota.require()
+        with self.output() as path:
+            try:
+                yield path
+            finally:
+                path.unlink(missing_ok=True)
+
+    @contextmanager
+    def output(self) -> Iterator[Path]:
+        """Name a file for a worker to write; it is removed if the work fails."""
+        path = self.spool.new_path()
+        try:
+            yield path
+        except BaseException:
+            # Also removes a dead worker's leftovers.
+            remove_with_beside(path)
+            raise
+
+    def template_path(self, parameters: SignatureParameters) -> Path | None:
+        """File of the template that parameters name; None where they name none.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no template of that id.
+        """
+        if parameters.template is None:
+            return None
+        return self.store.template_path(parameters.template)
+
 
 USUAL: Final = SignatureParameters()
 """Parameters of the signature that a sequence has unasked."""
@@ -43,7 +254,7 @@ class Analysis(OwnerWork):
         NotFoundError
             If there is no such sequence.
         """
-        record = self._store.sequence_record(sequence_id)
+        record = self.store.sequence_record(sequence_id)
         parameters = parameters.with_facts(record.facts, record.topology, record.grid)
         return parameters, record.facts
 
@@ -61,12 +272,10 @@ class Analysis(OwnerWork):
                 await self._sign(sequence_id, parameters, image, tell)
                 with stage("store"):
                     return await asyncio.to_thread(
-                        self._store.put_signature_image, image, sequence_id, parameters.key
+                        self.store.put_signature_image, image, sequence_id, parameters.key
                     )
 
-        path = await asyncio.to_thread(
-            self._store.sound_signature_path, sequence_id, parameters.key
-        )
+        path = await asyncio.to_thread(self.store.sound_signature_path, sequence_id, parameters.key)
         if path is not None:
             return path
         return await self.shared_work.join((sequence_id, parameters.key), make, report)
@@ -88,16 +297,14 @@ class Analysis(OwnerWork):
         LostFileError
             If its file is gone or damaged.
         """
-        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        sequence = await asyncio.to_thread(self.store.sequence_path, sequence_id)
         if key is None:
             parameters, _ = self.resolved(sequence_id, usual)
         else:
             parameters = await self.parameters_of(sequence_id, key)
-        path = await asyncio.to_thread(
-            self._store.sound_signature_path, sequence_id, parameters.key
-        )
+        path = await asyncio.to_thread(self.store.sound_signature_path, sequence_id, parameters.key)
         kept, template = path, self.template_path(parameters)
-        record, track = self._store.sequence_record(sequence_id), self.track_path(sequence_id)
+        record, track = self.store.sequence_record(sequence_id), self.track_path(sequence_id)
         with self.output() as passing:
             if path is None:
                 if key is not None:
@@ -116,16 +323,16 @@ class Analysis(OwnerWork):
 
     async def rendered(self, sequence_id: str, key: str) -> bytes:
         """Give a stored signature as the service's JSON, but for the facts of its sequence."""
-        text = await asyncio.to_thread(self._store.rendered_signature, sequence_id, key)
+        text = await asyncio.to_thread(self.store.rendered_signature, sequence_id, key)
         if text is not None:
             return text
-        path = await asyncio.to_thread(self._store.sound_signature_path, sequence_id, key)
+        path = await asyncio.to_thread(self.store.sound_signature_path, sequence_id, key)
         if path is None:
             raise _lost(sequence_id)
-        file = path.relative_to(self._store.root).as_posix()
+        file = path.relative_to(self.store.root).as_posix()
         with stage("render"):
             text = await self.work(signatures.render, path, f"{sequence_id}-{key}", file)
-        await asyncio.to_thread(self._store.keep_rendered, sequence_id, key, text)
+        await asyncio.to_thread(self.store.keep_rendered, sequence_id, key, text)
         return text
 
     async def of_one_kind(
@@ -139,7 +346,7 @@ class Analysis(OwnerWork):
         springs, chosen = replace(parameters, topology=MESH), []
         for sequence_id, path, (surface, _) in zip(sequence_ids, paths, kinds, strict=True):
             chosen.append(path)
-            is_stated = self._store.sequence_record(sequence_id).topology is not None
+            is_stated = self.store.sequence_record(sequence_id).topology is not None
             if meshes and surface == SPHERE.name and not is_stated:
                 other = await self.signature(sequence_id, springs)
                 ((_, mesh),) = await self.work(signatures.kinds_of, [other])
@@ -157,7 +364,7 @@ class Analysis(OwnerWork):
             If something is known to be otherwise.
         """
         try:
-            return self._store.complete_sequence(
+            return self.store.complete_sequence(
                 sequence_id, subject=subject, label=label, facts=facts, offered=offered
             )
         except ParameterError as error:
@@ -172,14 +379,14 @@ class Analysis(OwnerWork):
     def track_path(self, sequence_id: str) -> Path | None:
         """File of the track that made a sequence; None of one that was sent."""
         try:
-            return self._store.track_path(sequence_id)
+            return self.store.track_path(sequence_id)
         except NotFoundError:
             return None
 
     async def _sign(
         self, sequence_id: str, parameters: SignatureParameters, image: Path, report: StageReport
     ) -> None:
-        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        sequence = await asyncio.to_thread(self.store.sequence_path, sequence_id)
         template = self.template_path(parameters)
         track = await asyncio.to_thread(self.track_path, sequence_id)
         await self.staged(report, signatures.sign, sequence, parameters, template, track, image)
@@ -195,3 +402,21 @@ def _lost(sequence_id: str) -> LostFileError:
         f"The file of this signature of sequence {sequence_id[:12]} is lost or damaged.",
         remedy="POST its parameters again, or restore a backup.",
     )
+
+
+async def in_one_basis(
+    make: Callable[[SignatureParameters], Awaitable[T]], parameters: SignatureParameters
+) -> T:
+    """Make something of several signatures, all with spring modes where their own do not compare.
+
+    As the library does it where the sequences are at hand.
+    """
+    try:
+        return await make(parameters)
+    except UnlikeCasesError as unlike:
+        if parameters.topology is not None:
+            raise
+        try:
+            return await make(replace(parameters, topology=MESH))
+        except (UnlikeCasesError, TopologyError, ModeCountError):
+            raise unlike from None

@@ -15,7 +15,7 @@ from modalmotion_service.http.observation import stage
 from modalmotion_service.schemas.requests import SequenceChange
 from modalmotion_service.work.tasks.sequences import restated
 from modalmotion_service.workspace.jobs import Job, gone, results_of
-from modalmotion_service.workspace.state import State
+from modalmotion_service.workspace.operation import State
 
 
 async def erase(state: State, sequence_id: str) -> None:

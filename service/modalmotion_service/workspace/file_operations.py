@@ -16,33 +16,21 @@ from typing import Any, Final
 from modalmotion.errors import ModalMotionError, StoreError
 from modalmotion.store.disk import cannot_write
 from modalmotion_service.errors import ClusterError
-from modalmotion_service.http.negotiation import (
-    CSV,
-    HDF5,
-    JSON,
-    NDJSON,
-    NPZ,
-    RAW,
-    STREAM,
-    VTKHDF,
-    ZIP,
-)
+from modalmotion_service.http import negotiation as media
 from modalmotion_service.http.observation import add_milliseconds, stage
 from modalmotion_service.http.problems import internal_problem, problem_body
 from modalmotion_service.schemas.queries import DecodingRequest
 from modalmotion_service.schemas.requests import CLASS_OF_FILE, ENCODING_OF_FILE, SIGNATURE_OF_FILE
-from modalmotion_service.schemas.results import ClassificationAnswer, UploadClassificationAnswer
 from modalmotion_service.work.tasks import sequences, signatures
 from modalmotion_service.work.tasks.classification import classify_upload
 from modalmotion_service.work.tasks.signatures import RESULTS
 from modalmotion_service.work.upload import Part, Upload
 from modalmotion_service.workspace import models
 from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.operation import Outcome, Request, operation
-from modalmotion_service.workspace.sequence_operations import encoded, sent
+from modalmotion_service.workspace.operation import Outcome, Request, State, operation
+from modalmotion_service.workspace.recording_operations import encoded, sent
 from modalmotion_service.workspace.signature_operations import SIGNATURE_TYPES
 from modalmotion_service.workspace.spool import SpoolFile
-from modalmotion_service.workspace.state import State
 
 logger = logging.getLogger(__name__)
 
@@ -116,7 +104,7 @@ async def _listed(
     state: State, outcomes: AsyncIterator[_Outcome], member: str, media_type: str
 ) -> Outcome:
     """Write results as the members of a list, or a line each."""
-    n_failed, is_list = 0, media_type == JSON
+    n_failed, is_list = 0, media_type == media.JSON
     with _written(state) as output, output.open("xb") as file:
         file.write(b'{"results":[' if is_list else b"")
         between = b""
@@ -173,28 +161,27 @@ async def sent_signature(state: State, request: Request, _: Report) -> Outcome:
     return Outcome(body, request.media_type)
 
 
-@operation(JSON, NDJSON, HDF5, ZIP, CSV, query=SIGNATURE_OF_FILE)
+@operation(media.JSON, media.NDJSON, media.HDF5, media.ZIP, media.CSV, query=SIGNATURE_OF_FILE)
 async def sent_signatures(state: State, request: Request, report: Report) -> Outcome:
     """Fit each of many files that came in one request."""
     media_type, analysis = request.media_type, state.analysis
     analysis.template_path(request.query.parameters())
-    one_type = JSON if media_type in (JSON, NDJSON) else HDF5
+    one_type = media.JSON if media_type in (media.JSON, media.NDJSON) else media.HDF5
 
     async def fit(part: Part) -> bytes:
         body, _ = await _signed(state, _upload(state, request, part), request, one_type)
         return body
 
     outcomes = _each(state, request.parts, fit, report)
-    if one_type == JSON:
+    if one_type == media.JSON:
         return await _listed(state, outcomes, "signature", media_type)
     archive, n_failed = await _archived(state, outcomes)
     headers = {FAILED: str(n_failed)}
-    if media_type == ZIP:
-        return Outcome(archive, ZIP, headers=headers)
-    task = signatures.pack_archive if media_type == HDF5 else signatures.tabulate_archive
+    if media_type == media.ZIP:
+        return Outcome(archive, media.ZIP, headers=headers)
+    task = signatures.pack_archive if media_type == media.HDF5 else signatures.tabulate_archive
     try:
-        with analysis.output() as output:
-            await analysis.work(task, archive, request.parts, output)
+        output = await analysis.written("worker", task, archive, request.parts)
     finally:
         SpoolFile(archive).remove()
     return Outcome(output, media_type, headers=headers)
@@ -204,11 +191,9 @@ async def _classified(
     state: State, upload: Upload, model: models.ChosenModel, coverage: float
 ) -> bytes:
     with stage("worker"):
-        result, reading = await state.analysis.work(
-            classify_upload, upload, model.parameters, model.source, coverage
+        return await state.analysis.work(
+            classify_upload, upload, model.parameters, model.source, coverage, model.version
         )
-    named = ClassificationAnswer.of(result, model.version, None).model_dump()
-    return UploadClassificationAnswer(**named, reading=reading).model_dump_json().encode()
 
 
 @operation(query=CLASS_OF_FILE)
@@ -219,7 +204,7 @@ async def sent_classification(state: State, request: Request, _: Report) -> Outc
     return Outcome(await _classified(state, upload, model, request.query.coverage))
 
 
-@operation(JSON, NDJSON, query=CLASS_OF_FILE)
+@operation(media.JSON, media.NDJSON, query=CLASS_OF_FILE)
 async def sent_classifications(state: State, request: Request, report: Report) -> Outcome:
     """Classify the motion in each of many files that came in one request."""
     model = await asyncio.to_thread(models.choose, state, request.query.model)
@@ -232,21 +217,18 @@ async def sent_classifications(state: State, request: Request, report: Report) -
     return await _listed(state, outcomes, "classification", request.media_type)
 
 
-@operation(STREAM, query=ENCODING_OF_FILE)
+@operation(media.STREAM, query=ENCODING_OF_FILE)
 async def sent_encoding(state: State, request: Request, report: Report) -> Outcome:
     """Encode an upload."""
-    return await encoded(
-        state, sequences.encode_upload, sent(state, request), request.query.target, report
-    )
+    return await encoded(state, sent(state, request), request.query.target, report)
 
 
-@operation(NPZ, VTKHDF, RAW, query=DecodingRequest)
+@operation(media.NPZ, media.VTKHDF, media.RAW, query=DecodingRequest)
 async def decoding(state: State, request: Request, _: Report) -> Outcome:
     """Decode a stream, or a part of it."""
     frames, vertices = request.query.ranges()
     stream, limits = state.spool.at(request.file), state.settings.read_limits
-    with state.analysis.output() as output, stage("decode"):
-        await state.analysis.work(
-            sequences.decode_upload, stream, limits, frames, vertices, request.media_type, output
-        )
+    output = await state.analysis.written(
+        "decode", sequences.decode_upload, stream, limits, frames, vertices, request.media_type
+    )
     return Outcome(output, request.media_type)

@@ -12,31 +12,147 @@ import asyncio
 import contextlib
 import logging
 import math
+import random
 import sqlite3
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from types import MappingProxyType
+from typing import Any, Final, Protocol
 
 from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
+from modalmotion.store.deletion import forget_tombstones
 from modalmotion.store.disk import cannot_write, is_of_the_machine
-from modalmotion_service.errors import BusyError, ConflictError, WorkerDiedError
+from modalmotion.store.index import to_text
+from modalmotion_service.errors import BusyError, ClusterError, ConflictError, WorkerDiedError
 from modalmotion_service.http.problems import internal_problem, problem_body
 from modalmotion_service.schemas.general import JobState
-from modalmotion_service.workspace.background import passes, waits
-from modalmotion_service.workspace.jobs import Job, Jobs
+from modalmotion_service.workspace.jobs import IdempotencyKeys, Job, Jobs
+from modalmotion_service.workspace.spool import Spool
 
 logger = logging.getLogger(__name__)
+
+# Between one try and the next. Not longer: when the disk has room again, work goes on at once.
+_FIRST_SECONDS: Final = 0.5
+_LAST_SECONDS: Final = 5.0
+
+# What fails in the background is tried again no later than this.
+_AGAIN_SECONDS: Final = 60.0
+
+
+def passes(error: BaseException) -> bool:
+    """Return whether a fault may be gone by itself: of the disk, of the index, of a cluster.
+
+    Files that are missing, damaged or not understood stay so, and so do wrong parameters: these
+    are errors below StoreError, or others.
+    """
+    if type(error) is StoreError or isinstance(error, (ClusterError, MemoryError, sqlite3.Error)):
+        return True
+    # As Python says that the system has no more threads.
+    no_thread = isinstance(error, RuntimeError) and "can't start new thread" in str(error)
+    return no_thread or is_of_the_machine(error)
+
+
+def waits() -> Iterator[float]:
+    """Seconds before each further try: longer and longer, and never for many at the same time."""
+    seconds = _FIRST_SECONDS
+    while True:
+        yield seconds * random.uniform(0.8, 1.2)  # noqa: S311 (no secret)
+        seconds = min(2 * seconds, _LAST_SECONDS)
+
+
+async def for_ever(name: str, work: Callable[[], Awaitable[object]], seconds: float) -> None:
+    """Do something now and again, whatever becomes of it.
+
+    Parameters
+    ----------
+    name : str
+        What the log calls it.
+    work : async function
+    seconds : float
+        Between two times; after a failure a minute at most.
+    """
+    wait = seconds
+    while True:
+        await asyncio.sleep(wait)
+        try:
+            await work()
+        except Exception as error:  # noqa: BLE001 (whatever it is, the next time comes)
+            logger.error(  # noqa: TRY400 (its name says enough, and it may contain a path)
+                "work in the background failed",
+                extra={"work": name, "error": type(error).__name__},
+            )
+            wait = min(seconds, _AGAIN_SECONDS)
+        else:
+            wait = seconds
+
+
+async def sweep_for_ever(name: str, sweep: Callable[[], object], age: timedelta) -> None:
+    """Sweep now and again, at least every hour, what is kept for some time."""
+    seconds = min(3600.0, age.total_seconds() / 4)
+    await for_ever(name, partial(asyncio.to_thread, sweep), seconds)
+
+
+@dataclass(frozen=True)
+class Retention:
+    """Keeps finished jobs for a while, and their files for another.
+
+    Parameters
+    ----------
+    jobs : Jobs
+    keys : IdempotencyKeys
+    spool : Spool
+        Where the files are.
+    root : Path
+        Of the store.
+    file_age : timedelta
+        From the job's end on; then its result is answered 404.
+    job_age : timedelta
+        The same of the job itself, and of idempotency keys from their first use on. A job is kept
+        as long as its file.
+    """
+
+    jobs: Jobs
+    keys: IdempotencyKeys
+    spool: Spool
+    root: Path
+    file_age: timedelta
+    job_age: timedelta
+
+    def needed(self) -> set[str]:
+        """Names of files in the spool that a job still needs."""
+        uploads = {job.request["file"] for job in self.jobs.unfinished() if "file" in job.request}
+        return uploads | {
+            job.result["file"] for job in self.jobs.with_files() if not self._is_old(job)
+        }
+
+    def sweep(self) -> int:
+        """Remove files, jobs and keys whose time has passed; gives how many files there were."""
+        old = [job.result["file"] for job in self.jobs.with_files() if self._is_old(job)]
+        present = [name for name in old if self.spool.at(name).is_file()]
+        for name in present:
+            self.spool.remove(name)
+        past = to_text((datetime.now(UTC) - max(self.job_age, self.file_age)).timestamp())
+        self.jobs.forget_before(past)
+        self.keys.forget_before(past)
+        forget_tombstones(self.root)
+        return len(present)
+
+    def _is_old(self, job: Job) -> bool:
+        return datetime.now(UTC) - datetime.fromisoformat(job.updated) > self.file_age
 
 
 class Report(Protocol):
     """Reports the progress of a job."""
 
-    def __call__(self, share: float, text: str = "") -> None:
+    def __call__(self, share: float, text: str = "", /) -> None:
         """Note the share that is done, 0 to 1, and in words what is done now."""
 
 
-Handler = Callable[[Any, Report], Awaitable[Any]]
-Settle = Callable[[Any, Any], Awaitable[None]]
+Do = Callable[[Job, Report], Awaitable[Any]]
+Settle = Callable[[Job, Any], Awaitable[None]]
 
 
 class JobRunner:
@@ -45,12 +161,10 @@ class JobRunner:
     Parameters
     ----------
     jobs : Jobs
-    handlers : dict
-        For each kind of job an async function of the request and of a function that reports
-        progress; it gives the result. Request and result are JSON values.
-    clean_up : dict
-        For kinds that store something for their work: a function of the request that removes it
-        once the job is finished.
+    do : async function
+        Of a job and of a function that reports progress; it gives the result, a JSON value.
+    clean_up : callable
+        Removes what is stored for a job's work, by its request, once the job is finished.
     n_at_once : int
     most_unfinished : int
         Queued and running jobs beyond so many are refused.
@@ -58,7 +172,7 @@ class JobRunner:
         Number at once of kinds that run in places of their own: hours of one kind should not
         keep the others waiting.
     settle : dict
-        For kinds that begin with something which goes in the end: an async function of request and
+        For kinds that begin with something which goes in the end: an async function of job and
         result. The result is noted before, and a job that is taken up again goes on from it.
     require_store : callable
         Raises StoreError while nothing can be written where the jobs' files are.
@@ -69,21 +183,21 @@ class JobRunner:
     def __init__(
         self,
         jobs: Jobs,
-        handlers: Mapping[str, Handler],
-        clean_up: Mapping[str, Callable[[Any], None]],
+        do: Do,
+        clean_up: Callable[[Any], None],
         n_at_once: int,
         most_unfinished: int,
-        apart: Mapping[str, int] | None = None,
-        settle: Mapping[str, Settle] | None = None,
+        apart: Mapping[str, int] = MappingProxyType({}),
+        settle: Mapping[str, Settle] = MappingProxyType({}),
         require_store: Callable[[], None] = lambda: None,
         retry_seconds: float = math.inf,
     ) -> None:
         self._jobs = jobs
-        self._handlers = handlers
+        self._do = do
         self._clean_up = clean_up
         self._places = asyncio.Semaphore(n_at_once)
-        self._apart = {kind: asyncio.Semaphore(n) for kind, n in (apart or {}).items()}
-        self._settle = {} if settle is None else settle
+        self._apart = {kind: asyncio.Semaphore(n) for kind, n in apart.items()}
+        self._settle = settle
         self._texts: dict[str, str] = {}
         self._most = most_unfinished
         self._require_store = require_store
@@ -264,25 +378,23 @@ class JobRunner:
 
     async def _result(self, job: Job) -> Any:
         """Do the work of a job, all but what an earlier try has done."""
-        handler = self._handlers[job.kind]
         if job.kind not in self._settle:
-            return await handler(job.request, self._reporter(job))
+            return await self._do(job, self._reporter(job))
         result = (await asyncio.to_thread(self._jobs.get, job.id)).result
         if result is None:
-            result = await handler(job.request, self._reporter(job))
+            result = await self._do(job, self._reporter(job))
             await self._note(job, result=result)
-        await self._settle[job.kind](job.request, result)
+        await self._settle[job.kind](job, result)
         return result
 
     def _remove_files(self, job: Job) -> None:
         """Remove what a finished job was kept for; what stays is removed at the next start."""
-        if job.kind in self._clean_up:
-            try:
-                self._clean_up[job.kind](job.request)
-            except (StoreError, OSError) as error:
-                logger.warning(
-                    "a job's files stay", extra={"job": job.id, "error": type(error).__name__}
-                )
+        try:
+            self._clean_up(job.request)
+        except (StoreError, OSError) as error:
+            logger.warning(
+                "a job's files stay", extra={"job": job.id, "error": type(error).__name__}
+            )
 
     def _reporter(self, job: Job) -> Report:
         loop = asyncio.get_running_loop()

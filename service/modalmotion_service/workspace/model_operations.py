@@ -9,23 +9,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from modalmotion.classification import CaseFile, TrainingOptions
-from modalmotion.classification.cases import UNUSABLE, LeftOut, case_name, named
+from modalmotion.classification import TrainingOptions
+from modalmotion.classification.cases import LeftOut
 from modalmotion.classification.evaluation import CaseAnswer
 from modalmotion.errors import (
-    ModalMotionError,
     ModeCountError,
     NotFoundError,
     ParameterError,
     TopologyError,
     UnlikeCasesError,
 )
-from modalmotion.mesh.facts import Facts, Named
+from modalmotion.mesh.facts import Facts
 from modalmotion.modes.topology import MESH
-from modalmotion.norm import Norm
+from modalmotion.norm import Norm, norm_from_hdf5
 from modalmotion.norm.training import parameters_of_controls
 from modalmotion.signature.making import SignatureParameters
-from modalmotion_service.errors import ConflictError, CostError
+from modalmotion_service.errors import ConflictError
 from modalmotion_service.http.negotiation import CSV, JSON, PNG, attachment
 from modalmotion_service.schemas.queries import (
     TRAINING,
@@ -37,11 +36,10 @@ from modalmotion_service.schemas.queries import (
 from modalmotion_service.work.tasks import classification
 from modalmotion_service.work.tasks.classification import KeptRecording
 from modalmotion_service.workspace import models
+from modalmotion_service.workspace.analysis import in_one_basis, unheard
 from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.operation import Case, Outcome, Request, operation
-from modalmotion_service.workspace.owner_work import in_one_basis
-from modalmotion_service.workspace.state import State
-from modalmotion_service.workspace.training import read_cases, train
+from modalmotion_service.workspace.operation import Case, Outcome, Request, State, operation
+from modalmotion_service.workspace.training import case_file, fit_each, read_cases, train
 
 # Parts of the progress that classifications and signatures are counted as.
 _CLASSIFYING: Final = 0.95
@@ -176,13 +174,15 @@ async def norm(state: State, request: Request, report: Report) -> Outcome:
         report(_FITTING + (1 - _FITTING) * share, text)
 
     async def make_with(wanted: SignatureParameters) -> Norm:
-        controls = await _fitted_each(state, cases, wanted, report)
+        controls = await _recordings(state, cases, wanted, report)
         with analysis.image() as image:
             await analysis.followed(
                 *(tell, classification.make_norm, controls),
                 *(query.name, query.modes, query.topology, image),
             )
-            return await asyncio.to_thread(state.store.put_norm_image, image)
+            made = await asyncio.to_thread(norm_from_hdf5, image)
+            await asyncio.to_thread(state.store.put_norm, made)
+            return made
 
     try:
         made = await in_one_basis(make_with, parameters)
@@ -200,7 +200,7 @@ async def deviations(state: State, request: Request, report: Report) -> Outcome:
     kept = await asyncio.to_thread(store.norm, request.reference)
     path = store.norm_path(request.reference)
     parameters: SignatureParameters = kept.readable.parameters
-    recordings = await _fitted_each(state, cases, parameters, report)
+    recordings = await _recordings(state, cases, parameters, report)
     stated = [store.sequence_record(case.id).topology for case in cases]
 
     async def ask() -> tuple[bytes, dict[int, str]]:
@@ -213,7 +213,7 @@ async def deviations(state: State, request: Request, report: Report) -> Outcome:
         for number, topology in imposed.items():
             with contextlib.suppress(TopologyError):
                 wanted = replace(parameters, topology=topology)
-                recordings[number] = await _fitted(state, cases[number], wanted)
+                (recordings[number],) = await _recordings(state, [cases[number]], wanted)
             stated[number] = topology
         answer, _ = await ask()
     return Outcome(answer)
@@ -224,25 +224,19 @@ def _facts(state: State, case: Case) -> Facts:
     return replace(facts, covariates=case.covariates)
 
 
-async def _fitted_each(
-    state: State, cases: Sequence[Case], parameters: SignatureParameters, report: Report
+async def _recordings(
+    state: State, cases: Sequence[Case], parameters: SignatureParameters, report: Report = unheard
 ) -> list[KeptRecording]:
-    def tell(done: int, total: int) -> None:
-        report(_FITTING * done / total, f"signature {done} of {total}")
-
-    return await state.analysis.each(cases, lambda one: _fitted(state, one, parameters), tell)
-
-
-async def _fitted(state: State, case: Case, parameters: SignatureParameters) -> KeptRecording:
-    facts = _facts(state, case)
-    try:
-        signature = await state.analysis.signature(case.id, parameters)
-    except ModalMotionError as error:
-        raise named(error, case_name(case.id), sequence_id=case.id) from error
-    vertices = None
-    if state.store.sequence_record(case.id).has_upload:
-        vertices = await asyncio.to_thread(state.store.sequence_path, case.id)
-    return KeptRecording(case.id, signature, vertices, facts, case.subject)
+    recordings = []
+    for case, path in zip(
+        cases, await fit_each(state, cases, parameters, report, _FITTING), strict=True
+    ):
+        assert isinstance(path, Path)  # noqa: S101 (none is left out)
+        vertices = None
+        if state.store.sequence_record(case.id).has_upload:
+            vertices = await asyncio.to_thread(state.store.sequence_path, case.id)
+        recordings.append(KeptRecording(case.id, path, vertices, _facts(state, case), case.subject))
+    return recordings
 
 
 @operation(JSON, CSV, query=FeatureOptions)
@@ -260,9 +254,14 @@ async def features(state: State, request: Request, report: Report) -> Outcome:
     unlike: UnlikeCasesError | None = None
     for number, (parameters, drops_unlike) in enumerate(attempts):
         try:
-            files, left_out = await _files(
-                state, request.cases, parameters, report, leaves_out=leaves_out and number != 1
+            paths = await fit_each(
+                *(state, request.cases, parameters, report, _FITTING),
+                leaves_out=leaves_out and number != 1,
             )
+            report(_FITTING, "features")
+            pairs = zip(request.cases, paths, strict=True)
+            files = [case_file(case, path) for case, path in pairs if isinstance(path, Path)]
+            left_out = [path for path in paths if isinstance(path, LeftOut)]
             on_error = "leave out" if drops_unlike else "raise"
             with state.analysis.output() as output:
                 n_left_out = await state.analysis.work(
@@ -282,31 +281,3 @@ async def features(state: State, request: Request, report: Report) -> Outcome:
             if unlike is None:
                 raise
     raise unlike or UnlikeCasesError("The sequences do not compare.")
-
-
-async def _files(
-    state: State,
-    cases: Sequence[Case],
-    parameters: SignatureParameters,
-    report: Report,
-    *,
-    leaves_out: bool,
-) -> tuple[list[CaseFile], list[LeftOut]]:
-    async def fitted(case: Case) -> CaseFile | LeftOut:
-        try:
-            path: Path = await state.analysis.signature(case.id, parameters)
-        except (*UNUSABLE, CostError) as error:
-            if not leaves_out:
-                raise named(error, case_name(case.id), sequence_id=case.id) from error
-            return LeftOut.of(error, case_name(case.id))
-        return CaseFile(path, case.id, case.label, case.subject, Named(case.covariates))
-
-    def tell(done: int, total: int) -> None:
-        report(_FITTING * done / total, f"signature {done} of {total}")
-
-    made = await state.analysis.each(cases, fitted, tell)
-    report(_FITTING, "features")
-    return (
-        [one for one in made if isinstance(one, CaseFile)],
-        [one for one in made if isinstance(one, LeftOut)],
-    )

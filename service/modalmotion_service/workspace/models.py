@@ -30,9 +30,9 @@ from modalmotion.store import (
 from modalmotion_service.errors import ConflictError
 from modalmotion_service.http.observation import stage
 from modalmotion_service.schemas.requests import ClassificationRequest
-from modalmotion_service.work.tasks.classification import NamedClass, name_class
-from modalmotion_service.workspace.owner_work import unheard
-from modalmotion_service.workspace.state import State
+from modalmotion_service.work.tasks.classification import name_class
+from modalmotion_service.workspace.analysis import unheard
+from modalmotion_service.workspace.operation import State
 
 # A model that comes with the package has one version.
 _SHIPPED_VERSION: Final = 1
@@ -170,7 +170,7 @@ async def classification(
     tracking = facts.tracking if model.name == OFFSET_MODEL else UNKNOWN
     key = classification_key(parameters, coverage, tracking, facts.handedness, facts.cavity)
 
-    async def named(asked: SignatureParameters, tell: StageReport) -> NamedClass:
+    async def named(asked: SignatureParameters, tell: StageReport) -> tuple[bytes, str | None]:
         def tell_of_signature(share: float, text: str) -> None:
             tell(_SIGNING * share, text)
 
@@ -179,21 +179,23 @@ async def classification(
         topology = store.sequence_record(sequence_id).topology
         with stage("worker"):
             return await analysis.work(
-                name_class, signature, model.source, coverage, topology, facts
+                name_class, signature, model.source, coverage, topology, facts, key
             )
 
     async def make(tell: StageReport) -> None:
         analysis.quota.require()
         # As `fitted_in` does it where a sequence is at hand.
         try:
-            result = await named(parameters, tell)
+            image, imposed = await named(parameters, tell)
         except TopologyError:
-            result = await named(replace(parameters, topology=None), tell)
-        if result.imposed is not None:
+            image, imposed = await named(replace(parameters, topology=None), tell)
+        if imposed is not None:
             with contextlib.suppress(TopologyError):
-                result = await named(replace(parameters, topology=result.imposed), unheard)
+                image, _ = await named(replace(parameters, topology=imposed), unheard)
         with stage("store"):
-            await asyncio.to_thread(store.put_classification, result.classification, key)
+            await asyncio.to_thread(
+                store.put_classification_image, image, sequence_id, model.id, key
+            )
 
     def is_missing() -> bool:
         if (model.id, key) not in store.classifications(sequence_id):

@@ -9,20 +9,24 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Final
 
-from pydantic import BaseModel
+from pydantic import BaseModel, PlainSerializer, PlainValidator, TypeAdapter
 
 from modalmotion.errors import LostFileError
-from modalmotion.mesh.fact_forms import facts_as_json, facts_from_json
-from modalmotion.mesh.facts import NO_FACTS, Facts
+from modalmotion.mesh.facts import NO_FACTS
+from modalmotion.store import ResultStore
 from modalmotion_service.http.negotiation import JSON
 from modalmotion_service.schemas.from_core import JsonBody
-from modalmotion_service.work.upload import Part, parts_as_json, parts_from_json
-from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.jobs import Job
+from modalmotion_service.settings import Settings
+from modalmotion_service.work.engine import Engine
+from modalmotion_service.work.upload import FactsAsJson, Part
+from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.workspace.job_runner import JobRunner, Report
+from modalmotion_service.workspace.jobs import IdempotencyKeys, Job, Jobs
 from modalmotion_service.workspace.spool import Spool, SpoolFile
 
 
@@ -42,7 +46,9 @@ class Case:
     id: str
     label: str
     subject: str | None
-    covariates: Mapping[str, float | str] = field(default_factory=dict)
+    covariates: Annotated[
+        Mapping[str, float | str], PlainValidator(dict), PlainSerializer(dict)
+    ] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -80,7 +86,7 @@ class Request:
     key: str | None = None
     ids: tuple[str, ...] = ()
     file: str = ""
-    facts: Facts = NO_FACTS
+    facts: FactsAsJson = NO_FACTS
     parts: tuple[Part, ...] = ()
     cases: tuple[Case, ...] = ()
     reference: str = ""
@@ -88,28 +94,16 @@ class Request:
 
     def as_json(self) -> dict[str, Any]:
         """Write it as a job remembers it."""
-        values = {
-            **vars(self),
-            "query": self.query.model_dump(mode="json", exclude_unset=True),
-            "facts": facts_as_json(self.facts) if self.facts != NO_FACTS else None,
-            "parts": parts_as_json(self.parts),
-            "cases": [asdict(case) for case in self.cases],
-        }
-        return {name: value for name, value in values.items() if value}
+        values = _REQUEST.dump_python(self, mode="json", exclude={"query"}, exclude_defaults=True)
+        return {**values, "query": self.query.model_dump(mode="json", exclude_unset=True)}
 
     @staticmethod
     def from_json(values: Mapping[str, Any], query: type[BaseModel]) -> Request:
         """Read what `as_json` gave."""
-        return Request(
-            **{
-                **values,
-                "query": query(**values.get("query", {})),
-                "facts": facts_from_json(values.get("facts") or {}),
-                "ids": tuple(values.get("ids", ())),
-                "parts": parts_from_json(values.get("parts", ())),
-                "cases": tuple(Case(**one) for one in values.get("cases", ())),
-            }
-        )
+        return _REQUEST.validate_python({**values, "query": query(**values.get("query", {}))})
+
+
+_REQUEST: Final = TypeAdapter(Request)
 
 
 @dataclass(frozen=True)
@@ -156,8 +150,34 @@ def as_json(answer: BaseModel) -> Outcome:
     return Outcome(answer.model_dump_json().encode())
 
 
-State = Any
-"""An owner's state, which contains a `Performance` itself."""
+@dataclass(frozen=True)
+class State:
+    """Everything open for one owner while the service runs.
+
+    Parameters
+    ----------
+    settings : Settings
+    store : ResultStore
+    spool : Spool
+    analysis : Analysis
+    training_engine : Engine
+        Where models are trained, apart from the short work of other requests.
+    jobs : Jobs
+    runner : JobRunner
+    performance : Performance
+    idempotency : IdempotencyKeys
+    """
+
+    settings: Settings
+    store: ResultStore
+    spool: Spool
+    analysis: Analysis
+    training_engine: Engine
+    jobs: Jobs
+    runner: JobRunner
+    performance: Performance
+    idempotency: IdempotencyKeys
+
 
 Work = Callable[[State, Request, Report], Awaitable[Outcome]]
 Settle = Callable[[State, Request, str], Awaitable[None]]
@@ -238,7 +258,7 @@ class Performance:
         request = replace(request, name=self._spool.new_path().name)
         if file is not None:
             request = replace(request, file=file.path.name, facts=file.facts, parts=file.parts)
-        work = what.work(state, request, self._told_to(request.name))
+        work = what.work(state, request, partial(self._tell, request.name))
         if state.settings.stateless:
             # Another replica would not know the job; the work has limits of its own.
             return await work
@@ -270,10 +290,10 @@ class Performance:
         return job
 
     async def as_job(
-        self, state: State, what: Operation, values: Mapping[str, Any], report: Report
+        self, state: State, what: Operation, job: Job, report: Report
     ) -> dict[str, Any]:
         """Do an operation as a job, or wait for the work that was left to it; gives its result."""
-        request = Request.from_json(values, what.query)
+        request = Request.from_json(job.request, what.query)
         if request.file:
             require_spooled(self._spool, request.file)
         self._listeners[request.name] = report
@@ -295,12 +315,9 @@ class Performance:
             result |= {"file": path.name, "media_type": outcome.media_type, "headers": headers}
         return result
 
-    def _told_to(self, name: str) -> Report:
-        def report(share: float, text: str = "") -> None:
-            if (listener := self._listeners.get(name)) is not None:
-                listener(share, text)
-
-        return report
+    def _tell(self, name: str, share: float, text: str = "", /) -> None:
+        if (listener := self._listeners.get(name)) is not None:
+            listener(share, text)
 
 
 async def settled(state: State, what: Operation, request: Request, link: str | None) -> None:

@@ -23,17 +23,20 @@ from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.workspace import (
     file_operations,
     model_operations,
-    sequence_operations,
+    recording_operations,
     signature_operations,
-    track_operations,
 )
 from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.background import Retention, for_ever, sweep_for_ever
-from modalmotion_service.workspace.job_runner import Handler, JobRunner, Settle
-from modalmotion_service.workspace.jobs import IdempotencyKeys, Jobs
-from modalmotion_service.workspace.operation import Operation, Performance, Request, settled
+from modalmotion_service.workspace.job_runner import (
+    JobRunner,
+    Report,
+    Retention,
+    for_ever,
+    sweep_for_ever,
+)
+from modalmotion_service.workspace.jobs import IdempotencyKeys, Job, Jobs
+from modalmotion_service.workspace.operation import Operation, Performance, Request, State, settled
 from modalmotion_service.workspace.spool import Quota, Spool, require_room
-from modalmotion_service.workspace.state import State
 
 _SERVED: Final = ("models", "templates")
 
@@ -69,8 +72,7 @@ def lay_out(source: Path, root: Path) -> None:
 
 
 _MODULES: Final = (
-    *(sequence_operations, signature_operations, file_operations),
-    *(model_operations, track_operations),
+    *(recording_operations, signature_operations, file_operations, model_operations),
 )
 
 OPERATIONS: Final[dict[str, Operation]] = {
@@ -105,15 +107,6 @@ def folder_of(data_dir: Path, owner: str) -> Path:
 def trainings_at_once(settings: Settings) -> int:
     """Give how many models train at a time; each may take all of a processor for long."""
     return max(1, settings.workers // 2)
-
-
-def _remove_file(spool: Spool, request: Any) -> None:
-    if "file" in request:
-        spool.remove(request["file"])
-
-
-async def _settled(state: State, what: Operation, request: Any, result: Any) -> None:
-    await settled(state, what, Request.from_json(request, what.query), result["link"])
 
 
 class Owners:
@@ -244,10 +237,21 @@ class Owners:
             quota = Quota(root, settings.max_owner_bytes)
             analysis = Analysis(store, self._engine, spool, tariff, quota)
             performance = Performance(spool)
-            handlers: dict[str, Handler] = {}
-            settles: dict[str, Settle] = {}
+
+            async def do(job: Job, report: Report) -> dict[str, Any]:
+                return await performance.as_job(state, OPERATIONS[job.kind], job, report)
+
+            async def settle(job: Job, result: Any) -> None:
+                what = OPERATIONS[job.kind]
+                request = Request.from_json(job.request, what.query)
+                await settled(state, what, request, result["link"])
+
+            def clean_up(request: Any) -> None:
+                if "file" in request:
+                    spool.remove(request["file"])
+
             runner = JobRunner(
-                *(jobs, handlers, dict.fromkeys(OPERATIONS, partial(_remove_file, spool))),
+                *(jobs, do, clean_up),
                 n_at_once=2 * self._engine.n_workers,
                 most_unfinished=settings.max_unfinished_jobs,
                 apart={
@@ -255,7 +259,9 @@ class Owners:
                     for name, what in OPERATIONS.items()
                     if what.is_apart
                 },
-                settle=settles,
+                settle={
+                    name: settle for name, what in OPERATIONS.items() if what.settle is not None
+                },
                 require_store=lambda: require_room(spool.folder),
                 retry_seconds=3600.0 * settings.retry_hours,
             )
@@ -263,10 +269,6 @@ class Owners:
                 *(settings, store, spool, analysis, self._training_engine),
                 *(jobs, runner, performance, keys),
             )
-            for name, what in OPERATIONS.items():
-                handlers[name] = partial(performance.as_job, state, what)
-                if what.settle is not None:
-                    settles[name] = partial(_settled, state, what)
             await runner.resume()
         except BaseException:
             await asyncio.to_thread(store.close)
@@ -276,7 +278,7 @@ class Owners:
         age = timedelta(hours=settings.image_hours)
         for work in (
             sweep_for_ever("sweep", retention.sweep, retention.file_age),
-            sweep_for_ever("images", partial(track_operations.sweep_images, state, age), age),
+            sweep_for_ever("images", partial(recording_operations.sweep_images, state, age), age),
             quota.measure_for_ever(),
         ):
             self._background.append(asyncio.create_task(work))

@@ -9,22 +9,8 @@ from typing import Final
 from modalmotion.exports.signature_pack import SurfaceFormat
 from modalmotion.modes.topology import MESH
 from modalmotion.progress import StageReport
-from modalmotion_service.http.negotiation import (
-    CSV,
-    FHIR,
-    GLB,
-    HDF5,
-    HTML,
-    JSON,
-    NPZ,
-    PDF,
-    PNG,
-    RAW,
-    VIEW,
-    VTKHDF,
-    ZIP,
-    attachment,
-)
+from modalmotion_service.http import negotiation as media
+from modalmotion_service.http.negotiation import attachment
 from modalmotion_service.http.observation import stage
 from modalmotion_service.schemas.queries import (
     DistanceRequest,
@@ -37,20 +23,25 @@ from modalmotion_service.schemas.results import ClassificationAnswer
 from modalmotion_service.schemas.signatures import DistanceAnswer
 from modalmotion_service.work.tasks import derived, signatures
 from modalmotion_service.workspace import models
-from modalmotion_service.workspace.analysis import USUAL, with_facts
+from modalmotion_service.workspace.analysis import USUAL, unheard, with_facts
 from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.operation import Outcome, Request, as_json, made, operation
-from modalmotion_service.workspace.owner_work import unheard
-from modalmotion_service.workspace.state import State
+from modalmotion_service.workspace.operation import (
+    Outcome,
+    Request,
+    State,
+    as_json,
+    made,
+    operation,
+)
 
-SIGNATURE_TYPES: Final = (JSON, HDF5, NPZ, RAW, PNG, CSV)
+SIGNATURE_TYPES: Final = (media.JSON, media.HDF5, media.NPZ, media.RAW, media.PNG, media.CSV)
 """RAW is its amplitudes as little-endian float32, CSV a row for each of them."""
 
 SURFACES: Final = {
-    NPZ: (SurfaceFormat.NPZ, ".npz"),
-    VTKHDF: (SurfaceFormat.VTKHDF, ".vtkhdf"),
-    GLB: (SurfaceFormat.GLB, ".glb"),
-    ZIP: (SurfaceFormat.PLY, ".zip"),
+    media.NPZ: (SurfaceFormat.NPZ, ".npz"),
+    media.VTKHDF: (SurfaceFormat.VTKHDF, ".vtkhdf"),
+    media.GLB: (SurfaceFormat.GLB, ".glb"),
+    media.ZIP: (SurfaceFormat.PLY, ".zip"),
 }
 """Formats of surfaces, by media type."""
 
@@ -73,7 +64,9 @@ async def signature_view(state: State, request: Request, report: Report) -> Outc
     """Give a stored signature, or the usual one of a sequence."""
     body = await shown(state, request.sequence_id, request.key, request.media_type, report)
     headers = attachment(f"{request.sequence_id[:12]}-signature.h5")
-    return Outcome(body, request.media_type, headers=headers if request.media_type == HDF5 else {})
+    return Outcome(
+        body, request.media_type, headers=headers if request.media_type == media.HDF5 else {}
+    )
 
 
 async def shown(
@@ -85,11 +78,11 @@ async def shown(
 ) -> bytes:
     """Give a signature as a media type."""
     analysis = state.analysis
-    if media_type == JSON and key is not None:
+    if media_type == media.JSON and key is not None:
         text = await analysis.rendered(sequence_id, key)
         return with_facts(text, state.store.sequence_record(sequence_id).facts)
     async with analysis.fitted(sequence_id, key, report) as one:
-        if media_type == JSON:
+        if media_type == media.JSON:
             return with_facts(
                 await analysis.work(signatures.render, one.signature, None, None), one.facts
             )
@@ -97,13 +90,13 @@ async def shown(
             return await analysis.work(signatures.signature_as, one, media_type)
 
 
-@operation(JSON, PNG, CSV)
+@operation(media.JSON, media.PNG, media.CSV)
 async def readouts(state: State, request: Request, report: Report) -> Outcome:
     """Read volumes, rates and strain from a signature."""
     return await _read_out(state, request, report, request.media_type)
 
 
-@operation(JSON)
+@operation(media.JSON)
 async def strain(state: State, request: Request, report: Report) -> Outcome:
     """Read the strain of the wall from a signature."""
     return await _read_out(state, request, report, derived.STRAIN)
@@ -122,21 +115,15 @@ async def reconstruction(state: State, request: Request, report: Report) -> Outc
     surface_format, suffix = SURFACES[request.media_type]
     times, phases = request.query.instants()
     async with state.analysis.fitted(request.sequence_id, request.key, report) as one:
-        with state.analysis.output() as output, stage("superpose"):
-            await state.analysis.work(
-                derived.superpose,
-                one,
-                surface_format,
-                times,
-                phases,
-                request.query.max_targets,
-                output,
-            )
+        output = await state.analysis.written(
+            *("superpose", derived.superpose, one, surface_format),
+            *(times, phases, request.query.max_targets),
+        )
     headers = attachment(f"{one.record.id[:12]}-reconstruction{suffix}")
     return Outcome(output, request.media_type, headers=headers)
 
 
-@operation(FHIR, PDF, CSV, query=ReportRequest)
+@operation(media.FHIR, media.PDF, media.CSV, query=ReportRequest)
 async def report(state: State, request: Request, tell: Report) -> Outcome:
     """Report on a signature, for systems, people or statistics."""
     known = await asyncio.to_thread(
@@ -151,21 +138,20 @@ async def report(state: State, request: Request, tell: Report) -> Outcome:
                 None if known is None else known.path,
             )
     kind = request.media_type
-    return Outcome(body, f"{kind}; fhirVersion=4.0" if kind == FHIR else kind)
+    return Outcome(body, f"{kind}; fhirVersion=4.0" if kind == media.FHIR else kind)
 
 
-@operation(VIEW, HTML, query=ViewRequest)
+@operation(media.VIEW, media.HTML, query=ViewRequest)
 async def view(state: State, request: Request, report: Report) -> Outcome:
     """Write what a page shows of a signature, or its frames as they were sent."""
-    query, as_page = request.query, request.media_type == HTML
+    query, as_page = request.query, request.media_type == media.HTML
     async with state.analysis.fitted(request.sequence_id, request.key, report) as one:
-        with state.analysis.output() as output, stage("view"):
-            if query.first is None and query.stop is None:
-                await state.analysis.work(derived.make_view, one, as_page, output)
-            else:
-                await state.analysis.work(
-                    derived.make_frames, one, query.first or 0, query.stop, output
-                )
+        if query.first is None and query.stop is None:
+            output = await state.analysis.written("view", derived.make_view, one, as_page)
+        else:
+            output = await state.analysis.written(
+                "view", derived.make_frames, one, query.first or 0, query.stop
+            )
     headers = attachment(f"{one.record.id[:12]}.html") if as_page else {}
     return Outcome(output, request.media_type, headers=headers)
 
@@ -208,7 +194,7 @@ async def classification(state: State, request: Request, report: Report) -> Outc
     return made(classification_answer(state, kept), here, is_new)
 
 
-@operation(NPZ, HDF5, CSV, query=MANY_SIGNATURES)
+@operation(media.NPZ, media.HDF5, media.CSV, query=MANY_SIGNATURES)
 async def signatures_query(state: State, request: Request, report: Report) -> Outcome:
     """Pack the signatures of many sequences into one file, or a table."""
     analysis, ids = state.analysis, list(request.ids)
@@ -220,14 +206,15 @@ async def signatures_query(state: State, request: Request, report: Report) -> Ou
     paths = await analysis.each(ids, lambda one: analysis.signature(one, parameters), tell)
     records = [state.store.sequence_record(sequence_id) for sequence_id in ids]
     paths = await analysis.of_one_kind(ids, parameters, paths)
-    with analysis.output() as output:
-        if request.media_type == CSV:
-            kept = [state.store.sequence_path(r.id) if r.has_upload else None for r in records]
-            template = analysis.template_path(parameters)
-            await analysis.work(signatures.tabulate, paths, records, kept, template, output)
-        else:
-            task = signatures.pack_hdf5 if request.media_type == HDF5 else signatures.pack_npz
-            await analysis.work(task, paths, records, output)
-    suffix = {HDF5: "h5", NPZ: "npz", CSV: "csv"}[request.media_type]
+    if request.media_type == media.CSV:
+        kept = [state.store.sequence_path(r.id) if r.has_upload else None for r in records]
+        template = analysis.template_path(parameters)
+        output = await analysis.written(
+            "worker", signatures.tabulate, paths, records, kept, template
+        )
+    else:
+        task = signatures.pack_hdf5 if request.media_type == media.HDF5 else signatures.pack_npz
+        output = await analysis.written("worker", task, paths, records)
+    suffix = {media.HDF5: "h5", media.NPZ: "npz", media.CSV: "csv"}[request.media_type]
     headers = attachment(f"signatures.{suffix}")
     return Outcome(output, request.media_type, headers=headers)

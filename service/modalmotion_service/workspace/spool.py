@@ -10,7 +10,7 @@ import os
 import secrets
 import time
 from collections.abc import AsyncIterator, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Self
 
@@ -49,31 +49,6 @@ def require_room(folder: Path, n_bytes: int = LEAST_BYTES) -> None:
         raise _cannot_write(folder, errno.ENOSPC)
 
 
-def require_reserve(folder: Path, n_bytes: int) -> None:
-    """Check that more is free than what uploads leave to everything else.
-
-    Below it, deletions, results of stored sequences, and the audit log go on; without the log
-    nothing is answered.
-
-    Raises
-    ------
-    StoreError
-        If not.
-    """
-    if n_bytes == 0:
-        return
-    try:
-        require_room(folder, n_bytes)
-    except StoreError as error:
-        if error.details.get("errno") != "ENOSPC":
-            raise
-        raise StoreError(
-            f"The disk is full but for the {n_bytes} bytes or less that uploads leave free.",
-            remedy="Delete sequences, or have room made on the disk of the data folder.",
-            details={"errno": "ENOSPC", "reserve_bytes": n_bytes},
-        ) from error
-
-
 def _cannot_write(folder: Path, number: int) -> StoreError:
     return cannot_write(folder, OSError(number, os.strerror(number)))
 
@@ -85,6 +60,7 @@ _SECONDS: Final = 10.0
 _PART: Final = 50
 
 
+@dataclass
 class Quota:
     """Measures the files of one owner now and then, and refuses more where they are too many.
 
@@ -96,10 +72,9 @@ class Quota:
         That it may hold; 0 for as much as there is room for.
     """
 
-    def __init__(self, root: Path, most_bytes: int = 0) -> None:
-        self._root = root
-        self._most_bytes = most_bytes
-        self.used_bytes = 0
+    root: Path
+    most_bytes: int = 0
+    used_bytes: int = field(default=0, init=False)
 
     def require(self) -> None:
         """Refuse to keep more.
@@ -109,22 +84,22 @@ class Quota:
         StoreError
             If the owner's files took as much as they may when they were last measured.
         """
-        if self._most_bytes and self.used_bytes >= self._most_bytes:
+        if self.most_bytes and self.used_bytes >= self.most_bytes:
             raise StoreError(
                 f"Everything that is stored here takes {self.used_bytes:,} bytes, and may take "
-                f"{self._most_bytes:,}.",
+                f"{self.most_bytes:,}.",
                 remedy="DELETE sequences, images, tracks, templates or models that are no longer "
                 "needed: a sequence goes with all its results. It counts within a minute.",
-                details={"errno": "EDQUOT", "max_owner_bytes": self._most_bytes},
+                details={"errno": "EDQUOT", "max_owner_bytes": self.most_bytes},
             )
 
     def measure(self) -> None:
         """Add up the sizes of all files."""
-        self.used_bytes = sum(sizes(self._root))
+        self.used_bytes = sum(sizes(self.root))
 
     async def measure_for_ever(self) -> None:
         """Measure again and again, unless nothing depends on it."""
-        while self._most_bytes:
+        while self.most_bytes:
             begun = time.monotonic()
             await asyncio.to_thread(self.measure)
             await asyncio.sleep(max(_SECONDS, _PART * (time.monotonic() - begun)))
@@ -218,8 +193,29 @@ class Spool:
         return self.folder / secrets.token_hex(16)
 
     def require_reserve(self) -> None:
-        """Raise StoreError if the disk has no more than its reserve."""
-        require_reserve(self.folder, self._reserve_bytes)
+        """Check that more is free than what uploads leave to everything else.
+
+        Below it, deletions, results of stored sequences, and the audit log go on; without the log
+        nothing is answered.
+
+        Raises
+        ------
+        StoreError
+            If not.
+        """
+        if self._reserve_bytes == 0:
+            return
+        try:
+            require_room(self.folder, self._reserve_bytes)
+        except StoreError as error:
+            if error.details.get("errno") != "ENOSPC":
+                raise
+            raise StoreError(
+                f"The disk is full but for the {self._reserve_bytes} bytes or less that uploads "
+                "leave free.",
+                remedy="Delete sequences, or have room made on the disk of the data folder.",
+                details={"errno": "ENOSPC", "reserve_bytes": self._reserve_bytes},
+            ) from error
 
     def at(self, name: str) -> Path:
         """Give the path of a file by its name, as jobs remember it."""

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import Future
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+from pydantic import TypeAdapter
+
 from modalmotion.classification import CaseFile, TrainingOptions
 from modalmotion.classification.cases import UNUSABLE, LeftOut, case_name, named
+from modalmotion.classification.model_files import read_kept_model
 from modalmotion.classification.options import FEWER_MODES, OnError
 from modalmotion.errors import (
     LimitError,
@@ -23,22 +25,23 @@ from modalmotion.errors import (
     ParameterError,
     StoreError,
 )
-from modalmotion.mesh import Facts, Named
+from modalmotion.mesh import Facts
 from modalmotion.modes.topology import MESH
 from modalmotion.signature.making import SignatureKind, SignatureParameters
-from modalmotion.store import ModelRecord, ResultStore, model_from_hdf5
+from modalmotion.store import ModelRecord, ResultStore
 from modalmotion.store.disk import cannot_write
 from modalmotion.store.folder import require_name
 from modalmotion_service.errors import CostError
 from modalmotion_service.schemas.queries import LabelledSequence
 from modalmotion_service.work.engine import Terms
-from modalmotion_service.work.task_progress import followed
+from modalmotion_service.work.tasks.files import followed
 from modalmotion_service.work.tasks.training import Cases, Unfitted, train_model
+from modalmotion_service.workspace.analysis import in_one_basis
 from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.operation import Case
-from modalmotion_service.workspace.owner_work import in_one_basis
+from modalmotion_service.workspace.operation import Case, State
 from modalmotion_service.workspace.spool import SpoolFile, remove_with_beside
-from modalmotion_service.workspace.state import State
+
+_CASES: Final = TypeAdapter(list[Case])
 
 # Of each class: one to learn from and one to test on.
 LEAST_PER_CLASS: Final = 2
@@ -56,7 +59,24 @@ def look_up(store: ResultStore, sequences: Sequence[LabelledSequence], most: int
         As of `labelled_cases`; or if there are too few of a class, or of classes; it names them.
     """
     cases = labelled_cases(store, sequences, most, "training_sequences")
-    _require_classes(cases)
+    per_class = Counter(case.label for case in cases)
+    if len(per_class) < 2:
+        only = f"only {next(iter(per_class))!r}" if per_class else "no sequence"
+        raise ParameterError(
+            f"A model tells at least two classes apart; there is {only}.",
+            remedy="Name sequences of two or more classes.",
+            details={"classes": dict(per_class)},
+        )
+    few = sorted(label for label, n in per_class.items() if n < LEAST_PER_CLASS)
+    if few:
+        ids = [case.id for case in cases if case.label in few]
+        raise ParameterError(
+            f"Of {_short([*map(repr, few)])} there {'is' if len(ids) == 1 else 'are'} fewer than "
+            f"{LEAST_PER_CLASS} sequences: {_short(ids)}.",
+            remedy=f"Name {LEAST_PER_CLASS} or more of each class, ten or more for class sets "
+            "that rule anything out; or leave the class out.",
+            details={"classes": dict(per_class), "least": LEAST_PER_CLASS, **_ids(ids)},
+        )
     return cases
 
 
@@ -137,27 +157,6 @@ def find_cases(
     return cases
 
 
-def _require_classes(cases: list[Case]) -> None:
-    per_class = Counter(case.label for case in cases)
-    if len(per_class) < 2:
-        only = f"only {next(iter(per_class))!r}" if per_class else "no sequence"
-        raise ParameterError(
-            f"A model tells at least two classes apart; there is {only}.",
-            remedy="Name sequences of two or more classes.",
-            details={"classes": dict(per_class)},
-        )
-    few = sorted(label for label, n in per_class.items() if n < LEAST_PER_CLASS)
-    if few:
-        ids = [case.id for case in cases if case.label in few]
-        raise ParameterError(
-            f"Of {_short([*map(repr, few)])} there {'is' if len(ids) == 1 else 'are'} fewer than "
-            f"{LEAST_PER_CLASS} sequences: {_short(ids)}.",
-            remedy=f"Name {LEAST_PER_CLASS} or more of each class, ten or more for class sets "
-            "that rule anything out; or leave the class out.",
-            details={"classes": dict(per_class), "least": LEAST_PER_CLASS, **_ids(ids)},
-        )
-
-
 def write_cases(file: SpoolFile, cases: list[Case]) -> None:
     """Note the cases of a training durably, for its job to read.
 
@@ -167,7 +166,7 @@ def write_cases(file: SpoolFile, cases: list[Case]) -> None:
         If they cannot be written.
     """
     try:
-        file.path.write_text(json.dumps([asdict(case) for case in cases]))
+        file.path.write_bytes(_CASES.dump_json(cases))
     except OSError as error:
         raise cannot_write(file.path, error) from error
     file.make_durable()
@@ -175,7 +174,7 @@ def write_cases(file: SpoolFile, cases: list[Case]) -> None:
 
 def read_cases(file: Path) -> list[Case]:
     """Read what `write_cases` wrote."""
-    return [Case(**value) for value in json.loads(file.read_text())]
+    return _CASES.validate_json(file.read_bytes())
 
 
 def _count(ids: list[str]) -> str:
@@ -229,20 +228,20 @@ async def train(
     leaves_out = options.on_error == OnError.LEAVE_OUT
     weighs_kinds = options.kind is None and await asyncio.to_thread(_may_slide, state, cases)
 
-    async def train_with(asked: SignatureParameters, image: Path) -> None:
-        paths = await _fit(state, cases, asked, report, leaves_out=leaves_out)
+    async def train_with(asked: SignatureParameters, image: Path) -> int:
+        paths = await fit_each(state, cases, asked, report, _FITTING, leaves_out=leaves_out)
         offsets: list[Path | LeftOut] | None = None
         if weighs_kinds:
             # Curves and volumes have none.
             with contextlib.suppress(ModalMotionError):
                 other = replace(asked, kind=SignatureKind.OFFSET)
-                found = await _fit(state, cases, other, report, leaves_out=leaves_out)
+                found = await fit_each(state, cases, other, report, _FITTING, leaves_out=leaves_out)
                 # What lacks one of them has neither.
                 both = list(zip(paths, found, strict=True))
                 paths = [two if isinstance(two, LeftOut) else one for one, two in both]
                 offsets = [one if isinstance(one, LeftOut) else two for one, two in both]
 
-        def begin() -> Future[None]:
+        def begin() -> Future[int]:
             return state.training_engine.run(
                 Terms(str(state.store.root)),
                 train_model,
@@ -269,32 +268,29 @@ async def train(
             report(_FITTING + (1 - _FITTING) * share, text)
 
         try:
-            await followed(asyncio.wrap_future(future), progress, report_training)
+            return await followed(asyncio.wrap_future(future), progress, report_training)
         except ModalMotionError as error:
             raise _about(state, error, error.details.get("sequence_id")) from error
 
-    async def train_with_most(asked: SignatureParameters) -> SignatureParameters:
+    async def train_with_most(asked: SignatureParameters) -> tuple[SignatureParameters, int]:
         # As many modes as every recording can tell apart.
         for modes in FEWER_MODES if options.modes is None else ():
             try:
-                await train_with(asked, image)
+                return asked, await train_with(asked, image)
             except ModeCountError:
                 asked = replace(asked, modes=modes)
-            else:
-                return asked
-        await train_with(asked, image)
-        return asked
+        return asked, await train_with(asked, image)
 
     try:
-        made = await in_one_basis(train_with_most, parameters)
+        made, n_kept = await in_one_basis(train_with_most, parameters)
         is_own = options.topology is None and made.closed_form == parameters.closed_form
-        if leaves_out and is_own and (n_kept := await _n_cases(image)) < len(cases):
+        if leaves_out and is_own and n_kept < len(cases):
             # Spring modes are taken where they leave fewer out.
             with contextlib.suppress(ParameterError):
-                await train_with(replace(parameters, topology=MESH), other)
-                if await _n_cases(other) > n_kept:
+                if await train_with(replace(parameters, topology=MESH), other) > n_kept:
                     image, other = other, image
-        return await asyncio.to_thread(state.store.put_model_image, image)
+        model, _ = await asyncio.to_thread(read_kept_model, image)
+        return await asyncio.to_thread(state.store.put_model, model)
     finally:
         for path in (image, other, progress):
             remove_with_beside(path)
@@ -306,15 +302,33 @@ def _may_slide(state: State, cases: list[Case]) -> bool:
     return any(str(record.facts.tracking) != SignatureKind.MATERIAL for record in records)
 
 
-async def _fit(
+async def fit_each(
     state: State,
-    cases: list[Case],
+    cases: Sequence[Case],
     parameters: SignatureParameters,
     report: Report,
+    share: float,
     *,
-    leaves_out: bool,
+    leaves_out: bool = False,
 ) -> list[Path | LeftOut]:
-    """Signatures of all cases: stored ones, and the rest made by workers."""
+    """Signatures of all cases: stored ones, and the rest made by workers.
+
+    Parameters
+    ----------
+    state : State
+    cases : sequence of Case
+    parameters : SignatureParameters
+    report : callable
+    share : float
+        Of the whole progress, which they are counted as.
+    leaves_out : bool
+        Whether what cannot be fitted is given with the reason, and the rest fitted.
+
+    Raises
+    ------
+    ModalMotionError
+        Of the first that cannot be; it names the sequence.
+    """
 
     async def fitted(case: Case) -> Path | LeftOut:
         try:
@@ -326,7 +340,7 @@ async def _fit(
             raise about from error
 
     def tell(done: int, total: int) -> None:
-        report(_FITTING * done / total, f"signature {done} of {total}")
+        report(share * done / total, f"signature {done} of {total}")
 
     return await state.analysis.each(cases, fitted, tell)
 
@@ -338,24 +352,24 @@ def _about(state: State, error: ModalMotionError, sequence_id: object) -> ModalM
     # A result may be missing for other reasons than that its sequence was deleted.
     if isinstance(error, StoreError) and not state.store.has_sequence(sequence_id):
         return NotFoundError(
-            f"Sequence {sequence_id[:12]} was deleted while a model was trained on it.",
-            remedy="Start the training again without it.",
+            f"Sequence {sequence_id[:12]} was deleted during this work.",
+            remedy="Start it again without this sequence.",
             details={"sequence_id": sequence_id},
         )
     about = named(error, case_name(sequence_id), sequence_id=sequence_id)
-    about.remedy = f"{error.remedy} Or train without this sequence.".strip()
+    about.remedy = f"{error.remedy} Or leave this sequence out.".strip()
     return about
-
-
-async def _n_cases(image: Path) -> int:
-    model = await asyncio.to_thread(model_from_hdf5, image)
-    return sum(model.card.n_cases.values())
 
 
 def _cases(cases: list[Case], paths: list[Path | LeftOut]) -> Cases:
     return [
         Unfitted(case_name(case.id), path.reason)
         if isinstance(path, LeftOut)
-        else CaseFile(path, case.id, case.label, case.subject, Named(case.covariates))
+        else case_file(case, path)
         for case, path in zip(cases, paths, strict=True)
     ]
+
+
+def case_file(case: Case, path: Path) -> CaseFile:
+    """Give a case with the file of its signature."""
+    return CaseFile(path, case.id, case.label, case.subject, dict(case.covariates))

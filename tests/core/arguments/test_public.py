@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -34,6 +35,16 @@ def test_packages_within_are_found_by_their_names() -> None:
     code = "import modalmotion as mm; print(mm.simulate.__name__, mm.tracking.track.__name__)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.split() == ["modalmotion.simulate", "track"]
+
+
+@pytest.mark.parametrize(
+    ("name", "written"),
+    [("signature", "modal_signature"), ("simulate", "simulate_ventricle"), ("template", "make_")],
+)
+def test_a_package_that_is_called_says_what_to_write(name: str, written: str) -> None:
+    package = import_module(f"modalmotion.{name}")
+    with pytest.raises(TypeError, match=f"is a package, not a function. Write .*{written}"):
+        package(modes=7)  # type: ignore[operator]
 
 
 def test_the_store_hands_out_all_that_it_names() -> None:

@@ -147,7 +147,7 @@ def test_folds_that_are_none_are_refused() -> None:
     for wrong, words in (
         ([(every, half)], "both fits to and predicts"),
         ([(half, range(6, 11))], "0 times"),
-        ([(half, range(6, 13))], "names the case 12"),
+        ([(half, range(6, 13))], "12 is not in range"),
         ([(0.5, 1.5)], "gives no folds"),
         (ShuffleSplit(3, random_state=0), "times"),
         (LeaveOneGroupOut(), None),

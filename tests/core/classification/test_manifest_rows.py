@@ -46,7 +46,7 @@ def test_what_a_spreadsheet_saves_is_read(text: str) -> None:
     ("text", "line", "said"),
     [
         ("path;subject\na.npz;P;x\n", 2, "more columns than headings"),
-        ("sep=;\nfile;subject\na.npz;P\n", 2, "has no column 'path'"),
+        ("sep=;\nname;subject\na.npz;P\n", 2, "has no column 'path'"),
         ("path,Path\na.npz,b.npz\n", 1, "two columns 'path'"),
         ("path,subject\n,P 1\n", 2, "has no path"),
         ('path,subject\n"a.npz,P 1\n', 2, "unexpected end of data"),
@@ -59,6 +59,14 @@ def test_what_is_wrong_is_told_by_its_line(text: str, line: int, said: str) -> N
     with pytest.raises(MalformedFileError, match=said) as caught:
         list(manifest_rows(text, "cases.csv"))
     assert caught.value.details["line"] == line
+
+
+def test_columns_have_other_names_where_their_own_are_absent() -> None:
+    [row] = manifest_rows("File,Class,patient\na.npz,rest,P 1\n", "cases.csv")
+    assert (row.path, row.label, row.subject) == ("a.npz", "rest", "P 1")
+    [row] = manifest_rows("path,file,label,class\na.npz,b.npz,rest,2\n", "cases.csv")
+    assert (row.path, row.label) == ("a.npz", "rest")
+    assert row.facts.covariates == {"file": "b.npz", "class": 2}
 
 
 def test_facts_stand_in_columns_and_further_columns_are_covariates() -> None:

@@ -42,7 +42,7 @@ def test_each_kind_of_features_has_a_name_a_column(kind: str) -> None:
 def test_features_that_recordings_have_not_are_refused() -> None:
     with pytest.raises(ParameterError, match="axis"):
         SignatureFeatures(kind="axis").fit(curves(3))
-    with pytest.raises(ParameterError, match="theta is free"):
+    with pytest.raises(ParameterError, match="theta is known"):
         SignatureFeatures(kind="terms").fit(cohort(4))
     with pytest.raises(ParameterError, match="'kind'"):
         SignatureFeatures(kind="pieces").fit(curves(3))

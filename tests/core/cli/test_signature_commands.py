@@ -48,15 +48,6 @@ def test_a_signature_says_its_price(beat: str) -> None:
     assert answer["choice"]["asked"] == "tolerance"
 
 
-def test_a_pair_is_split_if_asked_to(beat: str) -> None:
-    for options, n_modes in ((["--split-pairs"], 17), ([], 18)):
-        run = CliRunner().invoke(
-            main, ["signature", beat, "--amplitudes", "51", *options, "--json"]
-        )
-        assert run.exit_code == 0, run.output
-        assert json.loads(run.stdout)["price"]["amplitudes_per_frame"] == 3 * n_modes
-
-
 def test_what_cannot_be_is_said_without_a_traceback(beat: str) -> None:
     twice = CliRunner().invoke(main, ["signature", beat, "--modes", "7", "--auto"])
     assert twice.exit_code == 1

@@ -87,23 +87,20 @@ def test_spring_modes_whole_in_patches_and_joined(
 
 
 @pytest.mark.every(3)
-@pytest.mark.parametrize("keep_face_order", [True, False])
 @pytest.mark.parametrize("seed", range(4))
-def test_connectivity_of_any_kind(keep_face_order: bool, seed: int) -> None:
+def test_connectivity_of_any_kind(seed: int) -> None:
     rng = np.random.default_rng(seed)
     faces = rng.integers(0, 90, size=(int(rng.integers(1, 80)), 3))
     vertices = rng.normal(size=(2, 90, 3))
-    require_same(mesh_sequence(vertices, faces), rms=0.5, keep_face_order=keep_face_order)
+    require_same(mesh_sequence(vertices, faces), rms=0.5)
 
 
-@pytest.mark.every(2)
-@pytest.mark.parametrize("keep_face_order", [True, False])
-def test_connectivity_numbered_row_by_row(keep_face_order: bool) -> None:
+def test_connectivity_numbered_row_by_row() -> None:
     rng = np.random.default_rng(3)
     faces = lattice_faces(CYLINDER, (12, 16))
     faces = faces.reshape(2, -1, 3).transpose(1, 0, 2).reshape(-1, 3)
     sequence = mesh_sequence(moving(rng, 2, (12, 16)), faces)
-    require_same(sequence, rms=2.0, keep_face_order=keep_face_order)
+    require_same(sequence, rms=2.0)
 
 
 def test_large_meshes_go_without_relations(

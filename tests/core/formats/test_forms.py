@@ -8,7 +8,6 @@ import re
 import zipfile
 from collections.abc import Callable
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
@@ -250,8 +249,6 @@ REFUSED: Final[dict[str, tuple[Maker, str]]] = {
 
 @pytest.mark.parametrize("form", READ)
 def test_a_form_is_read_as_the_same_heart(form: str, tmp_path: Path) -> None:
-    if "vt" in form.lower() and form != "VTKHDF" and find_spec("vtkmodules") is None:
-        pytest.skip("the package vtk is not there")
     source = READ[form](tmp_path)
     options = ReadOptions(n_vertices=BEAT.n_vertices) if form == "raw numbers" else ReadOptions()
     sequence = mm.read_sequence(source, options).sequence
@@ -331,7 +328,7 @@ OUTSIDE: Final = (
 )
 def test_xdmf_that_is_none_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "b.xdmf").write_text(text)
-    with pytest.raises(mm.MalformedFileError):
+    with pytest.raises((mm.MalformedFileError, mm.LimitError)):
         mm.read_sequence(tmp_path / "b.xdmf")
 
 

@@ -235,7 +235,7 @@ def set_attribute(name: str, key: str, value: Any) -> Callable[[h5py.File], obje
         ),
         (edited(set_value("VTKHDF/Points", (5, 0), np.nan)), NonFiniteError, "vertex 5", 0),
         (edited(set_attribute("VTKHDF", "Type", "ImageData")), MalformedFileError, "Image", None),
-        (edited(set_attribute("VTKHDF/Steps", "NSteps", 4)), MalformedFileError, "4 steps", None),
+        (edited(set_attribute("VTKHDF/Steps", "NSteps", 4)), MalformedFileError, "[3, 4]", None),
         (edited(set_value("VTKHDF/Steps/Values", 1, 0.0)), ShapeError, "Frames 0 and 1", 1),
         (
             edited(set_value("VTKHDF/Steps/NumberOfParts", 0, 2)),

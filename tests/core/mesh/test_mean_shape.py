@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import vertex_areas
-from modalmotion.mesh.reference import mean_shape
+from modalmotion.mesh.alignment import mean_shape
 from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct

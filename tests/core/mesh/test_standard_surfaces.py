@@ -19,6 +19,7 @@ from modalmotion.modes.topology import (
     SPHERE,
     TORUS,
     Topology,
+    lattice_coordinates,
 )
 from modalmotion.template import make_template
 
@@ -34,7 +35,7 @@ def test_surfaces_are_joined_as_their_topology_says(
     assert connectivity_of(surface.faces, surface.n_vertices).euler_characteristic == characteristic
     template = make_template(surface)
     assert template.surface == topology
-    assert template.coordinates == pytest.approx(Lattice(topology, (12, 24)).natural_coordinates)
+    assert template.coordinates == pytest.approx(lattice_coordinates(topology, (12, 24)))
 
 
 def test_sizes() -> None:

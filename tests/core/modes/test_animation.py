@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from modalmotion.errors import ShapeError
 from modalmotion.modes import animate_along, directional_mode
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CYLINDER
+from modalmotion.modes.topology import CYLINDER, lattice_coordinates
 
 
 def random_basis(n_vertices: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -38,7 +38,7 @@ def test_directional_modes() -> None:
         mode = directional_mode(phi, np.eye(3)[axis])
         assert np.array_equal(mode[:, axis], phi)
         assert not mode[:, [i for i in range(3) if i != axis]].any()
-    theta = 2 * np.pi * lattice.natural_coordinates[:, 1]
+    theta = 2 * np.pi * lattice_coordinates(lattice.topology, lattice.shape)[:, 1]
     normals = np.stack([np.cos(theta), np.sin(theta), 0 * theta], axis=1)
     radial = directional_mode(phi, normals)
     assert (radial * normals).sum(axis=1) == pytest.approx(phi)

@@ -6,8 +6,17 @@ import pytest
 
 from modalmotion.errors import ParameterError
 from modalmotion.modes import ModeLabel, lowest_modes
-from modalmotion.modes.order import modes_named, parse_label
-from modalmotion.modes.topology import CUP, CYLINDER, OPEN_CURVE, PLANE, SPHERE, TORUS, Topology
+from modalmotion.modes.lattice import modes_named
+from modalmotion.modes.topology import (
+    CUP,
+    CYLINDER,
+    OPEN_CURVE,
+    PLANE,
+    SPHERE,
+    TORUS,
+    Topology,
+    parse_label,
+)
 
 ALL = (OPEN_CURVE, PLANE, CYLINDER, TORUS, CUP, SPHERE, Topology.parse("closed x closed x closed"))
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from modalmotion.errors import LimitError, ModeCountError
 from modalmotion.modes import ModeLabel, all_modes, lowest_modes, whole_count
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.order import common_count, squared_keys
+from modalmotion.modes.mode_set import common_count, squared_keys
 from modalmotion.modes.topology import (
     CLOSED,
     CLOSED_CURVE,

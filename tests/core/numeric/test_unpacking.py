@@ -209,7 +209,7 @@ MESHES: dict[str, tuple[int, Callable[[], bytes]]] = {
     "vtp of a large last block": (POINT_BYTES, lambda: vtp(1, POINT_BYTES, BOMB)),
 }
 HONEST = {"metaimage", "nrrd gzip", "nifti", "npz", "zip", "vtkhdf", "vtp"}
-PACKAGES = {"nrrd": "nrrd", "nifti": "nibabel", "dicom": "pydicom", "vtp": "vtkmodules"}
+PACKAGES = {"nrrd": "nrrd", "nifti": "nibabel", "dicom": "pydicom"}
 ROWS = {
     name: row
     for name, row in (IMAGES | MESHES).items()

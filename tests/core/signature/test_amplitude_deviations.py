@@ -17,7 +17,7 @@ from modalmotion.modes.topology import CUP
 from modalmotion.signature.making import SignatureKind, SignatureParameters, modal_signature
 from modalmotion.template import make_template
 from modalmotion.template.body_frame import Components
-from modalmotion.template.vibration_modes import shapes_of
+from modalmotion.template.template import shapes_of
 
 Floats = NDArray[np.float64]
 

@@ -218,7 +218,7 @@ def test_a_turn_about_which_vertices_cannot_tell_the_modes_apart_counts_for_noth
     rest = np.stack([(10 + 3 * s) * np.cos(turn), 9 * np.sin(turn), 120 * s], axis=2).reshape(-1, 3)
     faces = lattice_faces(CYLINDER, (12, 16))
     template = make_template(mesh_sequence(rest[None], faces, unit="mm"))
-    shapes = choose_modes(template, 120).modes.shapes_on(template)
+    shapes = choose_modes(template, 120)[0].shapes_on(template)
     # A motion of so many modes that `auto` keeps them.
     u = shapes @ rng.normal(0.0, 0.2, (shapes.shape[1], 3))
     phases = 2 * np.pi * np.arange(12) / 12

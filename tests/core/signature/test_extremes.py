@@ -35,7 +35,7 @@ def _heart() -> Moving:
 
 
 def fit_on(template: Template, vertices: Floats, faces: np.ndarray, n_modes: int = 7) -> Fit:
-    basis = make_basis(template, choose_modes(template, n_modes).modes)
+    basis = make_basis(template, choose_modes(template, n_modes)[0])
     return fit_sequence(mesh_sequence(vertices, faces), template, basis)
 
 
@@ -141,7 +141,7 @@ def uniform(template: Template) -> Template:
 def test_vertex_noise(heart: Moving, sigma: float) -> None:
     vertices, faces = heart
     template = uniform(make_template(mesh_sequence(vertices, faces)))
-    basis = make_basis(template, choose_modes(template, 7).modes)
+    basis = make_basis(template, choose_modes(template, 7)[0])
     noise = np.random.default_rng(1).normal(size=(400, *vertices.shape[1:])) * sigma
     noise[0] = 0.0
     moved = mesh_sequence(vertices[0] + noise, faces)
@@ -180,7 +180,7 @@ def test_pure_rotation(heart: Moving, degrees: float) -> None:
     assert found.motion.rms.max() <= 1e-11
     assert found.rotations.matrices[1] == pytest.approx(turn, abs=1e-13)
     assert found.rotations.is_determined.all()
-    basis = make_basis(template, choose_modes(template, 7).modes)
+    basis = make_basis(template, choose_modes(template, 7)[0])
     kept = fit_sequence(mesh_sequence(moved, faces), template, basis, remove_rotation=False)
     assert kept.motion.rms[1] > 0.2 * np.radians(degrees)
 
@@ -210,7 +210,7 @@ def test_one_or_two_vertices(n: int) -> None:
     vertices = np.random.default_rng(0).normal(size=(3, n, 3))
     sequence = mesh_sequence(vertices, topology="open curve")
     template = make_template(sequence)
-    basis = make_basis(template, choose_modes(template, 1).modes)
+    basis = make_basis(template, choose_modes(template, 1)[0])
     found = fit_sequence(sequence, template, basis)
     assert np.isfinite(found.amplitudes).all()
     assert not found.rotations.is_determined.any()

@@ -9,8 +9,7 @@ import pytest
 from template_surfaces import Moving, make_ventricle
 
 import modalmotion.signature.fit as fitter_module
-from modalmotion.mesh.alignment import Displacements
-from modalmotion.mesh.reference import displacements_from
+from modalmotion.mesh.alignment import Displacements, displacements_from
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.signature.fit import Fitter, make_basis
 from modalmotion.signature.making import modal_signature
@@ -31,7 +30,7 @@ def test_other_parameters_are_as_if_asked_at_first(
 ) -> None:
     sequence = mesh_sequence(*heart)
     template = make_template(sequence)
-    basis = make_basis(template, choose_modes(template, 7).modes)
+    basis = make_basis(template, choose_modes(template, 7)[0])
     asked = SignatureParameters(components=components, remove_rotation=remove_rotation)
     one = Fitter.of(sequence, template, asked).fit(basis)
     other = Fitter.of(sequence, template).asking(

@@ -12,7 +12,7 @@ from modalmotion.errors import ModeCountError, ParameterError, TopologyError
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP, CYLINDER
+from modalmotion.modes.topology import CUP, CYLINDER, lattice_coordinates
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.template import make_template
@@ -22,7 +22,7 @@ SHAPE = (12, 16)
 
 def bowl() -> NDArray[np.float64]:
     """A cup-shaped lattice, (nodes, 3), mm."""
-    s, theta = Lattice(CUP, SHAPE).natural_coordinates.T
+    s, theta = lattice_coordinates(CUP, SHAPE).T
     r, height = 25 * np.sin(1.8 * s), 60 * (1 - np.cos(1.8 * s))
     turn = 2 * np.pi * theta
     return np.stack([r * np.cos(turn), 1.3 * r * np.sin(turn), height + 4 * r / 25], axis=1)
@@ -174,10 +174,10 @@ def test_a_count_that_splits_a_pair_is_rounded_up_and_says_so() -> None:
 
 def test_the_papers_compression_ratios() -> None:
     # Nastar 1994, figure 1: 4,000 nodes, 3, 21 and 51 amplitudes. 51 would split a pair.
-    lattice = Lattice(CYLINDER, (50, 80))
+    s_and_theta = lattice_coordinates(CYLINDER, (50, 80))
     sequence = mesh_sequence(
-        np.concatenate([lattice.natural_coordinates, np.ones((4000, 1))], axis=1)[None],
-        grid=lattice.shape,
+        np.concatenate([s_and_theta, np.ones((4000, 1))], axis=1)[None],
+        grid=(50, 80),
         topology=CYLINDER,
     )
     ratios = {

@@ -24,7 +24,7 @@ from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.signature.superposition import offset_reference
 from modalmotion.simulate import Acquisition, Spacing, VentricleParameters, simulate_ventricle
 from modalmotion.template import GivenLandmarks, make_template
-from modalmotion.template.vibration_modes import shapes_of
+from modalmotion.template.template import shapes_of
 
 OFFSET = SignatureParameters(kind=SignatureKind.OFFSET)
 GRID = (24, 48)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from modalmotion.clinical.readouts import clinical_readouts
-from modalmotion.mesh.reference import reference_positions
+from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.sequence import MEAN, mesh_sequence
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.signature.fit import make_basis, project

@@ -97,7 +97,7 @@ def test_guests_are_read_and_put_into_another_index_with_every_value(tmp_path: P
         connection.executemany("INSERT INTO visits VALUES (?, ?)", rows)
     here.extend([STATEMENT])
     (guest,) = here.guests()
-    assert (guest.name, guest.rows) == ("visits", rows)
+    assert (guest[0], guest[2]) == ("visits", rows)
     there.receive([guest])
     assert there.guests() == [guest]
     for database in (here, there):

@@ -25,7 +25,7 @@ from modalmotion.errors import (
     ParameterError,
     StoreError,
 )
-from modalmotion.norm import Norm, norm_to_hdf5
+from modalmotion.norm import Norm
 from modalmotion.store import (
     ModelReference,
     ResultStore,
@@ -369,18 +369,17 @@ def root_of_norms(tmp_path: Path) -> Path:
     return tmp_path / "store"
 
 
-def test_a_name_is_one_norms_until_it_is_deleted(root_of_norms: Path, tmp_path: Path) -> None:
-    image = tmp_path / "image.h5"
-    image.write_bytes(norm_to_hdf5(a_norm(2)))
+def test_a_name_is_one_norms_until_it_is_deleted(root_of_norms: Path) -> None:
     with ResultStore(root_of_norms) as store:
         assert store.norms() == ("volunteers",)
         assert store.norm("volunteers").id == a_norm(1).id
         with pytest.raises(ParameterError, match="another norm named 'volunteers'"):
-            store.put_norm_image(image)
+            store.put_norm(a_norm(2))
         store.delete_norm("volunteers")
         with pytest.raises(NotFoundError, match="no norm named 'volunteers'"):
             store.delete_norm("volunteers")
-        assert store.put_norm_image(image).id == a_norm(2).id
+        assert store.put_norm(a_norm(2))
+        assert store.norm("volunteers").id == a_norm(2).id
         for name in ("other", "../volunteers", "", "Volunteers"):
             with pytest.raises(NotFoundError):
                 store.norm(name)

@@ -369,17 +369,17 @@ def test_only_tracked_sequences_are_listed_as_tracks(root: Path, tracked: Track)
     with ResultStore(root) as store:
         for number in range(3):
             store.put_sequence(sample_sequence(number), label="beat")
-        assert store.list_tracks().records == ()
+        assert store.list_sequences(tracked=True).records == ()
         # Sent before by hand: what the store lacks is added.
         store.put_sequence(tracked.sequence, label="beat")
         with pytest.raises(NotFoundError):
             store.track_path(tracked.sequence.id)
         assert store.put_track(tracked)
         store.put_sequence(sample_sequence(7), label="beat")
-        page = store.list_tracks(label="beat", limit=1)
+        page = store.list_sequences(tracked=True, label="beat", limit=1)
         assert [record.id for record in page.records] == [tracked.sequence.id]
         assert page.cursor is None
-        assert store.list_tracks(label="other").records == ()
+        assert store.list_sequences(tracked=True, label="other").records == ()
         assert len(store.list_sequences().records) == 5
 
 
@@ -390,7 +390,7 @@ def test_deleting_the_sequence_deletes_the_track(root: Path, tracked: Track, kee
         store.put_track(tracked)
         assert store.sequence_record(name).has_upload is keeps
         store.delete_sequence(name)
-        assert store.list_tracks().records == store.list_sequences().records == ()
+        assert store.list_sequences(tracked=True).records == store.list_sequences().records == ()
         assert list((root / "tracks").rglob("*.h5")) == []
         assert store.put_track(tracked)
 

@@ -111,7 +111,7 @@ def test_numbers_and_tracks_follow_the_rows(root: Path) -> None:
             assert store.count() == {
                 kind: n for kind, n in counted.items() if n or kind == "sequence"
             }
-            listed = [record.id for record in store.list_tracks().records]
+            listed = [record.id for record in store.list_sequences(tracked=True).records]
             assert listed == [sample_sequence(number).id for number in tracks]
 
         check(N, N, [4, 1])
@@ -122,7 +122,9 @@ def test_numbers_and_tracks_follow_the_rows(root: Path) -> None:
         index.change((), {name: "1" * 64})
         index.change((), {name: "2" * 64})
         check(N, N + 1, [4, 1])
-        assert [r.label for r in store.list_tracks(label="stress").records] == ["stress"]
+        assert [r.label for r in store.list_sequences(tracked=True, label="stress").records] == [
+            "stress"
+        ]
 
         def fail() -> None:
             with store.database.write() as connection:

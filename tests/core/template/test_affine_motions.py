@@ -13,7 +13,7 @@ from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CLOSED_CURVE, CUP, CYLINDER, PLANE, SPHERE, Topology
 from modalmotion.template import Template, make_template
 from modalmotion.template.body_frame import affine_shapes, unit_coordinates
-from modalmotion.template.vibration_modes import shapes_of
+from modalmotion.template.template import shapes_of
 
 A = np.array([[0.8, 0.1, -0.05], [0.02, 0.85, 0.1], [0.0, -0.1, 0.9]])
 

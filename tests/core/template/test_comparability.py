@@ -142,7 +142,7 @@ def test_moving_the_start_angle_only_turns_each_pair(heart: Moving) -> None:
     phi = np.arctan2(np.cross(zero, new) @ axis, zero @ new)
     assert abs(phi) > 0.3
     # Back by hand: theta was theta' + phi / 2 pi, and so were the two directions across.
-    modes = choose_modes(before.template, 37).modes
+    modes = choose_modes(before.template, 37)[0]
     assert isinstance(modes, ModeSet)
     turn = np.array([[np.cos(phi), -np.sin(phi), 0], [np.sin(phi), np.cos(phi), 0], [0, 0, 1]])
     back = after.amplitudes @ turn.T
@@ -166,7 +166,7 @@ def test_components_of_the_place_only_turn_pairs(heart: Moving) -> None:
         describe(heart, 18, components=Components.CYLINDRICAL, landmarks=given)
         for given in (None, GivenLandmarks(theta_zero=place))
     )
-    modes = choose_modes(before.template, 18).modes
+    modes = choose_modes(before.template, 18)[0]
     assert isinstance(modes, ModeSet)
     one, other = (
         theta_invariants(d.amplitudes, modes, Components.CYLINDRICAL) for d in (before, after)
@@ -192,7 +192,7 @@ def test_uneven_times(heart: Moving) -> None:
     evenly = resample_to_phase(vertices, 24)
     # One template: which frames there are moves the axes of their mean.
     template = make_template(mesh_sequence(evenly, faces))
-    basis = make_basis(template, choose_modes(template, 7).modes)
+    basis = make_basis(template, choose_modes(template, 7)[0])
     path, even = (
         fit_sequence(mesh_sequence(x, faces), template, basis).amplitudes
         for x in (dense[chosen], evenly)

@@ -9,7 +9,7 @@ from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.simulate import simulate_ventricle
 from modalmotion.template import choose_modes, make_template
 from modalmotion.template.body_frame import local_frames
-from modalmotion.template.vibration_modes import nearest_in_use, shapes_of
+from modalmotion.template.template import nearest_in_use, shapes_of
 
 
 @pytest.mark.parametrize("closed_form", [True, False])
@@ -23,7 +23,7 @@ def test_a_loose_vertex_has_the_shapes_and_directions_of_its_nearest(
     together = np.concatenate([places[None], x], axis=1)
     template = make_template(mesh_sequence(together, made.faces + 3), closed_form=closed_form)
     assert template.isolated.tolist() == [0, 1, 2]
-    shapes = shapes_of(choose_modes(template, 7).modes, template)
+    shapes = shapes_of(choose_modes(template, 7)[0], template)
     assert (shapes[:2] == shapes[[8, 80]]).all()
     assert np.isfinite(shapes).all()
     if closed_form:

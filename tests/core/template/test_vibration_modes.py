@@ -10,8 +10,7 @@ from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes import ModeLabel
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.order import parse_label
-from modalmotion.modes.topology import CLOSED_CURVE, CUP, CYLINDER, TORUS, Topology
+from modalmotion.modes.topology import CLOSED_CURVE, CUP, CYLINDER, TORUS, Topology, parse_label
 from modalmotion.template import Template, make_template
 from modalmotion.template.vibration_modes import (
     lattice_modes,

@@ -18,7 +18,7 @@ from viewed_surfaces import VIEWED, scaled, viewed
 
 from modalmotion.classification import classify
 from modalmotion.codec import decode, encode
-from modalmotion.mesh.reference import reference_positions
+from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
@@ -383,7 +383,7 @@ def test_read_outs_have_intervals_definitions_and_named_moments(
 def test_a_mode_has_one_colour_and_dash_and_a_picture(chromium: Browser, beat_page: str) -> None:
     with chromium.open(beat_page) as opened:
         page = opened.shown().page
-        opened.wait("modalmotion.pictures.strips.length === modalmotion.pictures.canvases.length")
+        opened.wait("modalmotion.pictures.strips.every(Boolean)")
         opened.wait("modalmotion.pictures.drawn !== null")
         seen = page.evaluate("""(() => {
             const style = (e) => getComputedStyle(e);

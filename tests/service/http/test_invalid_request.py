@@ -52,6 +52,22 @@ def test_a_body_that_does_not_fit_is_told_where_and_what(
     assert answer.json()["remedy"].startswith(f"Correct {name}; ")
 
 
+def test_the_usual_signature_names_the_call_that_makes_others(
+    shared_client: TestClient, here: str
+) -> None:
+    answer = shared_client.get(f"{here}/signature", params={"modes": "12"})
+    assert answer.status_code == 422
+    assert "POST /v1/sequences/{id}/signatures" in answer.json()["remedy"]
+    assert shared_client.post(f"{here}/signatures", json={"modes": 12}).status_code == 201
+
+
+def test_a_call_that_does_not_exist_names_those_like_it(shared_client: TestClient) -> None:
+    for guessed, meant in (("classify", "POST /v1/classify"), ("report", "{key}/report")):
+        answer = shared_client.post(f"/v1/sequences/{'0' * 64}/{guessed}")
+        assert answer.status_code == 404
+        assert meant in answer.json()["remedy"]
+
+
 @pytest.mark.parametrize(
     ("places", "named"),
     [

@@ -24,8 +24,8 @@ from modalmotion.images.hdf5 import read_images_file
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.viewer.container import read_container, slices_payload
 from modalmotion_service.http.negotiation import VIEW
-from modalmotion_service.workspace.state import State
-from modalmotion_service.workspace.track_operations import sweep_images
+from modalmotion_service.workspace.operation import State
+from modalmotion_service.workspace.recording_operations import sweep_images
 
 pytest.importorskip("nibabel")
 

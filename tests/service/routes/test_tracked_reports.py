@@ -21,7 +21,7 @@ from training_cohort import finished
 from modalmotion.client import Client
 from modalmotion.formats.volumes import write_nifti_zip
 from modalmotion.images import ImageSequence
-from modalmotion_service.workspace import track_operations
+from modalmotion_service.workspace import recording_operations
 
 pytest.importorskip("nibabel")
 pytest.importorskip("matplotlib")
@@ -98,7 +98,7 @@ def test_a_service_that_ends_between_track_and_report_goes_on(
         await asyncio.sleep(3600.0)
         raise AssertionError
 
-    monkeypatch.setattr(track_operations, "_whole_report", endless)
+    monkeypatch.setattr(recording_operations, "_whole_report", endless)
     with served(settings) as client:
         images = client.post("/v1/images", content=phantom).json()["id"]
         query = {"landmarks": json.dumps(PLACES["landmarks"]), "images": images, "modes": "7"}

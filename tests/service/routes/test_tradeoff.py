@@ -61,13 +61,7 @@ def test_a_tolerance_out_of_reach_is_a_problem_with_the_best(client: TestClient,
     assert "remedy" in problem
 
 
-def test_51_amplitudes_are_given_exactly(client: TestClient, here: str) -> None:
-    split = {"amplitudes": 51, "split_pairs": True}
-    answer = client.post(f"{here}/signatures", json=split).json()
-    own = modal_signature(BEAT, SignatureParameters(amplitudes=51, split_pairs=True))
-    assert answer["shape"] == [8, 17, 3]
-    assert answer["amplitudes"] == own.amplitudes.tolist()
-    assert answer["parameters"]["split_pairs"] is True
+def test_51_amplitudes_become_whole_pairs(client: TestClient, here: str) -> None:
     whole = client.post(f"{here}/signatures", json={"amplitudes": 51}).json()
     assert whole["shape"] == [8, 18, 3]
 
@@ -76,7 +70,6 @@ def test_51_amplitudes_are_given_exactly(client: TestClient, here: str) -> None:
     "asked",
     [
         {"modes": 7, "tolerance": 1.0},
-        {"split_pairs": True, "tolerance": 1.0},
         {"tolerance": 1.0, "auto": True},
         {"tolerance": "nan"},
         {"tolerance": -1},

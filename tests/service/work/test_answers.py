@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from modalmotion.errors import NonFiniteError
@@ -47,7 +46,7 @@ class Described(BaseModel):
 
 @dataclass(frozen=True, eq=False)
 class Inner:
-    values: NDArray[np.float64]
+    values: tuple[float, ...]
     name: str | None = None
 
 
@@ -65,7 +64,7 @@ class Outer:
 
 def sample() -> Outer:
     return Outer(
-        parts=(Inner(np.arange(6, dtype=np.float64).reshape(2, 3), "a"), Inner(np.zeros((0, 3)))),
+        parts=(Inner((0.0, 1.5, np.float64(2.0)), "a"), Inner(())),
         pair=(3, b"\x00\xff"),
         shares={"a": 0.1, "b": float("inf")},
         colour=Colour.RED,
@@ -84,12 +83,7 @@ def test_everything_that_a_task_answers_comes_back() -> None:
     assert (back.colour, back.path, back.described) == (Colour.RED, value.path, value.described)
     assert back.anything == value.anything
     assert [part.name for part in back.parts] == ["a", None]
-    for mine, other in zip(back.parts, value.parts, strict=True):
-        assert mine.values.dtype == np.float64
-        assert np.array_equal(mine.values, other.values)
-        # A result is nobody else's memory.
-        assert not np.shares_memory(mine.values, other.values)
-        assert mine.values.flags.writeable
+    assert [part.values for part in back.parts] == [part.values for part in value.parts]
 
 
 @given(
@@ -136,15 +130,12 @@ def test_a_pickle_is_not_an_answer(tmp_path: Path) -> None:
     payload = pickle.dumps(Hostile(tmp_path / "mark"))
     framed = len(payload).to_bytes(8, "little") + payload
     for data in (payload, framed, to_bytes(payload)):
-        for expected in (Outer, Any, bytes, NDArray[np.float64]):
+        for expected in (Outer, Any, bytes):
             with contextlib.suppress(AnswerError):
                 from_bytes(data, expected)
     assert not (tmp_path / "mark").exists()
     with pytest.raises(AnswerError):
         to_bytes(Hostile(tmp_path / "mark"))
-    objects = np.array([Hostile(tmp_path / "mark")], dtype=object)
-    with pytest.raises(AnswerError):
-        to_bytes(objects)
 
 
 @given(st.data())

@@ -59,12 +59,12 @@ def test_workers_do_short_work_when_nothing_long_waits() -> None:
     for one in tasks:
         assert lanes.put(one)
     assert lanes.lengths == {"short": 2, "long": 1}
-    order = [lanes.take(lambda: None, is_lane=is_lane) for is_lane in (False, True, False)]
+    order = [lanes.take(is_lane=is_lane) for is_lane in (False, True, False)]
     assert order == [tasks[1], tasks[0], tasks[2]]
     assert lanes.close(give_up=False) == []
     assert not lanes.put(tasks[0])
     assert not lanes.put_back(tasks[0])
-    assert lanes.take(lambda: None, is_lane=False) is None
+    assert lanes.take(is_lane=False) is None
 
 
 def test_what_outlives_the_lane_is_done_in_the_long_queue(

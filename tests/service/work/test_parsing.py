@@ -11,18 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from access_parts import guarded
-from format_samples import VERTICES, vtp_text
+from format_samples import sequence
 from worker_tasks import is_running, parse_and_tell
 
+from modalmotion.formats import write_vtkhdf
+from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion_service.errors import CostError
 from modalmotion_service.work import upload
 from modalmotion_service.work.engine import Terms
 from modalmotion_service.work.pool import WorkerPool
 from modalmotion_service.work.upload import are_confined
 
-pytest.importorskip("vtkmodules")
-
-SMALL = vtp_text(VERTICES[0])
+SMALL = write_vtkhdf(sequence())
 
 
 @pytest.fixture(scope="module")
@@ -70,8 +70,7 @@ def test_no_loss_of_a_parser_costs_a_task(
 
 def test_the_time_of_parsers_counts_among_the_means_of_a_task(pool: WorkerPool) -> None:
     rng = np.random.default_rng(1)
-    faces = rng.integers(0, 5_000, size=(10_000, 3))
-    costly = vtp_text(rng.normal(size=(5_000, 3)), faces)
+    costly = write_vtkhdf(mesh_sequence(rng.normal(size=(100, 5_000, 3))))
     parsers(pool, "lab")
     with pytest.raises(CostError):
         pool.submit_for(Terms("lab", 1.0, 1.0), parse_and_tell, costly, 300).result(timeout=120)

@@ -17,11 +17,11 @@ from typing import Any
 
 import pytest
 from busy_machine import busy_processes
-from worker_tasks import hang, short, slow_mark
+from worker_tasks import hang, is_running, short, slow_mark
 
 from modalmotion.errors import LimitError
 from modalmotion_service.errors import ClusterError, NoWorkerError, WorkerDiedError
-from modalmotion_service.work.forks import FORKS
+from modalmotion_service.work.forks import FORKS, is_stopped
 from modalmotion_service.work.keeper import ProcessLostError, WorkerProcess
 from modalmotion_service.work.pool import WorkerPool
 from modalmotion_service.work.worker import answer as send_answer
@@ -144,13 +144,15 @@ def test_stopped_workers_are_not_ready_and_are_replaced() -> None:
         stopped = victims(pool, "workers")
         assert len(stopped) == n_workers
         kill([*stopped, *victims(pool, "fork server")], signal.SIGSTOP)
+        while not all(map(is_stopped, stopped)):
+            time.sleep(0.01)
         assert not is_ready(pool)
         for _ in range(30):
             if is_ready(pool):
                 break
         assert is_ready(pool)
         assert pool.submit(abs, -1).result(timeout=60) == 1
-        assert not set(stopped) & set(victims(pool, "workers"))
+        assert not any(map(is_running, stopped))
 
 
 def test_one_worker_that_answers_is_enough() -> None:

@@ -15,8 +15,8 @@ from modalmotion.errors import CorruptFileError, MalformedFileError, NotFoundErr
 from modalmotion.store import ResultStore
 from modalmotion_service.errors import ClusterError, WorkerDiedError
 from modalmotion_service.schemas.general import JobState
-from modalmotion_service.workspace import background
-from modalmotion_service.workspace.job_runner import Handler, JobRunner, Report
+from modalmotion_service.workspace import job_runner
+from modalmotion_service.workspace.job_runner import JobRunner, Report
 from modalmotion_service.workspace.jobs import Job, Jobs
 
 PASSING = (
@@ -40,8 +40,8 @@ LASTING = (
 
 @pytest.fixture(autouse=True)
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(background, "_FIRST_SECONDS", 0.001)
-    monkeypatch.setattr(background, "_LAST_SECONDS", 0.004)
+    monkeypatch.setattr(job_runner, "_FIRST_SECONDS", 0.001)
+    monkeypatch.setattr(job_runner, "_LAST_SECONDS", 0.004)
 
 
 @pytest.fixture
@@ -76,11 +76,13 @@ async def ended(runner: JobRunner, jobs: Jobs, file: Path) -> Job:
         await asyncio.sleep(0.001)
 
 
-def runner_of(jobs: Jobs, handler: Handler, **options: Any) -> JobRunner:
+def runner_of(jobs: Jobs, handler: Callable[[Any, Report], Any], **options: Any) -> JobRunner:
     def clean(request: Any) -> None:
         Path(request["file"]).unlink()
 
-    return JobRunner(jobs, {"kind": handler}, {"kind": clean}, 1, 100, **options)
+    return JobRunner(
+        jobs, lambda job, report: handler(job.request, report), clean, 1, 100, **options
+    )
 
 
 async def done(_request: Any, _report: Report) -> Any:
@@ -253,7 +255,7 @@ def test_what_is_done_for_ever_survives_its_faults() -> None:
             raise StoreError("The disk is full.")
 
     async def some() -> None:
-        task = asyncio.create_task(background.for_ever("test", work, 0.001))
+        task = asyncio.create_task(job_runner.for_ever("test", work, 0.001))
         while len(times) < 6:
             await asyncio.sleep(0.001)
         task.cancel()

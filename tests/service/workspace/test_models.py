@@ -137,7 +137,7 @@ def test_a_sequence_that_cannot_be_fitted_ends_the_training_by_name(
     assert job["state"] == "failed"
     assert job["error"]["sequence_id"] == odd
     assert odd[:12] in job["error"]["detail"]
-    assert "without this sequence" in job["error"]["remedy"]
+    assert "leave this sequence out" in job["error"]["remedy"]
 
 
 @pytest.mark.thorough
@@ -218,7 +218,7 @@ def test_a_training_that_is_cancelled_leaves_nothing(
         await asyncio.sleep(3600)
         return []
 
-    monkeypatch.setattr(training, "_fit", endless)
+    monkeypatch.setattr(training, "fit_each", endless)
     body = {"name": "cancelled", "sequences": trained.ids}
     job = trained.client.post("/v1/models", json=body).json()
     for _ in range(200):

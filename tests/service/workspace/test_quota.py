@@ -38,7 +38,7 @@ def test_who_only_reads_fills_no_disk(tmp_path: Path, beat: bytes) -> None:
         assert client.get(f"{here}/signature").status_code == 200
         # Full from now on.
         quota.measure()
-        quota._most_bytes = quota.used_bytes
+        quota.most_bytes = quota.used_bytes
         for path, body in (
             (f"{here}/signatures", {"modes": 5}),
             ("/v1/signatures/query", {"ids": [here.rpartition("/")[2]], "modes": 6}),

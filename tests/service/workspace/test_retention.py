@@ -15,7 +15,7 @@ from modalmotion.store.index import to_text
 from modalmotion_service.app import create_app
 from modalmotion_service.schemas.general import JobState
 from modalmotion_service.settings import Settings
-from modalmotion_service.workspace.background import Retention
+from modalmotion_service.workspace.job_runner import Retention
 from modalmotion_service.workspace.jobs import IdempotencyKeys, Jobs
 from modalmotion_service.workspace.spool import Spool
 

@@ -181,7 +181,11 @@ def test_a_long_kind_of_job_keeps_the_others_from_waiting(tmp_path: Path) -> Non
 
         kinds = {"long": long, "short": short}
         table = Jobs(store.database)
-        runner = JobRunner(table, kinds, {}, 1, 100, apart={"long": 1})
+        runner = JobRunner(
+            *(table, lambda job, report: kinds[job.kind](job.request, report), lambda _: None),
+            *(1, 100),
+            apart={"long": 1},
+        )
         jobs = [await runner.start("long", number) for number in range(3)]
         jobs += [await runner.start("short", number) for number in range(3)]
         while len(order) < 4:

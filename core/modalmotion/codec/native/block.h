@@ -7,7 +7,7 @@
 #include "sha256.h"
 #include "springs.h"
 
-enum { BY_COSINES, BY_TURNS, BY_TRAJECTORIES, BY_PARTS, N_KINDS };
+enum { BY_COSINES, BY_TRAJECTORIES, BY_PARTS, N_KINDS };
 enum { LATTICE_MODES = 1, SPRING_MODES = 2, N_FUNCTIONS = 4, MOST_PARTS = 256, HASH_BYTES = 8 };
 
 static const double MOST_QUANTA = 0x1p51;
@@ -55,7 +55,7 @@ static Block read_block_head(Bytes *s, int64_t n_frames, int64_t n_vertices) {
     b.n_modes = next_varint(s);
     b.n_components = next_varint(s);
     b.is_mixed = (int)next_number(s, 1);
-    const int is_closed = b.kind <= BY_TURNS;
+    const int is_closed = b.kind == BY_COSINES;
     int is_wrong = b.kind >= N_KINDS || !(b.step > 0.0) || b.step > 0x1p127 * 2.0 ||
                    b.exponent < -1074 || b.exponent > 1023 || b.width > 1ll << 51 ||
                    b.n_rows > 3 * n_frames + 3 || b.n_modes > n_vertices || b.is_mixed > 1;
@@ -233,9 +233,8 @@ static int add_parts(const Block *b, const int64_t *part_of, const int64_t *maps
 static int superpose(const Block *b, const int64_t *numbers, const double *rows, double *scaled,
                      Room *room) {
     const int64_t used = room->used, n = b->n_vertices, n_frames = b->n_frames;
-    if (b->kind <= BY_TURNS) {
-        const int kind = b->kind == BY_TURNS ? TURN_BACK : FROM_COSINES;
-        const Transform t = take_transform(room, kind, n_frames);
+    if (b->kind == BY_COSINES) {
+        const Transform t = take_transform(room, FROM_COSINES, n_frames);
         double *spare = t.m ? TAKE(room, double, n_frames * 3 * n) : 0;
         if (room->used > room->size) return ROOM;
         memset(scaled, 0, (size_t)(n_frames * 3 * n) * sizeof *scaled);

@@ -84,20 +84,16 @@ int32_t mm_matrix(State *state, uint32_t *words, uint8_t *bits, int64_t n_rows, 
     return done(state, &c);
 }
 
-/* Code triangles and, unless `walk_only`, the order of the vertices.
- *
- * A writer says whether the order of the triangles and their first corners are kept; a reader gets
- * the triangles. */
+/* Code triangles, in the order of a walk, and the order of the vertices. */
 MM_EXPORT(mm_faces)
 int32_t mm_faces(State *state, uint32_t *words, uint8_t *bits, int64_t n_vertices, int64_t n_faces,
-                 int64_t period, int64_t n_relations, int64_t keep_order, int64_t walk_only,
-                 int32_t *faces, int64_t grow, uint8_t *room, int64_t n_room) {
+                 int64_t n_relations, int32_t *faces, int64_t grow, uint8_t *room,
+                 int64_t n_room) {
     Coder c = {*state, words, bits};
     Room left = {room, n_room, 0, 0};
-    const Shape shape = {(int32_t)n_vertices,  (int32_t)n_faces,    (int32_t)period,
-                         (int32_t)n_relations, (int32_t)keep_order, (int32_t)walk_only};
+    const Shape shape = {(int32_t)n_vertices, (int32_t)n_faces, (int32_t)n_relations};
     if (n_vertices < 1 || n_vertices >= 1 << 28 || n_faces < 0 || n_faces >= 1 << 28 ||
-        period < 1 || period > UINT8_MAX || n_relations < 0 || n_relations > MOST_RELATIONS)
+        n_relations < 0 || n_relations > MOST_RELATIONS)
         fail(&c, TOO_MANY);
     else
         code_surface(&c, &shape, faces, (int)grow, &left);

@@ -35,9 +35,9 @@ static int stream_faces(const Header *h, Bytes s, int32_t *faces, Room *room) {
     if (!h->n_faces) return FINE;
     const int rule = (int)next_number(&s, 1);
     if (rule == CELLS) return cell_faces(h, &s, faces);
-    const int32_t period = (int32_t)next_number(&s, 1), relations = (int32_t)next_number(&s, 1);
-    if (rule || s.status || !period || relations > MOST_RELATIONS) return NONSENSE;
-    const Shape shape = {(int32_t)h->n_vertices, (int32_t)h->n_faces, period, relations, 0, 0};
+    const int32_t relations = (int32_t)next_number(&s, 1);
+    if (rule || s.status || relations > MOST_RELATIONS) return NONSENSE;
+    const Shape shape = {(int32_t)h->n_vertices, (int32_t)h->n_faces, relations};
     const int64_t used = room->used;
     Coder c;
     const int status = begin_reading(&c, &s, room);

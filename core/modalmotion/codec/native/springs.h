@@ -5,7 +5,7 @@
 #include "eigen.h"
 #include "mesh.h"
 
-enum { LARGEST_PATCH = 4096, PROBE_BYTES = 16 };
+enum { LARGEST_PATCH = 4096 };
 
 static const double MOST_WORK = 2.0e11, NEAREST = 0.3;
 
@@ -331,7 +331,6 @@ static int read_springs(Springs *s, Bytes *b, const Graph *g, Room *room) {
     s->g = g;
     int64_t patch = next_varint(b), leaf = next_varint(b);
     s->share = (int64_t)next_number(b, 1);
-    next_bytes(b, PROBE_BYTES);
     if (b->status || b->at != b->end || leaf < 1 || leaf > patch) return NONSENSE;
     patch = least(patch, n);
     leaf = least(leaf, n);

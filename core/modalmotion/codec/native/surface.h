@@ -7,7 +7,7 @@
 enum { KEYS_EACH = 8 /* in the hash table, for each triangle and vertex of common meshes */ };
 
 typedef struct {
-    int32_t n_vertices, n_faces, period, n_relations, keep_order, walk_only;
+    int32_t n_vertices, n_faces, n_relations;
 } Shape;
 
 /* Of a writer: its triangles of vertices, and what is written of them so far. */
@@ -83,7 +83,7 @@ static void read_triangles(Walk *w, int32_t *met, int32_t n_faces) {
     }
 }
 
-/* Code triangles, and unless they are all that is wanted the order of the vertices. */
+/* Code triangles, and the order of the vertices. */
 static void code_surface(Coder *c, const Shape *shape, int32_t *faces, int grow, Room *room) {
     const int32_t n = shape->n_vertices, n_faces = shape->n_faces;
     const int64_t n_corners = 3 * (int64_t)n_faces;
@@ -97,7 +97,7 @@ static void code_surface(Coder *c, const Shape *shape, int32_t *faces, int grow,
         written.next_beside = TAKE(room, int32_t, n_corners);
         written.used = TAKE(room, uint8_t, n_faces);
     }
-    if (w) take_walk(w, room, n, n_faces, shape->period);
+    if (w) take_walk(w, room, n, n_faces);
     Order *o = take_order(room, m, n, n_faces, shape->n_relations);
     if (!has_room(c, room)) return;
     m->c = *c;
@@ -106,12 +106,9 @@ static void code_surface(Coder *c, const Shape *shape, int32_t *faces, int grow,
         read_triangles(w, met, n_faces);
     } else {
         for (int32_t v = 0; v < n; v++) written.node_of[v] = -1;
-        if (shape->keep_order)
-            for (int32_t face = 0; face < n_faces; face++) write_triangle(w, &written, face, 0);
-        else
-            write_fans(w, &written, n_faces);
+        write_fans(w, &written, n_faces);
     }
-    if (!m->c.at.status && !shape->walk_only) {
+    if (!m->c.at.status) {
         make_rings(&o->r, m, n, n_faces, met);
         begin_order(o, m);
         for (int32_t vertex = 0; vertex < n && !m->c.at.status; vertex++) {

@@ -20,7 +20,7 @@ typedef struct {
 
 typedef struct {
     Mixer *m;
-    int32_t n_nodes, period, n_met, n_done, n_edges, corner, kinds;
+    int32_t n_nodes, n_met, n_done, n_edges, corner, kinds;
     uint64_t codes;                 /* of the last six triangles, seven bits each */
     int32_t face[3];                /* corners of the triangle so far */
     int32_t *pivots, first_pivot, n_pivots;
@@ -28,12 +28,11 @@ typedef struct {
     int32_t latest, *older, *newer; /* nodes by when they were last a corner */
     Edge *edges;                    /* from 1 on */
     int32_t *last_ahead, *last_behind;
-    uint8_t *at_role;
+    uint8_t at_corner[3];           /* kind of the latest of each number */
 } Walk;
 
-static void take_walk(Walk *w, Room *room, int32_t n_nodes, int32_t n_faces, int32_t period) {
+static void take_walk(Walk *w, Room *room, int32_t n_nodes, int32_t n_faces) {
     w->n_nodes = n_nodes;
-    w->period = period;
     w->latest = NOBODY;
     w->pivots = TAKE(room, int32_t, n_nodes);
     w->n_around = TAKE(room, int32_t, n_nodes);
@@ -42,7 +41,6 @@ static void take_walk(Walk *w, Room *room, int32_t n_nodes, int32_t n_faces, int
     w->last_ahead = TAKE(room, int32_t, n_nodes);
     w->last_behind = TAKE(room, int32_t, n_nodes);
     w->edges = TAKE(room, Edge, 3 * (int64_t)n_faces + 1);
-    w->at_role = TAKE(room, uint8_t, 3 * (int64_t)period);
 }
 
 static inline int32_t pivot_of(const Walk *w) {
@@ -95,21 +93,20 @@ static void drop_closed(Walk *w) {
     while (w->first_pivot < w->n_pivots && !w->last_ahead[pivot_of(w)]) w->first_pivot++;
 }
 
-static inline int32_t role_of(const Walk *w) { return 3 * (w->n_done % w->period) + w->corner; }
 
 static void set_walk_contexts(Walk *w, int32_t behind) {
-    const int64_t kinds = w->kinds, role = role_of(w), codes = (int64_t)w->codes;
+    const int64_t kinds = w->kinds, corner = w->corner, codes = (int64_t)w->codes;
     const int32_t at = w->corner ? w->face[0] : pivot_of(w);
     const int64_t first = at >= 0 ? w->n_around[at] + 1 : 0;
     const int64_t second = w->corner == 2 ? w->n_around[w->face[1]] + 1 : 0;
     const int64_t third = behind >= 0 ? w->n_around[behind] + 1 : 0;
-    set_context(w->m, 0, kinds, role << 21 | (codes & 0x1FFFFF));
-    set_context(w->m, 1, kinds, role << 42 | codes);
+    set_context(w->m, 0, kinds, corner << 21 | (codes & 0x1FFFFF));
+    set_context(w->m, 1, kinds, corner << 42 | codes);
     set_context(w->m, 2, third << 4 | kinds, second << 32 | first);
     set_context(w->m, 3, (codes & 0x3FFF) << 4 | kinds, third << 32 | first);
     set_context(w->m, 4, (codes & 0x7F) << 4 | kinds, first);
     set_context(w->m, 5, kinds, second << 32 | first);
-    set_context(w->m, 6, w->at_role[role] << 4 | kinds, role);
+    set_context(w->m, 6, w->at_corner[corner] << 4 | kinds, corner);
 }
 
 /* Code a node by how many others were corners since it was one. */
@@ -119,8 +116,7 @@ static int32_t code_older(Walk *w, int32_t node) {
     if (!w->m->c.at.reads)
         for (; v != node; v = w->older[v]) ago++;
     set_context(w->m, 0, 0, w->corner);
-    set_context(w->m, 1, 0, role_of(w));
-    ago = code_number(w->m, OLDER_QUESTION, 2, ago);
+    ago = code_number(w->m, OLDER_QUESTION, 1, ago);
     for (v = w->latest; ago && v >= 0; ago--) v = w->older[v];
     return v;
 }
@@ -144,7 +140,7 @@ static void take_corner(Walk *w, int32_t node, int kind) {
         w->pivots[w->n_pivots++] = node;
     }
     make_latest(w, node, kind == NEW);
-    w->at_role[role_of(w)] = (uint8_t)kind;
+    w->at_corner[w->corner] = (uint8_t)kind;
     w->kinds = 4 * w->kinds + kind;
     w->face[w->corner++] = node;
     if (w->corner < 3) return;

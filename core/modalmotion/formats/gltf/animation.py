@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -41,29 +42,6 @@ def to_quaternions(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     return quaternions
 
 
-def slerp(
-    start: NDArray[np.float64], end: NDArray[np.float64], part: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Go from one quaternion to another along the shorter arc at constant speed.
-
-    Parameters
-    ----------
-    start, end : (n, 4) float64
-        Of unit length.
-    part : (n, 1) float64
-        0 at the start, 1 at the end.
-
-    Returns
-    -------
-    (n, 4) float64
-    """
-    rotations = scipy.spatial.transform.Rotation
-    first, last = rotations.from_quat(start), rotations.from_quat(end)
-    turn = (first.inv() * last).as_rotvec()
-    quaternions: NDArray[np.float64] = (first * rotations.from_rotvec(part * turn)).as_quat()
-    return quaternions
-
-
 _COMPONENTS: Final = {"translation": 3, "rotation": 4, "scale": 3, "weights": 1}
 _MODES: Final = ("LINEAR", "STEP", "CUBICSPLINE")
 
@@ -91,30 +69,28 @@ class Channel:
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values at any times, held before the first and after the last key, (times, n)."""
         keys = self.values[:, self.values.shape[1] // 2]
-        left = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(keys) - 1)
-        right = np.minimum(left + 1, len(keys) - 1)
-        length = self.times[right] - self.times[left]
-        inside = np.clip(times - self.times[left], 0.0, length)
-        s = np.divide(inside, length, out=np.zeros_like(inside), where=length > 0)[:, None]
-        if self.mode == "STEP":
-            return keys[left]
+        t = np.clip(times, self.times[0], self.times[-1])
+        left = np.minimum(np.searchsorted(self.times, t, "right") - 1, max(len(keys) - 2, 0))
+        if self.mode == "STEP" or len(keys) == 1:
+            return keys[np.searchsorted(self.times, t, "right") - 1]
         if self.mode == "CUBICSPLINE":
-            d = length[:, None]
-            out, into = d * self.values[left, 2], d * self.values[right, 0]
+            d = (self.times[left + 1] - self.times[left])[:, None]
+            s = (t - self.times[left])[:, None] / d
             # p(s) = (2s^3-3s^2+1) p0 + (s^3-2s^2+s) m0 + (-2s^3+3s^2) p1 + (s^3-s^2) m1
             value = (
                 (2 * s**3 - 3 * s**2 + 1) * keys[left]
-                + (s**3 - 2 * s**2 + s) * out
-                + (-2 * s**3 + 3 * s**2) * keys[right]
-                + (s**3 - s**2) * into
+                + (s**3 - 2 * s**2 + s) * d * self.values[left, 2]
+                + (-2 * s**3 + 3 * s**2) * keys[left + 1]
+                + (s**3 - s**2) * d * self.values[left + 1, 0]
             )
-        elif self.path == "rotation":
-            value = slerp(keys[left], keys[right], s)
-        else:
-            value = (1 - s) * keys[left] + s * keys[right]
+            return np.asarray(value, dtype=np.float64)
         if self.path == "rotation":
-            value = _unit_length(value)
-        return np.asarray(value, dtype=np.float64)
+            turns = scipy.spatial.transform.Rotation.from_quat(keys)
+            turned: NDArray[np.float64] = scipy.spatial.transform.Slerp(self.times, turns)(
+                t
+            ).as_quat()
+            return turned
+        return np.stack([np.interp(t, self.times, column) for column in keys.T], axis=1)
 
 
 def read_channels(
@@ -154,18 +130,18 @@ def read_channels(
     index = 0 if name is None else names.index(name)
     animation = container.item("animations", index)
     samplers = Container({"samplers": animation["samplers"]}, container.binary)
-    channels = {}
-    # Many nodes may move by the same numbers.
-    known: dict[tuple[int, str], Channel] = {}
-    for listed in animation["channels"]:
-        target = listed["target"]
-        node, path = target.get("node"), target.get("path")
-        if node is None or path not in _COMPONENTS:
-            continue
-        sampler = samplers.item("samplers", listed.get("sampler"))
-        if (key := (listed["sampler"], path)) not in known:
-            known[key] = _channel(container, sampler, path, limits)
-        channels[node, path] = known[key]
+
+    @cache
+    def channel(number: int, path: str) -> Channel:
+        # Many nodes may move by the same numbers.
+        return _channel(container, samplers.item("samplers", number), path, limits)
+
+    targets = [(listed.get("sampler"), listed["target"]) for listed in animation["channels"]]
+    channels = {
+        (target["node"], target["path"]): channel(number, target["path"])
+        for number, target in targets
+        if target.get("node") is not None and target.get("path") in _COMPONENTS
+    }
     return channels, [other for i, other in enumerate(names) if i != index]
 
 
@@ -187,19 +163,9 @@ def _channel(
             "An animation of the GLB file has keys that are not finite or do not increase."
         )
     shaped = values.astype(np.float64).reshape(len(times), n_parts, -1)
-    if path == "rotation" and n_parts == 1:
-        shaped = _unit_length(shaped)
     if path != "weights" and shaped.shape[2] != _COMPONENTS[path]:
         raise malformed(f"An animation of the GLB file has too many values for {path}.")
     return Channel(path, mode, times, shaped)
-
-
-def _unit_length(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
-    length = np.linalg.norm(quaternions, axis=-1, keepdims=True)
-    if not (length > 0).all():
-        raise malformed("A rotation in the GLB file is a quaternion of zero length.")
-    unit: NDArray[np.float64] = quaternions / length
-    return unit
 
 
 @shown("targets", "weights", "unit", "rms_left_out", "faces")

@@ -30,7 +30,7 @@ OURS: Final = "modalmotion"
 
 _TRIANGLES: Final = 4
 _STRIPS_AND_FANS: Final = (5, 6)
-_COMPRESSED: Final = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
+_COMPRESSED: Final = {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}
 # Extensions that do not move vertices, or that are read.
 _HARMLESS: Final = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "KHR_mesh_quantization")
 
@@ -148,9 +148,9 @@ def _read(container: Container, animation: str | None, limits: ReadLimits) -> Re
         np.concatenate(faces),
         format="glb",
         grid=ours.get("grid"),
-        topology=_text(ours, "topology"),
+        topology=str(ours["topology"]) if "topology" in ours else None,
         times=times + float(ours.get("start_time", 0.0)) if is_timed else None,
-        unit=None if "unit_unknown" in ours else _text(ours, "unit") or "m",
+        unit=None if "unit_unknown" in ours else str(ours.get("unit") or "m"),
         # glTF 2.0, 3.4: "a right-handed coordinate system". Our own files are written unturned.
         facts=NO_FACTS if ours else Facts(handedness="right"),
         unit_from="file" if "unit" in ours else "format",
@@ -210,8 +210,6 @@ def _local(
             ("scale", [1.0, 1.0, 1.0]),
         )
     }
-    if not parts["rotation"].any(axis=1).all():
-        raise malformed("A rotation in the GLB file is a quaternion of zero length.")
     local = np.zeros((max(map(len, parts.values())), 4, 4))
     # M = T R S
     turns = scipy.spatial.transform.Rotation.from_quat(parts["rotation"])
@@ -248,7 +246,12 @@ def _mesh(container: Container, index: int, limits: ReadLimits, ignored: dict[st
     n_vertices = n_faces = 0
     for primitive in mesh["primitives"]:
         container.count("parts of meshes")
-        _require_plain(primitive)
+        is_plain = not _COMPRESSED & primitive.get("extensions", {}).keys()
+        if not is_plain or primitive.get("mode", _TRIANGLES) in _STRIPS_AND_FANS:
+            raise MalformedFileError(
+                "The GLB file's mesh is compressed, or of triangle strips or fans.",
+                remedy="Export again as triangles without compression.",
+            )
         attributes = primitive["attributes"]
         listed = [target.get("POSITION") for target in primitive.get("targets", [])]
         ignored |= dict.fromkeys(str(name) for name in attributes if name != "POSITION")
@@ -300,19 +303,6 @@ def _faces(
     return corners.astype(np.int64).reshape(-1, 3)
 
 
-def _require_plain(primitive: dict[str, Any]) -> None:
-    for name in _COMPRESSED:
-        if name in primitive.get("extensions", {}):
-            raise MalformedFileError(
-                f"The GLB file's mesh is compressed by {name}, which cannot be read.",
-                remedy="Export again without compression.",
-            )
-    if primitive.get("mode", _TRIANGLES) in _STRIPS_AND_FANS:
-        raise MalformedFileError(
-            "The GLB file contains triangle strips or fans.", remedy="Export again as triangles."
-        )
-
-
 def _placed(
     mesh: _Mesh, weights: NDArray[np.float64], M: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -325,13 +315,6 @@ def _placed(
     moved = np.tensordot(weights, mesh.targets, axes=(1, 0)) + mesh.base
     placed: NDArray[np.float64] = np.matmul(moved, M[:, :3, :3].transpose(0, 2, 1))
     return placed + M[:, None, :3, 3]
-
-
-def _text(ours: dict[str, Any], name: str) -> str | None:
-    value = ours.get(name)
-    if value is not None and not isinstance(value, str):
-        raise malformed(f"The GLB file states {name} as {str(value)[:20]!r}.")
-    return value
 
 
 def _notes(positions: NDArray[Any], n_targets: int, channels: dict[Key, Channel]) -> list[str]:

@@ -19,9 +19,6 @@ _TASKS: Final = {
     "nifti": "modalmotion.formats.volumes.nifti:parse_nifti",
     "nrrd": "modalmotion.formats.volumes.nrrd_metaimage:parse_nrrd",
     "study": "modalmotion.formats.volumes.dicom:parse_study",
-    "vtk": "modalmotion.formats.vtk_polydata:parse_legacy",
-    "vtp": "modalmotion.formats.vtk_polydata:parse_xml",
-    "vtu": "modalmotion.formats.vtk_polydata:parse_xml_grid",
     "mat": "modalmotion.formats.named_arrays:parse_matlab",
     "datasets": "modalmotion.formats.parser.hdf5:parse_datasets",
 }
@@ -37,8 +34,6 @@ _LIBRARIES: Final = {
     "nifti": ("nibabel",),
     "nrrd": ("nrrd",),
     "study": ("pydicom.valuerep",),
-    "vtk": ("vtkmodules.vtkIOLegacy", "vtkmodules.util.numpy_support"),
-    **dict.fromkeys(("vtp", "vtu"), ("vtkmodules.vtkIOXML", "vtkmodules.util.numpy_support")),
 }
 
 

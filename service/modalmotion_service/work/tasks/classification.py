@@ -8,9 +8,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from modalmotion import store
 from modalmotion.classification import (
     CaseFile,
-    Classification,
     Model,
     ModelCard,
     classify,
@@ -36,7 +36,6 @@ from modalmotion.norm import (
 from modalmotion.norm.norm import Reading
 from modalmotion.norm.training import Control
 from modalmotion.signature.making import ModalSignature, SignatureParameters
-from modalmotion.store import model_from_hdf5, sequence_from_hdf5, signature_from_hdf5
 from modalmotion_service.http.negotiation import CSV, PNG
 from modalmotion_service.schemas.general import ReadingAnswer
 from modalmotion_service.schemas.models import (
@@ -45,29 +44,14 @@ from modalmotion_service.schemas.models import (
     EvaluationAnswer,
     FeaturesAnswer,
 )
-from modalmotion_service.work.task_progress import ProgressFile
-from modalmotion_service.work.tasks.files import png_of, write_whole
+from modalmotion_service.schemas.results import ClassificationAnswer, UploadClassificationAnswer
+from modalmotion_service.work.tasks.files import ProgressFile, png_of, write_whole
 from modalmotion_service.work.upload import Upload
 
 
-@dataclass(frozen=True)
-class NamedClass:
-    """The class of a kept signature's motion.
-
-    Parameters
-    ----------
-    classification : Classification
-    imposed : str or None
-        The topology in which the model would rather have the sequence, which states none.
-    """
-
-    classification: Classification
-    imposed: str | None
-
-
 def name_class(
-    signature: Path, model: Path | str, coverage: float, stated: str | None, facts: Facts
-) -> NamedClass:
+    signature: Path, model: Path | str, coverage: float, stated: str | None, facts: Facts, key: str
+) -> tuple[bytes, str | None]:
     """Ask a model for the class of a kept signature's motion.
 
     Parameters
@@ -79,13 +63,21 @@ def name_class(
         Topology that the sequence states.
     facts : Facts
         Of the sequence; kept signatures have none.
+    key : str
+        Under which the answer is kept.
+
+    Returns
+    -------
+    image : bytes
+        HDF5 file of the classification.
+    imposed : str or None
+        The topology in which the model would rather have the sequence, which states none.
     """
     asked = loaded(model)
-    kept = replace(signature_from_hdf5(signature), facts=facts)
+    kept = replace(store.signature_from_hdf5(signature), facts=facts)
     imposed = asked.readable.imposed_on(kept.surface, stated)
-    return NamedClass(
-        classify(kept, asked, coverage), None if imposed is None else imposed.topology
-    )
+    image = store.classification_to_hdf5(classify(kept, asked, coverage), parameters_key=key)
+    return image, None if imposed is None else imposed.topology
 
 
 def classify_upload(
@@ -93,12 +85,15 @@ def classify_upload(
     parameters: SignatureParameters,  # noqa: ARG001 (they are the model's; its price is read here)
     model: Path | str,
     coverage: float,
-) -> tuple[Classification, ReadingAnswer]:
-    """Read an upload, fit it, and ask a model for the class of its motion."""
+    version: int,
+) -> bytes:
+    """Read an upload, fit it, and ask a model for the class of its motion; as JSON."""
     reading = upload.read()
     if isinstance(model, str):
         model = shipped_for(model, reading.sequence.facts)
-    return classify(reading.sequence, loaded(model), coverage), ReadingAnswer.of(reading)
+    found = ClassificationAnswer.of(classify(reading.sequence, loaded(model), coverage), version)
+    answer = UploadClassificationAnswer(**found.model_dump(), reading=ReadingAnswer.of(reading))
+    return answer.model_dump_json().encode()
 
 
 def draw_card(card: dict[str, Any], title: str) -> bytes:
@@ -112,7 +107,7 @@ def draw_card(card: dict[str, Any], title: str) -> bytes:
 @lru_cache(maxsize=8)
 def loaded(model: Path | str) -> Model:
     """Load a model, or give the one that was loaded before."""
-    return model_from_hdf5(model) if isinstance(model, Path) else load_model(model)
+    return store.model_from_hdf5(model) if isinstance(model, Path) else load_model(model)
 
 
 Source = Path | str
@@ -223,13 +218,13 @@ class KeptRecording:
 
     def read_signature(self) -> ModalSignature:
         """Read the signature, with the facts."""
-        return replace(signature_from_hdf5(self.signature), facts=self.facts)
+        return replace(store.signature_from_hdf5(self.signature), facts=self.facts)
 
     def read_sequence(self) -> MeshSequence | None:
         """Read the vertices, with the facts."""
         if self.vertices is None:
             return None
-        return sequence_from_hdf5(self.vertices).with_facts(self.facts)
+        return store.sequence_from_hdf5(self.vertices).with_facts(self.facts)
 
 
 def make_norm(

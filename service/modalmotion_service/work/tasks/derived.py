@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from modalmotion import store
 from modalmotion.classification.answer_hdf5 import classification_from_hdf5
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.ventricle import ventricle_readouts
@@ -23,20 +24,19 @@ from modalmotion.reports import Report, fhir_json, report_of, report_pdf
 from modalmotion.reports.dicom import dicom_zip, read_study
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.signature.tradeoff import as_plain, measure_tradeoff
-from modalmotion.store import (
-    sequence_from_hdf5,
-    signature_from_hdf5,
-    template_from_hdf5,
-    track_from_hdf5,
-)
 from modalmotion.template.body_frame import Components
 from modalmotion.viewer.page import View, view_page
 from modalmotion.viewer.payload import frames_payload
 from modalmotion_service.http.negotiation import CSV, PDF, PNG
 from modalmotion_service.schemas.results import ReadoutsAnswer
 from modalmotion_service.schemas.signatures import TradeoffAnswer
-from modalmotion_service.work.task_progress import ProgressFile
-from modalmotion_service.work.tasks.files import Fitted, png_of, whole_file, write_whole
+from modalmotion_service.work.tasks.files import (
+    Fitted,
+    ProgressFile,
+    png_of,
+    whole_file,
+    write_whole,
+)
 from modalmotion_service.work.upload import parser_for
 
 STRAIN: Final = "strain"
@@ -89,11 +89,11 @@ def measure_trade(
     `progress` is a `ProgressFile`.
     """
     found = measure_tradeoff(
-        sequence_from_hdf5(sequence).with_facts(facts),
+        store.sequence_from_hdf5(sequence).with_facts(facts),
         parameters,
         most_modes=front_modes,
         components=None if components is None else (components,),
-        template=None if template is None else template_from_hdf5(template),
+        template=None if template is None else store.template_from_hdf5(template),
         watch=Stopwatch(_SHARES, ProgressFile(progress).write),
     )
     with whole_file(output) as temporary:
@@ -118,8 +118,8 @@ def superpose(
     write_whole(
         output,
         write_superposed(
-            signature_from_hdf5(one.signature),
-            sequence_from_hdf5(one.sequence),
+            store.signature_from_hdf5(one.signature),
+            store.sequence_from_hdf5(one.sequence),
             surface_format,
             template=one.read_template(),
             times=None if times is None else np.array(times),
@@ -150,7 +150,7 @@ def make_dicom(
 
 def _report(one: Fitted, classification: Path | None) -> Report:
     return report_of(
-        signature_from_hdf5(one.signature),
+        store.signature_from_hdf5(one.signature),
         one.read_sequence(),
         issued=datetime.fromisoformat(one.record.created),
         template=one.read_template(),
@@ -168,7 +168,7 @@ def make_view(one: Fitted, as_page: bool, output: Path) -> None:
     A page of one file is shown without a service: it holds the data of a track itself.
     """
     view = View(
-        signature_from_hdf5(one.signature),
+        store.signature_from_hdf5(one.signature),
         one.read_sequence(),
         template=one.read_template(),
         title=one.title,
@@ -177,7 +177,7 @@ def make_view(one: Fitted, as_page: bool, output: Path) -> None:
     if not as_page:
         write_whole(output, replace(view, is_tracked=track is not None).payload())
         return
-    data = None if track is None else track_from_hdf5(track).data
+    data = None if track is None else store.track_from_hdf5(track).data
     write_whole(output, view_page([replace(view, data=data)]).encode())
 
 
@@ -189,7 +189,10 @@ def make_frames(one: Fitted, first: int, stop: int | None, output: Path) -> None
     LimitError
         If they are more than one answer has.
     """
-    loaded, fitted = sequence_from_hdf5(one.sequence), signature_from_hdf5(one.signature)
+    loaded, fitted = (
+        store.sequence_from_hdf5(one.sequence),
+        store.signature_from_hdf5(one.signature),
+    )
     frames = range(loaded.n_frames)[first:stop]
     size = 6 * loaded.n_vertices * len(frames)
     if size > MOST_FRAME_BYTES and len(frames) > 1:

@@ -1,26 +1,24 @@
-"""What all tasks do with files: load what a signature was made of, draw, write a whole file."""
+"""What all tasks do with files: load what a signature was made of, draw, write, tell progress."""
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import io
+import json
 import secrets
-from collections.abc import Iterator
+import time
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final, TypeVar
 
+from modalmotion import store
 from modalmotion.mesh.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature
-from modalmotion.store import (
-    SequenceRecord,
-    sequence_from_hdf5,
-    signature_from_hdf5,
-    template_from_hdf5,
-    track_from_hdf5,
-)
 from modalmotion.template import Template
 
 if TYPE_CHECKING:
@@ -58,10 +56,10 @@ def png_of(figure: Figure) -> bytes:
 
 def loaded_sequence(sequence: Path, track: Path | None) -> MeshSequence:
     """Load a kept sequence; with its track, where one made it, it says how far it may be off."""
-    loaded = sequence_from_hdf5(sequence)
+    loaded = store.sequence_from_hdf5(sequence)
     if track is None:
         return loaded
-    return replace(loaded, uncertainty=track_from_hdf5(track).sequence.uncertainty)
+    return replace(loaded, uncertainty=store.track_from_hdf5(track).sequence.uncertainty)
 
 
 # One, for it may be as large as an upload, and is held until another owner's work.
@@ -69,7 +67,7 @@ def loaded_sequence(sequence: Path, track: Path | None) -> MeshSequence:
 def named_template(template: Path | None) -> Template | None:
     """Load the template that parameters name, once for all tasks of this process."""
     # The path ends with the template's id, which represents its content.
-    return None if template is None else template_from_hdf5(template)
+    return None if template is None else store.template_from_hdf5(template)
 
 
 @dataclass(frozen=True)
@@ -90,7 +88,7 @@ class Fitted:
     sequence: Path
     template: Path | None
     track: Path | None
-    record: SequenceRecord
+    record: store.SequenceRecord
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -110,7 +108,7 @@ class Fitted:
 
     def read_signature(self) -> ModalSignature:
         """Read the signature, with the facts."""
-        return replace(signature_from_hdf5(self.signature), facts=self.facts)
+        return replace(store.signature_from_hdf5(self.signature), facts=self.facts)
 
     def read_sequence(self) -> MeshSequence:
         """Read the sequence, with the facts and what its track says of its positions."""
@@ -118,4 +116,85 @@ class Fitted:
 
     def read_template(self) -> Template | None:
         """Read the template that is named; None for one of the sequence's own."""
-        return None if self.template is None else template_from_hdf5(self.template)
+        return None if self.template is None else store.template_from_hdf5(self.template)
+
+
+T = TypeVar("T")
+
+_POLL_SECONDS: Final = 0.25
+
+# What is told sooner after the last time is not written.
+_LEAST_SECONDS: Final = 0.1
+
+
+class ProgressFile:
+    """A file that a worker adds lines to, and that the server reads on from where it was.
+
+    Parameters
+    ----------
+    path : Path
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._written = -_LEAST_SECONDS
+        self._text = ""
+        self._share = 0.0
+        self._n_read = 0
+
+    def write(self, share: float, text: str = "") -> None:
+        """Return the share that is done, 0 to 1, and what is done now."""
+        now = time.monotonic()
+        # What is done now is always told: it may last. So is that something is done at all, or
+        # quick work would go from nothing to its end.
+        is_news = text != self._text or (self._share == 0.0 and share > 0.0)
+        if not is_news and now - self._written < _LEAST_SECONDS:
+            return
+        self._written, self._text, self._share = now, text, share
+        # No work fails because nobody can be told how far it is.
+        with contextlib.suppress(OSError), self._path.open("a") as file:
+            file.write(json.dumps([share, text]) + "\n")
+
+    def news(self) -> list[tuple[float, str]]:
+        """Give what was told since the last call, in its order."""
+        try:
+            with self._path.open("rb") as file:
+                file.seek(self._n_read)
+                # The last line may be half-written.
+                whole = file.read().rpartition(b"\n")[0]
+        except OSError:
+            return []
+        self._n_read += len(whole) + bool(whole)
+        told: list[tuple[float, str]] = []
+        for line in whole.splitlines():
+            # A worker that was killed may have left half a line.
+            with contextlib.suppress(ValueError):
+                share, text = json.loads(line)
+                told.append((min(max(float(share), 0.0), 1.0), str(text)))
+        return told
+
+
+async def followed(work: Awaitable[T], path: Path, report: Callable[[float, str], None]) -> T:
+    """Wait for work, and report what its worker tells: all of it, however fast the work is.
+
+    Parameters
+    ----------
+    work : awaitable
+        Cancelled with what waits for it.
+    path : Path
+        Of the `ProgressFile` that the worker writes; what others wrote to it is removed.
+    report : callable
+        Called now and again with what `ProgressFile.news` gives.
+    """
+    path.unlink(missing_ok=True)
+    task, file = asyncio.ensure_future(work), ProgressFile(path)
+    try:
+        is_done = False
+        while not is_done:
+            is_done = bool((await asyncio.wait([task], timeout=_POLL_SECONDS))[0])
+            for share, text in file.news():
+                report(share, text)
+        return await task
+    except asyncio.CancelledError:
+        task.cancel()
+        raise

@@ -9,12 +9,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from modalmotion import store
 from modalmotion.codec import decode, encode
 from modalmotion.errors import LimitError
 from modalmotion.exports.animation import modes_to_hdf5, modes_to_npz
 from modalmotion.formats import ReadLimits, write_npz, write_raw, write_vtkhdf
 from modalmotion.mesh.facts import Facts
-from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Stopwatch
 from modalmotion.signature.making import (
     SignatureParameters,
@@ -22,16 +22,6 @@ from modalmotion.signature.making import (
     resolve_template,
 )
 from modalmotion.simulate import Acquisition, simulate_ventricle
-from modalmotion.store import (
-    SequenceRecord,
-    record_of,
-    sequence_from_hdf5,
-    template_from_hdf5,
-    template_to_hdf5,
-    track_from_hdf5,
-    track_image,
-    upload_image,
-)
 from modalmotion.template.vibration_modes import surface_modes
 from modalmotion_service.http.negotiation import HDF5, NPZ, PNG, RAW, VTKHDF
 from modalmotion_service.schemas.general import ReadingAnswer
@@ -39,8 +29,7 @@ from modalmotion_service.schemas.queries import ModesRequest
 from modalmotion_service.schemas.requests import EncodingTarget
 from modalmotion_service.schemas.results import EncodedAnswer
 from modalmotion_service.schemas.signatures import ModesAnswer, TemplateAnswer
-from modalmotion_service.work.task_progress import ProgressFile
-from modalmotion_service.work.tasks.files import png_of, write_whole
+from modalmotion_service.work.tasks.files import ProgressFile, png_of, write_whole
 from modalmotion_service.work.upload import Upload
 
 # Parts of the whole; the rest is for the server.
@@ -49,7 +38,7 @@ _SHARES: Final = {"read": 0.7, "image": 0.2}
 
 def ingest(
     upload: Upload, image: Path, progress: Path
-) -> tuple[SequenceRecord, ReadingAnswer, dict[str, float]]:
+) -> tuple[store.SequenceRecord, ReadingAnswer, dict[str, float]]:
     """Read an upload, check it, and write it as a sequence's HDF5 image.
 
     `progress` is a `ProgressFile`.
@@ -67,18 +56,18 @@ def ingest(
     with watch.stage("read") as report:
         reading = upload.read(lambda done, total: report(done / max(total, 1)))
     with watch.stage("image"):
-        record = record_of(reading.sequence, created="", has_upload=True)
-        write_whole(image, upload_image(reading.sequence))
+        record = store.record_of(reading.sequence, created="", has_upload=True)
+        write_whole(image, store.upload_image(reading.sequence))
     return record, ReadingAnswer.of(reading), watch.milliseconds
 
 
-def sample(image: Path) -> SequenceRecord:
+def sample(image: Path) -> store.SequenceRecord:
     """Simulate a healthy left ventricle and write it as a sequence's HDF5 image."""
     beat = simulate_ventricle(
         grid=(24, 48), acquisition=Acquisition(noise=0.3), rng=np.random.default_rng(1994)
     )
-    write_whole(image, upload_image(beat))
-    return record_of(beat, created="", has_upload=True)
+    write_whole(image, store.upload_image(beat))
+    return store.record_of(beat, created="", has_upload=True)
 
 
 def restated(
@@ -88,7 +77,7 @@ def restated(
     facts: Facts,
     sequence_image: Path,
     track_file: Path,
-) -> SequenceRecord:
+) -> store.SequenceRecord:
     """Write a kept sequence with another unit or other times, and its track where there is one.
 
     Parameters
@@ -103,8 +92,8 @@ def restated(
     sequence_image, track_file : Path
         Where to write.
     """
-    made = None if track is None else track_from_hdf5(track)
-    sequence = sequence_from_hdf5(path) if made is None else made.sequence
+    made = None if track is None else store.track_from_hdf5(track)
+    sequence = store.sequence_from_hdf5(path) if made is None else made.sequence
     if "unit" in stated:
         unit = stated["unit"]
         sequence = replace(sequence, unit=None) if unit is None else sequence.with_unit(unit)
@@ -112,23 +101,25 @@ def restated(
         sequence = sequence.with_times(stated["times"])
     sequence.with_facts(facts)
     if made is not None:
-        write_whole(track_file, track_image(replace(made, sequence=sequence)))
-    write_whole(sequence_image, upload_image(sequence))
-    return record_of(sequence, created="", has_upload=True)
+        write_whole(track_file, store.track_image(replace(made, sequence=sequence)))
+    write_whole(sequence_image, store.upload_image(sequence))
+    return store.record_of(sequence, created="", has_upload=True)
 
 
-def encode_upload(
-    upload: Upload, target: EncodingTarget, output: Path, progress: Path
+def encode_sequence(
+    source: Upload | Path, target: EncodingTarget, output: Path, progress: Path
 ) -> EncodedAnswer:
-    """Read an upload and write it as a compressed stream; `progress` is a `ProgressFile`."""
-    return _encoded(upload.read().sequence, target, output, progress)
-
-
-def encode_kept(
-    sequence: Path, target: EncodingTarget, output: Path, progress: Path
-) -> EncodedAnswer:
-    """Write a kept sequence as a compressed stream; `progress` is a `ProgressFile`."""
-    return _encoded(sequence_from_hdf5(sequence), target, output, progress)
+    """Write an upload or a kept sequence as a compressed stream; `progress` is a `ProgressFile`."""
+    found = encode(
+        store.sequence_from_hdf5(source) if isinstance(source, Path) else source.read().sequence,
+        rms=target.rms,
+        max_error=target.max_error,
+        n_bytes=target.bytes,
+        effort=target.effort,
+        progress=ProgressFile(progress).write,
+    )
+    write_whole(output, found.data)
+    return EncodedAnswer.of(found)
 
 
 def decode_upload(
@@ -143,21 +134,6 @@ def decode_upload(
     sequence = decode(upload.read_bytes(), frames=frames, vertices=vertices, limits=limits)
     write = {NPZ: write_npz, VTKHDF: write_vtkhdf, RAW: write_raw}[media_type]
     write_whole(output, write(sequence))
-
-
-def _encoded(
-    sequence: MeshSequence, target: EncodingTarget, output: Path, progress: Path
-) -> EncodedAnswer:
-    found = encode(
-        sequence,
-        rms=target.rms,
-        max_error=target.max_error,
-        n_bytes=target.bytes,
-        effort=target.effort,
-        progress=ProgressFile(progress).write,
-    )
-    write_whole(output, found.data)
-    return EncodedAnswer.of(found)
 
 
 # Parts of the whole, of a large mesh; the rest is for the server.
@@ -182,13 +158,13 @@ def make_template(
         resolved = resolve_parameters(sequence, parameters)
         template = resolve_template(sequence, resolved, report=report)
     with watch.stage("image"):
-        write_whole(image, template_to_hdf5(template))
+        write_whole(image, store.template_to_hdf5(template))
     return TemplateAnswer.of(template), watch.milliseconds
 
 
 def show_template(path: Path, media_type: str) -> bytes:
     """Describe a kept template, or draw s and theta on its surface."""
-    template = template_from_hdf5(path)
+    template = store.template_from_hdf5(path)
     if media_type == PNG:
         from modalmotion.pictures.modes import template_figure
 
@@ -198,7 +174,7 @@ def show_template(path: Path, media_type: str) -> bytes:
 
 def modes_of_template(path: Path, query: ModesRequest, media_type: str) -> bytes:
     """Give a kept template's vibration modes as JSON, npz, HDF5 or PNG."""
-    template = template_from_hdf5(path)
+    template = store.template_from_hdf5(path)
     _require_room(template.n_vertices * query.modes, _MOST_NUMBERS)
     modes = surface_modes(template, query.modes, query.wave_speed)
     if media_type == PNG:

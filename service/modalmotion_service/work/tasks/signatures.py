@@ -6,13 +6,14 @@ import contextlib
 import io
 import json
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from modalmotion import store
 from modalmotion.clinical import clinical_readouts
 from modalmotion.errors import InputError
 from modalmotion.exports.signature_pack import write_pack
@@ -22,18 +23,11 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Stopwatch
 from modalmotion.signature.distance import Comparison, compare
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
-from modalmotion.store import (
-    SequenceRecord,
-    sequence_from_hdf5,
-    signature_from_hdf5,
-    signature_image,
-    signature_to_hdf5,
-)
 from modalmotion_service.http.negotiation import CSV, HDF5, JSON, NPZ, PNG, RAW
 from modalmotion_service.schemas.signatures import SignatureAnswer
-from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import (
     Fitted,
+    ProgressFile,
     loaded_sequence,
     named_template,
     png_of,
@@ -65,7 +59,7 @@ def sign(
         named = named_template(template)
     signature = modal_signature(loaded, parameters, template=named, watch=watch)
     with watch.stage("image"):
-        write_whole(image, signature_image(signature))
+        write_whole(image, store.signature_image(signature))
     return (watch.milliseconds,)
 
 
@@ -88,7 +82,7 @@ def sign_upload(
 
 def render(path: Path, key: str | None, file: str | None) -> bytes:
     """Write a signature out as the service's JSON, without the facts of its sequence."""
-    answer = SignatureAnswer.of(signature_from_hdf5(path), key, file)
+    answer = SignatureAnswer.of(store.signature_from_hdf5(path), key, file)
     return answer.model_dump_json(exclude={"facts"}).encode()
 
 
@@ -96,24 +90,26 @@ def signature_as(one: Fitted, media_type: str) -> bytes:
     """Write a signature and the facts of its sequence out as a media type."""
     signature = one.read_signature()
     if media_type == PNG:
-        return _as_png(signature, sequence_from_hdf5(one.sequence))
+        return _as_png(signature, store.sequence_from_hdf5(one.sequence))
     return _SIGNATURE_WRITERS[media_type](signature)
 
 
 def compare_signatures(a: Fitted, b: Fitted, closed: bool) -> Comparison:
     """Compare two signatures."""
     return compare(
-        signature_from_hdf5(a.signature), signature_from_hdf5(b.signature), closed=closed
+        store.signature_from_hdf5(a.signature),
+        store.signature_from_hdf5(b.signature),
+        closed=closed,
     )
 
 
 def kinds_of(signatures: list[Path]) -> list[tuple[str, str]]:
     """Topology of each signature, and of spring modes the mesh that they belong to."""
-    loaded = map(signature_from_hdf5, signatures)
+    loaded = map(store.signature_from_hdf5, signatures)
     return [(signature.surface, signature.modes.connectivity_id) for signature in loaded]
 
 
-def pack_npz(signatures: list[Path], records: list[SequenceRecord], output: Path) -> None:
+def pack_npz(signatures: list[Path], records: list[store.SequenceRecord], output: Path) -> None:
     """Pack the trajectories of many signatures into one .npz archive.
 
     Arrays `ids`, `labels` (of the classes, as users say), and for each signature by its number
@@ -125,22 +121,22 @@ def pack_npz(signatures: list[Path], records: list[SequenceRecord], output: Path
         "labels": np.array([record.label or "" for record in records]),
     }
     for number, path in enumerate(signatures):
-        named = _trajectory(signature_from_hdf5(path)).items()
+        named = _trajectory(store.signature_from_hdf5(path)).items()
         arrays.update({f"{name}_{number}": array for name, array in named})
     with whole_file(output) as temporary, temporary.open("wb") as file:
         np.savez(file, **arrays)
 
 
-def pack_hdf5(signatures: list[Path], records: list[SequenceRecord], output: Path) -> None:
+def pack_hdf5(signatures: list[Path], records: list[store.SequenceRecord], output: Path) -> None:
     """Pack the trajectories of many signatures into one HDF5 file, laid out as an export."""
-    loaded = map(signature_from_hdf5, signatures)
+    loaded = map(store.signature_from_hdf5, signatures)
     with whole_file(output) as temporary:
         write_pack(temporary, zip(loaded, records, strict=True))
 
 
 def tabulate(
     signatures: list[Path],
-    records: list[SequenceRecord],
+    records: list[store.SequenceRecord],
     sequences: list[Path | None],
     template: Path | None,
     output: Path,
@@ -151,19 +147,14 @@ def tabulate(
     """
     rows, used = [], named_template(template)
     for path, record, sequence in zip(signatures, records, sequences, strict=True):
-        signature = replace(signature_from_hdf5(path), facts=record.facts)
+        signature = replace(store.signature_from_hdf5(path), facts=record.facts)
         readouts = None
         if sequence is not None:
             with contextlib.suppress(InputError):
-                stated = sequence_from_hdf5(sequence).with_facts(record.facts)
+                stated = store.sequence_from_hdf5(sequence).with_facts(record.facts)
                 readouts = clinical_readouts(signature, stated, template=used)
         rows.append(Recording(record.id, signature, readouts, record.subject, record.label))
-    with whole_file(output) as temporary:
-        temporary.write_bytes(cohort_table(rows).to_csv().encode())
-
-
-def _as_json(signature: ModalSignature) -> bytes:
-    return SignatureAnswer.of(signature).model_dump_json().encode()
+    write_whole(output, cohort_table(rows).to_csv().encode())
 
 
 def _as_npz(signature: ModalSignature) -> bytes:
@@ -178,20 +169,12 @@ def _as_png(signature: ModalSignature, sequence: MeshSequence) -> bytes:
     return png_of(signature_figure(sequence, signature))
 
 
-def _as_csv(signature: ModalSignature) -> bytes:
-    return amplitude_table(signature).to_csv().encode()
-
-
-def _as_raw(signature: ModalSignature) -> bytes:
-    return single_precision(signature.amplitudes, "An amplitude").tobytes()
-
-
-_SIGNATURE_WRITERS: Final = {
-    JSON: _as_json,
-    HDF5: signature_to_hdf5,
+_SIGNATURE_WRITERS: Final[dict[str, Callable[[ModalSignature], bytes]]] = {
+    JSON: lambda one: SignatureAnswer.of(one).model_dump_json().encode(),
+    HDF5: store.signature_to_hdf5,
     NPZ: _as_npz,
-    CSV: _as_csv,
-    RAW: _as_raw,
+    CSV: lambda one: amplitude_table(one).to_csv().encode(),
+    RAW: lambda one: single_precision(one.amplitudes, "An amplitude").tobytes(),
 }
 
 
@@ -224,7 +207,7 @@ def pack_archive(archive: Path, parts: Sequence[Part], output: Path) -> None:
 
     results, ids = _results(archive), {}
 
-    def read() -> Iterator[tuple[ModalSignature, SequenceRecord]]:
+    def read() -> Iterator[tuple[ModalSignature, store.SequenceRecord]]:
         for number, signature in _signatures(archive, results):
             part = parts[number]
             ids[number] = signature.sequence_id
@@ -260,8 +243,7 @@ def tabulate_archive(archive: Path, parts: Sequence[Part], output: Path) -> None
         for number, signature in _signatures(archive, results)
     )
     failed = [(one["name"], one["error"]) for one in results if one["error"] is not None]
-    with whole_file(output) as temporary:
-        temporary.write_bytes(_with_failures(table, failed).to_csv().encode())
+    write_whole(output, _with_failures(table, failed).to_csv().encode())
 
 
 def _results(archive: Path) -> list[Mapping[str, Any]]:
@@ -276,11 +258,11 @@ def _signatures(
     with zipfile.ZipFile(archive) as file:
         for number, result in enumerate(results):
             if result["file"] is not None:
-                yield number, signature_from_hdf5(file.read(result["file"]))
+                yield number, store.signature_from_hdf5(file.read(result["file"]))
 
 
-def _record(signature: ModalSignature, part: Part) -> SequenceRecord:
-    return SequenceRecord(
+def _record(signature: ModalSignature, part: Part) -> store.SequenceRecord:
+    return store.SequenceRecord(
         id=signature.sequence_id,
         n_frames=signature.n_frames,
         n_vertices=signature.n_vertices,

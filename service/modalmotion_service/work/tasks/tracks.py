@@ -8,21 +8,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from modalmotion import store
 from modalmotion.errors import InputError, NotFoundError, ParameterError
 from modalmotion.images import ImageSequence
 from modalmotion.images.hdf5 import read_images_file, write_images
 from modalmotion.progress import Stopwatch
-from modalmotion.store import (
-    ImagesRecord,
-    SequenceRecord,
-    images_record_of,
-    record_of,
-    sequence_from_hdf5,
-    track_from_hdf5,
-    track_image,
-    track_to_hdf5,
-    upload_image,
-)
 from modalmotion.tracking import Track
 from modalmotion.tracking.label_maps import from_labels
 from modalmotion.tracking.label_values import is_label_map
@@ -33,8 +23,7 @@ from modalmotion.viewer.page import data_payload
 from modalmotion_service.http.negotiation import HDF5, PNG, VIEW
 from modalmotion_service.schemas.queries import TrackView
 from modalmotion_service.schemas.sequences import TrackAnswer, TrackEstimate
-from modalmotion_service.work.task_progress import ProgressFile
-from modalmotion_service.work.tasks.files import png_of, whole_file, write_whole
+from modalmotion_service.work.tasks.files import ProgressFile, png_of, whole_file, write_whole
 from modalmotion_service.work.upload import Upload
 
 # Parts of the whole; the rest is for the server.
@@ -48,7 +37,7 @@ def follow(
     sequence: Path,
     track: Path,
     progress: Path,
-) -> tuple[SequenceRecord, TrackEstimate, dict[str, float]]:
+) -> tuple[store.SequenceRecord, TrackEstimate, dict[str, float]]:
     """Track a surface through an upload or kept images, and write its sequence's and its own image.
 
     `progress` is a `ProgressFile`.
@@ -71,22 +60,22 @@ def follow(
                 parameters.coordinates,
                 lambda done, total: report(done / max(total, 1)),
             )
-        surface = None if start is None else sequence_from_hdf5(start)
+        surface = None if start is None else store.sequence_from_hdf5(start)
     with watch.stage("track") as report:
         result = parameters.follow(
             recorded, start=surface, progress=lambda done, total: report(done / max(total, 1))
         )
     with watch.stage("image"):
-        record = record_of(result.sequence, created="", has_upload=True)
-        write_whole(sequence, upload_image(result.sequence))
-        write_whole(track, track_image(result))
+        record = store.record_of(result.sequence, created="", has_upload=True)
+        write_whole(sequence, store.upload_image(result.sequence))
+        write_whole(track, store.track_image(result))
         estimate = TrackEstimate.of(result)
     return record, estimate, watch.milliseconds
 
 
 def show_track(
     path: Path,
-    record: SequenceRecord,
+    record: store.SequenceRecord,
     images_id: str | None,
     images: Path | None,
     query: TrackView,
@@ -106,9 +95,9 @@ def show_track(
     query : TrackView
     media_type : str
     """
-    track = track_from_hdf5(path)
+    track = store.track_from_hdf5(path)
     if media_type == HDF5:
-        return track_to_hdf5(replace(track, sequence=track.sequence.with_facts(record.facts)))
+        return store.track_to_hdf5(replace(track, sequence=track.sequence.with_facts(record.facts)))
     if media_type == VIEW:
         if track.data is None:
             raise NotFoundError(
@@ -148,7 +137,7 @@ _IMAGE_SHARES: Final = {"read": 0.6, "image": 0.3}
 
 def ingest_images(
     upload: Upload, file: Path, progress: Path
-) -> tuple[ImagesRecord, dict[str, float]]:
+) -> tuple[store.ImagesRecord, dict[str, float]]:
     """Read images and write them as HDF5.
 
     `progress` is a `ProgressFile`.
@@ -164,10 +153,10 @@ def ingest_images(
         images = upload.images(lambda done, total: report(done / max(total, 1)))
     with watch.stage("image"), whole_file(file) as temporary:
         write_images(temporary, images)
-    return _with_ends(images_record_of(images), images), watch.milliseconds
+    return _with_ends(store.images_record_of(images), images), watch.milliseconds
 
 
-def _with_ends(record: ImagesRecord, images: ImageSequence) -> ImagesRecord:
+def _with_ends(record: store.ImagesRecord, images: ImageSequence) -> store.ImagesRecord:
     """Add apex and base that a segmentation proposes, or why it proposes none."""
     if not is_label_map(images):
         return record
@@ -187,5 +176,5 @@ def _with_ends(record: ImagesRecord, images: ImageSequence) -> ImagesRecord:
 
 def show_slices(path: Path, frame: int, track: Path | None) -> bytes:
     """Give the slices of a frame of kept images, as the page reads them, and a track's surface."""
-    made = None if track is None else track_from_hdf5(track)
+    made = None if track is None else store.track_from_hdf5(track)
     return slices_payload(read_images_file(path), frame, made)

@@ -13,7 +13,7 @@ from modalmotion.classification.training import joblib_backend
 from modalmotion.errors import ModalMotionError, ParameterError
 from modalmotion.store import kept_model, model_to_hdf5
 from modalmotion_service.errors import ClusterError
-from modalmotion_service.work.task_progress import ProgressFile
+from modalmotion_service.work.tasks.files import ProgressFile
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ def train_model(
     progress: Path,
     scheduler: str | None = None,
     n_threads: int = 1,
-) -> None:
-    """Train a model on kept signatures and write its HDF5 image.
+) -> int:
+    """Train a model on kept signatures and write its HDF5 image; gives the number of cases in it.
 
     Parameters
     ----------
@@ -81,6 +81,7 @@ def train_model(
         with joblib_backend(n_jobs=n_threads, threads=True):
             model = work()
     image.write_bytes(model_to_hdf5(kept_model(model, training=training)))
+    return sum(model.card.n_cases.values())
 
 
 def _on_workers(

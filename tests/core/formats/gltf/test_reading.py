@@ -274,7 +274,7 @@ GOOD = glb(scene(), *ARRAYS)
         (
             edited_glb(GOOD, put("nodes", 1, "rotation", value=[0, 0, 0, 0])),
             MalformedFileError,
-            "zero length",
+            "zero norm",
         ),
         (edited_glb(GOOD, put("nodes", 1, "scale", value=[1, 2])), MalformedFileError, "scale"),
         (edited_glb(GOOD, put("nodes", 1, "scale", value=[1e308] * 3)), NonFiniteError, "Frame 0"),

@@ -11,15 +11,14 @@ import pytest
 from modalmotion.mesh.hdf5 import sequence_to_hdf5
 from modalmotion.simulate import simulate_ventricle
 from modalmotion_service.schemas.requests import EncodingTarget
-from modalmotion_service.work import task_progress
-from modalmotion_service.work.task_progress import ProgressFile, followed
-from modalmotion_service.work.tasks import sequences
+from modalmotion_service.work.tasks import files, sequences
+from modalmotion_service.work.tasks.files import ProgressFile, followed
 
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(task_progress, "_POLL_SECONDS", 0.005)
-    monkeypatch.setattr(task_progress, "_LEAST_SECONDS", 0.0)
+    monkeypatch.setattr(files, "_POLL_SECONDS", 0.005)
+    monkeypatch.setattr(files, "_LEAST_SECONDS", 0.0)
 
 
 def test_shares_are_told_in_their_order_until_the_work_is_done(tmp_path: Path) -> None:
@@ -55,7 +54,7 @@ def test_all_is_told_of_work_that_is_done_at_once(tmp_path: Path) -> None:
 def test_the_first_share_is_told_however_soon_it_comes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(task_progress, "_LEAST_SECONDS", 60.0)
+    monkeypatch.setattr(files, "_LEAST_SECONDS", 60.0)
     file = ProgressFile(tmp_path / "progress")
     for share in (0.0, 0.0, 0.1, 0.2, 1.0):
         file.write(share)
@@ -107,7 +106,7 @@ def test_what_fails_fails_where_it_is_waited_for(tmp_path: Path) -> None:
 def test_a_file_is_not_written_more_often_than_it_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(task_progress, "_LEAST_SECONDS", 60.0)
+    monkeypatch.setattr(files, "_LEAST_SECONDS", 60.0)
     file = ProgressFile(tmp_path / "progress")
     for share in (0.1, 0.2, 0.3):
         file.write(share)
@@ -127,7 +126,7 @@ def test_encoding_tells_how_far_it_is(tmp_path: Path) -> None:
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(sequences, "ProgressFile", Noted)
-        sequences.encode_kept(kept, EncodingTarget(rms=0.5), output, progress)
+        sequences.encode_sequence(kept, EncodingTarget(rms=0.5), output, progress)
     assert shares == sorted(shares)
     assert any(0.0 < share < 1.0 for share in shares)
     assert ProgressFile(progress).news()[-1] == (1.0, "")

@@ -1,9 +1,7 @@
-"""Legacy .vtk and .vtp frames, through VTK in a process of its own."""
+"""Legacy .vtk, .vtp and .vtu frames: the same as VTK itself reads, or refused."""
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import zipfile
 from collections.abc import Callable, Iterator
 from importlib import import_module
@@ -24,11 +22,9 @@ from format_samples import (
     zipped,
 )
 
-from modalmotion.errors import InputError, LimitError, MalformedFileError, MissingExtraError
+from modalmotion.errors import InputError, LimitError, MalformedFileError
 from modalmotion.formats import ParserProcess, ReadLimits, ReadOptions, read_sequence
 from modalmotion.mesh.checks import FloatArray
-
-pytest.importorskip("vtkmodules", reason="needs the extra 'vtk'")
 
 MIXED = [*FACES.tolist(), [0, 1, 2, 3]]
 
@@ -134,7 +130,7 @@ DOCTYPE = b"<!DOCTYPE VTKFile [<!ENTITY a SYSTEM 'file:///etc/passwd'>]><VTKFile
 @pytest.mark.parametrize(
     ("data", "error", "words"),
     [
-        (vtk_text(VERTICES[0])[:300], MalformedFileError, "VTK cannot read"),
+        (vtk_text(VERTICES[0])[:300], MalformedFileError, "declares 36 numbers"),
         (vtk_text(VERTICES[0]).replace(b"POINTS 12", b"POINTS 13"), MalformedFileError, "VTK"),
         (vtk_text(VERTICES[0]).replace(b"POINTS 12", b"POINTS 11"), MalformedFileError, "VTK"),
         (vtk_text(VERTICES[0]).replace(b"POINTS 12", b"POINTS 1000000000"), LimitError, "vertices"),
@@ -175,40 +171,6 @@ def test_what_cannot_be_read_says_why(
     assert caught.value.remedy
 
 
-def test_no_piece_of_a_file_is_written_on_standard_error() -> None:
-    code = (
-        "from modalmotion.errors import InputError\n"
-        "from modalmotion.limits import DEFAULT_LIMITS\n"
-        "from modalmotion.formats.vtk_polydata import parse_legacy\n"
-        "try:\n    parse_legacy(b'Jane Doe', DEFAULT_LIMITS)\n"
-        "except InputError as error:\n    print(error)\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120
-    )
-    assert done.stderr == ""
-    assert done.stdout.startswith("VTK cannot read the file: ")
-
-
-def test_a_frame_that_brings_the_reader_down_is_an_error_like_any_other() -> None:
-    # Declared beyond what the process may have; VTK ends where memory does.
-    bomb = vtp_text(VERTICES[0]).replace(b'Points="12"', b'Points="40000000"')
-    limits = ReadLimits(vertices=10**9, decompressed_bytes=1_000_000)
-    with ParserProcess(limits, seconds=30) as own:
-        with pytest.raises(InputError) as caught:
-            read_sequence(frame_zip(vtp_text, "vtp", **{"frame_1.vtp": bomb}), parser=own)
-        assert caught.value.frame == 1
-        assert caught.value.remedy
-        again = read_sequence(vtp_text(VERTICES[0]), parser=own)
-    assert np.array_equal(again.sequence.vertices[0], VERTICES[0])
-
-
-def test_without_the_extra_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(MissingExtraError, match="pip install vtk"):
-        read_sequence(vtk_text(VERTICES[0]))
-
-
 def test_a_stored_frame_reads_as_a_compressed_one(parser: ParserProcess) -> None:
     members = {f"{i}.vtk": vtk_text(VERTICES[i]) for i in range(N_FRAMES)}
     stored = read_sequence(zipped(members, zipfile.ZIP_STORED), parser=parser)
@@ -218,3 +180,77 @@ def test_a_stored_frame_reads_as_a_compressed_one(parser: ParserProcess) -> None
 def test_limits_of_the_options_hold() -> None:
     with pytest.raises(LimitError):
         read_sequence(vtk_text(VERTICES[0]), ReadOptions(limits=ReadLimits(vertices=11)))
+
+
+# Words of a legacy file are in any case, on any line; sizes are compared with what is there.
+@pytest.mark.parametrize("size", [b"1900000", b"99999999999999999999", b"-12", b"+9", b"12x"])
+@pytest.mark.parametrize("word", [b"\npoints ", b"  Points\t", b"\npOINTS\n\n", b"\npoints \r\n"])
+def test_a_size_is_read_however_it_is_written(
+    word: bytes, size: bytes, parser: ParserProcess
+) -> None:
+    data = vtk_text(VERTICES[0])
+    good = read_sequence(data.replace(b"\nPOINTS 12", word + b"12"), parser=parser)
+    assert np.array_equal(good.sequence.vertices[0], VERTICES[0])
+    with pytest.raises(MalformedFileError, match="declares"):
+        read_sequence(data.replace(b"\nPOINTS 12", word + size), parser=parser)
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        b"polygons 99999 9\n",
+        b"LINES 1 9999999\n",
+        b"vertices 9999999 1\n",
+        b"FIELD a 9999999\n",
+        b"field a 1 b 99999 99999 FLOAT\n",
+        b"field a 1 b 1 1 word\n0\n",
+        b"field a 1 b 1 9999999 string\n",
+        b"x" * 1000,
+        b"x 1 2 3\n",
+        b"polygons 1 4 900000000 0 1 2\n",
+        b"polygons 1 4 -3 0 1 2\n",
+        b"polygons 1 4 2 0 1 2\n",
+        b"polygons 2 3 offsets int 1 3 connectivity int 0 1 2\n",
+        b"polygons 2 3 offsets int 0 3 connectivity int 0 1\n",
+        b"lines 1 3 9 0 1\n",
+    ],
+)
+def test_sections_that_do_not_add_up_are_refused(section: bytes, parser: ParserProcess) -> None:
+    with pytest.raises(InputError) as caught:
+        read_sequence(vtk_text(VERTICES[0]) + section, parser=parser)
+    assert caught.value.remedy
+
+
+@pytest.mark.parametrize("is_binary", [True, False])
+def test_fields_of_a_legacy_file_state_time_and_coordinate_system(
+    is_binary: bool, tmp_path: Path, parser: ParserProcess
+) -> None:
+    made = surface(VERTICES[0], FACES)
+    core = vtk("vtkCommonCore")
+    text, time, other = core.vtkStringArray(), core.vtkDoubleArray(), core.vtkFloatArray()
+    for array, name, values in (
+        (other, "a b", (1.0, 2.0)),
+        (text, "SPACE", ("LPS",)),
+        (time, "TimeValue", (0.25,)),
+    ):
+        array.SetName(name)
+        for value in values:
+            array.InsertNextValue(value)
+        made.GetFieldData().AddArray(array)
+    scalars = core.vtkFloatArray()
+    scalars.SetName("thickness")
+    for _ in VERTICES[0]:
+        scalars.InsertNextValue(1.5)
+    made.GetPointData().SetScalars(scalars)
+    write = vtk("vtkIOLegacy").vtkPolyDataWriter()
+    write.SetInputData(made)
+    write.SetFileName(str(tmp_path / "frame.vtk"))
+    (write.SetFileTypeToBinary if is_binary else write.SetFileTypeToASCII)()
+    write.Write()
+    read = read_sequence(tmp_path / "frame.vtk", parser=parser)
+    assert read.coordinate_system == "LPS"
+    assert read.sequence.times is not None
+    assert read.sequence.times.tolist() == [0.25]
+    assert read.ignored == ("point.thickness",)
+    # Text has six digits.
+    assert np.allclose(read.sequence.vertices[0], VERTICES[0], rtol=1e-5)

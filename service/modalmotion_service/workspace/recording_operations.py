@@ -1,4 +1,4 @@
-"""Operations on images and tracks: taken in, followed, shown, reported."""
+"""Operations that store sequences, templates, images and tracks, and those on what is stored."""
 
 from __future__ import annotations
 
@@ -12,33 +12,149 @@ from typing import Final
 
 from modalmotion.errors import NotFoundError
 from modalmotion.store.index import to_text
-from modalmotion_service.http.negotiation import (
-    CSV,
-    FHIR,
-    HDF5,
-    JSON,
-    PDF,
-    PNG,
-    VIEW,
-    ZIP,
-    attachment,
-)
+from modalmotion_service.http import negotiation as media
+from modalmotion_service.http.negotiation import attachment, tag_of
 from modalmotion_service.http.observation import stage
-from modalmotion_service.schemas.queries import ImagesView, TrackView
-from modalmotion_service.schemas.requests import TRACK, ClassificationRequest
-from modalmotion_service.schemas.sequences import ImagesSummary, TrackAnswer
-from modalmotion_service.work.tasks import derived, tracks
+from modalmotion_service.schemas.queries import ImagesView, ModesRequest, TrackView
+from modalmotion_service.schemas.requests import (
+    SEQUENCE,
+    SIGNATURE_OF_FILE,
+    TRACK,
+    TRADE,
+    ClassificationRequest,
+    EncodingTarget,
+)
+from modalmotion_service.schemas.sequences import ImagesSummary, SequenceSummary, TrackAnswer
+from modalmotion_service.work.tasks import derived, sequences, tracks
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace import models
 from modalmotion_service.workspace.erasure import forget_images, link_of_images
 from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.operation import Outcome, Request, made, operation
+from modalmotion_service.workspace.operation import Outcome, Request, State, made, operation
 from modalmotion_service.workspace.spool import SpoolFile, remove_with_beside
-from modalmotion_service.workspace.state import State
+
+SAMPLE: Final = "Sample heart (simulated)"
+"""Name of the simulated heart."""
+
+
+def sent(state: State, request: Request) -> Upload:
+    """Give the upload of a request, to be read as it states."""
+    options = request.query.options(state.settings.read_limits, request.facts)
+    return Upload(state.spool.at(request.file), options)
+
+
+@operation(query=SEQUENCE)
+async def upload(state: State, request: Request, report: Report) -> Outcome:
+    """Read an upload and store its sequence.
+
+    Of a known sequence, what is stated with it and not known yet is filled in.
+    """
+    analysis, file = state.analysis, sent(state, request)
+    subject, label = request.query.subject, request.query.label
+    with analysis.image() as image:
+        read, reading = await analysis.staged(report, sequences.ingest, file, image)
+        with stage("store"):
+            record, is_new = await asyncio.to_thread(
+                state.store.put_sequence_image, image, read, subject=subject, label=label
+            )
+    filled: tuple[str, ...] = ()
+    if not is_new:
+        record, filled = await asyncio.to_thread(
+            analysis.completed, record.id, subject, label, request.facts, read.facts
+        )
+        if filled:
+            reading.notes.append(f"The sequence was known; {', '.join(filled)} is known now too.")
+    others = [n for n in read.facts.stated if n in record.facts.changed(read.facts)]
+    if others:
+        reading.notes.append(
+            f"The sequence was known, and keeps its facts; {', '.join(others)} would now "
+            "be different. PATCH changes them."
+        )
+    summary = SequenceSummary.of(record, reading)
+    tag = tag_of(summary.model_dump_json())
+    return made(summary, summary.links["self"], is_new, filled=filled, headers={"ETag": tag})
+
+
+async def sample(state: State) -> SequenceSummary:
+    """Store a simulated heart, for who has none at hand."""
+    with state.analysis.image() as image, stage("worker"):
+        simulated = await state.analysis.work(sequences.sample, image)
+        record, is_new = await asyncio.to_thread(state.store.put_sequence_image, image, simulated)
+    if is_new:
+        record = await asyncio.to_thread(state.store.update_sequence, record.id, name=SAMPLE)
+    return SequenceSummary.of(record)
+
+
+@operation(media.STREAM, query=EncodingTarget)
+async def encoding(state: State, request: Request, report: Report) -> Outcome:
+    """Encode a stored sequence."""
+    path = await asyncio.to_thread(state.store.sequence_path, request.sequence_id)
+    return await encoded(state, path, request.query, report)
+
+
+async def encoded(
+    state: State, source: Upload | Path, target: EncodingTarget, report: Report
+) -> Outcome:
+    """Have a worker encode a sequence."""
+    with state.analysis.output() as output, stage("encode"):
+        answer = await state.analysis.followed(
+            report, sequences.encode_sequence, source, target, output
+        )
+    return Outcome(output, media.STREAM, headers=answer.headers)
+
+
+@operation(media.JSON, media.PNG, query=TRADE)
+async def tradeoff(state: State, request: Request, report: Report) -> Outcome:
+    """Measure a trade of modes for accuracy on a stored sequence."""
+    analysis, query, sequence_id = state.analysis, request.query, request.sequence_id
+    sequence = await asyncio.to_thread(state.store.sequence_path, sequence_id)
+    parameters = query.parameters()
+    with analysis.output() as output:
+        await analysis.staged(
+            *(report, derived.measure_trade, sequence, parameters, query.front_modes, query.only),
+            *(analysis.template_path(parameters), request.media_type, output),
+            state.store.sequence_record(sequence_id).facts,
+        )
+    return Outcome(output, request.media_type)
+
+
+@operation(query=SIGNATURE_OF_FILE)
+async def template(state: State, request: Request, report: Report) -> Outcome:
+    """Make and store the template of an upload."""
+    parameters = request.query.parameters()
+    with state.analysis.image() as image:
+        (answer,) = await state.analysis.staged(
+            report, sequences.make_template, sent(state, request), parameters, image
+        )
+        with stage("store"):
+            is_new = await asyncio.to_thread(state.store.put_template_image, image, answer.id)
+    return made(
+        answer, answer.links["self"], is_new, headers={"ETag": tag_of(answer.id, media.JSON)}
+    )
+
+
+@operation(media.JSON, media.PNG)
+async def template_view(state: State, request: Request, _: Report) -> Outcome:
+    """Describe or draw a stored template."""
+    path = await asyncio.to_thread(state.store.template_path, request.reference)
+    kind = request.media_type
+    return Outcome(await state.analysis.work(sequences.show_template, path, kind), kind)
+
+
+@operation(media.JSON, media.NPZ, media.HDF5, media.PNG, query=ModesRequest)
+async def template_modes(state: State, request: Request, _: Report) -> Outcome:
+    """Give the vibration modes of a stored template."""
+    path = await asyncio.to_thread(state.store.template_path, request.reference)
+    with stage("modes"):
+        body = await state.analysis.work(
+            sequences.modes_of_template, path, request.query, request.media_type
+        )
+    return Outcome(body, request.media_type)
+
 
 # Part of a tracked report that the track is counted as.
 _TRACKING: Final = 0.8
-_FORMS: Final = {"report.pdf": PDF, "report.fhir.json": FHIR, "frames.csv": CSV}
+_FORMS: Final = {"report.pdf": media.PDF, "report.fhir.json": media.FHIR, "frames.csv": media.CSV}
 _PAGE: Final = "view.html"
 # A zip knows no time before.
 _NO_DATE: Final = (1980, 1, 1, 0, 0, 0)
@@ -56,7 +172,7 @@ async def images(state: State, request: Request, report: Report) -> Outcome:
     return made(ImagesSummary.of(record), link_of_images(record.id), is_new)
 
 
-@operation(VIEW, query=ImagesView)
+@operation(media.VIEW, query=ImagesView)
 async def slices(state: State, request: Request, _: Report) -> Outcome:
     """Give the slices of one frame of images, and a track's surface in it."""
     images_id, query, track = request.ids[0], request.query, None
@@ -65,7 +181,7 @@ async def slices(state: State, request: Request, _: Report) -> Outcome:
         track = await asyncio.to_thread(state.store.track_path, query.track)
     with stage("view"):
         body = await state.analysis.work(tracks.show_slices, path, query.frame, track)
-    return Outcome(body, VIEW)
+    return Outcome(body, media.VIEW)
 
 
 def sweep_images(state: State, age: timedelta) -> Sequence[str]:
@@ -138,13 +254,13 @@ async def track(state: State, request: Request, report: Report) -> Outcome:
     return made(answer, answer.links["self"], is_new, filled=filled)
 
 
-@operation(JSON, HDF5, PNG, VIEW, query=TrackView)
+@operation(media.JSON, media.HDF5, media.PNG, media.VIEW, query=TrackView)
 async def track_view(state: State, request: Request, _: Report) -> Outcome:
     """Describe or draw a stored track, or give its file or its data."""
     track_id, kind, store = request.sequence_id, request.media_type, state.store
     path = await asyncio.to_thread(store.track_path, track_id)
     images_id, shown = await asyncio.to_thread(store.images_id_of_track, track_id), None
-    if kind == PNG and request.query.picture == "overlay":
+    if kind == media.PNG and request.query.picture == "overlay":
         shown = await asyncio.to_thread(store.images_of_track, track_id)
     record = store.track_record(track_id)
     with stage("draw"):
@@ -154,7 +270,7 @@ async def track_view(state: State, request: Request, _: Report) -> Outcome:
     return Outcome(body, kind)
 
 
-@operation(ZIP, query=TRACK, settle=settle)
+@operation(media.ZIP, query=TRACK, settle=settle)
 async def tracked_report(state: State, request: Request, report: Report) -> Outcome:
     """Track a surface, name the class of its motion, and write each form of a report to a zip."""
     done = await track.work(state, request, lambda share, text="": report(_TRACKING * share, text))
@@ -163,7 +279,7 @@ async def tracked_report(state: State, request: Request, report: Report) -> Outc
     path = await _whole_report(state, track_id, request.query.model)
     # The job ends with the track that its link names, and with it the file.
     headers = attachment(f"{track_id[:12]}-report.zip")
-    return Outcome(path, ZIP, 200, headers, done.link, done.filled)
+    return Outcome(path, media.ZIP, 200, headers, done.link, done.filled)
 
 
 async def _whole_report(state: State, sequence_id: str, model: str | None) -> Path:

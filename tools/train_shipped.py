@@ -1,4 +1,4 @@
-"""Recipes of the shipped models: `python -m modalmotion.classification.train_shipped [NAME]`.
+"""Recipes of the shipped models: `python tools/train_shipped.py [NAME]`.
 
 Each is trained on two makes of simulated hearts that differ in shape, time course, regional rule
 and mesh, and states how it does on others of both.
@@ -10,10 +10,12 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from bullet import bullet_cohort
 from numpy.random import default_rng
 
 from modalmotion.classification.answer import classify
@@ -34,7 +36,6 @@ from modalmotion.signature.making import (
 )
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import MotionClass, simulate_cohort
-from modalmotion.simulate.bullet import bullet_cohort
 
 TRAINING_SEED: Final = 1994
 HELD_OUT_SEED: Final = 4711
@@ -248,7 +249,7 @@ def held_out(recipe: Recipe, model: Model, n_per_class: int, seed: int) -> dict[
 
 def main(arguments: Sequence[str]) -> None:
     """Train models, all or by their names, test them on another seed, and write their files."""
-    folder = Path(__file__).parent / "data"
+    folder = Path(str(files("modalmotion.classification"))) / "data"
     for name in arguments or RECIPES:
         recipe = RECIPES[name]
         model = shipped_model(recipe, recipe.n_train)

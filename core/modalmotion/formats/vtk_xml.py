@@ -1,0 +1,251 @@
+"""Surfaces in VTK's XML: .vtp, and .vtu of polygons (VTK file formats, "XML file formats").
+
+Arrays are text, base64, or bytes behind all elements; packed ones in blocks. Only points, polygons,
+the time and the coordinate system are read; other arrays are named.
+"""
+
+from __future__ import annotations
+
+import lzma
+import re
+import struct
+from binascii import a2b_base64
+from collections.abc import Iterator
+from typing import Any, Final
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import InputError
+from modalmotion.formats.frame import Frame, space_in
+from modalmotion.formats.vtk_legacy import malformed, numbers_in, surface_of
+from modalmotion.formats.xml_trees import xml_tree
+from modalmotion.limits import NO_LIMITS, ReadLimits
+from modalmotion.numeric.unpacking import filled, unpacked
+
+_KINDS: Final = {
+    f"{name}{8 * n}": f"{letter}{n}"
+    for name, letter in (("Int", "i"), ("UInt", "u"), ("Float", "f"))
+    for n in (1, 2, 4, 8)
+} | {"String": "u1"}
+_WORDS: Final = {"UInt32": "I", "UInt64": "Q"}
+_TYPES: Final = ("PolyData", "UnstructuredGrid")
+_CELLS: Final = ("Verts", "Lines", "Strips", "Polys")
+_APPENDED: Final = re.compile(rb"<AppendedData([^<>]*)>\s*_")
+
+# A surface with fifty arrays of data has two hundred elements.
+_MOST_ELEMENTS: Final = 1_000
+
+
+def read_vtk_xml(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
+    """Read one .vtp or .vtu file.
+
+    Parameters
+    ----------
+    data : bytes
+    limits : ReadLimits, optional
+
+    Raises
+    ------
+    MalformedFileError
+        If it is not readable, or an array has other numbers than the file declares.
+    LimitError
+        If it declares more than `limits` accept.
+    """
+    # What is appended is no XML.
+    found = _APPENDED.search(data)
+    tree = data
+    if found is not None:
+        tree = data[: found.start()] + b"</VTKFile>"
+        if not data.rstrip().endswith(b"</VTKFile>"):
+            raise malformed("The VTK file is cut short.")
+    root = xml_tree(tree, "VTK", malformed, _MOST_ELEMENTS)
+    try:
+        return _File(root, data, found, limits).frame()
+    except InputError:
+        raise
+    except (KeyError, ValueError, AttributeError, IndexError, lzma.LZMAError) as error:
+        reason = f"{type(error).__name__}: {str(error)[:60]}"
+        raise malformed(f"The VTK file is not as VTK writes it ({reason}).") from error
+
+
+class _File:
+    """The elements of a file, and its bytes."""
+
+    def __init__(
+        self, root: Element, data: bytes, found: re.Match[bytes] | None, limits: ReadLimits
+    ) -> None:
+        self.root, self.data, self.limits = root, data, limits
+        self.start = len(data) if found is None else found.end()
+        self.is_raw = found is not None and b"base64" not in found[1]
+        # What arrays unpack to, together.
+        self.of_file, self.n_bytes = limits.of_file(len(data)), 0
+        self.order = {"LittleEndian": "<", "BigEndian": ">"}[root.get("byte_order", "LittleEndian")]
+        self.word = _WORDS[root.get("header_type", "UInt32")]
+        self.packing = root.get("compressor", "")
+
+    def frame(self) -> Frame:
+        """Join the pieces of the surface."""
+        kind = self.root.get("type", "")
+        content = self.root.find(kind) if kind in _TYPES else None
+        if content is None:
+            raise malformed(f"The VTK file is of the type {kind[:40]!r}, not a surface.")
+        is_grid = kind == "UnstructuredGrid"
+        pieces = content.findall("Piece")
+        sizes = [_count(piece, "NumberOfPoints") for piece in pieces]
+        self.limits.require("vertices", sum(sizes))
+        names = ("NumberOfCells",) if is_grid else ("NumberOfPolys",)
+        self.limits.require("faces", sum(_count(piece, name) for piece in pieces for name in names))
+        points, cells, types, n_points = [], [], [], 0
+        for piece, n in zip(pieces, sizes, strict=True):
+            if n:
+                points.append(self._values(_named(piece.find("Points"), ""), 3 * n).reshape(n, 3))
+            n_cells = _count(piece, names[0])
+            offsets, corners = self._cells(piece.find("Cells" if is_grid else "Polys"), n_cells)
+            cells.append((np.diff(offsets), corners + n_points))
+            if is_grid and n_cells:
+                types.append(self._values(_named(piece.find("Cells"), "types"), n_cells))
+            n_points += n
+        if not n_points:
+            raise malformed("The VTK file contains no points.")
+        counts = {name: sum(_count(p, f"NumberOf{name}") for p in pieces) for name in _CELLS}
+        data = [
+            f"{kind.lower()}.{array.get('Name', '')}"
+            for kind in ("Point", "Cell")
+            for array in pieces[0].iterfind(f"{kind}Data/*")
+        ]
+        statements = dict(self._statements(content.find("FieldData")))
+        return surface_of(
+            np.concatenate(points),
+            np.concatenate([sizes for sizes, _ in cells]),
+            np.concatenate([corners for _, corners in cells]),
+            np.concatenate(types) if types else None,
+            ignored=data,
+            counts=counts,
+            statements=statements,
+        )
+
+    def _statements(self, field: Element | None) -> Iterator[tuple[str, str]]:
+        for array in [] if field is None else field:
+            if array.get("Name") == "TimeValue":
+                yield "time", repr(float(self._values(array, 1)[0]))
+            elif array.get("Name") == "SPACE":
+                text = self._values(array, None).astype(np.uint8).tobytes()
+                yield from space_in(b"SPACE=" + text)
+
+    def _cells(self, cells: Element | None, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        if not n:
+            return np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        ends = self._values(_named(cells, "offsets"), n).astype(np.int64)
+        offsets = np.concatenate([[0], ends])
+        corners = self._values(_named(cells, "connectivity"), int(ends[-1])).astype(np.int64)
+        return offsets, corners
+
+    def _values(self, array: Element, n: int | None) -> NDArray[Any]:
+        """Read an array of so many numbers; of any number if that is None."""
+        kind = np.dtype(self.order + _KINDS[array.get("type", "")])
+        form, text = array.get("format", "ascii"), (array.text or "").strip()
+        if n is not None:
+            # Text of a number is two bytes or more.
+            self._hold(n * kind.itemsize)
+        if form == "ascii":
+            values = numbers_in(text.encode(), kind.newbyteorder("="))
+        elif form == "appended":
+            start = self.start + _count(array, "offset")
+            values = np.frombuffer(self._bytes(self.data, start, self.is_raw), kind)
+        else:
+            values = np.frombuffer(self._bytes(text.encode("ascii"), 0, False), kind)
+        if n is not None and len(values) != n:
+            raise malformed(
+                f"The array {array.get('Name', '')[:40]!r} of the VTK file contains {len(values)} "
+                f"numbers in place of {n}."
+            )
+        return values.astype(kind.newbyteorder("="), copy=False)
+
+    def _bytes(self, data: bytes, at: int, is_raw: bool) -> bytes | NDArray[np.uint8]:
+        """Read what a head declares: a number of bytes, or blocks and their packed sizes."""
+
+        def read(n_bytes: int) -> bytes:
+            nonlocal at
+            width = n_bytes if is_raw else 4 * -(-n_bytes // 3)
+            piece = data[at : at + width]
+            found = piece if is_raw else a2b_base64(piece)[:n_bytes]
+            if len(found) < n_bytes:
+                raise malformed(f"An array of the VTK file has {len(found)} bytes of {n_bytes}.")
+            at += width
+            return found
+
+        start, size = at, struct.calcsize(self.word)
+        if not self.packing:
+            (n_bytes,) = struct.unpack(self.order + self.word, read(size))
+            at = start
+            return read(size + n_bytes)[size:]
+        n_blocks, block, last = struct.unpack(f"{self.order}3{self.word}", read(3 * size))
+        at = start
+        heads = read((3 + n_blocks) * size)[3 * size :]
+        lengths = [block] * max(0, n_blocks - bool(last)) + [last] * bool(last)
+        packed = struct.unpack(f"{self.order}{n_blocks}{self.word}", heads)
+        self._hold(sum(lengths))
+        pieces = read(sum(packed))
+        ends = np.cumsum([0, *packed]).tolist()
+        return b"".join(
+            self._unpacked(pieces[a:b], n)
+            for a, b, n in zip(ends[:-1], ends[1:], lengths, strict=True)
+        )
+
+    def _unpacked(self, piece: bytes, n_bytes: int) -> bytes:
+        if self.packing == "vtkZLibDataCompressor":
+            return unpacked(piece, "zlib", n_bytes).tobytes()
+        if self.packing == "vtkLZMADataCompressor":
+            plain = lzma.LZMADecompressor().decompress(piece, n_bytes + 1)
+            return filled([plain], n_bytes, len(piece)).tobytes()
+        if self.packing == "vtkLZ4DataCompressor":
+            return filled([bytes(_lz4(piece, n_bytes))], n_bytes, len(piece)).tobytes()
+        raise malformed(f"The VTK file is packed by {self.packing[:40]!r}, which is unknown.")
+
+    def _hold(self, n_bytes: int) -> None:
+        self.n_bytes += n_bytes
+        self.of_file.require("decompressed_bytes", self.n_bytes)
+
+
+def _lz4(piece: bytes, most: int) -> bytearray:
+    """Unpack one block of LZ4 (its block format): literals, and copies of what is before."""
+    plain, at = bytearray(), 0
+
+    def longer(of: int) -> int:
+        nonlocal at
+        more = 255
+        while more == 255:
+            more, at = piece[at], at + 1
+            of += more
+        return of
+
+    while at < len(piece) and len(plain) <= most:
+        token, at = piece[at], at + 1
+        n = token >> 4 if token < 0xF0 else longer(15)
+        plain += piece[at : at + n]
+        at += n
+        if at >= len(piece):
+            break
+        back, at = int.from_bytes(piece[at : at + 2], "little"), at + 2
+        n = 4 + (token & 15 if token & 15 < 15 else longer(15))
+        if not 0 < back <= len(plain) or len(plain) + n > most:
+            raise malformed("A packed array of the VTK file is damaged.")
+        source = plain[-back:]
+        plain += (source * (n // back + 1))[:n]
+    return plain
+
+
+def _named(parent: Element | None, name: str) -> Element:
+    for array in [] if parent is None else parent:
+        if name in ("", array.get("Name")):
+            return array
+    raise malformed(f"The VTK file has no array {name or 'of points'!r}.")
+
+
+def _count(element: Element, name: str) -> int:
+    text = element.get(name, "0").strip()
+    if not (text.isascii() and text.isdigit() and len(text) <= 18):
+        raise malformed(f"The VTK file states {name} as {text[:20]!r}.")
+    return int(text)
