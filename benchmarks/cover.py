@@ -15,7 +15,6 @@ from typing import Final
 import numpy as np
 from drawn_contours import contoured
 from judged_images import labelled, phantoms, tracked
-from numpy.typing import NDArray
 from read_hearts import noisy, true_dyssynchrony, true_strain, volumes_of
 from seen_surfaces import Cases, Truth, in_turn, seen_clouds
 
@@ -107,9 +106,8 @@ def row(kind: str, seed: int, n: int) -> str:
     lines = []
     for name, each in errors.items():
         if each:
-            off, inside, width = (np.array(part) for part in zip(*each, strict=True))
-            figures: tuple[NDArray[np.float64], ...] = (100.0 * inside, off, width)
-            cover, error, mean = (float(part.mean()) for part in figures)
+            off, held, width = np.array(each, dtype=np.float64).T
+            cover, error, mean = 100.0 * held.mean(), off.mean(), width.mean()
             text = f"{kind:9} {name:4} {len(each):4} {cover:6.1f} % {error:6.2f} {mean:6.2f}"
             if name in ("GLS", "GCS"):
                 text += f" {100.0 * float((width > WIDEST).mean()):6.1f} %"

@@ -30,7 +30,7 @@ _UNEVEN: Final = 0.1
 
 # Strain around that modes omit, waves of a line that they do not follow, of the strain: 0.04 to
 # 0.08 and 0.01 of ventricles of two simulators.
-_OMITTED: Final = 0.02
+_OMITTED: Final = 0.04
 
 
 class Measure(NamedTuple):
