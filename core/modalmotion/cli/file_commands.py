@@ -28,10 +28,10 @@ from modalmotion.cli.options import (
     sequence_numbers,
     signature_parameters,
 )
-from modalmotion.codec.container import MAGIC
 from modalmotion.errors import InputError, ModalMotionError, ParameterError, StoreError
 from modalmotion.exports.files import SURFACES, save
 from modalmotion.formats import ReadOptions, write_npz, write_raw, write_vtkhdf
+from modalmotion.formats.detect import STREAM
 from modalmotion.hdf5.form import form_of
 from modalmotion.hdf5.sealed import SIGNATURE
 from modalmotion.store import write_atomic
@@ -174,7 +174,7 @@ def show(file: Path) -> Any:
     if file.is_file():
         with file.open("rb") as opened:
             head = opened.read(len(SIGNATURE))
-    if head.startswith(MAGIC):
+    if head.startswith(STREAM):
         from modalmotion.codec.decoder import inspect
 
         header = inspect(file.read_bytes())

@@ -11,12 +11,12 @@ from modalmotion import formats, store
 from modalmotion.arguments.checking import Plotted
 from modalmotion.classification import Classification, Model
 from modalmotion.codec import Encoded, decode
-from modalmotion.codec.container import MAGIC
 from modalmotion.errors import NotFoundError, ParameterError, StoreError
 from modalmotion.exports.picture_files import PICTURES
 from modalmotion.exports.plotting import to_html
 from modalmotion.exports.reading import read
 from modalmotion.exports.tables import amplitude_table
+from modalmotion.formats.detect import STREAM
 from modalmotion.formats.gltf.animation import frame_animation
 from modalmotion.hdf5.form import form_of
 from modalmotion.hdf5.sealed import SIGNATURE
@@ -140,7 +140,7 @@ def load(path: str | Path) -> Any:
     if path.is_file():
         with path.open("rb") as file:
             head = file.read(len(SIGNATURE))
-        if head.startswith(MAGIC):
+        if head.startswith(STREAM):
             return decode(path.read_bytes())
         if head == SIGNATURE:
             # HDF5 of other programs has no form.

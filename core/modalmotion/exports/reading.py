@@ -5,8 +5,8 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
-from modalmotion.codec.container import MAGIC
 from modalmotion.formats import ReadOptions, read_sequence
+from modalmotion.formats.detect import STREAM
 from modalmotion.formats.result import Reading
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress
@@ -71,5 +71,5 @@ def stream_at(path: Path) -> bytes | None:
     if not path.is_file():
         return None
     with path.open("rb") as file:
-        start = file.read(len(MAGIC))
-        return start + file.read() if start == MAGIC else None
+        start = file.read(len(STREAM))
+        return start + file.read() if start == STREAM else None

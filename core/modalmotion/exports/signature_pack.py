@@ -23,7 +23,6 @@ from modalmotion.errors import (
     ParameterError,
     StoreError,
 )
-from modalmotion.exports.animation import modal_animation
 from modalmotion.formats import write_glb, write_npz, write_ply_zip, write_vtkhdf
 from modalmotion.hdf5.form import Form
 from modalmotion.mesh.sequence import MeshSequence
@@ -368,6 +367,8 @@ def write_superposed(
         )
     moved = signature if times is None else at_times(signature, times)
     if surface_format == SurfaceFormat.GLB:
+        from modalmotion.exports.animation import modal_animation
+
         return write_glb(modal_animation(moved, sequence, max_targets, template=template))
     positions = reconstruct(moved, sequence, template=template)
     surfaces = replace(sequence, vertices=positions, times=moved.times, uncertainty=None)
