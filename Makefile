@@ -38,11 +38,11 @@ $(VENV)/.bench: $(VENV)/.dev
 	@touch $@
 
 demo: $(VENV)/.run
-	$(BIN)/python -m modalmotion_service.commands.demo $(if $(OPEN),--open) $(if $(FILE),"$(FILE)")
+	$(BIN)/python tools/demo.py $(if $(OPEN),--open) $(if $(FILE),"$(FILE)")
 
 # The same, and the service stays: look at the surface in a browser.
 view: $(VENV)/.run
-	$(BIN)/python -m modalmotion_service.commands.demo --open $(if $(FILE),"$(FILE)")
+	$(BIN)/python tools/demo.py --open $(if $(FILE),"$(FILE)")
 
 serve: $(VENV)/.run
 	$(BIN)/modalmotion serve

@@ -12,7 +12,6 @@ from typing import Any, Final, NoReturn
 from fastapi import Depends, FastAPI
 from fastapi.middleware.cors import CORSMiddleware
 from fastapi.routing import APIRoute
-from starlette.routing import BaseRoute, Route
 
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion_service.access.keys import KeyRing, KeySnapshot
@@ -23,19 +22,18 @@ from modalmotion_service.audit.log import AuditLog, AuditStream, Notes
 from modalmotion_service.document import completed
 from modalmotion_service.errors import NeedsStoreError
 from modalmotion_service.http import problems
-from modalmotion_service.http.admission import BodyLimits, Concurrency, Departure, WholeAnswers
-from modalmotion_service.http.connections import (
-    API_VERSION,
-    HeadAsGet,
-    Prefix,
-    RequestHeadCheck,
-    SecurityHeaders,
-)
 from modalmotion_service.http.gate import Access, Gate, require_judged
 from modalmotion_service.http.judged_router import BODIES
-from modalmotion_service.http.observation import Observation
-from modalmotion_service.monitoring.metrics import Meter, Metrics, StateOfThings
-from modalmotion_service.monitoring.telemetry import Telemetry, Tracing
+from modalmotion_service.http.middleware import (
+    API_VERSION,
+    BodyLimits,
+    Concurrency,
+    HeadAsGet,
+    Heads,
+    Prefix,
+)
+from modalmotion_service.monitoring.metrics import Metrics, StateOfThings
+from modalmotion_service.monitoring.observation import Observation, Telemetry
 from modalmotion_service.routes import (
     files,
     models,
@@ -80,14 +78,15 @@ async def _forget(log: Notes, days: float) -> None:
         await for_ever("audit", partial(asyncio.to_thread, log.forget_before, days), 3600.0)
 
 
-def judged_routes() -> list[BaseRoute]:
+def judged_routes() -> list[APIRoute]:
     """Give all routes, made once for all applications of a process."""
     routers = [
         *(sequences.router, signatures.router, files.router, recordings.router),
         *(sequences.of_templates, models.router, models.of_norms),
         *(operation.of_jobs, operation.router, views.pages),
     ]
-    return [route for router in routers for route in router.routes]
+    routes = (route for router in routers for route in router.routes)
+    return [route for route in routes if isinstance(route, APIRoute)]
 
 
 def create_app(settings: Settings | None = None, telemetry: Telemetry | None = None) -> FastAPI:
@@ -164,9 +163,7 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
     problems.install(app)
     # The last one added is the outermost.
     app.add_middleware(HeadAsGet)
-    app.add_middleware(Departure)
     app.add_middleware(BodyLimits, settings=chosen)
-    app.add_middleware(WholeAnswers)
     app.add_middleware(Concurrency, settings=chosen)
     rates = Rates(
         chosen.max_requests_per_minute,
@@ -176,12 +173,8 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
     )
     logins = logins_of(chosen)
     app.add_middleware(Gate, require_keys=chosen.require_keys, rates=rates, logins=logins)
-    app.add_middleware(RequestHeadCheck)
-    app.add_middleware(Meter, metrics=metrics)
-    if telemetry is not None:
-        app.add_middleware(Tracing, telemetry=telemetry)
-    app.add_middleware(SecurityHeaders)
-    app.add_middleware(Observation)
+    app.add_middleware(Heads)
+    app.add_middleware(Observation, metrics=metrics, telemetry=telemetry)
     if chosen.cors_origins:
         # Before everything: a preflight request carries no key.
         app.add_middleware(
@@ -213,33 +206,27 @@ SERVED: Final = frozenset(
 """Calls whose answer hangs on nothing that was sent before, by method and template."""
 
 
-def stateless_routes(routes: Iterable[BaseRoute]) -> list[BaseRoute]:
+def stateless_routes(routes: Iterable[APIRoute]) -> list[APIRoute]:
     """Give routes that serve what needs no store, and refuse the rest by name.
 
     Parameters
     ----------
-    routes : iterable of route
+    routes : iterable of APIRoute
         Of a service with a store.
     """
-    return [route if _is_served(route) else _refused(route) for route in routes]
-
-
-def _is_served(route: BaseRoute) -> bool:
-    return isinstance(route, Route) and any(
-        (method, route.path) in SERVED for method in route.methods or ()
-    )
-
-
-def _refused(route: BaseRoute) -> APIRoute:
-    assert isinstance(route, Route)  # noqa: S101 (all of ours are)
-    return APIRoute(
-        route.path,
-        _refuse,
-        response_model=None,
-        methods=sorted(route.methods or ()),
-        include_in_schema=False,
-        dependencies=[Depends(require_judged)],
-    )
+    return [
+        route
+        if any((method, route.path) in SERVED for method in route.methods or ())
+        else APIRoute(
+            route.path,
+            _refuse,
+            response_model=None,
+            methods=route.methods,
+            include_in_schema=False,
+            dependencies=[Depends(require_judged)],
+        )
+        for route in routes
+    ]
 
 
 def _refuse() -> NoReturn:

@@ -129,29 +129,20 @@ def _shortened(value: Any) -> Any:
         return [_shortened(one) for one in value]
     if not isinstance(value, dict):
         return value
-    short = {}
-    for name, one in value.items():
-        if (
-            name == "title"
-            and isinstance(one, str)
-            and "paths" not in value
-            and "version" not in value
-        ):
-            continue
-        if name == "default" and one is None:
-            continue
-        if name == "description" and isinstance(one, str):
-            one = one.partition("\n\nParameters\n")[0].partition("\n\nRaises\n")[0]
-        short[name] = _shortened(one)
-    kinds = short.get("anyOf")
-    if (
-        isinstance(kinds, list)
-        and len(kinds) == 2
-        and kinds[1] == {"type": "null"}
-        and isinstance(kinds[0].get("type"), str)
-        and "enum" not in kinds[0]
-        and "const" not in kinds[0]
-    ):
-        del short["anyOf"]
-        short |= {**kinds[0], "type": [kinds[0]["type"], "null"]}
+    short = {
+        name: _words(one) if name == "description" and isinstance(one, str) else _shortened(one)
+        for name, one in value.items()
+        if not (name == "title" and isinstance(one, str) and "version" not in value)
+        and not (name == "default" and one is None)
+    }
+    match short.get("anyOf"):
+        case [{"type": str(kind), **rest}, {"type": "null"}] if not {"enum", "const"} & rest.keys():
+            del short["anyOf"]
+            short |= {**rest, "type": [kind, "null"]}
     return short
+
+
+def _words(text: str) -> str:
+    """Leave out what a docstring says to programmers, and ends of lines within a paragraph."""
+    text = text.partition("\n\nParameters\n")[0].partition("\n\nRaises\n")[0]
+    return re.sub(r"(?<!\n)\n(?!\n)", " ", text)

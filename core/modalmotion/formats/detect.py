@@ -45,10 +45,11 @@ _VTK_XML: Final = re.compile(rb"<VTKFile[^>]{0,2000}?\stype=[\"'](\w{1,60})[\"']
 
 _VTK_XML_TYPES: Final = {b"PolyData": Format.VTP, b"UnstructuredGrid": Format.VTU}
 
-_IMAGES: Final = (
+OF_IMAGES: Final = (
     "Track a surface through it: `modalmotion report` for a segmentation, `modalmotion track`, "
     "track(path) in Python, or POST /v1/images and POST /v1/tracks."
 )
+"""Remedy for images."""
 
 CONVERT: Final = (
     "Convert each frame: `pip install meshio`, then `meshio convert frame.msh frame.ply`, and name "
@@ -87,12 +88,12 @@ _OTHERS: Final = (
     (
         rb"NRRD000|ObjectType|NDims|(?s:.{128})DICM|(?s:.{344})n\+[12]\0|(?s:.{4})n\+2\0",
         "an image, not a surface",
-        _IMAGES,
+        OF_IMAGES,
     ),
     (
         rb"\x1f\x8b|BZh|7z\xbc\xaf|Rar!|\xfd7zXZ",
         "a compressed file",
-        f"If it is an image (.nii.gz): {_IMAGES[0].lower()}{_IMAGES[1:]} Else send .zip.",
+        f"If it is an image (.nii.gz): {OF_IMAGES[0].lower()}{OF_IMAGES[1:]} Else send .zip.",
     ),
 )
 

@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from typing import Final
 
 from modalmotion.errors import LimitError, MalformedFileError
-from modalmotion.formats.detect import CONVERT
+from modalmotion.formats.detect import CONVERT, OF_IMAGES
 from modalmotion.formats.frame import TRACK
 from modalmotion.formats.frame_lists import (
     FRAME_SUFFIXES,
@@ -39,6 +39,7 @@ LISTS: Final = (*SERIES_SUFFIXES, *XDMF_SUFFIXES)
 """Ends of the names of files that name others."""
 
 _MESHES: Final = (".msh", ".inp", ".bdf", ".nas", ".mesh", ".med", ".e", ".exo", ".su2", ".unv")
+_IMAGE_ENDS: Final = (".nii", ".gz", ".nrrd", ".mha", ".dcm")
 _POINTS: Final = (".csv", ".txt", ".xyz", ".pcd")
 
 
@@ -101,6 +102,8 @@ def _no_frames(names: list[str]) -> MalformedFileError:
     remedy = f"Send files that end in {', '.join(FRAME_SUFFIXES)}."
     if ends.keys() & {*_MESHES}:
         remedy = CONVERT
+    elif ends.keys() & {*_IMAGE_ENDS}:
+        remedy = OF_IMAGES
     elif ends.keys() & {*_POINTS}:
         remedy = f"Clouds and contours are for {TRACK}."
     return MalformedFileError(

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from functools import partial
 from math import prod
 from typing import Any, Final
+from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +48,7 @@ _OFFSETS: Final = re.compile(rb"(?i)\s+offsets(?=\s)")
 _NO_NUMBER: Final = re.compile(rb"(?<=\s)(?!(?i:nan|inf)\b)[A-Za-z_]")
 _NAMES: Final = re.compile(
     rb"(?i)(?:^|\s)(point_data|cell_data)\s|\s(?:scalars|color_scalars|vectors|normals|tensors|"
-    rb"texture_coordinates)\s+(\S{1,200})\s|\n(\S{1,200}) \d+ \d+ [a-z_0-9]+ ?\n"
+    rb"texture_coordinates)\s+(\S{1,200})\s|\n(\S{1,200}) \d+ \d+ [a-z][a-z_0-9]* ?\n"
 )
 
 
@@ -102,7 +103,7 @@ def read_vtk_legacy(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     for owner_found, *names in _NAMES.findall(data, file.at - len(word) - 1 if word else len(data)):
         owner = owner_found.decode().lower() or owner
         ignored += [
-            f"{owner.partition('_')[0]}.{name.decode('utf-8', 'replace')}"
+            f"{owner.partition('_')[0]}.{unquote(name.decode('utf-8', 'replace'))}"
             for name in names
             if name and name.lower() not in (b"metadata", b"field")
         ]

@@ -225,7 +225,8 @@ def _of_files(
             for mark, place in places.items():
                 if frame_of is not None:
                     # Beside what is known of others.
-                    rows = np.array(landmarks.get(mark, np.tile(_NOWHERE, (len(names), 1))))
+                    known = landmarks.get(mark, _NOWHERE)
+                    rows = np.array(np.broadcast_to(known, (len(names), 3)))
                     rows[frame_of] = place
                     place = rows
                 landmarks[mark] = place

@@ -10,6 +10,7 @@ import re
 import secrets
 import sqlite3
 import threading
+import time
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
@@ -43,22 +44,16 @@ def open_database(path: Path, tables: Sequence[str], version: int) -> sqlite3.Co
         If it was written by another version, or cannot be opened.
     """
     with explained(path.name):
-        try:
-            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            # SQLite gives its log and its shared memory the rights of the file itself.
-            is_new = not path.exists()
-            os.close(os.open(path, os.O_CREAT | os.O_RDWR, 0o600))
-            if is_new:
-                sync_paths([path.parent, path.parent.parent])
-            # Restored from a backup they may have others.
-            with suppress(PermissionError):
-                path.parent.chmod(0o700)
-                path.chmod(0o600)
-        except OSError as error:
-            raise StoreError(
-                f"{path.name} cannot be opened: {error.strerror}.",
-                remedy="Check the data folder, and that this user may write to it.",
-            ) from error
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        # SQLite gives its log and its shared memory the rights of the file itself.
+        is_new = not path.exists()
+        os.close(os.open(path, os.O_CREAT | os.O_RDWR, 0o600))
+        if is_new:
+            sync_paths([path.parent, path.parent.parent])
+        # Restored from a backup they may have others.
+        with suppress(PermissionError):
+            path.parent.chmod(0o700)
+            path.chmod(0o600)
         connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
         try:
             _prepare(connection, path.name, tables, version)
@@ -89,19 +84,22 @@ def _prepare(
 
 @contextmanager
 def explained(name: str) -> Iterator[None]:
-    """Raise what SQLite says of a file as an error of ours."""
+    """Raise what SQLite and the system say of a file as an error of ours."""
     try:
         yield
-    except sqlite3.OperationalError as error:
+    except (OSError, sqlite3.OperationalError) as error:
         raise StoreError(
-            f"{name} could not be read or written ({error}).",
-            remedy="Check that the disk is not full and may be written to, and try again.",
+            f"{name} could not be read or written ({getattr(error, 'strerror', None) or error}).",
+            remedy="Check that the disk is not full and this user may write to it, and try again.",
         ) from error
     except sqlite3.DatabaseError as error:
         raise CorruptFileError(
             f"{name} is damaged ({error}).", remedy="Restore it from a backup."
         ) from error
 
+
+KEYS: Final = "access/keys.sqlite"
+"""Where keys are in a data folder."""
 
 _VERSION: Final = 1
 _TABLES: Final = (
@@ -196,7 +194,7 @@ class KeyRing(Authenticator):
     """
 
     def __init__(self, data_dir: Path) -> None:
-        self._path = data_dir / "access" / "keys.sqlite"
+        self._path = data_dir / KEYS
         self._lock = threading.Lock()
         self._connection = open_database(self._path, _TABLES, _VERSION)
 
@@ -327,8 +325,9 @@ def _key(row: tuple[Any, ...]) -> Key:
 class KeySnapshot(Authenticator):
     """Keys as they are in a file now, which may be replaced at any time.
 
-    Nothing is written, not even beside it: the folder may be one that nobody can write to. While
-    the file is away or damaged every key is refused with an error of the store.
+    They are read again only where the file has changed. Nothing is written, not even beside it: the
+    folder may be one that nobody can write to. While the file is away or damaged every key is
+    refused with an error of the store.
 
     Parameters
     ----------
@@ -337,30 +336,44 @@ class KeySnapshot(Authenticator):
     """
 
     def __init__(self, data_dir: Path | None) -> None:
-        self._path = None if data_dir is None else data_dir / "access" / "keys.sqlite"
-        if self._path is not None and self._path.exists():
-            self._row("")
+        self._path = None if data_dir is None else data_dir / KEYS
+        self._known: dict[str, tuple[Any, ...]] = {}
+        self._seen: list[tuple[int, ...]] = []
+        len(self)  # a damaged file is found at once
 
     def __len__(self) -> int:
         """Give how many keys are known, whether they are active or not."""
         if self._path is None or not self._path.exists():
             return 0
-        return int(self._rows("SELECT count(*) FROM keys")[0][0])
+        self._row("")
+        return len(self._known)
 
     def _row(self, key_id: str) -> tuple[Any, ...] | None:
-        rows = self._rows("SELECT * FROM keys WHERE id = ?", key_id)
-        return rows[0] if rows else None
-
-    def _rows(self, statement: str, *values: str) -> list[tuple[Any, ...]]:
         if self._path is None:
-            return []
+            return None
         with explained(self._path.name):
-            log = self._path.with_name(f"{self._path.name}-wal")
-            # Immutable, unless a service has it open whose newest rows are beside it: else SQLite
-            # would make files there, to share it with writers.
-            is_live = False
-            with suppress(FileNotFoundError):
-                is_live = log.stat().st_size > 0
-            address = f"{self._path.absolute().as_uri()}?mode=ro{'' if is_live else '&immutable=1'}"
-            with closing(sqlite3.connect(address, uri=True)) as file:
-                return file.execute(statement, values).fetchall()
+            seen = [*_stamp(self._path), *_stamp(self._path.with_name(f"{self._path.name}-wal"))]
+            if not seen or seen != self._seen:
+                # Immutable, unless a service has it open whose newest rows are beside it: else
+                # SQLite would make files there, to share it with writers.
+                is_live = len(seen) > 1 and seen[1][0] > 0
+                how = "mode=ro" if is_live else "mode=ro&immutable=1"
+                address = f"{self._path.absolute().as_uri()}?{how}"
+                with closing(sqlite3.connect(address, uri=True)) as file:
+                    self._known = {row[0]: row for row in file.execute("SELECT * FROM keys")}
+                # One that was just written may be written again within a tick of its clock.
+                is_settled = all(time.time_ns() - at > _SETTLED_NS for _, at, _ in seen)
+                self._seen = seen if is_settled else []
+        return self._known.get(key_id)
+
+
+_SETTLED_NS: Final = 2_000_000_000
+
+
+def _stamp(path: Path) -> list[tuple[int, ...]]:
+    """Give what changes with a file: size, time, and number on its disk; nothing of none."""
+    try:
+        found = path.stat()
+    except FileNotFoundError:
+        return []
+    return [(found.st_size, found.st_mtime_ns, found.st_ino)]

@@ -111,16 +111,14 @@ class Target:
     path_parameters: dict[str, str]
 
 
-_BY_METHOD: Final[dict[str, list[tuple[str, Scope | None]]]] = {}
-for (_method, _template), _scope in SCOPE_OF.items():
-    _BY_METHOD.setdefault(_method, []).append((_template, _scope))
 # Of two templates that match a path the one with fewer parameters is meant.
 _MATCHERS: Final = {
     method: [
-        (compile_path(template)[0], template, scope)
-        for template, scope in sorted(routes, key=lambda route: route[0].count("{"))
+        (compile_path(template)[0], template, _OF_PATH[template][method])
+        for template in sorted(_OF_PATH, key=lambda path: path.count("{"))
+        if method in _OF_PATH[template]
     ]
-    for method, routes in _BY_METHOD.items()
+    for method in ("GET", "POST", "PATCH", "DELETE")
 }
 
 

@@ -11,7 +11,7 @@ import click
 from modalmotion.cli.options import example, json_option, tell
 from modalmotion_service.audit.entry import AuditEntry
 from modalmotion_service.audit.log import AuditLog, audit_path, entries_of, faults_of, unfinished
-from modalmotion_service.commands.options import DATA_DIR, folder_of
+from modalmotion_service.commands.options import DATA_DIR, folder_with
 
 _MOST_PRINTED = 20
 
@@ -33,8 +33,7 @@ def audit() -> None:
 @DATA_DIR
 def show(owner: str | None, limit: int, data_dir: Path | None) -> None:
     """Write the newest entries as JSON lines, the newest first."""
-    _there(data_dir)
-    with AuditLog(folder_of(data_dir)) as log:
+    with AuditLog(_there(data_dir)) as log:
         _write(log.page(limit=limit, owner=owner))
 
 
@@ -45,7 +44,7 @@ def list_unfinished(data_dir: Path | None) -> None:
 
     They are under way, or a crash cut them off: the store tells whether they were made.
     """
-    _write(unfinished(entries_of(_there(data_dir))))
+    _write(unfinished(_entries(data_dir)))
 
 
 @audit.command(epilog=example("audit verify --lines audit.jsonl"))
@@ -67,7 +66,7 @@ def verify(lines: tuple[Path, ...], as_json: bool, data_dir: Path | None) -> Non
     from modalmotion_service.settings import read_settings
 
     forgets = read_settings().audit_days > 0
-    n_entries, faults = faults_of(entries_of(_there(data_dir)), handed_on, forgets=forgets)
+    n_entries, faults = faults_of(_entries(data_dir), handed_on, forgets=forgets)
     verdict = "whole" if not faults else f"{len(faults)} faults"
     said = [*faults[:_MOST_PRINTED], f"{n_entries} entries: {verdict}"]
     if not handed_on:
@@ -97,7 +96,8 @@ def _write(entries: Iterable[AuditEntry]) -> None:
 
 
 def _there(data_dir: Path | None) -> Path:
-    path = audit_path(folder_of(data_dir))
-    if not path.exists():
-        raise click.ClickException(f"There is no audit log in {folder_of(data_dir)}.")
-    return path
+    return folder_with(data_dir, audit_path(Path()).as_posix(), "is no audit log")
+
+
+def _entries(data_dir: Path | None) -> Iterable[AuditEntry]:
+    return entries_of(audit_path(_there(data_dir)))

@@ -2,33 +2,44 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import asdict
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import click
 
 from modalmotion.cli.options import aligned, example, json_option, tell
-from modalmotion_service.access.keys import Key, KeyRing
+from modalmotion_service.access.keys import KEYS, Key, KeyRing
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.audit.log import make_key, take_back_key
-from modalmotion_service.commands.options import DATA_DIR, Moment, folder_of, tell_rows
+from modalmotion_service.commands.options import DATA_DIR, folder_of, folder_with, tell_rows
 
+_DAYS: Final = re.compile(r"([1-9][0-9]{0,4})d")
 _HEAD: Final = ("key", "state", "owner", "scopes", "made", "until", "note")
 
 
-class _Scopes(click.ParamType[frozenset[Scope]]):
-    name = "scopes"
+def _scopes(text: str) -> frozenset[Scope]:
+    try:
+        return frozenset(Scope(part.strip()) for part in text.split(","))
+    except ValueError:
+        raise click.BadParameter(
+            f"{text!r} names a scope that is not one of {', '.join(Scope)}"
+        ) from None
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> frozenset[Scope]:
-        try:
-            return frozenset(Scope(part.strip()) for part in str(value).split(","))
-        except ValueError:
-            known = ", ".join(Scope)
-            self.fail(f"{value!r} names a scope that is not one of {known}", param, ctx)
+
+def _moment(text: str) -> datetime:
+    """Read days from now such as 90d, or a time; without a time zone it is UTC."""
+    try:
+        if days := _DAYS.fullmatch(text):
+            return datetime.now(UTC) + timedelta(days=int(days[1]))
+        time = datetime.fromisoformat(text)
+    except ValueError:
+        raise click.BadParameter(
+            f"{text!r} is neither days such as 90d nor an ISO 8601 time"
+        ) from None
+    return time if time.tzinfo else time.replace(tzinfo=UTC)
 
 
 @click.group()
@@ -41,11 +52,15 @@ def keys() -> None:
 @click.option(
     "--scopes",
     required=True,
-    type=_Scopes(),
+    type=_scopes,
+    metavar="SCOPES",
     help=f"Of {', '.join(Scope)}, separated by commas; none includes another.",
 )
 @click.option(
-    "--expires", type=Moment("expiry", 1), help="Such as 90d or 2030-12-31 (UTC); never if absent."
+    "--expires",
+    type=_moment,
+    metavar="EXPIRY",
+    help="Such as 90d or 2030-12-31 (UTC); never if absent.",
 )
 @click.option("--note", default="", help="Its purpose; at most 200 characters.")
 @json_option
@@ -60,7 +75,7 @@ def create(
 ) -> None:
     """Make a key and show it, this once: only its hash is stored."""
     folder = folder_of(data_dir)
-    is_first = not _keys_of(folder).is_file()
+    is_first = not (folder / KEYS).is_file()
     key, token = make_key(folder, owner, scopes, note=note, expires=expires)
     click.echo(aligned([_HEAD, _row(key)]), err=True)
     if is_first:
@@ -74,7 +89,7 @@ def create(
 @DATA_DIR
 def list_keys(as_json: bool, data_dir: Path | None) -> None:
     """List all keys that were ever made, with their scopes."""
-    with KeyRing(_folder_with_keys(data_dir)) as ring:
+    with KeyRing(folder_with(data_dir, KEYS, "are no keys")) as ring:
         known = list(ring.all())
     tell_rows(_HEAD, map(_row, known), list(map(_told, known)), as_json=as_json)
 
@@ -85,7 +100,7 @@ def list_keys(as_json: bool, data_dir: Path | None) -> None:
 @DATA_DIR
 def revoke(key_id: str, as_json: bool, data_dir: Path | None) -> None:
     """Take the key with that ID back, at once and for good."""
-    key = take_back_key(_folder_with_keys(data_dir), key_id)
+    key = take_back_key(folder_with(data_dir, KEYS, "are no keys"), key_id)
     tell(_told(key), [aligned([_HEAD, _row(key)])], as_json=as_json)
 
 
@@ -96,17 +111,3 @@ def _told(key: Key) -> dict[str, object]:
 def _row(key: Key) -> tuple[str, ...]:
     scopes = ",".join(sorted(key.scopes))
     return (key.id, key.state, key.owner, scopes, key.created, key.expires or "-", key.note)
-
-
-def _keys_of(folder: Path) -> Path:
-    return folder / "access" / "keys.sqlite"
-
-
-def _folder_with_keys(data_dir: Path | None) -> Path:
-    folder = folder_of(data_dir)
-    if not _keys_of(folder).is_file():
-        raise click.ClickException(
-            f"There are no keys in {folder.absolute()}. Name the service's data folder with "
-            "--data-dir or MODALMOTION_DATA_DIR."
-        )
-    return folder

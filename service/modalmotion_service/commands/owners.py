@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
-from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 from typing import Final, get_args
 
@@ -15,12 +14,11 @@ from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
 from modalmotion.store.deletion import bury, digest_of_owner
 from modalmotion.store.disk import FolderLock, cannot_write, sync_paths
 from modalmotion.store.folder import ResultKind
-from modalmotion_service.access.keys import KeyRing
+from modalmotion_service.access.keys import KEYS, Key, KeyRing
 from modalmotion_service.access.scopes import LOCAL
 from modalmotion_service.audit.entry import BEGUN
 from modalmotion_service.audit.log import AuditLog, of_command, take_back_key
-from modalmotion_service.commands.options import DATA_DIR, tell_rows
-from modalmotion_service.commands.options import folder_of as data_folder_of
+from modalmotion_service.commands.options import DATA_DIR, folder_with, tell_rows
 from modalmotion_service.workspace.owners import FOLDER, folder_of
 from modalmotion_service.workspace.spool import sizes
 
@@ -28,46 +26,25 @@ from modalmotion_service.workspace.spool import sizes
 _REMOVED: Final = ".removed-"
 
 
-@dataclass(frozen=True)
-class Usage:
-    """Usage of one owner.
-
-    Parameters
-    ----------
-    owner : str
-    n_sequences, n_results, n_models : int
-    n_bytes : int
-        Of all files: index, templates, and what is under way too.
-    n_keys : int
-        That are active.
-    """
-
-    owner: str
-    n_sequences: int
-    n_results: int
-    n_models: int
-    n_bytes: int
-    n_keys: int
-
-
-def usage_of(data_dir: Path) -> Iterator[Usage]:
-    """Measure the usage of each owner; a service may have it open.
+def usage_of(data_dir: Path) -> Iterator[dict[str, str | int]]:
+    """Measure the usage of each owner, with active keys; a service may have it open.
 
     Parameters
     ----------
     data_dir : Path
     """
     others = [path for path in sorted((data_dir / FOLDER).glob("[a-z0-9]*")) if path.is_dir()]
-    active = _active_keys(data_dir)
+    active = [key.owner for key in _keys(data_dir) if key.state == "active"]
     for owner, root in ((LOCAL, data_dir), *((path.name, path) for path in others)):
-        yield Usage(
-            owner,
-            _count(root / "sequences", "*/*.json"),
-            sum(_count(root / f"{kind}s", "*/*.h5") for kind in get_args(ResultKind)),
-            _count(root / "models", "*/*.h5"),
-            sum(sizes(root)),
-            active.count(owner),
-        )
+        yield {
+            "owner": owner,
+            "n_sequences": _count(root / "sequences", "*/*.json"),
+            "n_results": sum(_count(root / f"{kind}s", "*/*.h5") for kind in get_args(ResultKind)),
+            "n_models": _count(root / "models", "*/*.h5"),
+            # Of all files: index, templates, and what is under way too.
+            "n_bytes": sum(sizes(root)),
+            "n_keys": active.count(owner),
+        }
 
 
 def remove_owner(data_dir: Path, owner: str) -> None:
@@ -112,7 +89,9 @@ def _remove(data_dir: Path, owner: str, root: Path, doomed: Path) -> None:
     try:
         if root.is_dir():
             with FolderLock(root / "lock"):
-                _revoke_keys(data_dir, owner)
+                for key in _keys(data_dir):
+                    if key.owner == owner and key.revoked is None:
+                        take_back_key(data_dir, key.id)
                 if doomed.is_dir():
                     shutil.rmtree(doomed)
                 # From here on it is gone, even if the rest is interrupted.
@@ -125,19 +104,11 @@ def _remove(data_dir: Path, owner: str, root: Path, doomed: Path) -> None:
         raise cannot_write(doomed, error) from error
 
 
-def _active_keys(data_dir: Path) -> list[str]:
-    if not (data_dir / "access" / "keys.sqlite").is_file():
+def _keys(data_dir: Path) -> list[Key]:
+    if not (data_dir / KEYS).is_file():
         return []
     with KeyRing(data_dir) as ring:
-        return [key.owner for key in ring.all() if key.state == "active"]
-
-
-def _revoke_keys(data_dir: Path, owner: str) -> None:
-    if _active_keys(data_dir).count(owner):
-        with KeyRing(data_dir) as ring:
-            theirs = [key.id for key in ring.all() if key.owner == owner]
-        for key_id in theirs:
-            take_back_key(data_dir, key_id)
+        return ring.all()
 
 
 def _count(folder: Path, pattern: str) -> int:
@@ -154,10 +125,10 @@ def owners() -> None:
 @DATA_DIR
 def list_owners(as_json: bool, data_dir: Path | None) -> None:
     """List sequences, results, models, megabytes and active keys; a service may be running."""
-    usage = list(usage_of(_folder(data_dir)))
-    rows = [(*astuple(one)[:4], f"{one.n_bytes / 1e6:.1f}", one.n_keys) for one in usage]
+    usage = list(usage_of(folder_with(data_dir, "", "is no service's data")))
+    rows = [{**one, "n_bytes": f"{int(one['n_bytes']) / 1e6:.1f}"}.values() for one in usage]
     head = ("owner", "sequences", "results", "models", "MB", "keys")
-    tell_rows(head, rows, [asdict(one) for one in usage], as_json=as_json)
+    tell_rows(head, map(tuple, rows), usage, as_json=as_json)
 
 
 @owners.command(epilog=example("owners remove lab"))
@@ -171,18 +142,8 @@ def remove(owner: str, yes: bool, as_json: bool, data_dir: Path | None) -> None:
     No service may have the folder open. Backups keep what they have until the next one to the
     same folder, and the audit log keeps what was done by whom to which digest of an id.
     """
-    folder = _folder(data_dir)
+    folder = folder_with(data_dir, "", "is no service's data")
     if not yes:
         click.confirm(f"Remove everything that {owner} has in {folder.absolute()}?", abort=True)
     remove_owner(folder, owner)
     tell({"removed": owner}, [f"{owner} is removed"], as_json=as_json)
-
-
-def _folder(data_dir: Path | None) -> Path:
-    folder = data_folder_of(data_dir)
-    if not folder.is_dir():
-        raise click.ClickException(
-            f"There is no folder {folder.absolute()}. Name the service's data folder with "
-            "--data-dir or MODALMOTION_DATA_DIR."
-        )
-    return folder

@@ -34,8 +34,10 @@ from modalmotion_service.access.scopes import (
 from modalmotion_service.audit.entry import BEGUN, Event
 from modalmotion_service.audit.log import Notes
 from modalmotion_service.errors import AuthenticationError, ForbiddenError, RateLimitedError
-from modalmotion_service.http.observation import CLIENT_GONE
 from modalmotion_service.http.problems import problem_of
+
+CLIENT_GONE: Final = 499
+"""Status in logs and metrics where a client leaves before its request is complete."""
 
 _IDS: Final = "modalmotion.ids"
 _FACTS: Final = "modalmotion.mesh"

@@ -101,17 +101,16 @@ async def require_known(request: Request) -> None:
         known = of_route[_KNOWN]
         unknown = [name for name in query if name not in known]
         if unknown:
-            raise RequestValidationError(
-                [
-                    {
-                        "type": "extra_forbidden",
-                        "loc": ("query", name[:80]),
-                        "msg": "Extra inputs are not permitted",
-                        "ctx": {"remedy": _ELSEWHERE.get(request.scope["route"].path)},
-                    }
-                    for name in unknown
-                ]
-            )
+            remedy = _ELSEWHERE.get(request.scope["route"].path)
+            raise invalid("Extra inputs are not permitted", "query", *unknown, remedy=remedy)
+
+
+def invalid(
+    message: str, where: str, *names: str, remedy: str | None = None
+) -> RequestValidationError:
+    """Make the error of parameters in a query, a form or a body that are not valid."""
+    about = {"type": "invalid", "msg": message, "ctx": {"remedy": remedy}}
+    return RequestValidationError([{**about, "loc": (where, name[:80])} for name in names])
 
 
 def _names(dependant: Dependant) -> Iterator[str]:

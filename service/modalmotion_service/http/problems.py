@@ -27,25 +27,12 @@ from modalmotion.errors import (
 )
 from modalmotion.store.disk import cannot_write, is_of_the_machine
 from modalmotion_service.access.scopes import calls_like, methods_of
-from modalmotion_service.errors import (
-    AuthenticationError,
-    BusyError,
-    ClusterError,
-    ConflictError,
-    CostError,
-    ForbiddenError,
-    IdempotencyMismatchError,
-    NeedsStoreError,
-    ProviderError,
-    RateLimitedError,
-    SlowClientError,
-    WorkerDiedError,
-)
+from modalmotion_service.errors import ServiceError
 
 logger = logging.getLogger(__name__)
 
 
-# Looked up along an error's ancestry: the nearest entry decides.
+# Of errors of the library, looked up along their ancestry: the nearest entry decides.
 STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
     LimitError: 413,
     MalformedFileError: 400,
@@ -54,19 +41,7 @@ STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
     CorruptFileError: 500,
     LostFileError: 409,
     StoreError: 503,
-    SlowClientError: 408,
-    AuthenticationError: 401,
-    ForbiddenError: 403,
-    BusyError: 429,
-    CostError: 422,
-    RateLimitedError: 429,
-    ConflictError: 409,
-    IdempotencyMismatchError: 422,
-    WorkerDiedError: 422,
-    ClusterError: 503,
-    ProviderError: 503,
     MissingExtraError: 501,
-    NeedsStoreError: 501,
     ModalMotionError: 500,
 }
 
@@ -87,17 +62,16 @@ _HEADERS_OF: Final[dict[int, dict[str, str]]] = {
 
 def problem_body(error: ModalMotionError) -> dict[str, object]:
     """Make the body of the problem that one of our own errors is."""
-    status = next(STATUS_OF[kind] for kind in type(error).__mro__ if kind in STATUS_OF)
+    if isinstance(error, ServiceError):
+        status = error.status
+    else:
+        status = next(STATUS_OF[kind] for kind in type(error).__mro__ if kind in STATUS_OF)
     if error.details.get("errno") in ("ENOSPC", "EDQUOT"):
         status = 507
-    members: dict[str, object] = dict(error.details)
-    for name in ("frame", "vertex", "limit"):
-        value = getattr(error, name)
-        if value is not None:
-            members[name] = value
-    if error.remedy:
-        members["remedy"] = error.remedy
-    return _body(status, error.code, error.message, members)
+    named = {name: getattr(error, name) for name in ("frame", "vertex", "limit")}
+    named = {name: value for name, value in named.items() if value is not None}
+    remedy = {"remedy": error.remedy} if error.remedy else {}
+    return _body(status, error.code, error.message, {**error.details, **named, **remedy})
 
 
 def problem_of(error: ModalMotionError) -> Response:
@@ -158,8 +132,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _on_http_exception)
 
 
-async def _on_own_error(request: Request, error: Exception) -> Response:
-    assert isinstance(error, ModalMotionError)  # noqa: S101 (registered for this type alone)
+async def _on_own_error(request: Request, error: Any) -> Response:
     answer = problem_of(error)
     if answer.status_code >= 500:
         logger.error(
@@ -175,15 +148,13 @@ async def _on_own_error(request: Request, error: Exception) -> Response:
     return answer
 
 
-async def _on_fault_of_the_machine(request: Request, error: Exception) -> Response:
-    assert isinstance(error, OSError)  # noqa: S101 (registered for this type alone)
+async def _on_fault_of_the_machine(request: Request, error: Any) -> Response:
     if not is_of_the_machine(error):
         raise error
     return await _on_own_error(request, cannot_write(Path(error.filename or "a file"), error))
 
 
-async def _on_invalid_request(request: Request, error: Exception) -> Response:
-    assert isinstance(error, RequestValidationError)  # noqa: S101 (registered for this type alone)
+async def _on_invalid_request(request: Request, error: Any) -> Response:
     if hasattr(request.state, "remove_upload"):
         request.state.remove_upload()
     found = error.errors()
@@ -196,8 +167,7 @@ async def _on_invalid_request(request: Request, error: Exception) -> Response:
     return _answer(_body(422, "invalid_request", f"{first['where']}: {first['message']}.", members))
 
 
-async def _on_http_exception(request: Request, error: Exception) -> Response:
-    assert isinstance(error, HTTPException)  # noqa: S101 (registered for this type alone)
+async def _on_http_exception(request: Request, error: Any) -> Response:
     if isinstance(error.__cause__, ModalMotionError):
         # FastAPI hides what fails while it reads a JSON body behind a 400 of its own.
         return problem_of(error.__cause__)

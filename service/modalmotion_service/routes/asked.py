@@ -5,18 +5,19 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, TypeVar
 
 from fastapi import Depends, Header, Query
 from fastapi import Request as HttpRequest
-from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel
 from starlette.background import BackgroundTask
+from starlette.requests import ClientDisconnect
 from starlette.responses import FileResponse, Response
 
-from modalmotion.classification import DEFAULT_MODEL
 from modalmotion.errors import StoreError
 from modalmotion.mesh import facts_as_json
 from modalmotion.store import ResultStore
@@ -35,7 +36,7 @@ from modalmotion_service.http.negotiation import (
     preferred_wait,
     tag_of,
 )
-from modalmotion_service.schemas.from_core import JsonBody
+from modalmotion_service.schemas.from_core import JsonBody, read_from
 from modalmotion_service.schemas.general import JobAnswer, JobState
 from modalmotion_service.schemas.queries import CasesRequest, LabelledSequence
 from modalmotion_service.workspace.jobs import Job
@@ -43,8 +44,11 @@ from modalmotion_service.workspace.operation import Case, Operation, Outcome, Re
 from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.training import find_cases
 
-_LONGEST_PREFER: Final = 200
+_LOOK_SECONDS: Final = 0.05
 _KEPT_HEADERS: Final = ("content-type", "location", "etag", "preference-applied")
+
+
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True)
@@ -84,14 +88,12 @@ class Asked:
         """Give the answer 304 where the client has what the tag represents."""
         return not_modified(tag) if is_known(self.http, tag) else None
 
-    def json(
-        self, answer: Any, status: int = 200, headers: Mapping[str, str] | None = None
-    ) -> Response:
+    def json(self, answer: BaseModel, headers: Mapping[str, str] | None = None) -> Response:
         """Answer with a model as JSON, and its tag."""
         body = answer.model_dump_json()
         tag = tag_of(body)
         known = self.knows(tag) if self.http.method in ("GET", "HEAD") else None
-        return known or Response(body, status, {"ETag": tag, **(headers or {})}, JSON)
+        return known or Response(body, 200, {"ETag": tag, **(headers or {})}, JSON)
 
     async def do(
         self,
@@ -114,7 +116,8 @@ class Asked:
         if tag is not None and (known := self.knows(tag)) is not None:
             return known
         self.note(getattr(request.query, "template", None))
-        done = await self.state.performance.perform(self.state, self.wait, what, request, file)
+        work = self.state.performance.perform(self.state, self.wait, what, request, file)
+        done = await self.unless_left(work)
         if not isinstance(done, Outcome):
             return accepted(done)
         note_facts(self.http, done.filled)
@@ -124,6 +127,38 @@ class Asked:
         if isinstance(done.content, Path):
             return temporary_file(done.content, done.media_type, headers)
         return Response(done.content, done.status, headers, done.media_type)
+
+    async def unless_left(self, work: Coroutine[Any, Any, Made]) -> Made:
+        """Wait for work, and end it when the client leaves.
+
+        Work that others wait for too goes on for them, and so does what has become a job.
+
+        Raises
+        ------
+        ClientDisconnect
+            If the client has left.
+        """
+        done, gone = asyncio.ensure_future(work), None
+        try:
+            # Most is done sooner, and nobody looks after its client.
+            await asyncio.wait([done], timeout=_LOOK_SECONDS)
+            if not done.done():
+                gone = asyncio.ensure_future(self._gone())
+                await asyncio.wait([done, gone], return_when=asyncio.FIRST_COMPLETED)
+                if not done.done():
+                    done.cancel()
+                    await asyncio.wait([done])
+                    gone.result()
+                    raise ClientDisconnect
+            return done.result()
+        finally:
+            for task in (done, gone):
+                if task is not None:
+                    task.cancel()
+
+    async def _gone(self) -> None:
+        while (await self.http.receive())["type"] != "http.disconnect":
+            pass
 
     async def start(
         self, what: Operation, request: Request, file: SpoolFile | None = None
@@ -233,21 +268,9 @@ async def _waiting(
             "Prefer says the same: wait=20, respond-async.",
         ),
     ] = None,
+    prefer: Annotated[str, Header(max_length=200, include_in_schema=False)] = "",
 ) -> Asked:
-    header = request.headers.get("prefer", "")
-    if len(header) > _LONGEST_PREFER:
-        message = f"String should have at most {_LONGEST_PREFER} characters"
-        raise RequestValidationError(
-            [
-                {
-                    "type": "string_too_long",
-                    "loc": ("header", "prefer"),
-                    "msg": message,
-                    "ctx": {"max_length": _LONGEST_PREFER},
-                }
-            ]
-        )
-    stated = preferred_wait(header)
+    stated = preferred_wait(prefer)
     # Of both the sooner: a job at once is one, whatever else is said.
     wait = stated if wait is None or stated == 0 else wait
     return Asked(await get_state(request), request, wait)
@@ -280,28 +303,21 @@ def job_answer(job: Job, text: str | None = None) -> JobAnswer:
     here = f"/v1/jobs/{job.id}"
     # Noted a little before the job has succeeded.
     result = (job.state == JobState.SUCCEEDED and job.result) or {}
-    return JobAnswer(
-        id=job.id,
-        kind=job.kind,
-        state=job.state,
-        progress=job.progress,
+    return read_from(
+        JobAnswer,
+        job,
         text=text or None,
         result=f"{here}/result" if "file" in result else result.get("link"),
-        error=job.error,
-        created=job.created,
-        updated=job.updated,
         links={"self": here},
     )
 
 
 def accepted(job: Job) -> Response:
     """Answer 202 with a job."""
-    headers = {
-        "Location": f"/v1/jobs/{job.id}",
-        "Retry-After": "1",
-        "Preference-Applied": "respond-async",
-    }
-    return Response(job_answer(job).model_dump_json(), 202, headers, JSON)
+    answer = job_answer(job)
+    headers = {"Location": answer.links["self"], "Retry-After": "1"}
+    headers["Preference-Applied"] = "respond-async"
+    return Response(answer.model_dump_json(), 202, headers, JSON)
 
 
 def page_of(names: list[str], limit: int, cursor: str | None) -> tuple[list[str], str | None]:
@@ -316,39 +332,9 @@ ACCEPTED: Final[dict[int | str, dict[str, Any]]] = {
     202: {"model": JobAnswer, "description": "Continued as a job; fetch the result later."}
 }
 
-_ID: Final = "3f5c" * 16
-
-
-EXAMPLES: Final[dict[str, Any]] = {
-    "SequenceStatements": {"unit": "mm", "subject": "P-7", "cavity": "lv"},
-    "SignatureRequest": {"modes": 18, "reference": "mean"},
-    "SignatureOfFile": {"modes": 7, "unit": "mm"},
-    "TradeRequest": {"tolerance": 0.5},
-    "ManySignatures": {"ids": [_ID], "modes": 7},
-    "EncodingOfFile": {"max_error": 0.5, "unit": "mm"},
-    "ClassOfFile": {"model": DEFAULT_MODEL, "unit": "mm"},
-    "TrackRequest": {"modes": 37, "landmarks": {"apex": [0, 0, -40], "base": [0, 0, 40]}},
-    "SequenceChange": {"label": "rest", "facts": {"period": 0.8, "covariates": {"age": 61}}},
-    "ClassificationRequest": {"model": DEFAULT_MODEL, "coverage": 0.95},
-    "DecodingRequest": {"first": 2, "stop": 5},
-    "TrainingRequest": {
-        "name": "wall-motion",
-        "sequences": [_ID, {"id": _ID, "label": "akinesia"}],
-        "options": {"modes": 7},
-    },
-    "EvaluationRequest": {"sequences": [_ID], "compare_with": "wall-motion@1"},
-    "NormRequest": {"name": "volunteers", "sequences": [_ID], "modes": 7},
-    "DeviationRequest": {"sequences": [_ID], "level": 0.05},
-    "FeaturesRequest": {"sequences": [_ID], "covariates": ["age"]},
-    "sequence_id": _ID,
-    "key": f"{_ID}-0a1b2c3d4e5f6071",
-    "images_id": _ID,
-    "track_id": _ID,
-    "template_id": _ID,
-    "job_id": "0a1b" * 8,
-    "name": "wall-motion",
-}
-
+EXAMPLES: Final[dict[str, Any]] = json.loads(
+    files("modalmotion_service.routes").joinpath("examples.json").read_text()
+)
 """Of each body, by the name of its model; and of what is in a path."""
 
 _BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
@@ -395,7 +381,5 @@ def answers(
         "responses": {**responses, **(ACCEPTED if waits else {})},
     }
     if of is None:
-        from starlette.responses import Response
-
         made |= {"response_class": Response, "response_model": None}
     return made

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from fastapi import Depends, Query, Response
 
-from modalmotion.classification import ModelCard, card_markdown
+from modalmotion.classification import ModelCard, available_models, card_markdown
 from modalmotion.errors import ParameterError
 from modalmotion.store import ModelRecord, model_to_hdf5, parse_reference, require_model_name
 from modalmotion_service.http.judged_router import JudgedRouter, body_of
@@ -135,6 +135,8 @@ async def delete_model(name: ModelReference, asked: AskedNow) -> None:
         raise ParameterError(
             "No version of the model is named.", remedy=f"Name one, such as {name}@1."
         )
+    if reference.name in available_models():
+        models.choose(asked.state, name)  # or there is no such version of it
     why = "cannot be deleted", "Leave it; no request has to use it."
     models.require_own(reference.name, *why)
     await asyncio.to_thread(asked.store.delete_model, reference.name, reference.version)

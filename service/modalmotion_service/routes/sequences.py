@@ -127,7 +127,8 @@ async def change_sequence(
             asked.store.update_sequence, sequence_id, change=changed_facts, **names
         )
     places = (f"/v1/{kind}/{current}" for kind in ("sequences", "tracks"))
-    await asyncio.to_thread(asked.state.idempotency.forget_names, *places)
+    if names:
+        await asyncio.to_thread(asked.state.idempotency.forget_names, names, *places)
     note_facts(asked.http, changed)
     answer = _summary(asked, SequenceSummary.of(record))
     answer.headers["Content-Location"] = answer.headers["location"]

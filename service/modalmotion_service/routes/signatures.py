@@ -7,6 +7,7 @@ import contextlib
 import json
 from dataclasses import replace
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Annotated, Final
 
 from fastapi import Depends, Query, Response
@@ -219,20 +220,20 @@ async def dicom_of_signature(
         record = asked.store.sequence_record(sequence_id)
         require_space(record.facts, record.unit)
         known = await _known(asked, key, query)
-        try:
-            async with (
-                asyncio.timeout(wait),
-                analysis.fitted(sequence_id, key.partition("-")[2] or None) as one,
-            ):
+        classified = None if known is None else known.path
+
+        async def made() -> Path:
+            async with analysis.fitted(sequence_id, key.partition("-")[2] or None) as one:
                 with analysis.output() as output, stage("report"):
+                    limits = asked.state.settings.read_limits
                     await analysis.work(
-                        derived.make_dicom,
-                        one,
-                        file.path,
-                        asked.state.settings.read_limits,
-                        None if known is None else known.path,
-                        output,
+                        derived.make_dicom, one, file.path, limits, classified, output
                     )
+            return output
+
+        try:
+            async with asyncio.timeout(wait):
+                output = await asked.unless_left(made())
         except TimeoutError:
             raise BusyError(
                 f"The workers did not come to this within {wait:g} s.",

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from fastapi import Request
-from fastapi.exceptions import RequestValidationError
 from pydantic_core import from_json
 from starlette.datastructures import FormData, QueryParams, UploadFile
 
@@ -21,10 +20,9 @@ from modalmotion_service.http.forms import (
     FILES,
     MANIFEST,
     ManyFiles,
-    SentPart,
     received_form,
 )
-from modalmotion_service.http.judged_router import checked, described_as
+from modalmotion_service.http.judged_router import checked, described_as, invalid
 from modalmotion_service.http.negotiation import JSON, RAW
 from modalmotion_service.http.observation import stage
 from modalmotion_service.routes.asked import get_state
@@ -138,7 +136,7 @@ async def _receive(
             query, facts = statements(model, stated | _texts(request.scope["query_string"], model))
             if many is not None and is_many:
                 return Sent(await _file_of_many(form, many, facts, table), query)
-            file = await state.spool.receive(_pieces(_file_of(form)), hashed=hashed)
+            file = await state.spool.receive(_pieces(form), hashed=hashed)
             return Sent(replace(file, facts=facts), query)
     except BaseException:
         if many is not None:
@@ -191,14 +189,8 @@ def statements(model: type[JsonBody], values: Mapping[str, Any]) -> tuple[JsonBo
         If a fact does not.
     """
     facts = {name: value for name, value in values.items() if _is_fact_of(model, name)}
-    try:
-        rest = {name: value for name, value in values.items() if name not in facts}
-        known = checked(model, rest, "query")
-    except ValueError as error:
-        if isinstance(error, RequestValidationError):
-            raise
-        raise ParameterError(f"A parameter is not JSON: {error}.") from error
-    return known, facts_from_texts(facts) if facts else NO_FACTS
+    rest = {name: value for name, value in values.items() if name not in facts}
+    return checked(model, rest, "query"), facts_from_texts(facts) if facts else NO_FACTS
 
 
 def fields_of(form: FormData, model: type[JsonBody], *, takes_many: bool) -> dict[str, Any]:
@@ -213,44 +205,25 @@ def fields_of(form: FormData, model: type[JsonBody], *, takes_many: bool) -> dic
     """
     values: dict[str, Any] = {}
     whole: dict[str, Any] = {}
-    n_files = 0
-    for heading, value in form.multi_items():
-        name = column_of(heading)
-        if takes_many and (
-            (heading == FILES and isinstance(value, SentPart))
-            or (heading == MANIFEST and isinstance(value, UploadFile))
-        ):
-            continue
-        if heading == "file" and isinstance(value, UploadFile) and not takes_many:
-            n_files += 1
-            if n_files > 1:
-                raise ParameterError(
-                    "The form has two parts 'file'.",
-                    remedy=f"Send one, or many as parts named '{FILES}' where a call takes many.",
-                )
-            continue
-        if heading == PARAMETERS and isinstance(value, str):
-            whole = _object(value)
-            continue
-        is_fact_here = _is_fact_of(model, name)
-        is_known = is_fact_here or name in model.model_fields or (takes_many and name == MANIFEST)
-        if not isinstance(value, str) or not is_known:
-            raise RequestValidationError(
-                [
-                    {
-                        "type": "misplaced",
-                        "loc": ("form", heading[:80]),
-                        "msg": f"A form has file, {PARAMETERS} and the names that /docs has for "
-                        f"this call, not {heading[:80]}",
-                    }
-                ]
-            )
-        if name in values:
+    # Of these the second may be a field too.
+    own = (FILES, MANIFEST) if takes_many else ("file",)
+    for heading in form:
+        name, found = column_of(heading), form.getlist(heading)
+        texts = [one for one in found if isinstance(one, str)]
+        is_file = heading in own and not texts
+        is_known = heading == PARAMETERS or name in model.model_fields or name in own[1:]
+        if not is_file and (len(texts) < len(found) or not (is_known or _is_fact_of(model, name))):
+            names = f"file, {PARAMETERS} and the names that /docs has for this call"
+            raise invalid(f"A form has {names}, not {heading[:80]}", "form", heading)
+        if name in values or (len(found) > 1 and not (is_file and heading == FILES)):
             raise ParameterError(
-                f"The form has two fields '{name[:80]}'.", remedy="Send one of them."
+                f"The form has several parts '{heading[:80]}'.",
+                remedy=f"Send one, or many as parts named '{FILES}' where a call takes many.",
             )
-        is_text = is_fact_here or name == MANIFEST
-        values[name] = value if is_text else of_text(model, name, value)
+        if heading == PARAMETERS:
+            whole = _object(texts[0])
+        elif not is_file:
+            values[name] = of_text(model, name, texts[0])
     return values | whole
 
 
@@ -326,16 +299,12 @@ def _stated(part: Part, row: Row) -> Part:
     return replace(part, subject=row.subject, label=row.label, facts=facts)
 
 
-def _file_of(form: FormData) -> UploadFile:
+async def _pieces(form: FormData) -> AsyncIterator[bytes]:
     part = form.get("file")
     if not isinstance(part, UploadFile):
         raise MalformedFileError(
             "The form has no file part named 'file'.",
             remedy="Send one part named 'file', or the bytes as the raw body.",
         )
-    return part
-
-
-async def _pieces(part: UploadFile) -> AsyncIterator[bytes]:
     while piece := await part.read(_PIECE):
         yield piece

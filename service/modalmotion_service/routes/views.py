@@ -12,8 +12,8 @@ from starlette.exceptions import HTTPException
 from starlette.responses import HTMLResponse
 
 from modalmotion.viewer.page import AFTER_PAINT, NOTHING, content_name, script, source_hash, style
-from modalmotion_service.http.connections import PREFIX
 from modalmotion_service.http.judged_router import JudgedRouter
+from modalmotion_service.http.middleware import PREFIX
 
 pages = JudgedRouter(include_in_schema=False)
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from dataclasses import MISSING, fields, is_dataclass
-from functools import partial
 from types import UnionType
 from typing import (
     Annotated,
@@ -20,7 +19,15 @@ from typing import (
 )
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, create_model, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    create_model,
+    field_validator,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from modalmotion.store import NAME_PATTERN, VERSION_PATTERN
@@ -50,14 +57,20 @@ ModelReference = Annotated[
 _NAMED: Final = 20
 
 
-class JsonBody(BaseModel):
+class Stated(BaseModel):
+    """What the query of a request states; the router refuses names that a call does not know."""
+
+    model_config = ConfigDict(allow_inf_nan=False, use_attribute_docstrings=True)
+
+
+class JsonBody(Stated):
     """What a request says: one with a million faults is refused at the first ones.
 
     pydantic makes an error of each, of a kilobyte, while no other request is answered. Lists in
     such a body are to be `FailFast` for the same reason.
     """
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid")
 
     own_names: ClassVar[frozenset[str]] = frozenset()
     """Members that are called as facts are, and are none."""
@@ -73,22 +86,39 @@ class JsonBody(BaseModel):
         return value
 
 
-class Paging(BaseModel):
+class Paging(Stated):
     """Which page of a list."""
 
-    limit: int = Field(100, ge=1, le=1000, description="Of one page.")
-    cursor: str | None = Field(None, max_length=200, description="Of the page before.")
+    limit: int = Field(100, ge=1, le=1000)
+    """Of one page."""
+    cursor: str | None = Field(None, max_length=200)
+    """Of the page before."""
 
 
-class Paged(BaseModel):
+class Answer(BaseModel):
+    """An answer; what checks it is built when it is first needed.
+
+    Members that are answers themselves may be values of the library, and lists arrays.
+    """
+
+    model_config = ConfigDict(defer_build=True, from_attributes=True, use_attribute_docstrings=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _as_list(cls, value: Any) -> Any:
+        return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+class Paged(Answer):
     """A page of a list."""
 
-    cursor: str | None = Field(description="For the next page; null on the last.")
+    cursor: str | None
+    """For the next page; null on the last."""
 
 
 Body = TypeVar("Body", bound=JsonBody)
 Value = TypeVar("Value")
-Answer = TypeVar("Answer", bound=BaseModel)
+Made = TypeVar("Made", bound=BaseModel)
 
 _HEADING: Final = re.compile(r"^    ([a-z_0-9, ]+) : (.*)$")
 _UNIT: Final = re.compile(r", (mm|s|length unit per s|bytes)(?: or None)?(?:, optional)?$")
@@ -108,36 +138,30 @@ def model_of(base: type[Body], *kinds: type, **replaced: Any) -> type[Body]:
         Fields of other types or limits than the classes say, as (type, Field(...)), and further
         ones; None for a field that is left out.
     """
-    known: dict[str, Any] = {}
+    made: dict[str, Any] = {}
     for kind in kinds:
         hints, words = get_type_hints(kind), descriptions(kind)
         for one in fields(kind):
-            if one.name in base.model_fields:
-                continue
-            made = one.default_factory
-            default = {"default": one.default} if made is MISSING else {"default_factory": made}
-            known[one.name] = (
-                hints[one.name],
-                partial(Field, **default, description=words.get(one.name)),
-            )
-    for name, how in replaced.items():
-        if how is None:
-            known.pop(name, None)
-        elif isinstance(how, Mapping):
-            hint, make = known[name]
-            known[name] = hint, partial(make, **how)
-        else:
-            known[name] = how
-    made_fields = {
-        name: (hint, field() if isinstance(field, partial) else field)
-        for name, (hint, field) in known.items()
-    }
-    model: type[Body] = create_model(  # type: ignore[call-overload]
+            how = replaced.get(one.name, {})
+            if isinstance(how, tuple):
+                made[one.name] = how
+            elif how is not None and one.name not in base.model_fields:
+                factory = one.default_factory
+                default = "default" if factory is MISSING else "default_factory"
+                stated = {default: one.default if factory is MISSING else factory, **how}
+                field = Field(**stated, description=words.get(one.name))
+                made[one.name] = hints[one.name], field
+    more = {name: how for name, how in replaced.items() if isinstance(how, tuple)}
+    return _with_fields(base, {**made, **more})
+
+
+def _with_fields(base: type[Made], made: dict[str, Any]) -> type[Made]:
+    model: type[Made] = create_model(
         base.__name__,
         __base__=base,
         __doc__=base.__doc__,
         __module__=base.__module__,
-        **made_fields,
+        **made,
     )
     return model
 
@@ -155,13 +179,7 @@ def value_of(body: JsonBody, kind: type[Value], **more: Any) -> Value:
     return kind(**{name: getattr(body, name) for name in names if name in known}, **more)
 
 
-class Mirror(BaseModel):
-    """An answer that `mirrors` completes; what checks it is built when it is first needed."""
-
-    model_config = ConfigDict(defer_build=True)
-
-
-def mirrors(*kinds: type, without: Collection[str] = ()) -> Callable[[type[Answer]], type[Answer]]:
+def mirrors(*kinds: type, without: Collection[str] = ()) -> Callable[[type[Made]], type[Made]]:
     """Give an answer the fields of classes of the library, as these describe them.
 
     Parameters
@@ -171,7 +189,7 @@ def mirrors(*kinds: type, without: Collection[str] = ()) -> Callable[[type[Answe
         Fields that are left out. One that the answer has itself keeps its type.
     """
 
-    def mirrored(model: type[Answer]) -> type[Answer]:
+    def mirrored(model: type[Made]) -> type[Made]:
         made: dict[str, Any] = {}
         for kind in kinds:
             hints, documented = get_type_hints(kind), _documented(kind)
@@ -184,14 +202,7 @@ def mirrors(*kinds: type, without: Collection[str] = ()) -> Callable[[type[Answe
                 hint = _plain(hints[name], heading) if own is None else own.annotation
                 said = words if own is None else own.description or words
                 made[name] = hint, Field(description=said or None)
-        own_model: type[Answer] = create_model(
-            model.__name__,
-            __base__=model,
-            __doc__=model.__doc__,
-            __module__=model.__module__,
-            **made,
-        )
-        return own_model
+        return _with_fields(model, made)
 
     return mirrored
 
@@ -208,8 +219,8 @@ def _plain(hint: Any, heading: str) -> Any:
     return hint
 
 
-def read_from(model: type[Answer], source: object, **more: Any) -> Answer:
-    """Make an answer of a value of the library, its members by their names, arrays as lists.
+def read_from(model: type[Made], source: object, **more: Any) -> Made:
+    """Make an answer of a value of the library, its members by their names.
 
     Parameters
     ----------
@@ -218,16 +229,8 @@ def read_from(model: type[Answer], source: object, **more: Any) -> Answer:
     **more
         Members that the value does not have, or has otherwise.
     """
-    found = {
-        name: getattr(source, name)
-        for name in model.model_fields
-        if name not in more and hasattr(source, name)
-    }
-    plain = {
-        name: value.tolist() if isinstance(value, np.ndarray) else value
-        for name, value in found.items()
-    }
-    return model(**plain, **more)
+    names = [one for one in model.model_fields if one not in more and hasattr(source, one)]
+    return model(**{name: getattr(source, name) for name in names}, **more)
 
 
 def is_listed(hint: Any) -> bool:

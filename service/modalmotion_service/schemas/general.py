@@ -5,16 +5,16 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict
 
 from modalmotion.formats import Reading
 from modalmotion.mesh.fact_forms import facts_as_json
 from modalmotion.mesh.facts import Facts
 from modalmotion_service.audit.entry import AuditEntry, Event
-from modalmotion_service.schemas.from_core import Mirror, Paged, mirrors, read_from
+from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from
 
 
-class Health(BaseModel):
+class Health(Answer):
     """State of the service."""
 
     status: Literal["ok"] = "ok"
@@ -24,17 +24,14 @@ class Health(BaseModel):
 class Readiness(Health):
     """State of the service and of its workers."""
 
-    stateless: bool = Field(
-        description="Whether nothing is kept here; rates are then counted by each such service "
-        "for itself."
-    )
-    parsers_confined: bool | None = Field(
-        description="Whether what parses HDF5 and VTK sees nothing but its file; null where only "
-        "the workers of a scheduler know."
-    )
+    stateless: bool
+    """Whether nothing is kept here; rates are then counted by each such service for itself."""
+    parsers_confined: bool | None
+    """Whether what parses HDF5 and VTK sees nothing but its file; null where only the workers of a
+    scheduler know."""
 
 
-class Problem(BaseModel):
+class Problem(Answer):
     """An error, after RFC 9457."""
 
     model_config = ConfigDict(extra="allow")
@@ -42,12 +39,17 @@ class Problem(BaseModel):
     type: str
     title: str
     status: int
-    code: str = Field(description="Stable name of the kind of problem.")
+    code: str
+    """Stable name of the kind of problem."""
     detail: str
-    frame: int | None = Field(None, description="Frame at fault, counted from 0.")
-    vertex: int | None = Field(None, description="Vertex at fault, counted from 0.")
-    limit: str | None = Field(None, description="Limit that was exceeded.")
-    remedy: str | None = Field(None, description="What to do about it.")
+    frame: int | None = None
+    """Frame at fault, counted from 0."""
+    vertex: int | None = None
+    """Vertex at fault, counted from 0."""
+    limit: str | None = None
+    """Limit that was exceeded."""
+    remedy: str | None = None
+    """What to do about it."""
 
 
 class JobState(StrEnum):
@@ -60,18 +62,25 @@ class JobState(StrEnum):
     CANCELLED = "cancelled"
 
 
-class JobAnswer(BaseModel):
+class JobAnswer(Answer):
     """Long work, and its progress."""
 
     id: str
-    kind: str = Field(description="Name of the operation that it does.")
+    kind: str
+    """Name of the operation that it does."""
     state: JobState
-    progress: float = Field(description="Share that is done, 0 to 1.")
-    text: str | None = Field(description="The current step, in words; null if there is none.")
-    result: str | None = Field(description="Link to the result; null until there is one.")
-    error: dict[str, Any] | None = Field(description="The problem it failed with.")
-    created: str = Field(description="ISO 8601 in UTC.")
-    updated: str = Field(description="ISO 8601 in UTC.")
+    progress: float
+    """Share that is done, 0 to 1."""
+    text: str | None
+    """The current step, in words; null if there is none."""
+    result: str | None
+    """Link to the result; null until there is one."""
+    error: dict[str, Any] | None
+    """The problem it failed with."""
+    created: str
+    """ISO 8601 in UTC."""
+    updated: str
+    """ISO 8601 in UTC."""
     links: dict[str, str]
 
 
@@ -82,7 +91,7 @@ class JobPageAnswer(Paged):
 
 
 @mirrors(Event, AuditEntry, without=["event"])
-class AuditEntryAnswer(Mirror):
+class AuditEntryAnswer(Answer):
     """Who requested what; the method is COMMAND for one of the command line."""
 
     number: int
@@ -102,7 +111,7 @@ class AuditPageAnswer(Paged):
 
 
 @mirrors(Facts)
-class FactsAnswer(Mirror):
+class FactsAnswer(Answer):
     """Facts of a sequence beside its arrays; not part of its id."""
 
     landmarks: dict[str, int | list[int | float | list[float]]]
@@ -115,7 +124,7 @@ class FactsAnswer(Mirror):
 
 
 @mirrors(Reading, without=["sequence"])
-class ReadingAnswer(Mirror):
+class ReadingAnswer(Answer):
     """How a file was read: everything besides the sequence in it."""
 
     notes: list[str]

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Final, Literal
 
-from pydantic import BaseModel, Field
-
 from modalmotion.classification import Comparison, Evaluation, FeatureTable, ModelCard
 from modalmotion.classification.evaluation import CaseAnswer, Difference
 from modalmotion.norm import Norm
@@ -18,62 +16,58 @@ from modalmotion.norm.deviation import (
 )
 from modalmotion.signature.parameters import parameters_as_json
 from modalmotion.store import KeptModel, ModelRecord
-from modalmotion_service.schemas.from_core import Mirror, Paged, mirrors
+from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from
+from modalmotion_service.schemas.results import FigureAnswer
 
 
-class ModelSummary(BaseModel):
+class ModelSummary(Answer):
     """One version of a model: in a list, the newest of its name."""
 
     name: str
     version: int
-    id: str = Field(description="sha256 of everything that its answers depend on.")
+    id: str
+    """sha256 of everything that its answers depend on."""
     origin: Literal["trained", "shipped"]
     classes: list[str]
-    created: str | None = Field(description="ISO 8601 in UTC; null for a shipped model.")
-    versions: list[int] = Field(description="All of its name.")
+    created: str | None
+    """ISO 8601 in UTC; null for a shipped model."""
+    versions: list[int]
+    """All of its name."""
     links: dict[str, str]
 
     @staticmethod
     def of(record: ModelRecord, versions: list[int]) -> ModelSummary:
         """Write a record out."""
         here = f"/v1/models/{record.name}"
-        return ModelSummary(
-            name=record.name,
-            version=record.version,
-            id=record.id,
+        return read_from(
+            ModelSummary,
+            record,
             origin="trained" if record.created else "shipped",
-            classes=list(record.classes),
             created=record.created or None,
             versions=versions,
             links={"self": f"{here}@{record.version}", "newest": here},
         )
 
 
-class CalibrationPoint(BaseModel):
+class CalibrationPoint(Answer):
     """Answers of about the same stated probability."""
 
-    probability: float = Field(description="Mean stated probability.")
-    right: float = Field(description="Share that was right.")
+    probability: float
+    """Mean stated probability."""
+    right: float
+    """Share that was right."""
     n_cases: int
-
-
-class Measured(BaseModel):
-    """A figure with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
 
 
 _BY_CLASS: Final = ("class_auc", "sensitivity", "specificity")
 
 
-class Curves(Mirror):
+class Curves(Answer):
     """Figures of answers to labelled sequences; `methods` says how they are made."""
 
-    class_auc: dict[str, Measured]
-    sensitivity: dict[str, Measured]
-    specificity: dict[str, Measured]
+    class_auc: dict[str, FigureAnswer]
+    sensitivity: dict[str, FigureAnswer]
+    specificity: dict[str, FigureAnswer]
     calibration_curve: list[CalibrationPoint]
 
     @staticmethod
@@ -83,7 +77,7 @@ class Curves(Mirror):
         curve = [dict(zip(points, one, strict=True)) for one in values["calibration_curve"]]
         named = {
             name: {
-                label: dict(zip(Measured.model_fields, figure, strict=True))
+                label: dict(zip(FigureAnswer.model_fields, figure, strict=True))
                 for label, figure in values[name].items()
             }
             for name in _BY_CLASS
@@ -104,11 +98,11 @@ class ModelCardAnswer(Curves):
 class ModelAnswer(ModelSummary):
     """One version of a model, with its card."""
 
-    parameters: dict[str, Any] = Field(description="Of the signatures that it reads.")
+    parameters: dict[str, Any]
+    """Of the signatures that it reads."""
     card: ModelCardAnswer
-    file: str | None = Field(
-        description="HDF5 file within the data folder; null for a shipped model."
-    )
+    file: str | None
+    """HDF5 file within the data folder; null for a shipped model."""
 
     @staticmethod
     def with_card(model: KeptModel, versions: list[int], file: str | None) -> ModelAnswer:
@@ -128,7 +122,7 @@ class ModelPageAnswer(Paged):
 
 
 @mirrors(CaseAnswer, without=["name"])
-class CaseResult(Mirror):
+class CaseResult(Answer):
     """A model's answer to one labelled sequence."""
 
     probabilities: dict[str, float]
@@ -153,15 +147,16 @@ class EvaluationAnswer(Curves):
 
 
 @mirrors(Difference)
-class DifferenceAnswer(Mirror):
+class DifferenceAnswer(Answer):
     """A figure of two models; the difference is the second's less the first's."""
 
 
 @mirrors(Comparison)
-class ComparisonAnswer(Mirror):
+class ComparisonAnswer(Answer):
     """Two models on the same labelled sequences; `methods` says how they are compared."""
 
-    accuracy: DifferenceAnswer = Field(description="p is of McNemar's exact test, by subject.")
+    accuracy: DifferenceAnswer
+    """p is of McNemar's exact test, by subject."""
     auc: DifferenceAnswer | None
     log_loss: DifferenceAnswer
     brier: DifferenceAnswer
@@ -178,19 +173,25 @@ class ComparisonAnswer(Mirror):
         return ComparisonAnswer(**values)
 
 
-class NormAnswer(BaseModel):
+class NormAnswer(Answer):
     """A norm, without any control's features."""
 
     name: str
-    id: str = Field(description="sha256 of everything that its answers depend on.")
+    id: str
+    """sha256 of everything that its answers depend on."""
     n_controls: int
     topology: str
     n_modes: int
-    features: str = Field(description="Kind of the features, in words.")
-    groups: list[str] = Field(description="Groups of features that are answered one by one.")
-    covariates: list[str] = Field(description="Those that all controls state.")
-    smallest_level: float = Field(description="The smallest p-value that is possible.")
-    has_volumes: bool = Field(description="Whether every control has its share of the volume.")
+    features: str
+    """Kind of the features, in words."""
+    groups: list[str]
+    """Groups of features that are answered one by one."""
+    covariates: list[str]
+    """Those that all controls state."""
+    smallest_level: float
+    """The smallest p-value that is possible."""
+    has_volumes: bool
+    """Whether every control has its share of the volume."""
     notes: list[str]
     links: dict[str, str]
 
@@ -200,7 +201,7 @@ class NormAnswer(BaseModel):
         return NormAnswer(**norm.as_json(), links={"self": f"/v1/norms/{norm.name}"})
 
 
-class NormLink(BaseModel):
+class NormLink(Answer):
     """A norm in a list."""
 
     name: str
@@ -214,19 +215,19 @@ class NormPageAnswer(Paged):
 
 
 @mirrors(GroupDeviation)
-class GroupDeviationAnswer(Mirror):
+class GroupDeviationAnswer(Answer):
     """One group of features beside the controls'."""
 
     words: str
 
 
 @mirrors(QuantityDeviation)
-class QuantityDeviationAnswer(Mirror):
+class QuantityDeviationAnswer(Answer):
     """A clinical quantity beside the controls'."""
 
 
 @mirrors(Deviation)
-class DeviationAnswer(Mirror):
+class DeviationAnswer(Answer):
     """A recording beside controls."""
 
     groups: list[GroupDeviationAnswer]
@@ -234,7 +235,7 @@ class DeviationAnswer(Mirror):
 
 
 @mirrors(CohortDeviation)
-class CohortDeviationAnswer(Mirror):
+class CohortDeviationAnswer(Answer):
     """Recordings beside controls, each and together; together from five on."""
 
     p: float | None
@@ -242,27 +243,29 @@ class CohortDeviationAnswer(Mirror):
     deviations: list[DeviationAnswer]
 
 
-class FeatureRow(BaseModel):
+class FeatureRow(Answer):
     """Features of one sequence."""
 
     case: str
     sequence_id: str
     label: str | None
     subject: str | None
-    values: list[float | None] = Field(description="Null where a covariate is unknown.")
+    values: list[float | None]
+    """Null where a covariate is unknown."""
 
 
-class LeftOutAnswer(BaseModel):
+class LeftOutAnswer(Answer):
     """A sequence that was left out."""
 
     name: str
     reason: str
 
 
-class FeaturesAnswer(BaseModel):
+class FeaturesAnswer(Answer):
     """A table of features."""
 
-    columns: list[str] = Field(description="Names of the features.")
+    columns: list[str]
+    """Names of the features."""
     cases: list[FeatureRow]
     left_out: list[LeftOutAnswer]
 

@@ -9,19 +9,28 @@ from pydantic import FailFast, Field, StringConstraints
 from modalmotion.classification import TrainingOptions
 from modalmotion.errors import ParameterError
 from modalmotion.signature.parameters import MOST_MODES
-from modalmotion_service.schemas.from_core import JsonBody, ModelName, Paging, SequenceId, model_of
+from modalmotion_service.schemas.from_core import (
+    JsonBody,
+    ModelName,
+    Paging,
+    SequenceId,
+    Stated,
+    model_of,
+)
 from modalmotion_service.schemas.requests import COVARIATES, LONGEST_NAME, Name
 
 
 class DecodingRequest(JsonBody):
     """Which frames and vertices of a stream to decode."""
 
-    first: int | None = Field(None, ge=0, description="First frame; the stream's own by default.")
-    stop: int | None = Field(None, ge=1, description="Frame after the last.")
-    first_vertex: int | None = Field(
-        None, ge=0, description="First vertex; of some vertices come the triangles between them."
-    )
-    stop_vertex: int | None = Field(None, ge=1, description="Vertex after the last.")
+    first: int | None = Field(None, ge=0)
+    """First frame; the stream's own by default."""
+    stop: int | None = Field(None, ge=1)
+    """Frame after the last."""
+    first_vertex: int | None = Field(None, ge=0)
+    """First vertex; of some vertices come the triangles between them."""
+    stop_vertex: int | None = Field(None, ge=1)
+    """Vertex after the last."""
 
     def ranges(self) -> tuple[range | None, range | None]:
         """Give the frames and the vertices; None for all.
@@ -48,29 +57,22 @@ class SequenceList(Paging):
 
     subject: Name | None = None
     label: Name | None = None
-    tracked: bool = Field(False, description="Only those that were tracked.")
+    tracked: bool = False
+    """Only those that were tracked."""
 
 
-class Reconstruction(JsonBody):
+class Reconstruction(Stated):
     """At which times the surfaces are wanted: those of the frames by default."""
 
-    times: str | None = Field(
-        None,
-        max_length=20_000,
-        description="In s (frame numbers where there are none), such as 0,0.1,0.25.",
-    )
-    phases: str | None = Field(
-        None,
-        max_length=20_000,
-        description="In place of times: rising shares of the cycle, such as 0,0.37. A VTKHDF has "
-        "the standard deviation of each vertex's coordinates between frames.",
-    )
-    frames: int | None = Field(
-        None, ge=2, le=1000, description="In place of phases: so many in even steps."
-    )
-    max_targets: int | None = Field(
-        None, ge=0, le=10_000, description="Of a GLB: most morph targets, by energy."
-    )
+    times: str | None = Field(None, max_length=20_000)
+    """In s (frame numbers where there are none), such as 0,0.1,0.25."""
+    phases: str | None = Field(None, max_length=20_000)
+    """In place of times: rising shares of the cycle, such as 0,0.37. A VTKHDF has the standard
+    deviation of each vertex's coordinates between frames."""
+    frames: int | None = Field(None, ge=2, le=1000)
+    """In place of phases: so many in even steps."""
+    max_targets: int | None = Field(None, ge=0, le=10_000)
+    """Of a GLB: most morph targets, by energy."""
 
     def instants(self) -> tuple[list[float] | None, list[float] | int | None]:
         """Give times and phases.
@@ -89,68 +91,59 @@ class Reconstruction(JsonBody):
         return times, self.frames if self.phases is None else parse_numbers(self.phases)
 
 
-class ViewRequest(JsonBody):
+class ViewRequest(Stated):
     """Frames as they were sent, in place of what the page shows first."""
 
-    first: int | None = Field(None, ge=0, description="First frame.")
-    stop: int | None = Field(None, ge=1, description="Frame after the last; all by default.")
+    first: int | None = Field(None, ge=0)
+    """First frame."""
+    stop: int | None = Field(None, ge=1)
+    """Frame after the last; all by default."""
 
 
-class DistanceRequest(JsonBody):
+class DistanceRequest(Stated):
     """What is compared, and how."""
 
-    to: Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}(-[0-9a-f]{16})?$")] = Field(
-        description="The signature to compare with, by its key or its sequence."
-    )
-    closed: bool = Field(
-        True, description="Both are one turn of a cycle; false for a beginning and an end."
-    )
+    to: Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}(-[0-9a-f]{16})?$")]
+    """The signature to compare with, by its key or its sequence."""
+    closed: bool = True
+    """Both are one turn of a cycle; false for a beginning and an end."""
 
 
-class ReportRequest(JsonBody):
+class ReportRequest(Stated):
     """What a report says beside the signature."""
 
-    model: str | None = Field(
-        None,
-        max_length=80,
-        description="Model whose kept classification is reported: a name, or name@version. None "
-        "by default.",
-    )
+    model: str | None = Field(None, max_length=80)
+    """Model whose kept classification is reported: a name, or name@version. None by default."""
 
 
-class TrackView(JsonBody):
+class TrackView(Stated):
     """What a picture of a track shows."""
 
-    picture: Literal["deviations", "data", "determined", "overlay"] = Field(
-        "deviations",
-        description="Stated error on the surface, data over the surface by frame, the share of "
-        "each mode that the data have set, or contours over the images, where these were kept.",
-    )
-    frame: int | None = Field(
-        None, ge=0, description="Of the stated error; that of the smallest volume by default."
-    )
+    picture: Literal["deviations", "data", "determined", "overlay"] = "deviations"
+    """Stated error on the surface, data over the surface by frame, the share of each mode that the
+    data have set, or contours over the images, where these were kept."""
+    frame: int | None = Field(None, ge=0)
+    """Of the stated error; that of the smallest volume by default."""
 
 
-class ImagesView(JsonBody):
+class ImagesView(Stated):
     """A frame of images, in place of their description."""
 
-    frame: int | None = Field(None, ge=0, description="From 0: its slices in 256 shades.")
-    track: SequenceId | None = Field(
-        None, description="Made of these images: its surface is sent too, and each slice's shift."
-    )
+    frame: int | None = Field(None, ge=0)
+    """From 0: its slices in 256 shades."""
+    track: SequenceId | None = None
+    """Made of these images: its surface is sent too, and each slice's shift."""
 
 
-class ModesRequest(JsonBody):
+class ModesRequest(Stated):
     """Which vibration modes are requested."""
 
-    modes: int = Field(
-        7,
-        ge=1,
-        le=MOST_MODES,
-        description="How many; rounded up where a cosine-sine pair would be split.",
-    )
-    wave_speed: float = Field(1.0, gt=0, description="c of w = c k, length unit per s.")
-    shapes: bool = Field(False, description="Of JSON: give the shapes too.")
+    modes: int = Field(7, ge=1, le=MOST_MODES)
+    """How many; rounded up where a cosine-sine pair would be split."""
+    wave_speed: float = Field(1.0, gt=0)
+    """c of w = c k, length unit per s."""
+    shapes: bool = False
+    """Of JSON: give the shapes too."""
 
 
 def parse_numbers(text: str) -> list[float]:
@@ -176,8 +169,10 @@ class LabelledSequence(JsonBody):
     """A stored sequence, with label and subject for this request."""
 
     id: SequenceId
-    label: Name | None = Field(None, min_length=1, description="Its own by default.")
-    subject: Name | None = Field(None, min_length=1, description="Its own by default.")
+    label: Name | None = Field(None, min_length=1)
+    """Its own by default."""
+    subject: Name | None = Field(None, min_length=1)
+    """Its own by default."""
     # Their values are checked by the library, which stops at the first fault.
     covariates: dict[str, Any] | None = Field(
         None, description=f"Over those stored with it. {COVARIATES}"
@@ -187,10 +182,9 @@ class LabelledSequence(JsonBody):
 class CasesRequest(JsonBody):
     """Sequences of a request, by their ids or with what is stated of them."""
 
-    sequences: Annotated[list[SequenceId | LabelledSequence], FailFast()] = Field(
-        description="Ids; label, subject and covariates are those stored with the sequence, or "
-        "stated here. Sequences of one subject are never on both sides of a split."
-    )
+    sequences: Annotated[list[SequenceId | LabelledSequence], FailFast()]
+    """Ids; label, subject and covariates are those stored with the sequence, or stated here.
+    Sequences of one subject are never on both sides of a split."""
 
     @property
     def cases(self) -> list[LabelledSequence]:
@@ -226,12 +220,9 @@ TRAINING: Final = model_of(TrainingOptionsBody, TrainingOptions)
 class TrainingRequest(CasesRequest):
     """Name, sequences and options of a model to train."""
 
-    name: str = Field(
-        min_length=1,
-        max_length=LONGEST_NAME,
-        description="1 to 64 lower-case letters, digits, '.', '_' and '-'. A name that is known "
-        "gets its next version.",
-    )
+    name: str = Field(min_length=1, max_length=LONGEST_NAME)
+    """1 to 64 lower-case letters, digits, '.', '_' and '-'. A name that is known gets its next
+    version."""
     if TYPE_CHECKING:
         options: TrainingOptionsBody
     else:
@@ -241,10 +232,10 @@ class TrainingRequest(CasesRequest):
 class EvaluationOptions(JsonBody):
     """Level of the class sets of a test, and a model beside the tested one."""
 
-    coverage: float = Field(0.9, gt=0, lt=1, description="Level of the class sets.")
-    compare_with: str | None = Field(
-        None, max_length=100, description="Another model that is tested too: name or name@version."
-    )
+    coverage: float = Field(0.9, gt=0, lt=1)
+    """Level of the class sets."""
+    compare_with: str | None = Field(None, max_length=100)
+    """Another model that is tested too: name or name@version."""
 
 
 class EvaluationRequest(CasesRequest, EvaluationOptions):
@@ -254,16 +245,12 @@ class EvaluationRequest(CasesRequest, EvaluationOptions):
 class NormOptions(JsonBody):
     """Name and modes of a norm."""
 
-    name: ModelName = Field(
-        description="1 to 64 lower-case letters, digits, '.', '_' and '-', of no other norm."
-    )
-    modes: int = Field(7, ge=1, le=MOST_MODES, description="Of the signatures.")
-    topology: str | None = Field(
-        None,
-        max_length=80,
-        description="Of the signatures; mesh for spring modes. All controls decide it together "
-        "by default.",
-    )
+    name: ModelName
+    """1 to 64 lower-case letters, digits, '.', '_' and '-', of no other norm."""
+    modes: int = Field(7, ge=1, le=MOST_MODES)
+    """Of the signatures."""
+    topology: str | None = Field(None, max_length=80)
+    """Of the signatures; mesh for spring modes. All controls decide it together by default."""
 
 
 class NormRequest(CasesRequest, NormOptions):
@@ -273,12 +260,8 @@ class NormRequest(CasesRequest, NormOptions):
 class DeviationOptions(JsonBody):
     """How rare a deviation is."""
 
-    level: float = Field(
-        0.05,
-        gt=0,
-        le=0.5,
-        description="Share of recordings like the controls that may be called a deviation.",
-    )
+    level: float = Field(0.05, gt=0, le=0.5)
+    """Share of recordings like the controls that may be called a deviation."""
 
 
 class DeviationRequest(CasesRequest, DeviationOptions):
@@ -288,22 +271,18 @@ class DeviationRequest(CasesRequest, DeviationOptions):
 class FeatureOptions(JsonBody):
     """Which features are read, as `SignatureFeatures` names them."""
 
-    modes: int = Field(7, ge=1, le=MOST_MODES, description="Of the signatures.")
-    topology: str | None = Field(
-        None, max_length=80, description="Of the signatures; mesh for spring modes."
-    )
-    kind: Literal["auto", "axis", "summary", "modes", "terms"] = Field(
-        "auto",
-        description="Parts about the axis of the motion, modes in few numbers, modes, or modes "
-        "and their terms, of a transient.",
-    )
+    modes: int = Field(7, ge=1, le=MOST_MODES)
+    """Of the signatures."""
+    topology: str | None = Field(None, max_length=80)
+    """Of the signatures; mesh for spring modes."""
+    kind: Literal["auto", "axis", "summary", "modes", "terms"] = "auto"
+    """Parts about the axis of the motion, modes in few numbers, modes, or modes and their terms, of
+    a transient."""
     timing: Literal["auto", "cycle", "transient"] = "auto"
-    covariates: Literal["all"] | list[str] | None = Field(
-        None, description="Names of covariates that become columns, or all."
-    )
-    on_error: Literal["raise", "leave out"] = Field(
-        "raise", description="Whether sequences that do not fit end the request or are left out."
-    )
+    covariates: Literal["all"] | list[str] | None = None
+    """Names of covariates that become columns, or all."""
+    on_error: Literal["raise", "leave out"] = "raise"
+    """Whether sequences that do not fit end the request or are left out."""
 
     def options(self) -> dict[str, Any]:
         """Options of the library's features."""

@@ -23,6 +23,7 @@ from modalmotion.tracking.parameters import TrackParameters
 from modalmotion_service.schemas.from_core import (
     JsonBody,
     SequenceId,
+    Stated,
     descriptions,
     model_of,
     value_of,
@@ -56,8 +57,10 @@ _FACT_FIELDS: Final[dict[str, Any]] = {
 class Named(JsonBody):
     """Whose recording it is, and what it shows."""
 
-    subject: Name | None = Field(None, description="Whose surface it is.")
-    label: Name | None = Field(None, description="Known motion class.")
+    subject: Name | None = None
+    """Whose surface it is."""
+    label: Name | None = None
+    """Known motion class."""
 
 
 class FactsChange(JsonBody):
@@ -75,17 +78,18 @@ FACTS_CHANGE: Final = model_of(FactsChange, **_FACT_FIELDS)
 class SequenceChange(Named):
     """What is stated of a sequence: a missing member stays, null removes it."""
 
-    name: Name | None = Field(None, description="What to call it, such as the name of a file.")
+    name: Name | None = None
+    """What to call it, such as the name of a file."""
     if TYPE_CHECKING:
         facts: FactsChange | None
     else:
         facts: FACTS_CHANGE | None = Field(
             None, description="Null makes all unknown; landmarks and covariates change by name."
         )
-    unit: str | None = Field(None, max_length=20, description="m, cm, mm, um or nm.")
-    times: list[float] | None = Field(
-        None, max_length=100_000, description="Of the frames, in s, rising."
-    )
+    unit: str | None = Field(None, max_length=20)
+    """m, cm, mm, um or nm."""
+    times: list[float] | None = Field(None, max_length=100_000)
+    """Of the frames, in s, rising."""
 
     @property
     def restates(self) -> bool:
@@ -163,13 +167,10 @@ SIGNATURE_OF_FILE: Final = model_of(
 class TradeRequest(SignatureRequest):
     """A point on the front of a trade, and how far the front reaches."""
 
-    front_modes: int = Field(
-        MOST_OF_FRONT, ge=1, le=MOST_MODES, description="Modes that the front reaches to."
-    )
-    only: Components | None = Field(
-        None,
-        description="The only components that are measured; all that the surface has by default.",
-    )
+    front_modes: int = Field(MOST_OF_FRONT, ge=1, le=MOST_MODES)
+    """Modes that the front reaches to."""
+    only: Components | None = None
+    """The only components that are measured; all that the surface has by default."""
 
     def parameters(self) -> SignatureParameters:
         """Translate to the library's parameters, in the components that are measured."""
@@ -183,26 +184,24 @@ TRADE: Final = model_of(TradeRequest, SignatureParameters, **_SIGNATURE)
 class ManySignatures(SignatureRequest):
     """Which signatures of which sequences."""
 
-    ids: Annotated[list[SequenceId], FailFast()] = Field(
-        min_length=1, description="Of the sequences, in order."
-    )
+    ids: Annotated[list[SequenceId], FailFast()] = Field(min_length=1)
+    """Of the sequences, in order."""
 
 
 MANY_SIGNATURES: Final = model_of(ManySignatures, SignatureParameters, **_SIGNATURE)
 
 
-class EncodingTarget(JsonBody):
+class EncodingTarget(Stated):
     """At what error, or at what size, to encode: one of the three, or 0.3 % of the diagonal."""
 
-    rms: float | None = Field(None, gt=0, description="RMS distance of all vertices, not exceeded.")
-    max_error: float | None = Field(
-        None, gt=0, description="Distance of any vertex, never exceeded."
-    )
-    bytes: int | None = Field(None, gt=0, description="Size of the stream, not exceeded.")
-    effort: Effort = Field(
-        Effort.BALANCED,
-        description="How many transforms are tried: fast takes a third of the time, in more bits.",
-    )
+    rms: float | None = Field(None, gt=0)
+    """RMS distance of all vertices, not exceeded."""
+    max_error: float | None = Field(None, gt=0)
+    """Distance of any vertex, never exceeded."""
+    bytes: int | None = Field(None, gt=0)
+    """Size of the stream, not exceeded."""
+    effort: Effort = Effort.BALANCED
+    """How many transforms are tried: fast takes a third of the time, in more bits."""
 
 
 class EncodingOfFile(Reading, EncodingTarget):
@@ -225,12 +224,8 @@ class ClassificationRequest(JsonBody):
         max_length=100,
         description=f"Name of a model for its newest version, or name@version. {RULE}",
     )
-    coverage: float = Field(
-        0.9,
-        gt=0,
-        lt=1,
-        description="Probability that the class set holds the true class, for every class.",
-    )
+    coverage: float = Field(0.9, gt=0, lt=1)
+    """Probability that the class set holds the true class, for every class."""
 
 
 class ClassOfFile(Reading, ClassificationRequest):
@@ -245,32 +240,24 @@ class TrackRequest(Named):
 
     own_names: ClassVar[frozenset[str]] = frozenset({"landmarks"})
 
-    start: SequenceId | None = Field(
-        None,
-        description="A stored sequence: the surface of its first frame is started from, and the "
-        "result has its vertices.",
-    )
-    images: SequenceId | None = Field(
-        None, description="Images that were sent before, in place of a body."
-    )
-    keep: bool = Field(
-        False, description="Keep the images; they are deleted once tracked otherwise."
-    )
-    report: bool = Field(
-        False, description="Make a zip with every form of a report, as a job whose result it is."
-    )
-    model: str | None = Field(
-        None, max_length=80, description="Whose class the report states; none by default."
-    )
-    landmarks: dict[str, Any] | None = Field(
-        None,
-        description="By name: apex and base as a point [x, y, z] in the reference frame, or one "
-        "for each frame with null where it is unknown.",
-    )
-    times: tuple[float, ...] | None = Field(
-        None, max_length=100_000, description="Of all frames, in s."
-    )
-    frame_interval: float | None = Field(None, gt=0, description="In s, in place of times.")
+    start: SequenceId | None = None
+    """A stored sequence: the surface of its first frame is started from, and the result has its
+    vertices."""
+    images: SequenceId | None = None
+    """Images that were sent before, in place of a body."""
+    keep: bool = False
+    """Keep the images; they are deleted once tracked otherwise."""
+    report: bool = False
+    """Make a zip with every form of a report, as a job whose result it is."""
+    model: str | None = Field(None, max_length=80)
+    """Whose class the report states; none by default."""
+    landmarks: dict[str, Any] | None = None
+    """By name: apex and base as a point [x, y, z] in the reference frame, or one for each frame
+    with null where it is unknown."""
+    times: tuple[float, ...] | None = Field(None, max_length=100_000)
+    """Of all frames, in s."""
+    frame_interval: float | None = Field(None, gt=0)
+    """In s, in place of times."""
 
     def parameters(self, facts: Facts) -> TrackParameters:
         """Translate to the library's parameters.

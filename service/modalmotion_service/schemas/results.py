@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from modalmotion.classification import FLAGS, Classification
 from modalmotion.classification.answer import ModeContribution
@@ -14,12 +14,12 @@ from modalmotion.clinical.torsion import Torsion
 from modalmotion.clinical.ventricle import VentricleReadouts
 from modalmotion.codec import Encoded
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion_service.schemas.from_core import Mirror, Paged, mirrors, read_from
+from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from
 from modalmotion_service.schemas.general import Problem, ReadingAnswer
 from modalmotion_service.schemas.signatures import SignatureAnswer
 
 
-class EncodedAnswer(BaseModel):
+class EncodedAnswer(Answer):
     """Size and errors of a stream, measured by decoding it; sent as headers beside it."""
 
     n_bytes: int
@@ -44,23 +44,24 @@ class EncodedAnswer(BaseModel):
 
 
 @mirrors(ModeContribution)
-class ContributionAnswer(Mirror):
+class ContributionAnswer(Answer):
     """Contribution of one mode, or a cosine-sine pair, to a prediction."""
 
 
 @mirrors(Classification, without=["classes"])
-class ClassificationAnswer(Mirror):
+class ClassificationAnswer(Answer):
     """Answer of a model for one sequence."""
 
-    version: int | None = Field(description="Of the model; null if it has been deleted.")
-    probability: float = Field(description="Of the most probable class.")
+    version: int | None
+    """Of the model; null if it has been deleted."""
+    probability: float
+    """Of the most probable class."""
     probabilities: dict[str, float]
     flags: list[str] = Field(description=f"{', '.join(FLAGS)}; with any of them there is no label.")
     explanation: list[ContributionAnswer]
     intended_use: str = INTENDED_USE
-    file: str | None = Field(
-        description="HDF5 file of this result, within the data folder; null if not stored."
-    )
+    file: str | None
+    """HDF5 file of this result, within the data folder; null if not stored."""
 
     @staticmethod
     def of(
@@ -72,7 +73,6 @@ class ClassificationAnswer(Mirror):
             result,
             version=version,
             probabilities=dict(zip(result.classes, result.probabilities.tolist(), strict=True)),
-            explanation=[read_from(ContributionAnswer, part) for part in result.explanation],
             file=file,
         )
 
@@ -80,7 +80,8 @@ class ClassificationAnswer(Mirror):
 class UploadClassificationAnswer(ClassificationAnswer):
     """Answer of a model for an upload that is not stored."""
 
-    reading: ReadingAnswer = Field(description="How the upload was read.")
+    reading: ReadingAnswer
+    """How the upload was read."""
 
 
 class ClassificationPageAnswer(Paged):
@@ -89,13 +90,14 @@ class ClassificationPageAnswer(Paged):
     classifications: list[ClassificationAnswer]
 
 
-class _Result(BaseModel):
-    name: str = Field(description="As the part of the form names its file.")
-    subject: str | None = Field(description="As the manifest says.")
+class _Result(Answer):
+    name: str
+    """As the part of the form names its file."""
+    subject: str | None
+    """As the manifest says."""
     label: str | None
-    error: Problem | None = Field(
-        description="As the file would have been answered by itself; null where there is a result."
-    )
+    error: Problem | None
+    """As the file would have been answered by itself; null where there is a result."""
 
 
 class SignatureResult(_Result):
@@ -104,7 +106,7 @@ class SignatureResult(_Result):
     signature: SignatureAnswer | None
 
 
-class SignatureResults(BaseModel):
+class SignatureResults(Answer):
     """Signatures of many files, in the order in which they were sent."""
 
     results: list[SignatureResult]
@@ -117,14 +119,14 @@ class ClassificationResult(_Result):
     classification: UploadClassificationAnswer | None
 
 
-class ClassificationResults(BaseModel):
+class ClassificationResults(Answer):
     """Classes of many files, in the order in which they were sent."""
 
     results: list[ClassificationResult]
     n_failed: int
 
 
-class FigureAnswer(BaseModel):
+class FigureAnswer(Answer):
     """One number, and the interval in which the surface's own is."""
 
     value: float
@@ -138,25 +140,25 @@ class FigureAnswer(BaseModel):
         return FigureAnswer(value=value * factor, low=low, high=high)
 
 
-class VolumeAnswer(BaseModel):
+class VolumeAnswer(Answer):
     """Volume over time, and its read-outs."""
 
-    volumes: list[float] = Field(description="Of each frame, in `volume_unit`.")
-    bounds: list[float] = Field(
-        description="The surface's own volume is at most this far from it, in `volume_unit`."
-    )
-    end_diastole: int = Field(description="Frame of the largest volume.")
-    end_systole: int = Field(description="Frame of the smallest volume.")
+    volumes: list[float]
+    """Of each frame, in `volume_unit`."""
+    bounds: list[float]
+    """The surface's own volume is at most this far from it, in `volume_unit`."""
+    end_diastole: int
+    """Frame of the largest volume."""
+    end_systole: int
+    """Frame of the smallest volume."""
     end_diastolic_volume: FigureAnswer
     end_systolic_volume: FigureAnswer
     stroke_volume: FigureAnswer
-    ejection_fraction: FigureAnswer | None = Field(
-        description="Stroke volume over end-diastolic volume, percent, where a cavity is stated or "
-        "the surface is a cup. Null elsewhere, of one frame, and where a volume is not positive."
-    )
-    volume_change: FigureAnswer | None = Field(
-        description="The same share where nothing says that the surface is that of a cavity."
-    )
+    ejection_fraction: FigureAnswer | None
+    """Stroke volume over end-diastolic volume, percent, where a cavity is stated or the surface is
+    a cup. Null elsewhere, of one frame, and where a volume is not positive."""
+    volume_change: FigureAnswer | None
+    """The same share where nothing says that the surface is that of a cavity."""
 
     @staticmethod
     def of(curve: VolumeCurve, factor: float) -> VolumeAnswer:
@@ -183,93 +185,110 @@ class VolumeAnswer(BaseModel):
 
 
 @mirrors(Rates)
-class RatesAnswer(Mirror):
+class RatesAnswer(Answer):
     """How fast the cavity empties and fills; volumes in `volume_unit`."""
 
 
-class SegmentsAnswer(BaseModel):
+class SegmentsAnswer(Answer):
     """Inward motion of the wall over the radius at end diastole (Cerqueira 2002)."""
 
-    names: list[str] = Field(description="The 17 segments, or the four rings.")
-    percent: list[list[float | None]] = Field(description="By frame, then by segment.")
+    names: list[str]
+    """The 17 segments, or the four rings."""
+    percent: list[list[float | None]]
+    """By frame, then by segment."""
     end_diastole: int
-    reason: str = Field(description="Why there are rings only; empty if there are segments.")
+    reason: str
+    """Why there are rings only; empty if there are segments."""
 
 
-class StrainFigureAnswer(BaseModel):
+class StrainFigureAnswer(Answer):
     """A strain since end diastole, percent; negative is shorter."""
 
-    name: str = Field(description="GLS, GCS, GAS, or GCS at one level.")
-    definition: str = Field(description="What it is the relative change of.")
-    end_systolic: FigureAnswer = Field(description="At end systole, with its 95 % interval.")
-    peak: FigureAnswer = Field(description="Where it is most negative.")
-    curve: list[float] = Field(description="By frame.")
-    deviations: list[float] = Field(description="Standard deviation by frame, points.")
+    name: str
+    """GLS, GCS, GAS, or GCS at one level."""
+    definition: str
+    """What it is the relative change of."""
+    end_systolic: FigureAnswer
+    """At end systole, with its 95 % interval."""
+    peak: FigureAnswer
+    """Where it is most negative."""
+    curve: list[float]
+    """By frame."""
+    deviations: list[float]
+    """Standard deviation by frame, points."""
 
 
-class SegmentStrainAnswer(BaseModel):
+class SegmentStrainAnswer(Answer):
     """Strain of the segments, percent."""
 
-    names: list[str] = Field(description="The 17 segments, or the four rings.")
+    names: list[str]
+    """The 17 segments, or the four rings."""
     directions: list[str]
-    percent: list[list[list[float | None]]] = Field(description="By frame, segment, direction.")
-    end_systolic_deviations: list[list[float | None]] = Field(
-        description="Standard deviation at end systole by segment and direction, points."
-    )
-    reason: str = Field(description="Why there are rings only; empty if there are segments.")
+    percent: list[list[list[float | None]]]
+    """By frame, segment, direction."""
+    end_systolic_deviations: list[list[float | None]]
+    """Standard deviation at end systole by segment and direction, points."""
+    reason: str
+    """Why there are rings only; empty if there are segments."""
 
 
-class StrainAnswer(BaseModel):
+class StrainAnswer(Answer):
     """Strain of the wall as lengths and areas of its smooth surface (Voigt 2015)."""
 
     figures: list[StrainFigureAnswer]
     segments: SegmentStrainAnswer
-    dyssynchrony: FigureAnswer | None = Field(
-        description="Systolic dyssynchrony index, percent of the cycle; null of too few frames."
-    )
+    dyssynchrony: FigureAnswer | None
+    """Systolic dyssynchrony index, percent of the cycle; null of too few frames."""
     end_diastole: int
     end_systole: int
-    found_by: str = Field(description="How these frames were found.")
-    layer: str = Field(description="Surface of the wall that was measured.")
-    source: str = Field(description="What the surface came from.")
+    found_by: str
+    """How these frames were found."""
+    layer: str
+    """Surface of the wall that was measured."""
+    source: str
+    """What the surface came from."""
     notes: list[str]
 
 
 @mirrors(Torsion)
-class TorsionAnswer(Mirror):
+class TorsionAnswer(Answer):
     """Turning and shear of a wall of material points since end diastole, degrees, by frame."""
 
 
 @mirrors(Sensitivities, without=["labels"])
-class PerModeAnswer(Mirror):
+class PerModeAnswer(Answer):
     """What one length unit of each amplitude does to the read-outs at end systole."""
 
     modes: list[str]
 
 
-class ReadoutsAnswer(BaseModel):
+class ReadoutsAnswer(Answer):
     """Read-outs from a cavity's volume over time."""
 
     sequence_id: str
     template_id: str
     amplitudes_per_frame: int
-    volume_unit: str = Field(description="ml; cubed length units where the unit is unknown.")
-    times: list[float] | None = Field(description="s")
-    n_openings: int = Field(description="Each closed by a fan to the mean of its vertices.")
-    from_signature: VolumeAnswer = Field(
-        description="From the amplitudes and the reference shape; the bounds are what leaving "
-        "out all other modes puts on it, not the accuracy of the measurement."
-    )
-    of_mesh: VolumeAnswer = Field(description="Of the frames as they were sent.")
-    rates: RatesAnswer | None = Field(description="Null where times are unknown.")
-    segments: SegmentsAnswer | None = Field(description="Null where this is not a ventricle.")
-    strain: StrainAnswer | None = Field(
-        description="Null of a surface without coordinates along and around it."
-    )
-    torsion: TorsionAnswer | None = Field(
-        description="Null where nothing says that vertices follow the tissue (tracking=material)."
-    )
-    per_mode: PerModeAnswer | None = Field(description="Null where a volume is not known.")
+    volume_unit: str
+    """ml; cubed length units where the unit is unknown."""
+    times: list[float] | None
+    """s"""
+    n_openings: int
+    """Each closed by a fan to the mean of its vertices."""
+    from_signature: VolumeAnswer
+    """From the amplitudes and the reference shape; the bounds are what leaving out all other modes
+    puts on it, not the accuracy of the measurement."""
+    of_mesh: VolumeAnswer
+    """Of the frames as they were sent."""
+    rates: RatesAnswer | None
+    """Null where times are unknown."""
+    segments: SegmentsAnswer | None
+    """Null where this is not a ventricle."""
+    strain: StrainAnswer | None
+    """Null of a surface without coordinates along and around it."""
+    torsion: TorsionAnswer | None
+    """Null where nothing says that vertices follow the tissue (tracking=material)."""
+    per_mode: PerModeAnswer | None
+    """Null where a volume is not known."""
     notes: list[str]
     intended_use: str = INTENDED_USE
 

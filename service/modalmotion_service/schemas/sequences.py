@@ -8,24 +8,22 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field
 
 from modalmotion.store import ImagesRecord, SequenceRecord
 from modalmotion.tracking import Track
-from modalmotion.tracking.result import Papillary
-from modalmotion_service.schemas.from_core import Mirror, Paged, mirrors, read_from
+from modalmotion.tracking.result import ImageAnswer
+from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from
 from modalmotion_service.schemas.general import FactsAnswer, ReadingAnswer
 from modalmotion_service.schemas.signatures import Label
 
 
 @mirrors(SequenceRecord, without=["has_upload", "span"])
-class SequenceSummary(Mirror):
+class SequenceSummary(Answer):
     """Summary of a stored sequence."""
 
     facts: FactsAnswer
-    reading: ReadingAnswer | None = Field(
-        None, description="How the upload was read; only in the answer to it."
-    )
+    reading: ReadingAnswer | None = None
+    """How the upload was read; only in the answer to it."""
     links: dict[str, str]
 
     @staticmethod
@@ -53,7 +51,7 @@ class SequencePageAnswer(Paged):
 
 
 @mirrors(ImagesRecord)
-class ImagesSummary(Mirror):
+class ImagesSummary(Answer):
     """Images over time, in LPS mm."""
 
     kind: Literal["volumes", "planes"]
@@ -75,20 +73,14 @@ class ImagesPageAnswer(Paged):
     images: list[ImagesSummary]
 
 
-class ImagesEstimate(BaseModel):
+@mirrors(ImageAnswer, without=["slope", "shift_sd", "localisation", "bent", "volume_correlation"])
+class ImagesEstimate(Answer):
     """What was found of images that were tracked."""
 
-    papillary: Papillary = Field(description="Convention of the volumes.")
-    papillary_volume: float = Field(description="Within the surface, like its outside; mm^3.")
-    ejection_fractions: dict[str, float] = Field(description="Under both conventions, percent.")
-    inside: float = Field(description="Brightness within the surface in the reference frame.")
-    outside: float
-    spread: float = Field(description="Standard deviation of brightness on one side.")
-    shifts: list[list[float]] = Field(
-        description="By which each slice shows everything aside, mm; none of volumes."
-    )
-    shift_deviation: float = Field(description="Of a shift along one axis, mm.")
-    found: list[float] = Field(description="Share of profiles with an edge in each frame.")
+    ejection_fractions: dict[str, float]
+    """Under both conventions, percent."""
+    shift_deviation: float
+    """Of a shift along one axis, mm."""
 
     @staticmethod
     def of(track: Track) -> ImagesEstimate | None:
@@ -104,46 +96,41 @@ class ImagesEstimate(BaseModel):
         )
 
 
-class TrackEstimate(BaseModel):
+@mirrors(
+    Track,
+    without=[
+        *("sequence", "template", "amplitudes", "covariances", "prior", "deviations", "harmonic"),
+        *("residuals", "provenance", "data"),
+    ],
+)
+class TrackEstimate(Answer):
     """What was found, and how well; lengths in the unit of the sequence."""
 
     modes: list[Label]
-    reference: int | None = Field(description="Frame whose surface the start is; null for none.")
-    noise: float = Field(description="Standard deviation of a point.")
-    residual_rms: list[float | None] = Field(
-        description="Of each frame, of the points that counted; null without any."
-    )
+    noise: float
+    """Standard deviation of a point."""
+    residual_rms: list[float | None]
+    """Of each frame, of the points that counted; null without any."""
     residual_p95: list[float | None]
-    inliers: list[float] = Field(description="Share of the points of each frame that counted.")
-    coverage: list[float] = Field(description="Share of the surface that points are at.")
-    unseen: list[int] = Field(description="Frames without points, which are interpolated.")
-    deviation_across: list[float] = Field(
-        description="Of each frame: standard deviation of a vertex across the surface, RMS."
-    )
-    deviation_along: list[float] = Field(
-        description="The same in each direction along it, where the prior speaks."
-    )
-    truncations: list[float] = Field(description="RMS of what the modes leave in each frame.")
-    determined: list[list[float]] = Field(
-        description="Share of each mode that the data have set, across the surface and along it; "
-        "below 0.5 it is the prior's."
-    )
-    gap: float | None = Field(
-        description="Distance of the shapes that both ways round the cycle end at; null of an "
-        "open recording."
-    )
-    volumes: list[float] | None = Field(description="Cubed unit; null of what encloses none.")
-    volume_deviations: list[float] | None
-    ejection_fraction: float | None = Field(
-        description="Share of the largest volume that the smallest lacks, percent."
-    )
-    ejection_fraction_bound: float | None = Field(
-        description="Two standard deviations, percentage points."
-    )
-    times: list[float] | None = Field(description="In s.")
-    images: ImagesEstimate | None = Field(description="Null where points were tracked.")
-    parameters: dict[str, Any] = Field(description="As they were used.")
-    notes: list[str]
+    deviation_across: list[float]
+    """Of each frame: standard deviation of a vertex across the surface, RMS."""
+    deviation_along: list[float]
+    """The same in each direction along it, where the prior speaks."""
+    determined: list[list[float]]
+    """Share of each mode that the data have set, across the surface and along it; below 0.5 it is
+    the prior's."""
+    volumes: list[float] | None
+    """Cubed unit; null of what encloses none."""
+    ejection_fraction: float | None
+    """Share of the largest volume that the smallest lacks, percent."""
+    ejection_fraction_bound: float | None
+    """Two standard deviations, percentage points."""
+    times: list[float] | None
+    """In s."""
+    images: ImagesEstimate | None
+    """Null where points were tracked."""
+    parameters: dict[str, Any]
+    """As they were used."""
 
     @staticmethod
     def of(track: Track) -> TrackEstimate:
@@ -164,10 +151,11 @@ class TrackEstimate(BaseModel):
         )
 
 
-class TrackSummary(BaseModel):
+class TrackSummary(Answer):
     """A track, and the sequence that it made, which has the same id."""
 
-    id: str = Field(description="That of the sequence.")
+    id: str
+    """That of the sequence."""
     sequence: SequenceSummary
     links: dict[str, str]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Literal
 
-from pydantic import BaseModel, Field
 from pydantic_core import from_json
 
 from modalmotion.hdf5.image import INTENDED_USE
@@ -13,62 +12,55 @@ from modalmotion.modes import ModeLabel
 from modalmotion.modes.topology import MESH
 from modalmotion.signature.choice import SceneError, SceneKind
 from modalmotion.signature.distance import Comparison
-from modalmotion.signature.front import Price, price_of
+from modalmotion.signature.front import Branch, Front, Price, price_of
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.noise import Noise
 from modalmotion.signature.parameters import SignatureKind, parameters_as_json
 from modalmotion.template import Landmarks, Template
 from modalmotion.template.body_frame import Components
 from modalmotion.template.vibration_modes import VibrationModes
-from modalmotion_service.schemas.from_core import Mirror, Paged, mirrors, read_from
+from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from
 from modalmotion_service.schemas.general import FactsAnswer
 
 
 @mirrors(Price)
-class PriceAnswer(Mirror):
+class PriceAnswer(Answer):
     """Cost and error of a description."""
 
     milliseconds: dict[str, float]
 
-    @staticmethod
-    def of(price: Price) -> PriceAnswer:
-        """Write a price out."""
-        return PriceAnswer(**vars(price))
 
-
-class BranchAnswer(BaseModel):
+@mirrors(Branch, without=["counts", "joint_rms", "weighted_joint_rms"])
+class BranchAnswer(Answer):
     """RMS errors of all whole sets of one topology and one choice of components."""
 
-    topology: str
-    components: Components
     modes: list[int]
     amplitudes_per_frame: list[int]
-    bytes: list[int] = Field(description="Of the whole trajectory as float64.")
-    rms: list[float] = Field(description="Over all vertices and frames, in the length unit.")
-    weighted_rms: list[float] = Field(description="By the vertices' shares of the surface.")
+    bytes: list[int]
+    """Of the whole trajectory as float64."""
     harmonics: list[int]
-    rms_by_harmonics: list[list[float]] = Field(description="By modes, then harmonics.")
+    rms_by_harmonics: list[list[float]]
+    """By modes, then harmonics."""
     weighted_rms_by_harmonics: list[list[float]]
-    condition: float
-    ends_because: str
 
 
 @mirrors(SceneError)
-class SceneErrorAnswer(Mirror):
+class SceneErrorAnswer(Answer):
     """Error that one simple kind of motion leaves, in the length unit."""
 
     numbers_per_frame: int
 
 
 @mirrors(Noise)
-class NoiseAnswer(Mirror):
+class NoiseAnswer(Answer):
     """The measurement's noise as estimated."""
 
 
-class ChosenAnswer(BaseModel):
+class ChosenAnswer(Answer):
     """The requested point of the front."""
 
-    kind: SceneKind = Field(description="Simplest kind of motion that the scene is.")
+    kind: SceneKind
+    """Simplest kind of motion that the scene is."""
     price: PriceAnswer
     topology: str
     components: Components
@@ -78,30 +70,28 @@ class ChosenAnswer(BaseModel):
     notes: list[str]
 
 
-class TradeoffAnswer(BaseModel):
+@mirrors(Front, without=["branches"])
+class TradeoffAnswer(Answer):
     """Cost and error of each choice on one sequence."""
 
     sequence_id: str
-    unit: str | None
-    n_frames: int
-    n_vertices: int
-    motion_rms: float = Field(description="The RMS error of no modes at all.")
-    weighted_motion_rms: float
     front: list[BranchAnswer]
     scene: dict[SceneKind, SceneErrorAnswer]
-    limit: float | None = Field(description="Error that is not exceeded, length unit.")
+    limit: float | None
+    """Error that is not exceeded, length unit."""
     noise: NoiseAnswer | None
     chosen: ChosenAnswer
-    fit_milliseconds: dict[str, float] = Field(description="By number of modes.")
-    milliseconds: dict[str, float] = Field(description="Of this answer, by stage.")
+    fit_milliseconds: dict[str, float]
+    """By number of modes."""
+    milliseconds: dict[str, float]
+    """Of this answer, by stage."""
 
 
-class Label(BaseModel):
+class Label(Answer):
     """Name of one mode."""
 
-    wavenumbers: list[int] = Field(
-        description="One for each natural coordinate; for spring modes of one mesh their rank."
-    )
+    wavenumbers: list[int]
+    """One for each natural coordinate; for spring modes of one mesh their rank."""
     part: Literal["cos", "sin", "spring"]
 
     @staticmethod
@@ -111,14 +101,15 @@ class Label(BaseModel):
         return Label(wavenumbers=list(label.wavenumbers), part=label.part)
 
 
-class SignatureSummary(BaseModel):
+class SignatureSummary(Answer):
     """A stored signature in a list."""
 
     key: str
     sequence_id: str
     n_modes: int
     kind: SignatureKind
-    rms_error: float = Field(description="Over all vertices and frames, in the length unit.")
+    rms_error: float
+    """Over all vertices and frames, in the length unit."""
     max_error: float
     unit: str | None
     parameters: dict[str, object]
@@ -142,76 +133,72 @@ class SignaturePageAnswer(Paged):
 
 
 @mirrors(Landmarks, without=["n_loops"])
-class LandmarksAnswer(Mirror):
+class LandmarksAnswer(Answer):
     """Where the natural coordinates sit, and how well the shape determines it."""
 
-    @staticmethod
-    def of(landmarks: Landmarks) -> LandmarksAnswer:
-        """Write landmarks out."""
-        return read_from(LandmarksAnswer, landmarks)
 
-
-class FrameErrors(BaseModel):
+class FrameErrors(Answer):
     """Distances between vertices and their reconstruction, by frame."""
 
-    rms: list[float] = Field(description="Over all vertices alike.")
-    weighted_rms: list[float] = Field(
-        description="Over the surface, each vertex by its share of it."
-    )
-    p95: list[float] = Field(description="95th percentile over all vertices.")
-    max: list[float] = Field(description="Of any vertex.")
+    rms: list[float]
+    """Over all vertices alike."""
+    weighted_rms: list[float]
+    """Over the surface, each vertex by its share of it."""
+    p95: list[float]
+    """95th percentile over all vertices."""
+    max: list[float]
+    """Of any vertex."""
 
 
 @mirrors(ModalSignature, without=["rms_errors", "weighted_rms_errors", "p95_errors", "max_errors"])
-class SignatureAnswer(Mirror):
+class SignatureAnswer(Answer):
     """A modal signature."""
 
     topology: str
     n_frames: int
     modes: list[Label]
-    kind: SignatureKind = Field(description="What the amplitudes are of.")
-    shape: tuple[int, int, int] = Field(
-        description="Of the amplitudes: frames, modes, 3, or 1 of offsets."
-    )
-    deviation_share: float | None = Field(
-        description="RMS of these deviations over that of the amplitudes: above 1 they are mostly "
-        "error."
-    )
-    components: Components = Field(
-        description="Directions of the amplitudes: x, y, z or radial, tangential, axial."
-    )
-    landmarks: LandmarksAnswer | None = Field(description="Null where there is no axis.")
-    rotations: list[list[list[float]]] = Field(description="3 x 3 matrix of each frame.")
+    kind: SignatureKind
+    """What the amplitudes are of."""
+    shape: tuple[int, int, int]
+    """Of the amplitudes: frames, modes, 3, or 1 of offsets."""
+    deviation_share: float | None
+    """RMS of these deviations over that of the amplitudes: above 1 they are mostly error."""
+    components: Components
+    """Directions of the amplitudes: x, y, z or radial, tangential, axial."""
+    landmarks: LandmarksAnswer | None
+    """Null where there is no axis."""
+    rotations: list[list[list[float]]]
+    """3 x 3 matrix of each frame."""
     rotation_determined: list[bool]
-    rms_error: float = Field(description="Over all vertices and frames.")
-    weighted_rms_error: float = Field(
-        description="Over all frames, each vertex by its share of the surface."
-    )
-    max_error: float = Field(description="Of any vertex in any frame.")
+    rms_error: float
+    """Over all vertices and frames."""
+    weighted_rms_error: float
+    """Over all frames, each vertex by its share of the surface."""
+    max_error: float
+    """Of any vertex in any frame."""
     errors: FrameErrors
-    closure_gap: float = Field(
-        description="From the last frame back to the first, over the usual step between frames: "
-        "near 1 for a cycle, large for a movement that does not come back."
-    )
-    deformation_spectrum: list[float] = Field(description="RMS amplitude of each mode.")
-    strain_energy: list[float] = Field(description="Of each frame, per unit mass.")
-    compression: float = Field(description="Coordinates over amplitudes of one frame.")
-    compression_of_sequence: float = Field(
-        description="Numbers in the sequence over amplitudes and reference shape."
-    )
+    closure_gap: float
+    """From the last frame back to the first, over the usual step between frames: near 1 for a
+    cycle, large for a movement that does not come back."""
+    deformation_spectrum: list[float]
+    """RMS amplitude of each mode."""
+    strain_energy: list[float]
+    """Of each frame, per unit mass."""
+    compression: float
+    """Coordinates over amplitudes of one frame."""
+    compression_of_sequence: float
+    """Numbers in the sequence over amplitudes and reference shape."""
     price: PriceAnswer
-    choice: dict[str, object] | None = Field(
-        description="Limit, noise and simple kinds of motion, where a tolerance or auto decided."
-    )
+    choice: dict[str, object] | None
+    """Limit, noise and simple kinds of motion, where a tolerance or auto decided."""
     facts: FactsAnswer
-    parameters: dict[str, object] = Field(
-        description="As requested, with the landmarks that the facts state."
-    )
+    parameters: dict[str, object]
+    """As requested, with the landmarks that the facts state."""
     intended_use: str = INTENDED_USE
-    key: str | None = Field(description="It is /v1/signatures/{key}; null if it is not stored.")
-    file: str | None = Field(
-        description="HDF5 file of this result, within the data folder; null if not stored."
-    )
+    key: str | None
+    """It is /v1/signatures/{key}; null if it is not stored."""
+    file: str | None
+    """HDF5 file of this result, within the data folder; null if not stored."""
 
     @staticmethod
     def of(
@@ -228,40 +215,38 @@ class SignatureAnswer(Mirror):
             modes=[Label.of(label) for label in signature.modes.labels],
             shape=signature.amplitudes.shape,
             components=parameters.components,
-            landmarks=_landmarks(signature.landmarks),
-            rotations=signature.rotations.matrices.tolist(),
-            rotation_determined=signature.rotations.is_determined.tolist(),
+            rotations=signature.rotations.matrices,
+            rotation_determined=signature.rotations.is_determined,
             errors=FrameErrors(
-                rms=signature.rms_errors.tolist(),
-                weighted_rms=signature.weighted_rms_errors.tolist(),
-                p95=signature.p95_errors.tolist(),
-                max=signature.max_errors.tolist(),
+                rms=signature.rms_errors,
+                weighted_rms=signature.weighted_rms_errors,
+                p95=signature.p95_errors,
+                max=signature.max_errors,
             ),
-            strain_energy=signature.strain_energy.sum(axis=1).tolist(),
-            price=PriceAnswer.of(price_of(signature)),
+            strain_energy=signature.strain_energy.sum(axis=1),
+            price=price_of(signature),
             choice=None if signature.choice is None else signature.choice.as_json(),
             facts=FactsAnswer.of(signature.facts),
             parameters=parameters_as_json(parameters),
         )
 
 
-def _landmarks(landmarks: Landmarks | None) -> LandmarksAnswer | None:
-    return None if landmarks is None else LandmarksAnswer.of(landmarks)
-
-
 @mirrors(Comparison)
-class DistanceAnswer(Mirror):
+class DistanceAnswer(Answer):
     """Distance of one sequence's signature from another's."""
 
 
-class TemplateAnswer(BaseModel):
+class TemplateAnswer(Answer):
     """Natural coordinates of a surface, and how they were determined."""
 
-    id: str = Field(description="sha256 of its inputs, in hex.")
-    topology: str = Field(description='Or "mesh" where no natural coordinates are known.')
+    id: str
+    """sha256 of its inputs, in hex."""
+    topology: str
+    """Or "mesh" where no natural coordinates are known."""
     n_vertices: int
     n_faces: int
-    lengths: list[float] = Field(description="Along each natural coordinate.")
+    lengths: list[float]
+    """Along each natural coordinate."""
     landmarks: LandmarksAnswer | None
     notes: list[str]
     links: dict[str, str]
@@ -274,7 +259,6 @@ class TemplateAnswer(BaseModel):
             template,
             topology=MESH if template.surface is None else template.surface.name,
             n_faces=len(template.faces),
-            landmarks=_landmarks(template.landmarks),
             links={"self": f"/v1/templates/{template.id}"},
         )
 
@@ -282,20 +266,21 @@ class TemplateAnswer(BaseModel):
 class TemplatePageAnswer(Paged):
     """A page of the list of templates."""
 
-    templates: list[str] = Field(description="Their ids, sorted.")
+    templates: list[str]
+    """Their ids, sorted."""
 
 
-class ModesAnswer(BaseModel):
+class ModesAnswer(Answer):
     """Vibration modes of a template's surface."""
 
     template_id: str
-    topology: str = Field(description='Or "mesh" for the spring modes of this mesh alone.')
+    topology: str
+    """Or "mesh" for the spring modes of this mesh alone."""
     modes: list[Label]
     angular_frequencies: list[float]
     frequency_unit: str
-    shapes: list[list[float]] | None = Field(
-        description="Of each vertex its value in each mode, mean square 1 over the surface."
-    )
+    shapes: list[list[float]] | None
+    """Of each vertex its value in each mode, mean square 1 over the surface."""
     notes: list[str]
 
     @staticmethod

@@ -7,7 +7,7 @@ import json
 import secrets
 import threading
 import uuid
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -412,14 +412,17 @@ class IdempotencyKeys:
                 (status, json.dumps(response), place, *below),
             ).rowcount
 
-    def forget_names(self, *places: str) -> None:
-        """Have the answers of requests whose result is at these places name nobody any more."""
+    def forget_names(self, changed: Collection[str], *places: str) -> None:
+        """Have the answers of requests whose result is at these places have no old names.
+
+        Parameters
+        ----------
+        changed : collection of str
+            Which of name, subject and label.
+        *places : str
+        """
         kept = "json_extract(response, '$.body')"
-        names = "".join(
-            f", '$.{of}{name}', NULL"
-            for of in ("", "sequence.")
-            for name in ("name", "subject", "label")
-        )
+        names = "".join(f", '$.{of}{name}', NULL" for of in ("", "sequence.") for name in changed)
         # As text again, for a value of SQLite's functions would be put in as an object.
         statement = (
             f"UPDATE idempotency SET response = json_replace(response, '$.body', "  # noqa: S608

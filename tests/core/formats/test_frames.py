@@ -352,3 +352,12 @@ def test_what_is_not_there_is_an_error_of_ours(tmp_path: Path, name: str) -> Non
     with pytest.raises(MalformedFileError) as caught:
         read_sequence(tmp_path / name)
     assert caught.value.remedy
+
+
+def test_a_folder_of_images_says_what_reads_it(tmp_path: Path) -> None:
+    folder = tmp_path / "x.nii.gz"
+    folder.mkdir()
+    (folder / "frame.nii.gz").write_bytes(b"\x1f\x8b")
+    with pytest.raises(MalformedFileError, match="no frames among 1 file") as caught:
+        read_sequence(folder)
+    assert "modalmotion report" in caught.value.remedy

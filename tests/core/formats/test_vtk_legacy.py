@@ -238,7 +238,7 @@ def test_fields_of_a_legacy_file_state_time_and_coordinate_system(
             array.InsertNextValue(value)
         made.GetFieldData().AddArray(array)
     scalars = core.vtkFloatArray()
-    scalars.SetName("thickness")
+    scalars.SetName("wall thickness")
     for _ in VERTICES[0]:
         scalars.InsertNextValue(1.5)
     made.GetPointData().SetScalars(scalars)
@@ -251,6 +251,6 @@ def test_fields_of_a_legacy_file_state_time_and_coordinate_system(
     assert read.coordinate_system == "LPS"
     assert read.sequence.times is not None
     assert read.sequence.times.tolist() == [0.25]
-    assert read.ignored == ("point.thickness",)
+    assert read.ignored == ("point.wall thickness",)
     # Text has six digits.
     assert np.allclose(read.sequence.vertices[0], VERTICES[0], rtol=1e-5)

@@ -121,6 +121,14 @@ def test_files_among_frames_belong_to_all_or_to_the_frame_of_their_name(tmp_path
         read_observed(tmp_path)
 
 
+def test_a_landmark_of_all_frames_may_be_another_in_one(tmp_path: Path) -> None:
+    frames_in(tmp_path)
+    (tmp_path / "landmarks.json").write_text('{"landmarks": {"apex": [7, 8, 9]}}')
+    (tmp_path / "scan_1.mrk.json").write_bytes(slicer("LPS", ENDS[0]))
+    found = read_observed(tmp_path)
+    assert found.landmarks["apex"].tolist() == [[7, 8, 9], [1, 2, 3], [7, 8, 9]]
+
+
 def test_a_landmark_far_from_all_points_is_refused(tmp_path: Path) -> None:
     recorded = read_observed(frames_in(tmp_path))
     far = TrackParameters(modes=4, landmarks={"apex": [0, 0, -9], "base": [500.0, 0, 9]})

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import sqlite3
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -53,13 +56,33 @@ def test_another_file_in_its_place_counts_at_once(tmp_path: Path) -> None:
         keys.authenticate(newer)
 
 
-def test_a_log_that_its_service_removes_just_now_is_no_fault(
+def test_a_file_that_rests_is_read_once_and_again_when_it_changes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     token, _ = kept(tmp_path)
-    exists = Path.exists
-    monkeypatch.setattr(Path, "exists", lambda path: path.suffix == ".sqlite-wal" or exists(path))
-    assert KeySnapshot(tmp_path).authenticate(token).owner == "alice"
+    path = tmp_path / "access" / "keys.sqlite"
+    os.utime(path, (1e9, 1e9))
+    keys = KeySnapshot(tmp_path)
+    opened: list[str] = []
+    connect = sqlite3.connect
+
+    def counted(address: str, **options: Any) -> Any:
+        opened.append(address)
+        return connect(address, **options)
+
+    with monkeypatch.context() as now:
+        now.setattr("modalmotion_service.access.keys.sqlite3.connect", counted)
+        for _ in range(3):
+            assert keys.authenticate(token).owner == "alice"
+        assert not opened
+        os.utime(path, (2e9, 2e9))
+        keys.authenticate(token)
+        assert len(opened) == 1
+    # Written a moment ago: it may be written again at the same time of its clock.
+    with KeyRing(tmp_path) as ring:
+        ring.revoke(keys.authenticate(token).id)
+        with pytest.raises(AuthenticationError, match="revoked"):
+            keys.authenticate(token)
 
 
 def test_without_a_folder_no_key_is_known() -> None:

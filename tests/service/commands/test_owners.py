@@ -55,15 +55,15 @@ def size_of(folder: Path, *without: str) -> int:
 
 def test_what_each_owner_has_is_listed_while_it_is_in_use(folder: Path) -> None:
     with ResultStore(folder), ResultStore(folder / "owners" / "lab"):
-        found = {one.owner: one for one in usage_of(folder)}
+        found = {one["owner"]: one for one in usage_of(folder)}
         done = run("list", "--data-dir", folder)
         told = json.loads(run("list", "--json", "--data-dir", folder).stdout)
-    assert [one.n_sequences for one in found.values()] == [1, 2, 3]
-    assert [one.n_results for one in found.values()] == [0, 0, 1]
-    assert [one.n_keys for one in found.values()] == [1, 1, 1]
-    found = {one.owner: one for one in usage_of(folder)}
-    assert found["local"].n_bytes == size_of(folder, "access", "owners", "cluster")
-    assert found["ward-3"].n_bytes == size_of(folder / "owners" / "ward-3") > 100_000
+    assert [one["n_sequences"] for one in found.values()] == [1, 2, 3]
+    assert [one["n_results"] for one in found.values()] == [0, 0, 1]
+    assert [one["n_keys"] for one in found.values()] == [1, 1, 1]
+    found = {one["owner"]: one for one in usage_of(folder)}
+    assert found["local"]["n_bytes"] == size_of(folder, "access", "owners", "cluster")
+    assert found["ward-3"]["n_bytes"] == size_of(folder / "owners" / "ward-3") > 100_000
     assert [one["owner"] for one in told] == list(found)
     assert [one["n_sequences"] for one in told] == [1, 2, 3]
     lines = done.stdout.splitlines()
@@ -77,7 +77,10 @@ def test_what_each_owner_has_is_listed_while_it_is_in_use(folder: Path) -> None:
 def test_a_removed_owner_is_gone_with_keys_and_others_stay(folder: Path) -> None:
     done = run("remove", "lab", "--yes", "--data-dir", folder)
     assert done.exit_code == 0, done.output
-    assert {one.owner: one.n_sequences for one in usage_of(folder)} == {"local": 1, "ward-3": 3}
+    assert {one["owner"]: one["n_sequences"] for one in usage_of(folder)} == {
+        "local": 1,
+        "ward-3": 3,
+    }
     assert [path.name for path in (folder / "owners").iterdir()] == ["ward-3"]
     with KeyRing(folder) as ring:
         assert {key.owner: key.state for key in ring.all()} == {
@@ -119,7 +122,11 @@ def test_nothing_is_removed_while_a_service_has_it_or_nobody_agrees(folder: Path
         main, ["owners", "remove", "lab", "--data-dir", str(folder)], input="n\n"
     )
     assert refused.exit_code == 1
-    assert [(one.n_sequences, one.n_keys) for one in usage_of(folder)] == [(1, 1), (2, 1), (3, 1)]
+    assert [(one["n_sequences"], one["n_keys"]) for one in usage_of(folder)] == [
+        (1, 1),
+        (2, 1),
+        (3, 1),
+    ]
 
 
 def test_a_removal_that_was_interrupted_is_finished(

@@ -25,8 +25,8 @@ from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.app import create_app
 from modalmotion_service.errors import ClusterError
-from modalmotion_service.http.admission import UPLOADS
-from modalmotion_service.http.connections import UNKNOWN_CLIENT, plain_address, room_for_connections
+from modalmotion_service.http.connections import room_for_connections
+from modalmotion_service.http.middleware import UNKNOWN_CLIENT, UPLOADS, plain_address
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.pool import WorkerPool
 

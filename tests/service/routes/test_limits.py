@@ -12,7 +12,7 @@ from fastapi.testclient import TestClient
 from modalmotion.errors import StoreError
 from modalmotion.store import ResultStore
 from modalmotion_service.app import create_app
-from modalmotion_service.http.admission import Concurrency
+from modalmotion_service.http.middleware import Concurrency
 from modalmotion_service.log_lines import JsonFormatter
 from modalmotion_service.settings import Settings
 
@@ -60,12 +60,12 @@ def test_more_at_once_than_are_served_are_told_to_wait(tmp_path: Path) -> None:
         middleware = client.app.middleware_stack  # type: ignore[attr-defined]
         while not isinstance(middleware, Concurrency):
             middleware = middleware.app
-        middleware._under_way = 1
+        middleware.under_way[None] = 1
         answer = client.get("/v1/limits")
         assert (answer.status_code, answer.json()["limit"]) == (429, "concurrent_requests")
         assert answer.headers["retry-after"] == "1"
         assert client.get("/health/live").status_code == 200
-        middleware._under_way = 0
+        middleware.under_way[None] = 0
         assert client.get("/v1/limits").status_code == 200
 
 

@@ -200,7 +200,7 @@ def test_a_shipped_model_has_a_card_and_cannot_be_changed(trained: Trained) -> N
         "/v1/models", json={"name": DEFAULT_MODEL, "sequences": trained.ids}
     )
     assert (answer.status_code, answer.json()["code"]) == (409, "conflict")
-    assert trained.client.delete(f"/v1/models/{DEFAULT_MODEL}@2").status_code == 409
+    assert trained.client.delete(f"/v1/models/{DEFAULT_MODEL}@2").status_code == 404
 
 
 @pytest.mark.thorough

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from urllib.parse import unquote_to_bytes
 
@@ -131,6 +132,22 @@ def test_a_request_sent_again_is_answered_as_the_first_time(
     assert (other.status_code, other.json()["code"]) == (422, "idempotency_mismatch")
     differently = fresh_client.post("/v1/sequences?label=x", content=beat, headers=key)
     assert differently.json()["code"] == "idempotency_mismatch"
+
+
+def test_a_kept_answer_loses_the_names_that_a_change_replaces_and_no_others(
+    fresh_client: TestClient, beat: bytes
+) -> None:
+    send = partial(
+        fresh_client.post,
+        "/v1/sequences?subject=P7&label=rest",
+        content=beat,
+        headers={"Idempotency-Key": "named"},
+    )
+    here = send().headers["location"]
+    assert fresh_client.patch(here, json={"facts": {"modality": "cine"}}).status_code == 200
+    assert (send().json()["subject"], send().json()["label"]) == ("P7", "rest")
+    assert fresh_client.patch(here, json={"subject": "P8"}).status_code == 200
+    assert (send().json()["subject"], send().json()["label"]) == (None, "rest")
 
 
 def test_a_refused_request_does_not_use_up_its_key(fresh_client: TestClient, beat: bytes) -> None:

@@ -128,6 +128,8 @@ def test_answers_about_what_is_stored_become_jobs_too(
             answer = shared_client.get(job["result"])
         assert answer.status_code == 200
         assert answer.content == at_once.content, path
+        in_query = shared_client.get(f"{path}{'&' if '?' in path else '?'}wait=9")
+        assert in_query.status_code == 200, path
 
 
 def test_a_template_becomes_a_job_with_a_link(

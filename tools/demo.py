@@ -105,7 +105,7 @@ def _service(data_dir: Path) -> Iterator[tuple[Client, str]]:
         port = probe.getsockname()[1]
     log = data_dir.parent / "service.log"
     with log.open("wb") as sink:
-        process = subprocess.Popen(  # noqa: S603 (our own program)
+        process = subprocess.Popen(
             [
                 *(sys.executable, "-m", "modalmotion", "serve"),
                 *("--port", str(port), "--data-dir", str(data_dir)),

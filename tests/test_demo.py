@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from demo import main
 
 from modalmotion.formats import write_npz
 from modalmotion.simulate import Acquisition, simulate_ventricle
-from modalmotion_service.commands.demo import main
 
 
 def test_a_file_goes_through_a_service_of_its_own(

@@ -12,7 +12,7 @@ from fastapi.testclient import TestClient
 
 from modalmotion.errors import MissingExtraError
 from modalmotion_service.app import create_app
-from modalmotion_service.monitoring.telemetry import Telemetry
+from modalmotion_service.monitoring.observation import Telemetry
 from modalmotion_service.settings import Settings
 
 pytest.importorskip("opentelemetry.sdk")
