@@ -56,7 +56,9 @@ def _part(value: object, name: str) -> str:
     held = attrgetter(name)(value)
     if unit and unit != "%":
         unit = attrgetter(unit)(value) or ""
-    text = f"{name.rpartition('.')[2]}={_brief(held)}"
+    # What a reader must not take for certain.
+    words = probability(float(held)) if name == "probability" else _brief(held)
+    text = f"{name.rpartition('.')[2]}={words}"
     return f"{text} {unit}" if unit and held is not None else text
 
 

@@ -109,6 +109,6 @@ class ClusterError(ServiceError):
 
 
 class NoWorkerError(ClusterError):
-    """No worker process says that it is there."""
+    """No worker process is ready to work."""
 
     code = "no_worker"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -160,6 +160,12 @@ class Inner:
 def test_attributes_are_brief(sample: Sample, line: str) -> None:
     assert repr(sample) == line
     assert repr(Inner()) == "Inner(number=7)"
+
+
+def test_no_class_is_certain(signature: mm.ModalSignature) -> None:
+    answer = classify(signature, load_model())
+    sure = replace(answer, probabilities=np.eye(len(answer.classes))[0], label=answer.classes[0])
+    assert "probability=> 0.99," in repr(sure)
 
 
 def test_a_full_line_ends_with_an_ellipsis() -> None:

@@ -79,8 +79,8 @@ def drive_frames(
         A, of the data.
     vectors : (frames, n) float64
         b.
-    stiffness : (n,) float64
-        K, diagonal.
+    stiffness : (n, n) float64
+        K.
     Q : (frames, frames) float64
         Precision of the chain of time.
     start : (frames, n) float64, length unit
@@ -107,7 +107,7 @@ def drive_frames(
     follow = -np.linalg.solve(Q[np.ix_(empty, empty)], Q[np.ix_(empty, free)])
     q, U = np.linalg.eigh(Q[np.ix_(free, free)] + Q[np.ix_(free, empty)] @ follow)
     mean = A.mean(axis=0)
-    roots = np.stack([inverse_of_cholesky(mean + np.diag(h * stiffness)) for h in q])
+    roots = np.stack([inverse_of_cholesky(mean + h * stiffness) for h in q])
     # c: A_f against the softest mass.
     W = float(np.sqrt(1.0 + max(_largest(roots[0] @ one, roots[0]) for one in A)))
 
@@ -122,7 +122,7 @@ def drive_frames(
 
     def pull(u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Force of data and chain on each frame, b - A u - Q K u."""
-        chain = (U @ (q[:, None] * (U.T @ u))) * stiffness
+        chain = (U @ (q[:, None] * (U.T @ u))) @ stiffness
         left: NDArray[np.float64] = b - np.einsum("fij,fj->fi", A, u) - chain
         return left
 
@@ -130,7 +130,7 @@ def drive_frames(
     exact = exact_step(Oscillators(np.full(size, W), 2.0 * W), STEP / W)
     u = start[free]
     # z = M^1/2 u: where roots are M^-1/2, the masses' own products with it.
-    masses = mean[None] + q[:, None, None] * np.diag(stiffness)
+    masses = mean[None] + q[:, None, None] * stiffness
     of_modes = U.T @ u
     z = np.einsum("hij,hj->hi", roots, np.einsum("hij,hj->hi", masses, of_modes)).ravel()
     state, shots, steps, done = State(z, np.zeros(size)), [u], [0], 0

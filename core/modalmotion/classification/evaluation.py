@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -23,6 +23,7 @@ from modalmotion.classification.performance import (
     performance,
 )
 from modalmotion.errors import ParameterError
+from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.representation import counted, csv_text, shown
 
 
@@ -176,8 +177,8 @@ def evaluate(
     ParameterError
         If there is no case, or one has a class that the model does not know.
     """
-    (answers,) = answers_of((model,), cases, coverage, progress, left_out)
-    return evaluation_of(model, answers, coverage)
+    ((answers, n_trained),) = answers_of((model,), cases, coverage, progress, left_out)
+    return evaluation_of(model, answers, coverage, n_trained)
 
 
 def answers_of(
@@ -186,9 +187,10 @@ def answers_of(
     coverage: float,
     progress: Callable[[float, str], None] | None,
     left_out: list[LeftOut] | None,
-) -> list[list[CaseAnswer]]:
-    """Ask models about labelled cases: see `evaluate`."""
+) -> list[tuple[list[CaseAnswer], int]]:
+    """Ask models about labelled cases; and how many each was trained on: see `evaluate`."""
     answers: list[list[CaseAnswer]] = [[] for _ in models]
+    n_trained = [0] * len(models)
     for number, source in enumerate(cases):
         try:
             case = source if isinstance(source, TrainingCase) else source.read()
@@ -207,15 +209,20 @@ def answers_of(
                 raise
             left_out.append(LeftOut.of(error, source.name or f"case {number}"))
             continue
-        for its, result in zip(answers, results, strict=True):
-            its.append(CaseAnswer.of(case, result))
+        for k, (model, result) in enumerate(zip(models, results, strict=True)):
+            answers[k].append(CaseAnswer.of(case, result))
+            n_trained[k] += _is_known(case, model)
         if progress is not None:
             progress(float(number + 1), "classified")
-    return answers
+    return list(zip(answers, n_trained, strict=True))
 
 
-def evaluation_of(model: Model, answers: Sequence[CaseAnswer], coverage: float) -> Evaluation:
-    """Measure a model's answers to labelled cases.
+def evaluation_of(
+    model: Model, answers: Sequence[CaseAnswer], coverage: float, n_trained: int | None = None
+) -> Evaluation:
+    """Measure a model's answers to labelled cases, of which it was trained on so many.
+
+    By default those whose ids are among its own.
 
     Raises
     ------
@@ -225,6 +232,8 @@ def evaluation_of(model: Model, answers: Sequence[CaseAnswer], coverage: float) 
     if not answers:
         raise ParameterError("There is no case to test on.", remedy="Give at least one.")
     classes = model.classes
+    if n_trained is None:
+        n_trained = len({case.sequence_id for case in answers} & _trained_on(model))
     listed = _figures_of(classes, answers)
     y, labels = listed.y, listed.labels[0]
     covers = np.array([case.truth in case.class_set for case in answers])
@@ -246,7 +255,7 @@ def evaluation_of(model: Model, answers: Sequence[CaseAnswer], coverage: float) 
         mean_set_size=float(np.mean([len(case.class_set) for case in answers])),
         n_empty_sets=sum(not case.class_set for case in answers),
         methods=METHODS,
-        notes=_notes(model, answers),
+        notes=_notes(answers, n_trained),
         cases=tuple(answers),
     )
 
@@ -262,16 +271,26 @@ def _figures_of(classes: tuple[str, ...], answers: Sequence[CaseAnswer]) -> Answ
     )
 
 
-def _notes(model: Model, answers: Sequence[CaseAnswer]) -> tuple[str, ...]:
-    """Note the cases that the model was trained on."""
+def _trained_on(model: Model) -> set[str]:
     known = model.cross_validation
-    trained = () if known is None else known.sequence_ids
-    n = len({case.sequence_id for case in answers} & {*trained})
+    return set() if known is None else {*known.sequence_ids}
+
+
+def _is_known(case: TrainingCase, model: Model) -> bool:
+    """Whether a model was trained on a recording, in whatever unit, which ids depend on."""
+    known, motion = _trained_on(model), case.motion
+    if not isinstance(motion, MeshSequence):
+        return motion.sequence_id in known
+    return any(replace(motion, unit=unit).id in known for unit in (None, *MM_PER_UNIT) if known)
+
+
+def _notes(answers: Sequence[CaseAnswer], n_trained: int) -> tuple[str, ...]:
+    """Note the cases that the model was trained on."""
     note = (
-        f"{n} of the {len(answers)} cases are in the training set: the figures are too "
+        f"{n_trained} of the {len(answers)} cases are in the training set: the figures are too "
         "optimistic. Test on other subjects, or read the card, whose figures are of held-out cases."
     )
-    return (note,) if n else ()
+    return (note,) if n_trained else ()
 
 
 COMPARISON_METHODS: Final = (
@@ -386,8 +405,8 @@ def compare_models(
     """
     answers = answers_of((first, second), cases, coverage, progress, left_out)
     evaluations = (
-        evaluation_of(model, its, coverage)
-        for model, its in zip((first, second), answers, strict=True)
+        evaluation_of(model, its, coverage, n_trained)
+        for model, (its, n_trained) in zip((first, second), answers, strict=True)
     )
     return comparison_of(*evaluations)
 

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Any, Self
 
 from modalmotion.client.bodies import Option, Source, body_of, json_body, segment
 from modalmotion.client.calls import Job, JobStatus, Share, awaited, call, parted, posted
-from modalmotion.client.connection import MOST_BYTES, Answer, Call, Connection, Retries
+from modalmotion.client.connection import JSON, MOST_BYTES, Answer, Call, Connection, Retries
 from modalmotion.client.errors import RemoteError, UnreachableError
 from modalmotion.client.recordings import Recording, Recordings, track_call
 from modalmotion.client.values import (
-    JSON,
     POSTED,
     ZIP,
     Info,

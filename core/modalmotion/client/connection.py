@@ -366,21 +366,17 @@ def _explained(call: Call) -> Iterator[None]:
     import httpx2
 
     what = f"{call.method} {call.path.partition('?')[0]}"
+    nothing_sent = (httpx2.ConnectError, httpx2.ConnectTimeout, httpx2.PoolTimeout)
     try:
         yield
-    except (httpx2.ConnectError, httpx2.ConnectTimeout, httpx2.PoolTimeout) as error:
+    except nothing_sent as error:
         raise UnreachableError(
             f"{what}: cannot connect to the service ({error}).",
             remedy="Check the address, and that the service runs.",
             details={"nothing_sent": True},
         ) from error
-    except httpx2.TimeoutException as error:
-        raise UnreachableError(
-            f"{what}: the service did not respond within the timeout ({type(error).__name__}).",
-            remedy="Allow a longer timeout, or look at the service's log.",
-        ) from error
     except (httpx2.HTTPError, httpx2.StreamError, httpx2.InvalidURL) as error:
         raise UnreachableError(
-            f"{what}: the connection broke ({type(error).__name__}: {error}).",
-            remedy="Send it again; look at the service's log if it comes back.",
+            f"{what}: the connection broke, or met its timeout ({type(error).__name__}: {error}).",
+            remedy="Send it again, with a longer timeout; or look at the service's log.",
         ) from error

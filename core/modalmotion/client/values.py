@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.client.connection import Answer
+from modalmotion.client.connection import JSON, Answer
 from modalmotion.client.errors import understood
 from modalmotion.errors import ParameterError, StoreError
 from modalmotion.mesh import facts_from_json
@@ -197,7 +197,6 @@ def pack_of(answer: Answer) -> list[SignatureArrays]:
         ]
 
 
-JSON: Final = "application/json"
 HDF5: Final = "application/x-hdf5"
 NPZ: Final = "application/x-npz"
 PNG: Final = "image/png"

@@ -34,6 +34,9 @@ _TYPES: Final = ("PolyData", "UnstructuredGrid")
 _CELLS: Final = ("Verts", "Lines", "Strips", "Polys")
 _APPENDED: Final = re.compile(rb"<AppendedData([^<>]*)>\s*_")
 
+# Bytes that the strongest packing of LZMA needs to unpack, twice.
+_MOST_LZMA: Final = 1 << 27
+
 # A surface with fifty arrays of data has two hundred elements.
 _MOST_ELEMENTS: Final = 1_000
 
@@ -103,6 +106,11 @@ class _File:
                 points.append(self._values(_named(piece.find("Points"), ""), 3 * n).reshape(n, 3))
             n_cells = _count(piece, names[0])
             offsets, corners = self._cells(piece.find("Cells" if is_grid else "Polys"), n_cells)
+            if len(corners) and not 0 <= corners.min() <= corners.max() < n:
+                raise malformed(
+                    f"A polygon of the VTK file names vertex {corners.max()} or {corners.min()} of "
+                    f"{n} in its piece."
+                )
             cells.append((np.diff(offsets), corners + n_points))
             if is_grid and n_cells:
                 types.append(self._values(_named(piece.find("Cells"), "types"), n_cells))
@@ -129,7 +137,9 @@ class _File:
     def _statements(self, field: Element | None) -> Iterator[tuple[str, str]]:
         for array in [] if field is None else field:
             if array.get("Name") == "TimeValue":
-                yield "time", repr(float(self._values(array, 1)[0]))
+                times = self._values(array, None)
+                if len(times) == 1:
+                    yield "time", repr(float(times[0]))
             elif array.get("Name") == "SPACE":
                 text = self._values(array, None).astype(np.uint8).tobytes()
                 yield from space_in(b"SPACE=" + text)
@@ -198,7 +208,7 @@ class _File:
         if self.packing == "vtkZLibDataCompressor":
             return unpacked(piece, "zlib", n_bytes).tobytes()
         if self.packing == "vtkLZMADataCompressor":
-            plain = lzma.LZMADecompressor().decompress(piece, n_bytes + 1)
+            plain = lzma.LZMADecompressor(memlimit=_MOST_LZMA).decompress(piece, n_bytes + 1)
             return filled([plain], n_bytes, len(piece)).tobytes()
         if self.packing == "vtkLZ4DataCompressor":
             return filled([bytes(_lz4(piece, n_bytes))], n_bytes, len(piece)).tobytes()

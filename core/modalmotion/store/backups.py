@@ -15,7 +15,7 @@ from typing import Final
 from modalmotion.errors import ParameterError, StoreError
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
-from modalmotion.store.deletion import TOMBSTONES, Deletions
+from modalmotion.store.deletion import TOMBSTONES, was_deleted
 from modalmotion.store.disk import (
     FolderLock,
     JsonForm,
@@ -163,7 +163,6 @@ def restore(
     knowing = [there] if deletions is None else [there, deletions.resolve()]
     # A folder that is new, or was emptied, tells nothing.
     knows_deletions = any(Folder(one).exists or (one / TOMBSTONES).is_dir() for one in knowing)
-    known = [Deletions(folder) for folder in knowing]
     n_files = n_bytes = n_deleted = 0
     with _writing_to(there), FolderLock(here / "lock"):
         # Databases last: what they name is there before them.
@@ -171,7 +170,7 @@ def restore(
         for number, name in enumerate(names):
             status = (here / name).stat()
             if not (there / name).exists():
-                if any(one.cover(name, status.st_mtime) for one in known):
+                if any(was_deleted(one, name, status.st_mtime) for one in knowing):
                     n_deleted += 1
                 else:
                     _remove_logs(there / name)
@@ -278,11 +277,10 @@ def _parted(
     root: Path, copy: Path, names: Iterable[PurePath]
 ) -> tuple[list[PurePath], list[PurePath], list[PurePath]]:
     """Part files that the copy alone has: deleted, done with, and lost; others, as tables, stay."""
-    deletions = Deletions(root)
     parts: tuple[list[PurePath], ...] = ([], [], [])
     for name in names:
         top = name.parts[2 * (name.parts[0] == "owners" and len(name.parts) > 2)]
-        if deletions.cover(name, (copy / name).stat().st_mtime):
+        if was_deleted(root, name, (copy / name).stat().st_mtime):
             parts[0].append(name)
         elif top in ("spool", "cluster", TOMBSTONES):
             parts[1].append(name)

@@ -13,7 +13,7 @@ import hashlib
 import re
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path, PurePath
 from typing import Final
 
@@ -113,36 +113,26 @@ def digest_of_norm(name: str) -> str:
     return hashlib.sha256(f"{_NORMS}/{name}".encode()).hexdigest()
 
 
-@dataclass(frozen=True)
-class Deletions:
-    """Deletions that a folder of one store, or of a service, knows of.
+def was_deleted(root: Path, name: PurePath, written: float) -> bool:
+    """Whether a folder of one store, or of a service, knows that a file was deleted on purpose.
 
     Parameters
     ----------
     root : Path
+    name : PurePath
+        Within the folder.
+    written : float, s
+        When the file was written, since 1970: what is newer than the deletion came after it.
     """
-
-    root: Path
-
-    def cover(self, name: PurePath, written: float) -> bool:
-        """Whether a file was deleted on purpose.
-
-        Parameters
-        ----------
-        name : PurePath
-            Within the folder.
-        written : float, s
-            When the file was written, since 1970: what is newer than the deletion came after it.
-        """
-        for root, digest in _things(self.root, name):
-            time_of = buried(root, digest)
-            if time_of is not None and is_older(written, time_of):
-                return True
-            # A deletion that is under way: its record is under another name.
-            if (root / "sequences" / digest[:2] / f"{digest}.deleted").exists():
-                return True
-        is_model = name.suffix == ".h5" and name.parent.parent.name == "models"
-        return is_model and (self.root / name).with_suffix(".deleted").exists()
+    for store, digest in _things(root, name):
+        time_of = buried(store, digest)
+        if time_of is not None and is_older(written, time_of):
+            return True
+        # A deletion that is under way: its record is under another name.
+        if (store / "sequences" / digest[:2] / f"{digest}.deleted").exists():
+            return True
+    is_model = name.suffix == ".h5" and name.parent.parent.name == "models"
+    return is_model and (root / name).with_suffix(".deleted").exists()
 
 
 def _things(root: Path, name: PurePath) -> Iterator[tuple[Path, str]]:

@@ -21,6 +21,9 @@ from modalmotion.template.template import shapes_of
 from modalmotion.tracking.closest import closest_points
 from modalmotion.tracking.observation import Place, open_sides
 
+# Of the stiffness of its modes, that of an even contraction.
+_EVEN: Final = 0.1
+
 
 @dataclass(frozen=True, eq=False)
 class Deformable:
@@ -63,6 +66,35 @@ class Deformable:
     def positions(self, amplitudes: NDArray[np.float64]) -> NDArray[np.float64]:
         """Positions, (vertices, 3), for amplitudes (modes, 3)."""
         return self.template.vertices + (self.shapes @ amplitudes)
+
+    @cached_property
+    def _even(self) -> NDArray[np.float64]:
+        """Amplitudes, (3 modes,), of the motion away from the middle, as far as modes show it.
+
+        Of an open surface that from its axis: along it the rim would move, which few data hold.
+        """
+        x, w, axes = self.template.vertices, self.template.weights[:, None], self.template.topology
+        away = x - (w * x).sum(axis=0)
+        if axes.ends[-1] != CLOSED:
+            away = 0.0 * away
+        elif End.OPEN in axes.ends[0]:
+            axis = away.T @ (w[:, 0] * self.template.coordinates[:, 0])
+            axis /= np.linalg.norm(axis)
+            away -= np.outer(away @ axis, axis)
+        found: NDArray[np.float64] = np.linalg.lstsq(w**0.5 * self.shapes, w**0.5 * away)[0]
+        return found.ravel()
+
+    def stiffness(self, variances: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Inverse of the prior's covariance of amplitudes, (3 modes, 3 modes).
+
+        Modes are independent, with variances (modes,), but that an even contraction costs a tenth:
+        where nothing is seen a surface contracts with the rest, and does not stand still.
+        """
+        own = np.repeat(1.0 / variances, 3)
+        pull = own * self._even
+        energy = float(self._even @ pull)
+        share = (1.0 - _EVEN) / energy if energy > 0 else 0.0
+        return np.diag(own) - share * np.outer(pull, pull)
 
     @cached_property
     def size(self) -> float:

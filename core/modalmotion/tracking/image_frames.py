@@ -25,9 +25,10 @@ from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.first_shape import start_shape
 from modalmotion.tracking.image_levels import as_bright, first_sight, image_notes
 from modalmotion.tracking.image_search import LEAST_FOUND, SHAPE, reference_shape, search
-from modalmotion.tracking.image_view import Facets, Sight, Valve, View, view_of
+from modalmotion.tracking.image_view import Facets, Sight, View, view_of
 from modalmotion.tracking.iterations import first_guess, paths_from
 from modalmotion.tracking.landmarks import Proposed, with_landmarks
+from modalmotion.tracking.moving_base import HELD, base_by_volume, ends_of_cup
 from modalmotion.tracking.observation import Frame, Observation, ends_in
 from modalmotion.tracking.result import CONVENTIONS, Papillary
 from modalmotion.tracking.trabecular_correction import has_trabeculae, with_trabeculae
@@ -49,8 +50,7 @@ def held(marks: Sequence[Frame], template: Template, reference: int) -> tuple[Fr
     """
     if template.surface != CUP:
         return tuple(marks)
-    x, s = template.vertices, template.coordinates[:, 0]
-    tip = x[s <= s.min() + 1e-9].mean(axis=0)
+    tip, _ = ends_of_cup(template)
     own = Observation(tip[None], sd=_DEVIATION, places=("apex",))
     full = []
     for k, frame in enumerate(marks):
@@ -62,49 +62,43 @@ def held(marks: Sequence[Frame], template: Template, reference: int) -> tuple[Fr
 Floats = NDArray[np.float64]
 
 # Of the length of a ventricle: how far its base is towards the apex in frames other than the
-# reference, and the deviation of that. Valves descend by up to a fifth of it.
+# reference, before their volumes are known.
 _DESCENT: Final = 0.1
-_SPREAD: Final = 0.06
 
 # mm beyond the base that an edge may be seen at: its rim is no plane across the axis.
 _BEYOND: Final = 3.0
 
-# mm that a surface may leave such a place by: edges say nothing along it, and where it is held
-# softly they draw it up the atrium. How far the place is off is added to what is stated.
-_HELD: Final = 1.0
 
-
-def with_base(
-    stated: Sequence[Frame], template: Template, reference: int
-) -> tuple[tuple[Frame, ...], Floats]:
-    """Place the base in frames that state none.
-
-    Parameters
-    ----------
-    stated : sequence of Frame
-        Landmarks of each frame.
-    template : Template
-        Of the reference frame's shape.
-    reference : int
-
-    Returns
-    -------
-    marks : tuple of Frame
-    variances : (frames,) float64, mm^2
-        Of the places along the axis; zero where they are stated.
-    """
-    variances = np.zeros(len(stated))
+def with_base(stated: Sequence[Frame], template: Template, reference: int) -> tuple[Frame, ...]:
+    """Place the base roughly in frames that state none."""
     if template.surface != CUP:
-        return tuple(stated), variances
-    tip, base = _ends(template)
-    place, sd = base + _DESCENT * (tip - base), _SPREAD * float(np.linalg.norm(base - tip))
-    full = []
-    for k, frame in enumerate(stated):
-        if k != reference and "base" not in ends_in(frame):
-            variances[k] = sd**2
-            frame = (*frame, Observation(place[None], sd=_HELD, places=("base",)))
-        full.append(frame)
-    return tuple(full), variances
+        return tuple(stated)
+    tip, base = ends_of_cup(template)
+    place = base + _DESCENT * (tip - base)
+    unknown = _without_base(stated, reference)
+    return tuple(
+        (*frame, Observation(place[None], sd=HELD, places=("base",))) if k in unknown else frame
+        for k, frame in enumerate(stated)
+    )
+
+
+def with_descent(
+    stated: Sequence[Frame], template: Template, reference: int, shapes: Floats
+) -> tuple[tuple[Frame, ...], Floats]:
+    """Place the base by the volume ejected in frames that state none: see `base_by_volume`."""
+    unknown = _without_base(stated, reference)
+    if template.surface != CUP or not unknown:
+        return tuple(stated), np.zeros((len(stated), len(stated)))
+    known = {k: ends_in(stated[k])["base"] for k in {*range(len(stated))} - {*unknown, reference}}
+    places, covariance = base_by_volume(known, template, reference, shapes)
+    full = list(stated)
+    for k in unknown:
+        full[k] = (*full[k], Observation(places[k, None], sd=HELD, places=("base",)))
+    return tuple(full), covariance
+
+
+def _without_base(stated: Sequence[Frame], reference: int) -> list[int]:
+    return [k for k, f in enumerate(stated) if k != reference and "base" not in ends_in(f)]
 
 
 def below_base(sight: Sight, marks: Frame, template: Template) -> Sight:
@@ -112,14 +106,9 @@ def below_base(sight: Sight, marks: Frame, template: Template) -> Sight:
     known = ends_in(marks).get("base")
     if template.surface != CUP or known is None:
         return sight
-    tip, base = _ends(template)
+    tip, base = ends_of_cup(template)
     axis = (base - tip) / np.linalg.norm(base - tip)
-    return replace(sight, valve=Valve(axis, float(known @ axis) + _BEYOND))
-
-
-def _ends(template: Template) -> tuple[Floats, Floats]:
-    x, s = template.vertices, template.coordinates[:, 0]
-    return x[s <= s.min() + 1e-9].mean(axis=0), x[s >= s.max() - 1e-9].mean(axis=0)
+    return replace(sight, valve=(axis, float(known @ axis) + _BEYOND))
 
 
 # Modes and reach, mm, of each next frame.
@@ -246,9 +235,11 @@ def frames_of_images(
     template = make_template(shape)
     surface = Deformable.of(template, modes)
     facets = Facets.of(template.faces, template.vertices, template.weights)
-    marks, variances = with_base(held(stated, template, reference), template, reference)
+    tips = held(stated, template, reference)
+    marks = with_base(tips, template, reference)
     walked = _walk(surface, facets, images, marks, sight, reference, is_closed, done)
     shapes = np.stack([surface.positions(a) for a in walked])
+    marks, covariance = with_descent(tips, template, reference, shapes)
     near = _NEXT[-1][1]
     views: list[View | None] = []
     looks: list[Sight] = []
@@ -271,7 +262,7 @@ def frames_of_images(
         is_seen = view is not None and share >= LEAST_FOUND
         between = own_marks[len(known) :]
         frames.append((view.observation(), *between) if view is not None and is_seen else ())
-    doubts = image_notes(image, facets, template.vertices, sight, places["apex"], places["base"])
+    doubts = image_notes(template.vertices, places["apex"], places["base"])
     notes = (*_notes(shares, images, begin.found), *doubts)
     return ImageFrames(
         tuple(frames),
@@ -284,18 +275,18 @@ def frames_of_images(
         stated_sd,
         closed,
         begin.bent,
-        _levels(landmarks or {}, variances),
+        _levels(landmarks or {}, covariance),
     )
 
 
-def _levels(landmarks: Mapping[str, Any], variances: Floats) -> dict[str, Floats]:
+def _levels(landmarks: Mapping[str, Any], covariance: Floats) -> dict[str, Floats]:
     """Covariances of the levels of ends that nobody states exactly."""
     levels = {
         name: own.covariance
         for name, own in landmarks.items()
         if isinstance(own, Proposed) and own.covariance is not None
     }
-    return levels if not variances.any() else {"base": np.diag(variances), **levels}
+    return levels if not covariance.any() else {"base": covariance, **levels}
 
 
 def _walk(

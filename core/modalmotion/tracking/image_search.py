@@ -57,7 +57,6 @@ class _Joint(NamedTuple):
     """Equations of the shape and of all shifts: (H, C; C', D) and what pulls at the shifts."""
 
     info: NormalEquations
-    stiffness: Floats
     H: Floats
     C: Floats
     D: Floats
@@ -74,7 +73,7 @@ def with_shifts(scene: Scene) -> tuple[FrameEstimate, Sight]:
     """
     joint, sight = _joint(scene), scene.sight
     n, now = 3 * len(scene.surface), scene.amplitudes.ravel()
-    b = joint.info.vector - (joint.info.matrix @ now[:, None])[:, 0] - joint.stiffness * now
+    b = joint.info.vector - (joint.H @ now[:, None])[:, 0]
     inverse = inverse_of_cholesky(np.block([[joint.H, joint.C], [joint.C.T, joint.D]]))
     right = np.append(b, joint.pull)[:, None]
     step = (inverse.T @ (inverse @ right))[:, 0]
@@ -135,8 +134,8 @@ def _joint(scene: Scene) -> _Joint:
     C = np.ascontiguousarray((weighted @ of_shape).T)
     D = (weighted @ of_shifts) + np.eye(sight.shifts.size) / sight.shift_sd**2
     pull = weighted @ (info.residuals * n).sum(axis=1) - sight.shifts.ravel() / sight.shift_sd**2
-    stiffness = np.repeat(1.0 / prior.variances(surface.wavenumbers), 3)
-    return _Joint(info, stiffness, info.matrix + np.diag(stiffness), C, D, pull)
+    stiffness = surface.stiffness(prior.variances(surface.wavenumbers))
+    return _Joint(info, info.matrix + stiffness, C, D, pull)
 
 
 # Steps of one stage, and RMS of the last one, mm.

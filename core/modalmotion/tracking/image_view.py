@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,26 +77,6 @@ class Facets:
 
 
 @dataclass(frozen=True, eq=False)
-class Valve:
-    """Where a cup ends: the wall of an atrium goes on beyond its base, and is none of its edges.
-
-    Parameters
-    ----------
-    axis : (3,) float64
-        From apex to base.
-    highest : float, mm
-        Along the axis.
-    """
-
-    axis: Floats
-    highest: float
-
-    def are_below(self, places: Floats) -> Any:
-        """Whether edges at these places may be those of the surface, (n,) bool."""
-        return places @ self.axis <= self.highest
-
-
-@dataclass(frozen=True, eq=False)
 class Sight:
     """How images are read, anchored at the reference.
 
@@ -112,7 +92,8 @@ class Sight:
         Of a shift along each axis of its plane, before the images.
     crossing : float
         See `find_edges`.
-    valve : Valve, optional
+    valve : ((3,) float64, float), optional
+        Axis to the base, and how high along it, mm, edges may be: the wall of an atrium goes on.
     has_layers : bool
         Whether layers of trabeculae are next to the edges: see `Levels.faint_layer`.
     """
@@ -123,7 +104,7 @@ class Sight:
     shifts: Floats
     shift_sd: float = 2.0
     crossing: float = FAR_CROSSING
-    valve: Valve | None = None
+    valve: tuple[Floats, float] | None = None
     has_layers: bool = False
 
     def within(self, reach: float) -> Sight:
@@ -234,7 +215,8 @@ def view_of(
     seen = (np.isfinite(view.profiles) | ~near).all(axis=1)
     places = view.starts + edges.offsets[:, None] * view.directions
     if sight.valve is not None:
-        seen &= sight.valve.are_below(places)
+        axis, highest = sight.valve
+        seen &= places @ axis <= highest
     return replace(view, edges=edges._replace(is_found=edges.is_found & seen))
 
 

@@ -8,7 +8,7 @@ convention `wall`, in which muscles do not count as cavity.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from modalmotion.images import ImageSequence, PlaneSet
 from modalmotion.images.sequence import Image, is_of_labels
 from modalmotion.mesh import face_areas
-from modalmotion.mesh.cavity import volume_gradient
 from modalmotion.tracking.image_frames import ImageFrames
 from modalmotion.tracking.image_view import Facets, Sight
-from modalmotion.tracking.result import ImageAnswer, Track, cavity_in, normals_of
+from modalmotion.tracking.result import ImageAnswer, Track
 
 Floats = NDArray[np.float64]
 
@@ -40,10 +39,6 @@ _SHARES: Final = (np.arange(20) + 0.5) / 20.0
 
 # Of a voxel's longer side in the image: nearer to the surface its own edge is seen.
 _SHELL: Final = 1.4
-
-# Power of the share of the way along the axis by which a surface goes with its end.
-_NEXT_TO_END: Final = 4
-_AT_END: Final = 0.9
 
 
 def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Track:
@@ -98,62 +93,7 @@ def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Trac
     if volume_deviations is not None:
         closed = _OF_ALL_CLOSED * found.closed
         volume_deviations = np.hypot(volume_deviations, np.hypot(localisation, closed) * areas)
-    track = replace(
-        track, deviations=deviations, volume_deviations=volume_deviations, images=answer
-    )
-    return _with_levels(track, found.levels) if found.levels else track
-
-
-def _with_levels(track: Track, levels: Mapping[str, Floats]) -> Track:
-    """Add to what is stated the errors of both ends' levels, covariances (frames, frames) mm^2.
-
-    An end moves along the axis, and the surface next to it goes with it. Strain is between frames:
-    of positions only what an end's errors in one frame do not share with the others is added.
-    """
-    template, known = track.template, track.sequence.uncertainty
-    cavity, images = cavity_in(template), track.images
-    stated = track.volume_deviations
-    if known is None or cavity is None or images is None or stated is None:
-        return track
-    s = template.coordinates[:, 0]
-    along, across = np.array(known.along), np.array(known.across)
-    deviations, volumes = np.array(track.deviations), np.diag(stated**2)
-    for name, covariance in levels.items():
-        share = (s if name == "base" else 1.0 - s) ** _NEXT_TO_END
-        # Frames that are missing have none.
-        own, by_volume = np.nan_to_num(covariance), np.zeros(len(stated))
-        apart = np.diag(own) - _mean_of_others(own)
-        for k, x in enumerate(track.sequence.vertices.astype(np.float64)):
-            axis = x[share > _AT_END].mean(axis=0) - x[share < 1.0 - _AT_END].mean(axis=0)
-            moved = share[:, None] * (axis / np.linalg.norm(axis))
-            a = np.linalg.lstsq(known.shapes, moved, rcond=None)[0].ravel()
-            along[k] += apart[k] * np.outer(a, a)
-            across[k] += apart[k] * np.outer(a, a)
-            square = (moved * normals_of(template, x)).sum(axis=1) ** 2
-            rest = ((moved**2).sum(axis=1) - square) / 2.0
-            deviations[k] = np.sqrt(deviations[k] ** 2 + own[k, k] * np.stack([square, rest], 1))
-            by_volume[k] = (volume_gradient(cavity, x) * moved).sum()
-        volumes += own * np.outer(by_volume, by_volume)
-    sd = np.sqrt(np.diag(volumes))
-    enclosed = np.abs(cavity.volume(track.sequence.vertices.astype(np.float64)))
-    ed, es = int(enclosed.argmax()), int(enclosed.argmin())
-    correlation = float(volumes[ed, es] / (sd[ed] * sd[es])) if ed != es else 0.0
-    return replace(
-        track,
-        sequence=replace(track.sequence, uncertainty=replace(known, along=along, across=across)),
-        covariances=along,
-        deviations=deviations,
-        volume_deviations=sd,
-        images=replace(images, volume_correlation=correlation),
-    )
-
-
-def _mean_of_others(covariance: Floats) -> Floats:
-    """Mean covariance of each frame with the others, none below zero, (frames,)."""
-    n = len(covariance)
-    sums = covariance.sum(axis=1) - np.diag(covariance)
-    mean: Floats = np.clip(sums / max(n - 1, 1), 0.0, np.diag(covariance))
-    return mean
+    return replace(track, deviations=deviations, volume_deviations=volume_deviations, images=answer)
 
 
 def papillary_volume(

@@ -64,11 +64,11 @@ def map_frame(
     noise : Noise
     most_steps : int
     """
-    stiffness = np.repeat(1.0 / variances, 3)
+    stiffness = surface.stiffness(variances)
     a = start
     for _ in range(most_steps):
         found = normal_equations(surface, a, frame, noise)
-        H = found.matrix + np.diag(stiffness)
+        H = found.matrix + stiffness
         inverse = inverse_of_cholesky(H)
         new = (inverse.T @ (inverse @ found.vector[:, None])).reshape(-1, 3)
         change = (new - a).ravel()

@@ -16,17 +16,12 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ShapeError
 from modalmotion.images import Volume
+from modalmotion.tracking.moving_base import DESCENT, OFF_PATH
 
 Floats = NDArray[np.float64]
 
 # Fewer slices have no axis and no taper.
 _FEWEST: Final = 3
-
-# Descent of the base in mm per percentage point of the volume ejected, and its standard deviation,
-# as published for patients (docs/decisions/0035-motion-from-images.md); mm by which the base of a
-# frame deviates from the path of all.
-_DESCENT: Final = (0.185, 0.04)
-_OFF_PATH: Final = 1.5
 
 # Iterations: levels and volumes follow from each other.
 _TURNS: Final = 3
@@ -233,7 +228,7 @@ def _levels(tops: Floats, step: float, ejected: Floats) -> tuple[Floats, Floats]
     All on a grid: the weight of (H, c) is the product over frames of the sum over e of how likely
     the frame's highest slice is below such a base.
     """
-    mean, sd = _DESCENT
+    mean, sd = DESCENT
     c = mean + sd * np.linspace(-2.5, 2.5, 21)
     H = np.arange(tops.min() - step, tops.max() + mean * ejected.max() + 4.0 * step, _GRID)
     h = np.arange(-0.5, 3.0, _GRID / step) * step
@@ -243,7 +238,7 @@ def _levels(tops: Floats, step: float, ejected: Floats) -> tuple[Floats, Floats]
     first, second = [], []
     for top, own in zip(tops, ejected, strict=True):
         path = H[:, None] - c * own
-        likely = of_slice * np.exp(-(((top + h) - path[..., None]) ** 2) / (2.0 * _OFF_PATH**2))
+        likely = of_slice * np.exp(-(((top + h) - path[..., None]) ** 2) / (2.0 * OFF_PATH**2))
         total = np.maximum(likely.sum(axis=2), 1e-300)
         log_weight += np.log(total)
         first.append((likely @ h) / total)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import InputError, MalformedFileError, ParameterError, ShapeError
+from modalmotion.errors import MalformedFileError, ParameterError, ShapeError
 from modalmotion.mesh import Facts
 from modalmotion.mesh.fact_forms import read_object
 from modalmotion.mesh.facts import WORDS
@@ -75,12 +74,27 @@ def places_of(name: str, value: Any) -> NDArray[np.float64]:
     ParameterError
         If they are not finite numbers; it names the landmark and the frame.
     """
-    if not isinstance(value, list) or not value:
-        raise _no_place(name, None)
-    if not any(isinstance(part, list) or part is None for part in value):
+    is_list = isinstance(value, list) and any(isinstance(p, list) or p is None for p in value)
+    if not is_list:
         return _place(name, None, value)
-    rows = [_NOWHERE if part is None else _place(name, k, part) for k, part in enumerate(value)]
-    return np.stack(rows)
+    return np.stack([_NOWHERE if p is None else _place(name, k, p) for k, p in enumerate(value)])
+
+
+_NOWHERE: Final = np.full(3, np.nan)
+_LARGEST: Final = 1e300
+
+
+def _place(name: str, frame: int | None, value: Any) -> Floats:
+    is_list = isinstance(value, list) and len(value) == 3
+    if is_list and all(type(x) in (int, float) and abs(x) < _LARGEST for x in value):
+        return np.array(value, dtype=np.float64)
+    where = "" if frame is None else f" in frame {frame}"
+    raise ParameterError(
+        f"The landmark '{name[:64]}' is not three finite numbers{where}.",
+        remedy=_REMEDY,
+        frame=frame,
+        details={"landmark": name[:64]},
+    )
 
 
 def landmarks_of(facts: Facts) -> dict[str, NDArray[np.float64]]:
@@ -99,32 +113,6 @@ def landmarks_of(facts: Facts) -> dict[str, NDArray[np.float64]]:
                 details={"landmark": name},
             )
     return {name: np.array(place) for name, place in facts.landmarks.items()}
-
-
-_NOWHERE: Final = np.full(3, np.nan)
-
-
-def _place(name: str, frame: int | None, value: Any) -> NDArray[np.float64]:
-    is_plain = isinstance(value, list) and all(type(part) in (int, float) for part in value)
-    if not is_plain or len(value) != 3:
-        raise _no_place(name, frame)
-    try:
-        x, y, z = map(float, value)
-    except OverflowError:
-        raise _no_place(name, frame) from None
-    if not all(map(math.isfinite, (x, y, z))):
-        raise _no_place(name, frame)
-    return np.array([x, y, z])
-
-
-def _no_place(name: str, frame: int | None) -> ParameterError:
-    where = "" if frame is None else f" in frame {frame}"
-    return ParameterError(
-        f"The landmark '{name[:64]}' is not three finite numbers{where}.",
-        remedy=_REMEDY,
-        frame=frame,
-        details={"landmark": name[:64]},
-    )
 
 
 LANDMARK_SUFFIXES: Final = (".mrk.json", "landmarks.json")
@@ -210,67 +198,55 @@ def read_landmark_file(data: bytes) -> LandmarkFile:
     ParameterError
         If a place is not three finite numbers.
     """
+    if len(data) > _LONGEST:
+        raise _malformed(f"it has {len(data)} bytes, more than {_LONGEST}")
     try:
-        if len(data) > _LONGEST:
-            raise _malformed(f"it has {len(data)} bytes, more than {_LONGEST}")
         content = json.loads(data)
     except (ValueError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
         raise _malformed(str(error)[:100]) from error
     if not isinstance(content, dict):
         raise _malformed(f"it is a {type(content).__name__}")
-    return _of_slicer(content) if "markups" in content else _of_ours(content)
-
-
-def _of_ours(content: dict[str, Any]) -> LandmarkFile:
+    if "markups" in content:
+        return _of_slicer(content["markups"])
     if not isinstance(content.get("landmarks"), dict):
         raise _malformed("it has neither 'landmarks' nor 'markups'")
-    places = {
-        str(name): places_of(str(name), value) for name, value in content["landmarks"].items()
-    }
+    places = {name: places_of(name, value) for name, value in content["landmarks"].items()}
     return LandmarkFile(places, _system(content.get("coordinates")), _unit(content.get("unit")))
 
 
-def _of_slicer(content: dict[str, Any]) -> LandmarkFile:
-    points: dict[str, list[NDArray[np.float64]]] = {}
+def _of_slicer(markups: Any) -> LandmarkFile:
+    points: dict[str, list[Floats]] = {}
     others: list[str] = []
-    systems, units = set(), set()
     try:
-        for markup in content["markups"]:
-            systems.add(_system(markup.get("coordinateSystem")))
-            units.add(_unit(markup.get("coordinateUnits")))
-            for point in markup["controlPoints"]:
-                label = str(point.get("label", "")).strip()
-                if point.get("positionStatus", "defined") != "defined":
-                    continue
-                match = _LABEL.fullmatch(label)
-                if match is None:
-                    others.append(label[:40])
-                    continue
-                name = match[1].lower()
-                points.setdefault(name, []).append(places_of(name, point["position"]))
+        systems = {_system(markup.get("coordinateSystem")) for markup in markups}
+        units = {_unit(markup.get("coordinateUnits")) for markup in markups}
+        for point in [point for markup in markups for point in markup["controlPoints"]]:
+            label = str(point.get("label", "")).strip()
+            match = _LABEL.fullmatch(label)
+            if point.get("positionStatus", "defined") != "defined":
+                continue
+            if match is None:
+                others.append(repr(label[:40]))
+                continue
+            name = match[1].lower()
+            points.setdefault(name, []).append(places_of(name, point["position"]))
     except (KeyError, TypeError, AttributeError) as error:
         raise _malformed("its markups have no control points with positions") from error
     if len(systems) > 1 or len(units) > 1:
         raise _malformed("its markups are in several coordinate systems or units")
     if not points:
+        found = ": " + ", ".join(others[:5]) if others else "; there are none"
         raise MalformedFileError(
-            "None of the control points is called apex or base"
-            + (f": {', '.join(map(repr, others[:5]))}." if others else "; there are none."),
+            f"None of the control points is called apex or base{found}.",
             remedy="Rename them in Slicer: apex, and base (or base-1, base-2, ... round the "
             "opening).",
         )
-    notes: tuple[str, ...] = ()
-    if others:
-        notes = (
-            (
-                f"{counted(len(others), 'control point')} of the landmarks are called neither apex "
-                f"nor base ({', '.join(others[:3])}) and were left out."
-            ),
-        )
+    note = (
+        f"{counted(len(others), 'control point')} of the landmarks are called neither apex nor "
+        f"base ({', '.join(others[:3])}) and were left out."
+    )
     middles = {name: np.mean(rows, axis=0) for name, rows in points.items()}
-    return LandmarkFile(middles, systems.pop(), units.pop(), notes)
+    return LandmarkFile(middles, systems.pop(), units.pop(), (note,) if others else ())
 
 
 def _system(stated: Any) -> str | None:

@@ -38,6 +38,7 @@ from modalmotion.tracking.label_maps import from_labels
 from modalmotion.tracking.label_values import is_label_map
 from modalmotion.tracking.landmarks import with_landmarks
 from modalmotion.tracking.map_frames import chain_of, map_frames
+from modalmotion.tracking.moving_base import with_assumed_base, with_levels
 from modalmotion.tracking.observation import observed_frames, of_surface
 from modalmotion.tracking.quality_checks import end_notes, notes_on, quality_of
 from modalmotion.tracking.result import Papillary, Track, cavity_in, sample_of
@@ -161,15 +162,20 @@ def track(
     if shape is not None:
         beside = replace(noise, sd=shape.noise.sd, truncation=shape.noise.truncation)
         known = first
-    frames = with_endings(surface, ended, beside, known)
+    frames = found_ends = with_endings(surface, ended, beside, known)
     # 5. Each frame at rest by itself, from the reference on, both ways round the cycle.
     here = both_ways(surface, frames, first, prior, noise, is_closed=is_closed, done=done)
-    gap = here.gap
+    gap, start_of = here.gap, here.amplitudes(len(surface))
+    if shown is None:
+        shapes = np.stack([surface.positions(a) for a in start_of])
+        frames, levels = with_assumed_base(frames, template, first, shapes)
+    else:
+        levels = shown.levels
     # 6. Prior and noise under which these are the most likely, and the frames once more.
     is_exact = pinned is not None
     prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
     alike = steady(noises_of(surface, here, prior, noise), noise)
-    here = again(surface, frames, here.amplitudes(len(surface)), prior, alike, done)
+    here = again(surface, frames, start_of, prior, alike, done)
     prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
     noises = noises_of(surface, here, prior, noise)
     # 7. The chain of time, and all frames at once.
@@ -234,7 +240,8 @@ def track(
     else:
         has_marks = any(part.is_landmark for frame in stated for part in frame)
         is_guessed = start is None and topology is None and not has_marks
-        notes = (*notes, *end_notes(result, stated, frames, is_guessed=is_guessed))
+        notes = (*notes, *end_notes(result, stated, found_ends, is_guessed=is_guessed))
+    result = with_levels(result, levels)
     return replace(result, notes=(*notes, *notes_on(result))).informed()
 
 

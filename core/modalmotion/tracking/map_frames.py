@@ -141,8 +141,8 @@ def joined(
         A, what the data of each frame say.
     vectors : (frames, n) float64
         b.
-    stiffness : (n,) float64
-        Diagonal of K.
+    stiffness : (n, n) float64
+        K.
     Q : (frames, frames) float64
         As `chain_precision` returns it.
 
@@ -164,10 +164,9 @@ def joined(
     order = [0, *(k for pair in pairs for k in pair)]
     blocks = [order[i : i + 4] for i in range(0, n_frames, 4)]
     amplitudes, covariances = np.empty((n_frames, n)), np.empty((n_frames, n, n))
-    K = np.diag(stiffness)
 
     def between(i: int, j: int) -> NDArray[np.float64]:
-        return np.asarray(np.kron(Q[np.ix_(blocks[i], blocks[j])], K), dtype=np.float64)
+        return np.asarray(np.kron(Q[np.ix_(blocks[i], blocks[j])], stiffness), dtype=np.float64)
 
     inverses, sums = list[NDArray[np.float64]](), list[NDArray[np.float64]]()
     for i, block in enumerate(blocks):
@@ -272,7 +271,7 @@ def map_frames(
     """Estimate all frames at once, twice, the second time about the first result."""
     n_frames, m = len(frames), len(surface)
     Q, prior = chain.Q, chain.prior
-    stiffness = np.repeat(1.0 / prior.variances(surface.wavenumbers), 3)
+    stiffness = surface.stiffness(prior.variances(surface.wavenumbers))
     a = here.amplitudes(m)
     seen, last = np.empty(0), list[NormalEquations]()
     for _ in range(2):
@@ -305,6 +304,6 @@ def _stacked(
     matrices = np.stack([info.matrix for info in infos])
     vectors = np.stack([info.vector for info in infos])
     if pinned is not None:
-        matrices[pinned] = np.diag(_PINNED * stiffness)
+        matrices[pinned] = _PINNED * stiffness
         vectors[pinned] = 0.0
     return matrices, vectors

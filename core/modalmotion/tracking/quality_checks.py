@@ -78,41 +78,11 @@ def quality_of(surface: Deformable, info: NormalEquations) -> tuple[float, float
 
 def notes_on(result: Track) -> list[str]:
     """Say what was not seen, what the prior said instead, and what speaks against the track."""
-    notes = [_OFFSETS]
-    if result.unseen:
-        notes.append(
-            f"Nothing was observed in {_frames(result.unseen)} of {result.n_frames}; there the "
-            "motion is interpolated."
-        )
-    low = [k for k, c in enumerate(result.coverage) if c < _LOW_COVERAGE and k not in result.unseen]
-    if low:
-        notes.append(
-            f"In {_frames(low)} points are at less than {_LOW_COVERAGE:.0%} of the surface (at "
-            f"least {result.coverage[low].min():.0%}); elsewhere the motion comes from the prior."
-        )
-    strays = np.flatnonzero((result.inliers > 0) & (result.inliers < _LOW_INLIERS)).tolist()
-    if strays:
-        notes.append(
-            f"In {_frames(strays)} most points are outliers: they may belong to another object."
-        )
+    seen = np.array([k not in result.unseen for k in range(result.n_frames)])
     x = result.sequence.vertices.astype(np.float64)
     centres = x.mean(axis=1)
     spreads = np.linalg.svd(x - centres[:, None], compute_uv=False) / np.sqrt(x.shape[1])
-    sizes = np.linalg.norm(spreads, axis=1)
-    size = float(np.median(sizes))
-    thick = np.flatnonzero(result.residuals[:, 0] > _THICK * size).tolist()
-    if thick:
-        notes.append(
-            f"In {_frames(thick)} points are {np.nanmax(result.residuals[:, 0]):.3g} from the "
-            f"surface (RMS), more than a tenth of its radius of {size:.3g}: they may fill a "
-            "volume, or show several surfaces."
-        )
-    flat = np.flatnonzero(spreads[:, 2] < _FLAT * spreads[:, 0]).tolist()
-    if flat and result.volumes is not None:
-        notes.append(
-            f"In {_frames(flat)} the points are in a plane or on a line: the volume beyond it was "
-            "not observed."
-        )
+    size = float(np.median(np.linalg.norm(spreads, axis=1)))
     away = np.zeros(len(x))
     away[1:-1] = np.linalg.norm(centres[1:-1] - (centres[:-2] + centres[2:]) / 2.0, axis=1)
     extents = _extents(result)
@@ -120,12 +90,29 @@ def notes_on(result: Track) -> list[str]:
     is_other = (ratio * _OTHER_SIZE < 1.0) | (ratio > _OTHER_SIZE)
     # Its neighbours are half as far from theirs.
     is_away = away > max(_JUMP * size, 0.75 * float(away.max()))
-    odd = np.flatnonzero(is_other | is_away).tolist()
-    if odd:
-        notes.append(
-            f"In {_frames(odd)} the data are elsewhere, or of another size, than in the frames "
-            "around: check the unit and the coordinates of each frame."
-        )
+    is_low = (result.coverage < _LOW_COVERAGE) & seen
+    least = result.coverage[is_low].min(initial=1.0)
+    far = result.residuals[:, 0]
+    farthest = np.nanmax(far, initial=0.0)
+    checks = {
+        f"Nothing was observed in {{}} of {len(x)}; there the motion is interpolated.": ~seen,
+        f"In {{}} points are at less than {_LOW_COVERAGE:.0%} of the surface (at least "
+        f"{least:.0%}); elsewhere the motion comes from the prior.": is_low,
+        "In {} most points are outliers: they may belong to another object.": (
+            (result.inliers > 0) & (result.inliers < _LOW_INLIERS)
+        ),
+        f"In {{}} points are {farthest:.3g} from the surface (RMS), more than a tenth of its "
+        f"radius of {size:.3g}: they may fill a volume, or show several surfaces.": (
+            far > _THICK * size
+        ),
+        "In {} the points are in a plane or on a line: the volume beyond it was not observed.": (
+            (spreads[:, 2] < _FLAT * spreads[:, 0]) & (result.volumes is not None)
+        ),
+        "In {} the data are elsewhere, or of another size, than in the frames around: check the "
+        "unit and the coordinates of each frame.": is_other | is_away,
+    }
+    told = (text.format(_frames(np.flatnonzero(own))) for text, own in checks.items() if own.any())
+    notes = [_OFFSETS, *told]
     bound = result.ejection_fraction_bound
     if bound is not None and bound > _WIDE_BOUND:
         notes.append(
@@ -158,7 +145,7 @@ def end_notes(
     stated : sequence of Frame
         Points, with the landmarks that were stated.
     frames : sequence of Frame
-        The same, with what the data say of ends.
+        The same, with what the data say of ends, and nothing that was assumed.
     is_guessed : bool
         Whether nobody stated a surface, a topology or landmarks.
     """
@@ -182,11 +169,11 @@ def end_notes(
             "where the data end (for slices, between the last one with a contour and the next). "
             "Give it if it is elsewhere."
         )
-    if 2 * len(missing) > len(others) and result.n_frames > 1:
+    if missing and result.n_frames > 1:
         notes.append(
-            f"The base is not stated in {_frames(missing)} of {result.n_frames}: points do not "
-            "show where an open surface ends, and the ejection fraction may have an error some "
-            "points larger than stated."
+            f"The base is not stated in {_frames(missing)} of {result.n_frames}, and points do not "
+            "show where an open surface ends: it was assumed by the volume ejected, as in adult "
+            "hearts. Give it if you know it."
         )
     swapped = [k for k, ends in enumerate(known) if _is_swapped(stated[k], ends)]
     if swapped:
@@ -213,7 +200,7 @@ def _is_swapped(frame: Frame, ends: dict[str, NDArray[np.float64]]) -> bool:
     return not (len(low) and len(high) and np.median(low) < np.median(high))
 
 
-def _frames(which: Sequence[int]) -> str:
+def _frames(which: Sequence[int] | NDArray[np.int64]) -> str:
     """Name one frame, or the first of several."""
     if len(which) == 1:
         return f"frame {which[0]}"

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, TypeAlias, cast
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,10 +61,18 @@ USUAL_CONTOURS: Final = ("LV_ENDOCARDIAL",)
 """Parts of the names of typed contours that are read by default."""
 
 _NOWHERE: Final = np.full(3, np.nan)
+_SYSTEM: Final = "coordinate_system"
 
 _REMEDY: Final = (
     "Use a zip or folder with one file per frame, a table (.csv) with the columns frame, x, y, z, "
     "an npz of points and offsets, or VTKHDF."
+)
+
+
+_NPZ_REMEDY: Final = (
+    "Store points (n, 3) and offsets (frames + 1,), the first row of each frame and the end, or "
+    "points (frames, n, 3); times, apex and base as numbers; unit, coordinates and landmarks "
+    "(JSON) as text."
 )
 
 
@@ -159,9 +168,9 @@ def read_observed(
     if kind is Format.HDF5:
         return _of_vtkhdf(data, parser)
     if kind in MESH_FORMATS:
-        one = _of_mesh(data, parser)
-        unit = one.states.get("unit")
-        return Recorded(((one.points,),), {}, unit=unit, coordinates=one.coordinates)
+        observed, _, states = _of_mesh(data, parser)
+        unit, system = states.get("unit"), states.get(_SYSTEM)
+        return Recorded((observed,), {}, unit=unit, coordinates=system)
     if kind is None and (table := _table(data)) is not None:
         clouds, times = table
         parser.limits.require("frames", len(clouds))
@@ -200,40 +209,39 @@ def _of_files(
     for k, name in enumerate(names):
         with _named(k, name):
             frames.append(_frame(name, files[name](), contours, parser))
-            if frames[k].coordinates != frames[0].coordinates:
+            system, first = frames[k].states.get(_SYSTEM), frames[0].states.get(_SYSTEM)
+            if system != first:
                 raise ShapeError(
-                    f"Its coordinate system is {frames[k].coordinates}, that of frame 0 "
-                    f"{frames[0].coordinates}.",
+                    f"Its coordinate system is {system}, that of frame 0 {first}.",
                     remedy="Save all frames in one coordinate system.",
                 )
         if progress is not None:
             progress(k + 1, len(names))
-    names_of = sorted({name for frame in frames for name in frame.landmarks})
     landmarks = {
         name: np.stack([frame.landmarks.get(name, _NOWHERE) for frame in frames])
-        for name in names_of
+        for name in sorted({name for frame in frames for name in frame.landmarks})
     }
-    system, unit = frames[0].coordinates, frames[0].states.get("unit")
+    system, unit = frames[0].states.get(_SYSTEM), frames[0].states.get("unit")
     if times is None and all("time" in frame.states for frame in frames):
         times = tuple(float(frame.states["time"]) for frame in frames)
-    for name in sorted(visible, key=natural_key):
-        if name.lower().endswith(LANDMARK_SUFFIXES):
-            with _named(None, name):
-                file = read_landmark_file(files[name]())
-                places = file.for_points(system or coordinates, unit)
-            frame_of = _frame_of(name, names)
-            for mark, place in places.items():
-                if frame_of is not None:
-                    # Beside what is known of others.
-                    known = landmarks.get(mark, _NOWHERE)
-                    rows = np.array(np.broadcast_to(known, (len(names), 3)))
-                    rows[frame_of] = place
-                    place = rows
+    marked = [name for name in visible if name.lower().endswith(LANDMARK_SUFFIXES)]
+    for name in sorted(marked, key=natural_key):
+        with _named(None, name):
+            file = read_landmark_file(files[name]())
+            places = file.for_points(system or coordinates, unit)
+        frame_of = _frame_of(name, names)
+        for mark, place in places.items():
+            if frame_of is None:
                 landmarks[mark] = place
-            notes += file.notes
+                continue
+            # Beside what is known of others.
+            known = landmarks.get(mark, _NOWHERE)
+            rows = np.array(np.broadcast_to(known, (len(names), 3)))
+            rows[frame_of] = place
+            landmarks[mark] = rows
+        notes += file.notes
     at = None if times is None else np.array(times, dtype=np.float64)
-    observed = tuple((frame.points, *frame.ends) for frame in frames)
-    return Recorded(observed, landmarks, at, unit, notes, system)
+    return Recorded(tuple(f.observed for f in frames), landmarks, at, unit, notes, system)
 
 
 def _listed(
@@ -275,62 +283,52 @@ def _named(frame: int | None, name: str) -> Iterator[None]:
         raise
 
 
-@dataclass(frozen=True, eq=False)
-class _FrameFile:
+class _FrameFile(NamedTuple):
     """One frame as its file states it."""
 
-    points: Observation
-    landmarks: Mapping[str, Floats] = field(default_factory=dict)
-    ends: tuple[Observation, ...] = ()
-    states: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def coordinates(self) -> str | None:
-        return self.states.get("coordinate_system")
+    observed: tuple[Observation, ...]
+    landmarks: Mapping[str, Floats] = {}
+    states: Mapping[str, str] = {}
 
 
 def _frame(name: str, data: bytes, contours: Sequence[str], parser: Parser) -> _FrameFile:
     if Path(name).name.startswith(_GUIDE_POINTS):
         return _guide_points(data, contours)
-    if name.lower().endswith(CLOUD_SUFFIXES):
-        points = _cloud(data)
-        parser.limits.require("vertices", len(points))
-        return _FrameFile(Observation(points))
-    return _of_mesh(data, parser)
+    if not name.lower().endswith(CLOUD_SUFFIXES):
+        return _of_mesh(data, parser)
+    points = _cloud(data)
+    parser.limits.require("vertices", len(points))
+    return _FrameFile((Observation(points),))
 
 
 def _of_mesh(data: bytes, parser: Parser) -> _FrameFile:
     mesh, _ = read_mesh(data, None, parser)
-    if len(mesh.faces):
-        points = of_surface(mesh.positions, mesh.faces)
-    else:
-        points = Observation(mesh.positions.astype(np.float64))
-    return _FrameFile(points, states=dict(mesh.statements))
+    is_cloud = not len(mesh.faces)
+    own = (
+        Observation(mesh.positions.astype(np.float64))
+        if is_cloud
+        else of_surface(mesh.positions, mesh.faces)
+    )
+    return _FrameFile((own,), states=dict(mesh.statements))
 
 
 def _cloud(data: bytes) -> Floats:
     """Read points from lines of three numbers or more, after a heading if there is one."""
     rows: list[list[float]] = []
     for number, line in enumerate(lines_of(data), 1):
-        words = line.replace(b",", b" ").replace(b";", b" ").split()
+        words = line.replace(b",", b" ").replace(b";", b" ").split()[:3]
         try:
-            x, y, z = map(float, words[:3])
+            values = [float(word) for word in words]
         except ValueError:
-            if not rows and not _are_numbers(words):
-                continue
+            values = []
+        if len(values) == 3:
+            rows.append(values)
+        elif rows or values:
             raise MalformedFileError(
                 f"Line {number} is not three numbers: {line[:40]!r}.",
                 remedy="Write x, y and z of one point per line.",
-            ) from None
-        rows.append([x, y, z])
+            )
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
-
-
-def _are_numbers(words: Sequence[bytes]) -> bool:
-    try:
-        return bool([float(word) for word in words])
-    except ValueError:
-        return False
 
 
 def _table(data: bytes) -> tuple[list[Floats], Floats | None] | None:
@@ -361,15 +359,15 @@ def _table(data: bytes) -> tuple[list[Floats], Floats | None] | None:
 
 def _guide_points(data: bytes, contours: Sequence[str]) -> _FrameFile:
     """Read typed contour points; valves are at the base, and the apex point is the apex."""
-    parts: dict[str, list[list[float]]] = {}
-    valves: dict[bytes, list[list[float]]] = {}
-    times: dict[str, bytes] = {}
+    parts = defaultdict[str, list[list[float]]](list)
+    valves = defaultdict[bytes, list[list[float]]](list)
+    times = dict[str, bytes]()
     for number, line in enumerate(lines_of(data), 1):
         words = line.split(b"\t")
         if number == 1 and words[0] == b"x":
             continue
         try:
-            x, y, z = map(float, words[:3])
+            point = [float(word) for word in words[:3]]
             kind, plane, _, frame = words[3:_GUIDE_COLUMNS]
         except ValueError:
             raise MalformedFileError(
@@ -383,24 +381,24 @@ def _guide_points(data: bytes, contours: Sequence[str]) -> _FrameFile:
                 f"Line {number}: {name[:40]} has points of two time frames in one file.",
                 remedy="Write one file for each time frame.",
             )
-        parts.setdefault(name, []).append([x, y, z])
+        parts[name].append(point)
         if name in _VALVES:
-            valves.setdefault(plane, []).append([x, y, z])
+            valves[plane].append(point)
     chosen = [name for name in parts if any(kind in name for kind in contours)]
     if parts and not chosen:
         raise ParameterError(
             f"No contour is called {', '.join(map(repr, contours))}.",
             remedy=f"Name parts of these: {', '.join(sorted(parts))}.",
         )
+    points = np.array([row for name in chosen for row in parts[name]], dtype=np.float64)
+    observed = [Observation(points.reshape(-1, 3))]
     landmarks = {"apex": np.mean(parts[_APEX], axis=0)} if _APEX in parts else {}
-    ends: tuple[Observation, ...] = ()
     if valves and all(_WITH_VALVES in name for name in chosen):
         rim = np.concatenate([_farthest(np.array(rows)) for rows in valves.values()])
-        ends = (Observation(rim, end="base"),)
+        observed.append(Observation(rim, end="base"))
     elif valves:
-        landmarks["base"] = np.mean([row for rows in valves.values() for row in rows], axis=0)
-    points = np.array([row for name in chosen for row in parts[name]], dtype=np.float64)
-    return _FrameFile(Observation(points.reshape(-1, 3)), landmarks, ends)
+        landmarks["base"] = np.concatenate(list(valves.values())).mean(axis=0)
+    return _FrameFile(tuple(observed), landmarks)
 
 
 def _farthest(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -420,18 +418,9 @@ def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
     names = ("points", "offsets", "times", "unit", "coordinates", "landmarks", *NAMED_PLACES)
     try:
         arrays, _ = read_arrays(data, names, names[:1], limits.of_file(len(data)))
-    except ShapeError as error:
-        error.remedy = (
-            "Store points, offsets, times, apex and base (3,) or (frames, 3) as numbers; unit, "
-            "coordinates and landmarks (JSON) as text."
-        )
-        raise
-    except MalformedFileError as error:
-        error.remedy = (
-            "Write it with numpy.savez: points (n, 3) and offsets (frames + 1,), the first row of "
-            f"each frame, and the end; or points (frames, n, 3). {NOTHING_TO_TRACK}"
-        )
-        if "vertices" in cast("list[str]", error.details.get("arrays", [])):
+    except (MalformedFileError, ShapeError) as error:
+        error.remedy = f"{_NPZ_REMEDY} {NOTHING_TO_TRACK}"
+        if "'vertices'" in str(error.details.get("arrays")):
             error.remedy = NOTHING_TO_TRACK
         raise
     landmarks = landmarks_from_json(text_in(arrays, "landmarks") or "{}")
@@ -444,25 +433,23 @@ def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
 
 def _clouds_in(arrays: Mapping[str, NDArray[Any]], limits: ReadLimits) -> list[NDArray[Any]]:
     """Take the points of each frame out of the arrays of an npz."""
-    points = arrays["points"]
-    if "offsets" not in arrays:
+    points, offsets = arrays["points"], arrays.get("offsets")
+    if offsets is None:
         if points.ndim != 3 or points.shape[2] != 3 or points.dtype.kind not in "fiu":
             raise MalformedFileError(
                 f"The points have the shape {points.shape}, and there are no offsets of the "
                 "frames.",
-                remedy="Give points (frames, n, 3), or points (n, 3) with offsets (frames + 1,): "
-                "the first row of each frame, and the end.",
+                remedy=_NPZ_REMEDY,
             )
         limits.require("frames", len(points))
         limits.require("vertices", points.shape[1])
         # Frames of fewer points are filled up with NaN.
         return [x[~np.isnan(x).all(axis=1)] for x in points]
-    offsets, n = arrays["offsets"], len(points) if np.ndim(points) == 2 else -1
+    n = len(points) if points.ndim == 2 else -1
     is_whole = offsets.ndim == 1 and offsets.dtype.kind in "iu" and offsets.size > 1
     if not is_whole or (offsets[0], offsets[-1]) != (0, n) or (offsets[1:] < offsets[:-1]).any():
         raise MalformedFileError(
-            f"The offsets do not run from 0 to the {n} points.",
-            remedy="Give non-decreasing whole numbers: the first row of each frame, and the end.",
+            f"The offsets do not run from 0 to the {n} points.", remedy=_NPZ_REMEDY
         )
     limits.require("frames", offsets.size - 1)
     limits.require("vertices", int(np.diff(offsets).max()))

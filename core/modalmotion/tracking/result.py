@@ -136,9 +136,6 @@ class ImageAnswer:
         Deviation that all edges have in common, in volumes too.
     bent : float, mm
         Deviation that shifts of slices leave, RMS over the surface.
-    volume_correlation : float
-        Of the errors of the largest and the smallest volume: that of a proposed base is alike in
-        both.
     """
 
     papillary: Papillary
@@ -152,7 +149,6 @@ class ImageAnswer:
     found: tuple[float, ...]
     localisation: float
     bent: float
-    volume_correlation: float = 0.0
 
     def __post_init__(self) -> None:
         # JSON knows lists only.
@@ -206,6 +202,9 @@ class Track(FrozenArrays, Recorded):
         Parameters and versions, for files.
     images : ImageAnswer or None
         Of a track from images: convention, brightness, slices.
+    volume_correlation : float
+        Of the errors of the largest and the smallest volume: that of an assumed base is alike in
+        both.
     data : SampledData or None
         Some of the points that it was tracked through, to be looked at.
     """
@@ -230,6 +229,7 @@ class Track(FrozenArrays, Recorded):
     notes: tuple[str, ...]
     provenance: Mapping[str, Any]
     images: ImageAnswer | None = None
+    volume_correlation: float = 0.0
     data: SampledData | None = None
 
     def __post_init__(self) -> None:
@@ -261,7 +261,7 @@ class Track(FrozenArrays, Recorded):
             source="points" if images is None else "images",
             volumes=self.volume_deviations,
             papillary_volume=images.papillary_volume if images and is_wall else 0.0,
-            volume_correlation=images.volume_correlation if images else 0.0,
+            volume_correlation=self.volume_correlation,
             notes=self.notes,
         )
         return replace(self, sequence=replace(self.sequence, uncertainty=known))
@@ -364,8 +364,8 @@ class Track(FrozenArrays, Recorded):
         if v is None or sd is None or fraction is None:
             return None
         ed, es = int(v.argmax()), int(v.argmin())
-        correlation = 0.0 if self.images is None else self.images.volume_correlation
         start = (1.0 - fraction / 100.0) * float(sd[ed])
+        correlation = self.volume_correlation
         return 200.0 * difference_deviation(float(sd[es]), start, correlation) / float(v[ed])
 
 

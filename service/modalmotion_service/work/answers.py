@@ -113,7 +113,7 @@ def from_bytes(data: bytes, expected: object) -> Any:
     except (
         ValueError,
         TypeError,
-        KeyError,
+        LookupError,
         AttributeError,
         RecursionError,
         OverflowError,

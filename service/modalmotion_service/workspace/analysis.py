@@ -100,7 +100,7 @@ class SharedWork:
 P = ParamSpec("P")
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class OwnerWork:
     """Has workers do tasks of one owner, each within its tariff.
 

@@ -227,10 +227,8 @@ def _facts(state: State, case: Case) -> Facts:
 async def _recordings(
     state: State, cases: Sequence[Case], parameters: SignatureParameters, report: Report = unheard
 ) -> list[KeptRecording]:
-    recordings = []
-    for case, path in zip(
-        cases, await fit_each(state, cases, parameters, report, _FITTING), strict=True
-    ):
+    recordings, paths = [], await fit_each(state, cases, parameters, report, _FITTING)
+    for case, path in zip(cases, paths, strict=True):
         assert isinstance(path, Path)  # noqa: S101 (none is left out)
         vertices = None
         if state.store.sequence_record(case.id).has_upload:

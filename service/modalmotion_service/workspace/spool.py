@@ -60,7 +60,7 @@ _SECONDS: Final = 10.0
 _PART: Final = 50
 
 
-@dataclass
+@dataclass(eq=False)
 class Quota:
     """Measures the files of one owner now and then, and refuses more where they are too many.
 

@@ -72,3 +72,9 @@ def test_cases_of_the_training_are_named() -> None:
     table = result.as_csv().splitlines()
     assert table[0].startswith("case,sequence_id,subject,class,answer,")
     assert len(table) == 6
+
+
+def test_cases_of_the_training_are_known_in_another_unit_too() -> None:
+    case = curves(12)[0]
+    bare = replace(case, motion=replace(case.motion, unit=None))
+    assert "1 of the 1 cases are in the training set" in evaluate(curves_model(), [bare]).notes[0]

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from format_samples import VERTICES, vtp_text
+from format_samples import FACES, VERTICES, vtp_text
 
 from modalmotion.errors import InputError, LimitError, MalformedFileError
 from modalmotion.formats.vtk_xml import read_vtk_xml
@@ -121,3 +121,17 @@ def test_each_limit_is_named(edit: bytes, limit: str) -> None:
         read_vtk_xml(PLAIN.replace(b"<PolyData", edit, 1), DEFAULT_LIMITS)
     assert caught.value.limit == limit
     assert caught.value.remedy
+
+
+@pytest.mark.parametrize("corner", [b"12", b"-1"])
+def test_a_piece_has_no_corners_of_another(corner: bytes) -> None:
+    start, end = PLAIN.index(b"<Piece"), PLAIN.index(b"</Piece>") + 8
+    piece = PLAIN[start:end]
+    both = read_vtk_xml(PLAIN.replace(piece, piece * 2))
+    assert np.array_equal(both.positions, np.concatenate([VERTICES[0]] * 2))
+    assert np.array_equal(both.faces, np.concatenate([FACES, FACES + 12]))
+    at = piece.index(b">", piece.index(b'"connectivity"')) + 1
+    words = piece[at : piece.index(b"<", at)].split()
+    damaged = piece[:at] + b" ".join([corner, *words[1:]]) + piece[piece.index(b"<", at) :]
+    with pytest.raises(MalformedFileError, match="names vertex"):
+        read_vtk_xml(PLAIN.replace(piece, piece + damaged))

@@ -25,7 +25,7 @@ from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature.making import modal_signature
 from modalmotion.store import ResultStore, backup, rebuild, template_to_hdf5, verify
 from modalmotion.store import backups as backup_module
-from modalmotion.store.deletion import TOMBSTONE_DAYS, Deletions, buried
+from modalmotion.store.deletion import TOMBSTONE_DAYS, buried, was_deleted
 from modalmotion.store.disk import sync_paths
 from modalmotion.template import make_template
 
@@ -265,7 +265,7 @@ def test_times_of_files_lag_behind_and_what_is_put_again_at_once_stays(
         assert deleted is not None
         time_of = datetime.fromisoformat(deleted).timestamp() - seconds
         os.utime(path, (time_of, time_of))
-        assert Deletions(root).cover(path.relative_to(root), path.stat().st_mtime) is was_there
+        assert was_deleted(root, path.relative_to(root), path.stat().st_mtime) is was_there
     rebuild(root)
     with ResultStore(root) as store:
         # Of a sequence the record tells, which has its time from another clock.

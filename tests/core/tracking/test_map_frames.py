@@ -60,12 +60,12 @@ def test_frames_together_are_one_dense_system(
 ) -> None:
     n = 6
     Q = chain_precision(np.arange(n_frames) / n_frames, 1.2, 0, is_closed=is_closed)
-    K = rng.uniform(0.5, 5.0, n)
+    K = np.diag(rng.uniform(0.5, 5.0, n)) + 0.1
     J = rng.normal(size=(n_frames, 4, n))
     A = J.transpose(0, 2, 1) @ J
     A[-1] = 0.0  # a missing frame
     b = (A @ rng.normal(size=(n_frames, n, 1)))[:, :, 0]
-    H = np.kron(Q, np.diag(K))
+    H = np.kron(Q, K)
     for k in range(n_frames):
         H[k * n : (k + 1) * n, k * n : (k + 1) * n] += A[k]
     a, C = joined(A, b, K, Q)

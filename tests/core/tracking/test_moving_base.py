@@ -9,7 +9,7 @@ from ellipsoid_images import AXES, BASE, CUT, LANDMARKS, LENGTH, MIDDLE, enclose
 from modalmotion.images import ImageSequence
 from modalmotion.images.edges import Levels
 from modalmotion.tracking import Observation, track
-from modalmotion.tracking.image_frames import below_base, with_base
+from modalmotion.tracking.image_frames import below_base, with_base, with_descent
 from modalmotion.tracking.image_view import Sight
 
 TEMPLATE = spheroid()
@@ -21,21 +21,33 @@ def landmark(height: float, sd: float | None = None) -> Observation:
     return Observation(place[None], sd=sd, places=("base",))
 
 
-def base_of(frame: tuple[Observation, ...]) -> np.ndarray:
+def height_of(frame: tuple[Observation, ...]) -> float:
     (own,) = (part for part in frame if part.places == ("base",))
-    return np.asarray(own.points[0])
+    return float((own.points[0] - MIDDLE) @ AXES[:, 2])
 
 
-def test_what_is_stated_stays_and_the_rest_is_where_valves_go() -> None:
-    stated = ((landmark(CUT),), (landmark(CUT - 9.0),), ())
-    marks, variances = with_base(stated, TEMPLATE, 0)
-    assert marks[:2] == stated[:2]
-    heights = [(base_of(frame) - MIDDLE) @ AXES[:, 2] for frame in marks]
-    # What is usual is a tenth of the length down.
-    assert heights == pytest.approx([CUT, CUT - 9.0, CUT - 0.1 * HEIGHT], abs=1.0)
-    assert variances[:2].tolist() == [0.0, 0.0]
-    # Two deviations reach from no descent to a fifth.
-    assert 0.08 * HEIGHT < 2.0 * variances[2] ** 0.5 < 0.15 * HEIGHT
+def test_what_is_stated_stays_and_the_rest_is_where_valves_go_by_the_volume_ejected() -> None:
+    stated = ((landmark(CUT),), (landmark(CUT - 9.0),), (), ())
+    rough = with_base(stated, TEMPLATE, 0)
+    assert rough[:2] == stated[:2]
+    assert height_of(rough[2]) == pytest.approx(CUT - 0.1 * HEIGHT, abs=1.0)
+    x = TEMPLATE.vertices
+    small = MIDDLE + ((x - MIDDLE) @ AXES * [0.8, 0.8, 1.0]) @ AXES.T
+    once = with_descent(((landmark(CUT),), (), ()), TEMPLATE, 0, np.stack([x, x, small]))
+    # Of 36 %, before the base moves, it is 0.185 mm per percent down in 90, and of none none.
+    assert height_of(once[0][1]) == pytest.approx(height_of(stated[0]), abs=1.0)
+    down = CUT - height_of(once[0][2])
+    assert 36.0 < down * 90.0 / HEIGHT / 0.185 < 55.0
+    sd = np.sqrt(np.diag(once[1]))
+    assert sd[0] == 0.0
+    assert 1.5 * HEIGHT / 90.0 <= sd[1] < sd[2] < 0.5 * down
+    # A frame that states it tells how far it goes in others.
+    twice = with_descent(
+        ((landmark(CUT),), (landmark(CUT - 3.0),), ()), TEMPLATE, 0, np.stack([x, small, small])
+    )
+    assert CUT - height_of(twice[0][2]) < down - 1.0
+    assert np.diag(twice[1])[:2].tolist() == [0.0, 0.0]
+    assert twice[1][2, 2] < once[1][2, 2]
 
 
 def test_edges_beyond_the_base_do_not_count() -> None:
@@ -44,7 +56,7 @@ def test_edges_beyond_the_base_do_not_count() -> None:
     valve = below_base(sight, (landmark(10.0),), TEMPLATE).valve
     assert valve is not None
     places = MIDDLE + np.outer([-30.0, 8.0, 18.0], AXES[:, 2])
-    assert valve.are_below(places).tolist() == [True, True, False]
+    assert (places @ valve[0] <= valve[1]).tolist() == [True, True, False]
 
 
 @pytest.mark.every(2)
@@ -59,4 +71,4 @@ def test_one_statement_of_the_base_is_enough_for_an_interval_that_holds() -> Non
     assert result.volume_deviations is not None
     # The base of these stands still, the least that a valve does.
     assert (np.abs(result.volumes - true) < 2.2 * result.volume_deviations).all()
-    assert result.volume_deviations[1] > 1.5 * result.volume_deviations[0]
+    assert result.volume_deviations[1] > 1.1 * result.volume_deviations[0]

@@ -47,8 +47,8 @@ def test_shifts_leave_what_the_whole_covariance_has_beyond_that_of_known_shifts(
     of_shifts = np.zeros((len(n), 8, 3))
     of_shifts[np.arange(len(n)), VIEW.planes[k]] = (n * e).sum(axis=1, keepdims=True) * e
     J = np.concatenate([of_shape, of_shifts.reshape(len(n), -1)], axis=1)
-    prior = np.repeat(1.0 / PRIOR.variances(SURFACE.wavenumbers), 3)
-    A = J.T @ (strength[:, None] * J) + np.diag(np.append(prior, np.full(24, 1.5**-2)))
+    A = J.T @ (strength[:, None] * J) + np.diag(np.full(45, 1.5**-2))
+    A[:21, :21] += SURFACE.stiffness(PRIOR.variances(SURFACE.wavenumbers)) - 1.5**-2 * np.eye(21)
     more = np.linalg.inv(A)[:21, :21] - np.linalg.inv(A[:21, :21])
     rows = (SURFACE.shapes[:, :, None] * NORMALS[:, None, :]).reshape(len(NORMALS), -1)
     expected = np.sqrt(((rows @ more) * rows).sum(axis=1))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from clouds import Floats, breathing_spheroid, rim_of, sampled
 
+from modalmotion.errors import ShapeError
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
@@ -43,7 +44,7 @@ def flat() -> list[Floats]:
         (filled, {}, "fill a volume"),
         (flat, {}, "are in a plane or on a line"),
         (
-            lambda: with_frame(CLOUDS[2] / 10),
+            lambda: with_frame(CLOUDS[2] * 5),
             {},
             "In frame 2 the data are .* of another size.*unit",
         ),
@@ -58,6 +59,12 @@ def test_what_is_doubtful_is_said(
 ) -> None:
     notes = " ".join(track(observed(), modes=7, **more).notes)
     assert re.search(said, notes)
+
+
+def test_a_frame_in_another_unit_collapses_and_is_refused() -> None:
+    with pytest.raises(ShapeError, match="frame 2 the surface collapses") as caught:
+        track(with_frame(CLOUDS[2] / 10.0), modes=7)
+    assert "unit of each frame" in caught.value.remedy
 
 
 CUP_SHAPE = standard_surface(Lattice(CUP, (12, 20)))
