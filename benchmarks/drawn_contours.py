@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from seen_surfaces import Seen, Truth, ventricles
+from seen_surfaces import Cases, Seen, Truth, ventricles
 
 from modalmotion.mesh import cavity_of
 from modalmotion.tracking import Observation
@@ -25,14 +25,17 @@ _TILT, _STEP, _NOISE, _SHIFT = np.radians(15.0), 2.5, 0.7, 0.5
 _SMALLEST = (6.0, 11.0)
 
 
-def contoured(seed: int, n: int, n_known: int, *, vanish: bool = False) -> Iterator[Seen]:
+def contoured(
+    seed: int, n: int, n_known: int, *, vanish: bool = False, of: Cases | None = None
+) -> Iterator[Seen]:
     """Draw contours of ventricles whose base leans.
 
     Short-axis slices 15 mm apart and three long-axis ones, whose ends show the valve in the first
     `n_known` frames, the apex being known in the first; or, where the apical slices vanish,
-    short-axis ones alone, 10 mm apart, with apex and base as landmarks of as many frames.
+    short-axis ones alone, 10 mm apart, with apex and base as landmarks of as many frames. Of the
+    ventricles `of`, or of `n` that are simulated.
     """
-    for upright, rng in ventricles(seed, n):
+    for upright, rng in of or ventricles(seed, n):
         truth = _leaning(upright)
         ends = [truth.vertices[:, list(end)].mean(axis=1) for end in truth.ends]
         apices, bases = (places + rng.normal(0.0, 1.0, places.shape) for places in ends)

@@ -19,7 +19,7 @@ from modalmotion.clinical.wall_motion import WallMotion
 _LARGEST_GAP: Final = 1 / 8 + 1e-9
 
 # Instants of a cycle among which the smallest volume is searched.
-_INSTANTS: Final = 1000
+_INSTANTS: Final = np.arange(1000) / 1000
 
 # Of the noise of volumes, always the same.
 _DRAWS: Final = 100
@@ -68,25 +68,22 @@ def volume_variances(
     l = motion.slopes.along[:, frame].reshape(grid).mean(axis=1, keepdims=True)  # noqa: E741
     half = motion.weights[:, :, None] / 2.0
     by_a, by_g, by_l = half * np.cross(g, l), half * np.cross(l, a), half * np.cross(a, g)
-    variances = np.empty(n)
-    for k in range(n):
-        of_x, of_g, of_l = (
-            np.where((segment == k).reshape(rows, columns, 1), each, 0.0)
-            for each in (by_a, by_g, by_l)
-        )
-        of_x -= of_x.mean(axis=1, keepdims=True)
-        of_l = np.broadcast_to(of_l.mean(axis=1, keepdims=True), grid)
-        gradient = motion.places.values.T @ of_x.reshape(-1, 3)
-        gradient += motion.places.around.T @ of_g.reshape(-1, 3)
-        gradient += motion.places.along.T @ of_l.reshape(-1, 3)
-        variances[k] = motion.variance(gradient, frame)
-    return variances
+    own = (segment[:, None] == np.arange(n)).reshape(rows, columns, n, 1)
+    of_x, of_g, of_l = (own * each[:, :, None] for each in (by_a, by_g, by_l))
+    of_x -= of_x.mean(axis=1, keepdims=True)
+    of_l = np.broadcast_to(of_l.mean(axis=1, keepdims=True), (*own.shape[:3], 3))
+    places, gradients = motion.places, np.zeros((motion.places.values.shape[1], n, 3))
+    for shapes, each in ((places.values, of_x), (places.around, of_g), (places.along, of_l)):
+        gradients += np.tensordot(shapes.T, each.reshape(rows * columns, n, 3), axes=1)
+    return np.array([motion.variance(gradients[:, k], frame) for k in range(n)])
 
 
 def dyssynchrony(
     volumes: NDArray[np.float64],
     phases: NDArray[np.float64],
     variances: NDArray[np.float64],
+    *,
+    is_smooth: bool = False,
 ) -> tuple[float, float, float] | None:
     """Measure the spread of the times of smallest volume.
 
@@ -95,8 +92,11 @@ def dyssynchrony(
     volumes : (frames, segments) float64
     phases : (frames,) float64
         Of one cycle, 0 to 1.
-    variances : (segments,) float64
+    variances : (frames, segments) float64
         Of the noise of the volumes.
+    is_smooth : bool
+        Whether errors of neighbouring frames are alike, as those of a track are. Nothing of the
+        volumes is noise then, and the interval alone includes the errors.
 
     Returns
     -------
@@ -106,39 +106,58 @@ def dyssynchrony(
 
     Notes
     -----
-    Volumes are periodic cubic splines through the frames. Noise increases the spread, most where
-    curves are flat: the spread that it gives segments that all follow the whole volume is
-    subtracted from the square. The interval includes the noise, the difference from straight lines
+    Volumes are periodic cubic splines through the frames, of which each harmonic counts by the
+    share of its power that is not noise (Wiener): that of the parts which follow the whole volume,
+    and that of the rest. What noise remains increases the spread, most where curves are flat: the
+    spread that it gives segments that all follow the whole volume is subtracted from the square.
+    The interval includes the noise, what was subtracted for it, the difference from straight lines
     between the frames, and the spacing of the frames.
     """
     phases = phases - phases[0]
     is_first = phases < 1.0 - 1e-9  # of the cycle, without a repeated first frame
-    phases, volumes = phases[is_first], volumes[is_first]
+    phases, volumes, variances = phases[is_first], volumes[is_first], variances[is_first]
     gaps = np.diff(phases, append=1.0)
     if gaps.max() > _LARGEST_GAP or gaps.min() <= 0.0:
         return None
-    instants = np.arange(_INSTANTS) / _INSTANTS
     closed = np.append(phases, 1.0)
     by_frame = np.eye(len(phases))[np.arange(len(closed)) % len(phases)]
-    curves = scipy.interpolate.CubicSpline(closed, by_frame, bc_type="periodic")(instants)
-    # As all would be if each followed the whole volume.
+    splines = scipy.interpolate.CubicSpline(closed, by_frame, bc_type="periodic")(_INSTANTS)
+    lines = scipy.interpolate.interp1d(closed, by_frame, axis=0)(_INSTANTS)
+    harmonics = np.fft.rfft(splines, axis=0)
+    noise = np.abs(harmonics) ** 2 @ variances.sum(axis=1) * (not is_smooth)
+
+    def kept(parts: NDArray[np.float64]) -> NDArray[np.float64]:
+        power = (np.abs(harmonics @ parts) ** 2).sum(axis=1)
+        share = 1.0 - np.divide(noise, power, out=np.ones_like(power), where=power > noise)
+        return np.asarray(np.fft.irfft(share[:, None] * harmonics, len(_INSTANTS), axis=0))
+
+    alike, rest = _parts(volumes)
+    of_alike, of_rest = kept(alike), kept(rest)
+
+    def spread(values: NDArray[np.float64]) -> float:
+        alike, rest = _parts(values)
+        return _apart(of_alike @ alike + of_rest @ rest)
+
+    rng = np.random.default_rng(_SEED)
+    draws = rng.normal(size=(_DRAWS, *volumes.shape)) * np.sqrt(variances)
+    by_noise = np.array([spread(alike + draw) for draw in draws])
+    own = spread(volumes)
+    without = np.sqrt(max(own**2 - (by_noise**2).mean(), 0.0))
+    by_lines = _apart(lines @ volumes) - _apart(splines @ volumes)
+    # Of the deviation of n times that are each uniform between two frames.
+    by_frames = gaps.mean() / np.sqrt(12.0 * 2.0 * (volumes.shape[1] - 1))
+    squares = by_noise.var() + (own - without) ** 2 + by_lines**2 + by_frames**2
+    reach, value = TWO_DEVIATIONS * np.sqrt(squares), own if is_smooth else without
+    value, low, high = 100.0 * np.maximum([value, value - reach, value + reach], 0.0)
+    return float(value), float(low), float(high)
+
+
+def _parts(volumes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Motion of segments as if each followed the whole volume, and the rest of it."""
     moving = volumes - volumes.mean(axis=0)
     whole = moving.sum(axis=1)
     alike = np.outer(whole, whole @ moving / (whole @ whole or 1.0))
-    rng = np.random.default_rng(_SEED)
-    noises = rng.normal(size=(_DRAWS, *volumes.shape)) * np.sqrt(variances)
-    by_noise = np.mean([_apart(curves @ (alike + noise)) ** 2 for noise in noises])
-    own = _apart(curves @ volumes)
-    by_errors = np.std([_apart(curves @ (volumes + noise)) for noise in noises])
-    by_lines = (
-        _apart(scipy.interpolate.interp1d(closed, by_frame, axis=0)(instants) @ volumes) - own
-    )
-    # Of the deviation of n times that are each uniform between two frames.
-    by_frames = gaps.mean() / np.sqrt(12.0 * 2.0 * (volumes.shape[1] - 1))
-    reach = TWO_DEVIATIONS * np.sqrt(by_errors**2 + by_lines**2 + by_frames**2)
-    ends = np.maximum([own, own - reach, own + reach], 0.0)
-    value, low, high = 100.0 * np.sqrt(np.maximum(ends**2 - by_noise, 0.0))
-    return float(value), float(low), float(max(high, 100.0 * reach))
+    return alike, moving - alike
 
 
 def _apart(curves: NDArray[np.float64]) -> float:

@@ -124,6 +124,13 @@ class SmoothWall:
         covariance: NDArray[np.float64] = self.projector @ self.projector.T
         return covariance
 
+    @cached_property
+    def middles(self) -> NDArray[np.float64]:
+        """Sums of coefficients that are the middles of both ends, (2, functions)."""
+        n = self.n_waves + 1  # over one more place than waves these have no mean
+        values = self._functions(np.repeat(self.ends, n), np.tile(np.arange(n) / n, 2))
+        return np.asarray(values.reshape(2, n, -1).mean(axis=1), dtype=np.float64)
+
     def coefficients(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Fit positions, (frames, vertices, 3) to (functions, frames, 3)."""
         fitted = np.tensordot(self.projector, positions, axes=(1, 1))

@@ -39,6 +39,13 @@ def test_each_kind_of_features_has_a_name_a_column(kind: str) -> None:
     assert features.transform(cohort(4)[:2]) == pytest.approx(values[:2])
 
 
+def test_terms_of_a_transient_have_a_name_a_column() -> None:
+    features = SignatureFeatures(kind="terms", timing="transient")
+    names = features.fit(curves(2)).get_feature_names_out().tolist()
+    assert features.transform(curves(2)).shape == (4, len(names))
+    assert "term 8 (0, cos) x" in names
+
+
 def test_features_that_recordings_have_not_are_refused() -> None:
     with pytest.raises(ParameterError, match="axis"):
         SignatureFeatures(kind="axis").fit(curves(3))

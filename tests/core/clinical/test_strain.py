@@ -13,10 +13,13 @@ from scipy.special import ellipe, ellipeinc
 
 import modalmotion as mm
 from modalmotion.clinical.segments import RINGS, SEGMENTS
-from modalmotion.clinical.strain import Strain, wall_strain
+from modalmotion.clinical.smooth_wall import smooth_walls
+from modalmotion.clinical.strain import NAMES, Strain, measures_of, wall_strain
+from modalmotion.clinical.wall_motion import WallMotion
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh import Facts
 from modalmotion.mesh.checks import Uncertainty
+from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
@@ -209,3 +212,25 @@ def test_what_has_no_wall_is_refused() -> None:
     )
     with pytest.raises(ParameterError, match="finer mesh"):
         strain_of(small)
+
+
+def test_rows_of_a_track_move_with_its_ends_to_first_order() -> None:
+    """Errors of one frame against its own finite difference, at the apex and along all."""
+    whole = simulate_ventricle(grid=(24, 48), acquisition=Acquisition(n_frames=12))
+    x = whole.vertices[[0, 5]].astype(np.float64)
+    template = make_template(whole)
+    wall, _ = smooth_walls(template, is_lattice=True)
+    known = Uncertainty.of_noise(0.1, 2, whole.n_vertices, whole.n_vertices)
+    motion = WallMotion.of(x, known, wall, 0)
+    apical = measures_of(motion)[NAMES.index("GCS apical")]
+    s, axis = template.coordinates[:, 0], np.array([0.0, 0.0, 1.0])
+    for share in (np.exp(-((s / 0.25) ** 2)), np.cos(np.pi * s)):
+        for directions in (vertex_normals(x[1], template.faces), np.tile(axis, (len(s), 1))):
+            moved = 0.02 * share[:, None] * directions
+            found = [
+                WallMotion.of(np.stack([x[0], x[1] + way * moved]), known, wall, 0)
+                for way in (1.0, -1.0)
+            ]
+            change = np.subtract(*(each.strain(apical, 0)[1] for each in found)) / 2.0
+            gradient, _ = motion.gradients(apical, 1, 0)
+            assert change == pytest.approx(np.sum(gradient * (wall.projector @ moved)), rel=0.1)
