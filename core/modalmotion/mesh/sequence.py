@@ -43,10 +43,10 @@ def first_at_place(vertices: FloatArray) -> NDArray[np.int64]:
         The vertex itself where no other has all of its places.
     """
     first = np.arange(vertices.shape[1])
-    # Equal places have equal keys, and few others have.
+    # Equal places have equal keys, and hardly others: of points on a lattice none.
     x, y, z = vertices[0].T.astype(np.float64)
     _, groups, counts = np.unique(
-        0.31 * x + 0.23 * y + 0.29 * z, return_inverse=True, return_counts=True
+        0.31415927 * x + 0.27182818 * y + 0.17320508 * z, return_inverse=True, return_counts=True
     )
     others = np.flatnonzero(counts[groups] > 1)
     names = groups[others]

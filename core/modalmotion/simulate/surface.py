@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import lattice_faces
-from modalmotion.modes.topology import CUP, lattice_coordinates
+from modalmotion.modes.topology import CUP, lattice_coordinates, require_shape
 from modalmotion.representation import shown
 
 _N_TABLE: Final = 4001
@@ -173,6 +173,7 @@ def lattice_points(
     ShapeError
         If the grid is not that of a cup: its columns must be even in number.
     """
+    require_shape(CUP, grid)
     coordinates = lattice_coordinates(CUP, grid)
     return Points(
         spheroid.polar_angle(coordinates[:, 0], spacing),

@@ -381,7 +381,7 @@ def notes_on_landmarks(coordinates: Coordinates) -> list[str]:
         "theta_zero": "The zero of theta",
         "start": "Which corner s and t start from",
     }
-    weak = [name for name in coordinates.landmarks.weak if name in meaning]
+    weak = [name for name in meaning if name in coordinates.landmarks.weak]
     notes = [
         f"{meaning[name]} is not determined by the shape; state "
         f"{places_wanted(coordinates.topology, name)}."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -31,8 +32,17 @@ def test_it_is_what_comparing_each_with_each_finds(vertices: FloatArray) -> None
 
 def test_places_of_the_same_key_are_told_apart() -> None:
     # Keys are sums with fixed shares: these places have the same.
-    x = np.array([[[0.23, 0.0, 1.0], [0.0, 0.31, 1.0], [0.23, 0.0, 1.0], [0.0, 0.31, 1.0]]])
+    one, other = [0.27182818, 0.0, 1.0], [0.0, 0.31415927, 1.0]
+    x = np.array([[one, other, one, other]])
     assert first_at_place(np.repeat(x, 2, axis=0)).tolist() == [0, 1, 0, 1]
+
+
+def test_no_two_points_of_a_lattice_have_the_same_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    nodes = np.stack(np.meshgrid(*[np.arange(40.0)] * 3), axis=-1).reshape(1, -1, 3)
+    # Each of the same key would be compared in every frame.
+    monkeypatch.setattr("modalmotion.mesh.sequence._grouped", None)
+    for vertices in (nodes, nodes.astype(np.float32) - 17.5):
+        assert (first_at_place(vertices) == np.arange(40**3)).all()
 
 
 def test_a_contact_of_one_frame_joins_nothing() -> None:

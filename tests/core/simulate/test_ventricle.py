@@ -200,8 +200,9 @@ def test_what_cannot_be_simulated_is_refused(rng: np.random.Generator) -> None:
         simulate_ventricle(replace(HEALTHY, ejection_fraction=0.02, longitudinal_shortening=0.35))
     with pytest.raises(ParameterError, match="12 vertices"):
         simulate_ventricle(n_vertices=12, rng=rng)
-    with pytest.raises(ShapeError):
-        simulate_ventricle(grid=(8, 15))
+    for grid in ((8, 15), (0, 16)):
+        with pytest.raises(ShapeError):
+            simulate_ventricle(grid=grid)
     with pytest.raises(ParameterError):
         Acquisition(n_frames=0)
     with pytest.raises(ParameterError):

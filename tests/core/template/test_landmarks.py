@@ -11,6 +11,9 @@ from template_surfaces import MAKERS, cup_points, make_ventricle, sheet_points
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import PLANE
 from modalmotion.template import GivenLandmarks, Landmarks, make_template
 
 
@@ -63,6 +66,15 @@ def test_a_surface_of_revolution_has_no_zero_of_theta() -> None:
     assert template.landmarks is not None
     assert template.landmarks.weak == ()
     assert abs(template.landmarks.theta_zero @ [0, 1, 0]) < 0.05
+
+
+def test_what_holds_without_a_zero_of_theta_is_said_where_that_is_named() -> None:
+    flat = standard_surface(Lattice(PLANE, (12, 14)))
+    template = make_template(mesh_sequence(flat.vertices, flat.faces, topology="cup"))
+    assert template.landmarks is not None
+    assert {"axis", "base", "theta_zero"} <= {*template.landmarks.weak}
+    (told,) = (note for note in template.notes if "Cosine and sine" in note)
+    assert told.startswith("The zero of theta")
 
 
 def test_theta_is_right_handed_about_the_axis_and_zero_where_given() -> None:
