@@ -137,7 +137,7 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     listed = next((name for name in _LISTS if name in faces), None)
     if listed is None and "face" in by_name and by_name["face"].n_rows:
         raise _malformed("The PLY file's faces have no vertex_indices.")
-    polygons = triangulate_sizes(*(((), ()) if listed is None else _whole(faces[listed])))
+    polygons = triangulate_sizes(*(((), ()) if listed is None else _whole(faces[listed])), limits)
     used = {*(("vertex", axis) for axis in "xyz"), ("face", listed)}
     every = [(e.name, p.name) for e in header.elements for p in e.properties]
     return Frame(
