@@ -177,7 +177,6 @@ def measure_tradeoff(
     most_modes: int = MOST_OF_FRONT,
     components: tuple[Components, ...] | None = None,
     template: Template | None = None,
-    with_times: bool = True,
     watch: Stopwatch | None = None,
 ) -> Tradeoff:
     """Measure the front of a sequence and choose the point that parameters ask for.
@@ -198,8 +197,6 @@ def measure_tradeoff(
         All that the surface has by default.
     template : Template, optional
         The one that the parameters name.
-    with_times : bool
-        Whether to time the fits of a few sets.
     watch : Stopwatch, optional
         Told of the stages `template`, `front`, `scene`, `choice` and `timing`.
 
@@ -232,10 +229,8 @@ def measure_tradeoff(
             signature = modal_signature(sequence, parameters, template=template)
             chosen = Chosen(signature, price_of(signature))
     choice = chosen.signature.choice
-    times: dict[int, float] = {}
-    if with_times:
-        with watch.stage("timing"):
-            times = _fit_milliseconds(fitter, front.branches[0])
+    with watch.stage("timing"):
+        times = _fit_milliseconds(fitter, front.branches[0])
     return Tradeoff(
         sequence_id=sequence.id,
         parameters=parameters,

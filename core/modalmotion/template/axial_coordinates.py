@@ -14,6 +14,8 @@ from modalmotion.template.axis import (
     axes_about,
     azimuth,
     direction_between,
+    height_along,
+    landmarks_at,
     lean,
     origin_on,
     potential,
@@ -21,7 +23,7 @@ from modalmotion.template.axis import (
     skewness,
     widest_across,
 )
-from modalmotion.template.landmarks import Coordinates, Landmarks
+from modalmotion.template.landmarks import Coordinates
 from modalmotion.template.surface import Opening, Surface, mean_of
 
 # s = (1 - u / max u)^(5/8): 1/2 is exact on a flat disk, 3/4 serves a long tube.
@@ -69,32 +71,26 @@ def cup_coordinates(
     else:
         cap = np.clip(u, 0.0, 1.0) ** _CAP
     apex, roundness = _centre_of_cap(surface, cap)
-    base = places.get("base", _base(surface))
-    axis = axes.axis
-    origin = origin_on(surface, axis, places)
+    origin = origin_on(surface, axes.axis, places)
     offsets = surface.vertices - origin
-    theta = azimuth(offsets, axis, axes.zero)
-    s = offsets @ axis if u is None else (1 - np.clip(u, 0.0, 1.0)) ** _EXPONENT
-    if u is None:
-        s = (s - s.min()) / (np.ptp(s) or 1.0)
+    theta = azimuth(offsets, axes.axis, axes.zero)
+    s = height_along(offsets, axes.axis) if u is None else (1 - np.clip(u, 0.0, 1.0)) ** _EXPONENT
     if len(surface.openings) > 2:
         notes.append(
             f"All {len(surface.openings)} openings are taken for one base; the modes of a cup "
             "fit such a surface less well than one with a single base."
         )
-    landmarks = Landmarks(
-        origin=origin,
-        axis=axis,
-        theta_zero=axes.zero,
-        apex=places.get("apex", apex),
-        base=base,
-        strengths={
-            **axes.strengths,
+    landmarks = landmarks_at(
+        surface,
+        places,
+        axes,
+        origin,
+        apex,
+        _base(surface),
+        {
             "apex": 1.0 if "apex" in places else roundness,
             "base": 1.0 if "base" in places else _agreement(surface),
         },
-        n_loops=len(surface.openings),
-        given=tuple(places),
     )
     return Coordinates(CUP, np.stack([s, theta], axis=1), landmarks, tuple(notes))
 
@@ -273,17 +269,9 @@ def cylinder_coordinates(
     s = potential(surface, np.zeros(len(theta)), held, values, report)
     if s is None:
         notes.append("The triangles are too thin to solve on; s is the height along the axis.")
-        s = offsets @ axis
-        s = (s - s.min()) / (np.ptp(s) or 1.0)
-    landmarks = Landmarks(
-        origin=origin,
-        axis=axis,
-        theta_zero=axes.zero,
-        apex=places.get("apex", near.centre),
-        base=places.get("base", far.centre),
-        strengths={**axes.strengths, "apex": 1.0, "base": 1.0},
-        n_loops=2,
-        given=tuple(places),
+        s = height_along(offsets, axis)
+    landmarks = landmarks_at(
+        surface, places, axes, origin, near.centre, far.centre, {"apex": 1.0, "base": 1.0}
     )
     return Coordinates(
         CYLINDER, np.stack([np.clip(s, 0.0, 1.0), theta], axis=1), landmarks, tuple(notes)
@@ -371,14 +359,5 @@ def sphere_coordinates(
         ((surface.areas * cap) @ surface.vertices) / float((surface.areas * cap).sum())
         for cap in ((1 - s) ** _CAP, s**_CAP)
     )
-    landmarks = Landmarks(
-        origin=origin,
-        axis=axis,
-        theta_zero=axes.zero,
-        apex=places.get("apex", near),
-        base=places.get("base", far),
-        strengths=axes.strengths,
-        n_loops=0,
-        given=tuple(places),
-    )
+    landmarks = landmarks_at(surface, places, axes, origin, near, far)
     return Coordinates(SPHERE, np.stack([s, theta], axis=1), landmarks, tuple(notes))

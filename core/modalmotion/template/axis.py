@@ -6,6 +6,7 @@ import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -17,7 +18,7 @@ from modalmotion.mesh import cotangent_laplacian, graph_laplacian, solve_positiv
 from modalmotion.mesh.triangles import mean_slopes
 from modalmotion.modes.topology import CLOSED, CUP, CYLINDER, Topology
 from modalmotion.progress import ShareReport, silent
-from modalmotion.template.landmarks import Coordinates
+from modalmotion.template.landmarks import Coordinates, Landmarks
 from modalmotion.template.surface import Opening, Surface, corner_steps
 
 # An axis through two places closer than this share of the surface's size has no direction.
@@ -190,6 +191,34 @@ def axes_about(
         origin = origin_on(surface, axis, places)
         zero, strength = towards(places["theta_zero"], origin, axis, surface.area**0.5), 1.0
     return Axes(axis, zero, {**strengths, "theta_zero": strength})
+
+
+def landmarks_at(
+    surface: Surface,
+    places: Mapping[str, NDArray[np.float64]],
+    axes: Axes,
+    origin: NDArray[np.float64],
+    apex: NDArray[np.float64],
+    base: NDArray[np.float64],
+    strengths: Mapping[str, float] = MappingProxyType({}),
+) -> Landmarks:
+    """Landmarks on known axes: apex and base as stated, or else these."""
+    return Landmarks(
+        origin=origin,
+        axis=axes.axis,
+        theta_zero=axes.zero,
+        apex=places.get("apex", apex),
+        base=places.get("base", base),
+        strengths={**axes.strengths, **strengths},
+        n_loops=len(surface.openings),
+        given=tuple(places),
+    )
+
+
+def height_along(offsets: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Height along an axis from 0 to 1, for triangles that are too thin to solve on."""
+    height = offsets @ axis
+    return np.asarray((height - height.min()) / (np.ptp(height) or 1.0))
 
 
 def azimuth(

@@ -16,6 +16,7 @@ from modalmotion.template.axis import (
     axes_about,
     azimuth,
     degree,
+    landmarks_at,
     n_vortices,
     potential,
     principal_axes,
@@ -85,16 +86,8 @@ def plane_coordinates(
             side = np.sqrt(12 * max(float(direction @ surface.covariance @ direction), 0.0))
             columns.append(0.5 + (surface.offsets @ direction) / (side or 1.0))
         values = np.stack(columns, axis=1)
-    landmarks = Landmarks(
-        origin=surface.centroid,
-        axis=axes.axis,
-        theta_zero=axes.zero,
-        apex=surface.centroid,
-        base=surface.centroid,
-        strengths=axes.strengths,
-        n_loops=len(surface.openings),
-        given=tuple(places),
-    )
+    middle = surface.centroid
+    landmarks = landmarks_at(surface, places, axes, middle, middle, middle)
     return Coordinates(PLANE, values, landmarks, tuple(notes))
 
 
@@ -227,16 +220,7 @@ def torus_coordinates(
         ],
         axis=1,
     )
-    landmarks = Landmarks(
-        origin=origin,
-        axis=axis,
-        theta_zero=axes.zero,
-        apex=origin,
-        base=places.get("base", origin),
-        strengths=axes.strengths,
-        n_loops=0,
-        given=tuple(places),
-    )
+    landmarks = landmarks_at(surface, places, axes, origin, origin, origin)
     return Coordinates(TORUS, values, landmarks, tuple(notes))
 
 

@@ -141,7 +141,7 @@ def test_a_tolerance_holds_for_what_was_sent(beat: MeshSequence, kind: ErrorKind
         signature = modal_signature(beat, asked)
         assert_true(signature, beat)
         assert getattr(signature, name) <= limit
-        traded = measure_tradeoff(beat, asked, with_times=False).chosen
+        traded = measure_tradeoff(beat, asked).chosen
         assert getattr(traded.price, name) <= limit
         n_held += len(signature.modes) > 1
     assert n_held > 0 or kind == ErrorKind.MAX

@@ -128,7 +128,7 @@ def test_more_harmonics_than_frames_tell_apart_are_refused(beat: MeshSequence) -
 
 
 def test_the_chosen_point_takes_fewest_numbers_of_all(beat: MeshSequence) -> None:
-    found = measure_tradeoff(beat, SignatureParameters(tolerance=0.8), with_times=False)
+    found = measure_tradeoff(beat, SignatureParameters(tolerance=0.8))
     front, chosen = found.front, found.chosen
     assert chosen.signature is not None
     fewest = min(
@@ -150,7 +150,7 @@ def test_the_chosen_point_takes_fewest_numbers_of_all(beat: MeshSequence) -> Non
 
 def test_a_largest_error_is_held_too(beat: MeshSequence) -> None:
     asked = SignatureParameters(tolerance=2.5, tolerance_of=ErrorKind.MAX)
-    found = measure_tradeoff(beat, asked, with_times=False)
+    found = measure_tradeoff(beat, asked)
     assert found.chosen.price.max_error <= 2.5
     alone = modal_signature(beat, asked)
     assert found.chosen.price.numbers <= price_of(alone).numbers
@@ -158,10 +158,10 @@ def test_a_largest_error_is_held_too(beat: MeshSequence) -> None:
 
 def test_beyond_the_front_a_tolerance_reaches_further(beat: MeshSequence) -> None:
     asked = SignatureParameters(tolerance=0.3)
-    found = measure_tradeoff(beat, asked, most_modes=7, with_times=False)
+    found = measure_tradeoff(beat, asked, most_modes=7)
     assert found.chosen.price.rms_error <= 0.3
     with pytest.raises(ToleranceError):
-        measure_tradeoff(beat, SignatureParameters(tolerance=0.0), most_modes=7, with_times=False)
+        measure_tradeoff(beat, SignatureParameters(tolerance=0.0), most_modes=7)
 
 
 def test_a_price_counts_what_is_kept(beat: MeshSequence) -> None:
@@ -210,7 +210,7 @@ def test_a_static_scene_can_be_drawn() -> None:
 
 def test_another_model_than_the_signatures_says_why(beat: MeshSequence) -> None:
     asked = SignatureParameters(tolerance=0.8)
-    chosen = measure_tradeoff(beat, asked, with_times=False).chosen
+    chosen = measure_tradeoff(beat, asked).chosen
     own = modal_signature(beat, asked)
     assert chosen.signature is not None
     assert chosen.price.numbers < price_of(own).numbers
@@ -222,12 +222,12 @@ def test_another_model_than_the_signatures_says_why(beat: MeshSequence) -> None:
     counts = {name: int(value) for name, value in ways.items() if value.isdigit()}
     again = modal_signature(beat, SignatureParameters(**{**ways, **counts}))  # type: ignore[arg-type]
     assert (again.amplitudes == chosen.signature.amplitudes).all()
-    assert note in as_plain(measure_tradeoff(beat, asked, with_times=False))["chosen"]["notes"]
+    assert note in as_plain(measure_tradeoff(beat, asked))["chosen"]["notes"]
 
 
 def test_the_same_model_says_nothing(beat: MeshSequence) -> None:
     asked = SignatureParameters(tolerance=0.8, topology="cup", harmonics=3)
-    found = measure_tradeoff(beat, asked, components=(asked.components,), with_times=False)
+    found = measure_tradeoff(beat, asked, components=(asked.components,))
     assert found.chosen.notes == ()
     assert found.chosen.signature is not None
     own = modal_signature(beat, asked)
