@@ -7,7 +7,6 @@ CELL_DATA is named and not read.
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Iterable, Mapping
 from functools import partial
 from math import prod
@@ -192,13 +191,11 @@ def numbers_in(text: bytes, kind: np.dtype[Any]) -> NDArray[Any]:
     """
     # NumPy reads one number in spaces alone.
     text = text.strip()
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)
-        try:
-            is_real = kind.kind == "f"
-            values: NDArray[Any] = np.fromstring(text, "f8" if is_real else "i8", sep=" ")
-        except (DeprecationWarning, ValueError):
-            raise malformed(f"Numbers of the VTK file read {text[:40]!r}.") from None
+    try:
+        is_real = kind.kind == "f"
+        values: NDArray[Any] = np.fromstring(text, "f8" if is_real else "i8", sep=" ")
+    except ValueError:
+        raise malformed(f"Numbers of the VTK file read {text[:40]!r}.") from None
     with np.errstate(over="ignore"):
         cast = values.astype(kind)
     if kind.kind != "f" and (cast != values).any():
