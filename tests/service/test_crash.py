@@ -27,6 +27,7 @@ from warm_start import start_warm
 from modalmotion.formats import read_npz
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import ResultStore, verify
+from modalmotion_service.work.forks import is_stopped
 
 
 @pytest.fixture
@@ -156,8 +157,12 @@ def test_stopped_workers_are_noticed_and_replaced(service: RunningService) -> No
     service.start()
     assert service.process is not None
     assert service.request("POST", "/v1/sequences", small(1)).status == 201
-    for pid in workers_of(service.process.pid):
+    stopped = workers_of(service.process.pid)
+    for pid in stopped:
         os.kill(pid, signal.SIGSTOP)
+    # The signal counts when the system has run each once more.
+    while not all(map(is_stopped, stopped)):
+        time.sleep(0.002)
     answer = service.request("GET", "/health/ready")
     assert (answer.status, answer.json["code"]) == (503, "no_worker")
     assert "replaced" in answer.json["remedy"]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ConnectivityError, ShapeError
+from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.checks import FloatArray
 
 TRACK: Final = "`modalmotion track`"
@@ -96,7 +97,9 @@ class Triangles:
     notes: tuple[str, ...]
 
 
-def triangulate(offsets: NDArray[np.int64], corners: NDArray[np.int64]) -> Triangles:
+def triangulate(
+    offsets: NDArray[np.int64], corners: NDArray[np.int64], limits: ReadLimits = NO_LIMITS
+) -> Triangles:
     """Split each polygon into a fan from its first corner; drop those of fewer than three.
 
     Parameters
@@ -104,11 +107,17 @@ def triangulate(offsets: NDArray[np.int64], corners: NDArray[np.int64]) -> Trian
     offsets : (polygons + 1,) int64
         Where each polygon begins in `corners`, and where the last one ends.
     corners : (corners,) int64
+    limits : ReadLimits, optional
 
     Returns
     -------
     Triangles
         In the order of the polygons: (c0, c1, c2), (c0, c2, c3), ...
+
+    Raises
+    ------
+    LimitError
+        If they are more faces than `limits` accept.
     """
     sizes = np.diff(offsets)
     notes = []
@@ -122,6 +131,8 @@ def triangulate(offsets: NDArray[np.int64], corners: NDArray[np.int64]) -> Trian
     if not n_fans and not n_dropped:
         return Triangles(corners.reshape(-1, 3), ())
     counts = np.maximum(sizes - 2, 0)
+    # A byte of a file may be a corner, and a hundred bytes here.
+    limits.require("faces", int(counts.sum()))
     first = np.repeat(offsets[:-1], counts)
     # Place of each triangle within its fan: 0, 1, ... for each polygon.
     place = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -131,10 +142,12 @@ def triangulate(offsets: NDArray[np.int64], corners: NDArray[np.int64]) -> Trian
     return Triangles(faces, tuple(notes))
 
 
-def triangulate_sizes(sizes: Integers, corners: Integers) -> Triangles:
+def triangulate_sizes(
+    sizes: Integers, corners: Integers, limits: ReadLimits = NO_LIMITS
+) -> Triangles:
     """Split polygons as `triangulate` does, by the number of corners of each."""
     ends = np.cumsum(np.asarray(sizes, dtype=np.int64))
-    return triangulate(np.concatenate([[0], ends]), np.asarray(corners, dtype=np.int64))
+    return triangulate(np.concatenate([[0], ends]), np.asarray(corners, dtype=np.int64), limits)
 
 
 @dataclass(frozen=True, eq=False)

@@ -137,7 +137,9 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     listed = next((name for name in _LISTS if name in faces), None)
     if listed is None and "face" in by_name and by_name["face"].n_rows:
         raise _malformed("The PLY file's faces have no vertex_indices.")
-    polygons = triangulate_sizes(*(((), ()) if listed is None else _whole(faces[listed])))
+    none = np.zeros(0, dtype=np.int64)
+    sizes, corners = (none, none) if listed is None else _whole(faces[listed])
+    polygons = triangulate_sizes(sizes, corners, limits)
     used = {*(("vertex", axis) for axis in "xyz"), ("face", listed)}
     every = [(e.name, p.name) for e in header.elements for p in e.properties]
     return Frame(
@@ -188,7 +190,7 @@ def _rows(body: memoryview, start: int, element: _Element, order: str | None) ->
             fields += [(f"{p.name} n", order + p.length), (p.name, order + p.kind, (size,))]
         else:
             fields.append((p.name, order + p.kind))
-        at = start + np.dtype(fields).itemsize
+        at += int((p.length or p.kind)[1]) + size * int(p.kind[1])
     dtype, table = np.dtype(fields), np.zeros(0, fields)
     if element.n_rows and start + dtype.itemsize * element.n_rows <= len(body):
         table = np.frombuffer(body, dtype, element.n_rows, start)

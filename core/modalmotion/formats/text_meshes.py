@@ -128,7 +128,7 @@ def read_obj(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
         limits.require("faces", len(sizes))
     if not positions:
         raise _malformed_obj("The OBJ file contains no vertex.")
-    polygons = triangulate_sizes(sizes, corners)
+    polygons = triangulate_sizes(sizes, corners, limits)
     return Frame(
         np.array(positions).reshape(-1, 3),
         polygons.faces,
@@ -219,7 +219,7 @@ def read_off(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
             f"The OFF file declares {n_vertices} vertices and {n_faces} polygons, but {more} "
             "lines follow."
         )
-    polygons = triangulate_sizes(sizes, corners)
+    polygons = triangulate_sizes(sizes, corners, limits)
     vertices = np.array(positions).reshape(-1, 3)
     return Frame(vertices, polygons.faces, notes=polygons.notes, statements=space_in(data[:1024]))
 

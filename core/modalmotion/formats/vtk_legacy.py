@@ -7,7 +7,6 @@ CELL_DATA is named and not read.
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Iterable, Mapping
 from functools import partial
 from math import prod
@@ -113,6 +112,7 @@ def read_vtk_legacy(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
         sizes,
         corners,
         types,
+        limits,
         ignored=sorted(ignored, key=lambda name: name.startswith("cell.")),
         counts=counts,
         statements=statements,
@@ -124,6 +124,7 @@ def surface_of(
     sizes: NDArray[np.int64],
     corners: NDArray[np.int64],
     types: NDArray[Any] | None,
+    limits: ReadLimits,
     *,
     ignored: Iterable[str],
     counts: Mapping[str, int],
@@ -138,6 +139,7 @@ def surface_of(
     corners : (corners,) int64
     types : (polygons,) int or None
         Of the cells of a grid: lines and vertices among them are left out.
+    limits : ReadLimits
     ignored : iterable of str
     counts : mapping of str to int
         Of "Verts", "Lines" and "Strips".
@@ -147,6 +149,8 @@ def surface_of(
     ------
     MalformedFileError
         If it has strips or cells of a volume, or sizes and corners do not fit.
+    LimitError
+        If its polygons are more triangles than `limits` accept.
     """
     skipped = [
         f"{word}" for word, name in (("vertices", "Verts"), ("lines", "Lines")) if counts.get(name)
@@ -167,7 +171,7 @@ def surface_of(
             )
         corners, sizes = corners[np.repeat(are_faces, sizes)], sizes[are_faces]
         skipped = [] if are_faces.all() else ["vertices or lines"]
-    polygons = triangulate_sizes(sizes, corners)
+    polygons = triangulate_sizes(sizes, corners, limits)
     return Frame(
         points if points.dtype == np.float32 else points.astype(np.float64),
         polygons.faces,
@@ -183,17 +187,33 @@ def numbers_in(text: bytes, kind: np.dtype[Any]) -> NDArray[Any]:
     Raises
     ------
     MalformedFileError
-        If a word is no number.
+        If a word is no number, or a whole number is beyond its type.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)
-        try:
-            is_real = kind.kind == "f"
-            values: NDArray[Any] = np.fromstring(text, "f8" if is_real else "i8", sep=" ")
-        except (DeprecationWarning, ValueError):
-            raise malformed(f"Numbers of the VTK file read {text[:40]!r}.") from None
+    # NumPy reads one number in spaces alone.
+    text = text.strip()
+    try:
+        is_real = kind.kind == "f"
+        values: NDArray[Any] = np.fromstring(text, "f8" if is_real else "i8", sep=" ")
+    except ValueError:
+        raise malformed(f"Numbers of the VTK file read {text[:40]!r}.") from None
     with np.errstate(over="ignore"):
-        return values.astype(kind)
+        cast = values.astype(kind)
+    if kind.kind != "f" and (cast != values).any():
+        raise malformed(f"A number of the VTK file is beyond its type, {kind}.")
+    return cast
+
+
+def whole(values: NDArray[Any]) -> NDArray[np.int64]:
+    """Give offsets or corners as int64.
+
+    Raises
+    ------
+    MalformedFileError
+        If the file declares them as fractions.
+    """
+    if values.dtype.kind == "f":
+        raise malformed(f"The VTK file's polygons are numbers of the type {values.dtype}.")
+    return values.astype(np.int64)
 
 
 class _Legacy:
@@ -242,10 +262,10 @@ class _Legacy:
         """Sizes of cells and their corners, as of version 5.1 or as lists before."""
         if (found := _OFFSETS.match(self.data, self.at)) is not None:
             self.at = found.end()
-            offsets = self.numbers(n, self.word()).astype(np.int64)
+            offsets = whole(self.numbers(n, self.word()))
             if self.word() != "connectivity":
                 raise malformed("The VTK file has no corners of its cells.")
-            corners = self.numbers(m, self.word()).astype(np.int64)
+            corners = whole(self.numbers(m, self.word()))
             if n and (offsets[0], offsets[-1]) != (0, m):
                 raise malformed("The VTK file's polygons do not add up to its list of corners.")
             return np.diff(offsets), corners

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import InputError
 from modalmotion.formats.frame import Frame, space_in
-from modalmotion.formats.vtk_legacy import malformed, numbers_in, surface_of
+from modalmotion.formats.vtk_legacy import malformed, numbers_in, surface_of, whole
 from modalmotion.formats.xml_trees import xml_tree
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.numeric.unpacking import filled, unpacked
@@ -28,6 +28,7 @@ _KINDS: Final = {
     f"{name}{8 * n}": f"{letter}{n}"
     for name, letter in (("Int", "i"), ("UInt", "u"), ("Float", "f"))
     for n in (1, 2, 4, 8)
+    if letter + str(n) != "f1"
 } | {"String": "u1"}
 _WORDS: Final = {"UInt32": "I", "UInt64": "Q"}
 _TYPES: Final = ("PolyData", "UnstructuredGrid")
@@ -82,8 +83,8 @@ class _File:
         self.root, self.data, self.limits = root, data, limits
         self.start = len(data) if found is None else found.end()
         self.is_raw = found is not None and b"base64" not in found[1]
-        # What arrays unpack to, together.
-        self.of_file, self.n_bytes = limits.of_file(len(data)), 0
+        # What arrays unpack to, together, and what of the file was read for them.
+        self.of_file, self.n_bytes, self.n_read = limits.of_file(len(data)), 0, 0
         self.order = {"LittleEndian": "<", "BigEndian": ">"}[root.get("byte_order", "LittleEndian")]
         self.word = _WORDS[root.get("header_type", "UInt32")]
         self.packing = root.get("compressor", "")
@@ -129,6 +130,7 @@ class _File:
             np.concatenate([sizes for sizes, _ in cells]),
             np.concatenate([corners for _, corners in cells]),
             np.concatenate(types) if types else None,
+            self.limits,
             ignored=data,
             counts=counts,
             statements=statements,
@@ -147,9 +149,9 @@ class _File:
     def _cells(self, cells: Element | None, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         if not n:
             return np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.int64)
-        ends = self._values(_named(cells, "offsets"), n).astype(np.int64)
+        ends = whole(self._values(_named(cells, "offsets"), n))
         offsets = np.concatenate([[0], ends])
-        corners = self._values(_named(cells, "connectivity"), int(ends[-1])).astype(np.int64)
+        corners = whole(self._values(_named(cells, "connectivity"), int(ends[-1])))
         return offsets, corners
 
     def _values(self, array: Element, n: int | None) -> NDArray[Any]:
@@ -184,6 +186,10 @@ class _File:
             if len(found) < n_bytes:
                 raise malformed(f"An array of the VTK file has {len(found)} bytes of {n_bytes}.")
             at += width
+            # Heads are read twice; many arrays at one place would take minutes.
+            self.n_read += width
+            if self.n_read > 2 * len(self.data):
+                raise malformed("The arrays of the VTK file are on one another.")
             return found
 
         start, size = at, struct.calcsize(self.word)
@@ -242,8 +248,8 @@ def _lz4(piece: bytes, most: int) -> bytearray:
         n = 4 + (token & 15 if token & 15 < 15 else longer(15))
         if not 0 < back <= len(plain) or len(plain) + n > most:
             raise malformed("A packed array of the VTK file is damaged.")
-        source = plain[-back:]
-        plain += (source * (n // back + 1))[:n]
+        source = plain[len(plain) - back : len(plain) - back + n]
+        plain += (source * (n // len(source) + 1))[:n]
     return plain
 
 

@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import MalformedFileError, ShapeError
+from modalmotion.errors import InputError, MalformedFileError, ShapeError
 from modalmotion.formats.detect import Format
 from modalmotion.formats.frame import Frame
 from modalmotion.formats.frames import FrameStack
@@ -59,13 +59,22 @@ def read_xdmf(data: bytes, beside: Callable[[str], bytes], parser: Parser) -> Re
     stack: FrameStack | None = None
     times = []
     for number, grid in enumerate(steps):
-        frame = _frame(grid, domain, numbers)
+        time = grid.find("Time")
+        try:
+            frame = _frame(grid, domain, numbers)
+            times += [] if time is None else [float(time.get("Value", "nan"))]
+        except InputError:
+            raise
+        except (TypeError, ValueError) as error:
+            raise _malformed(
+                f"Frame {number} of the XDMF file has numbers that cannot be read "
+                f"({str(error)[:60]}).",
+                frame=number,
+            ) from error
         if stack is None:
             stack = FrameStack(frame, Format.XDMF, len(steps), parser.limits)
         else:
             stack.add(number, frame, Format.XDMF)
-        if (time := grid.find("Time")) is not None:
-            times.append(float(time.get("Value", "nan")))
     assert stack is not None  # noqa: S101 (there is a grid)
     return stack.result(tuple(times) if len(times) == len(steps) else None)
 

@@ -235,10 +235,11 @@ def contents_of(name: str, source: bytes | Path, *, has_arrays: bool = True) -> 
                 arrays[key] = np.asarray(dataset[()])
             else:
                 arrays[key] = np.asarray(np.memmap(source, kind, "r", offset, shape))
+        for key in file.attrs:
+            # Before it is read: text of any length may be at one place, many times.
+            if (kind := file.attrs.get_id(key).dtype).kind not in "iuS":
+                raise ValueError(f"the attribute {key!r} contains {kind}")
         attributes = {key: np.asarray(value) for key, value in file.attrs.items()}
-    for key, value in attributes.items():
-        if value.dtype.kind not in "iuS":
-            raise ValueError(f"the attribute {key!r} contains {value.dtype}")
     return Contents(name, {key: _plain(value) for key, value in attributes.items()}, arrays)
 
 

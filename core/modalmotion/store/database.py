@@ -224,8 +224,9 @@ class Database:
         with self.write() as connection:
             for name, statement, rows in guests:
                 connection.execute(statement)
-                places = ", ".join("?" * len(rows[0])) if rows else ""
-                connection.executemany(f'INSERT INTO "{name}" VALUES ({places})', rows)  # noqa: S608
+                if rows:
+                    places = ", ".join("?" * len(rows[0]))
+                    connection.executemany(f'INSERT INTO "{name}" VALUES ({places})', rows)  # noqa: S608
 
     def close(self) -> None:
         """Close both connections; the write-ahead log is merged into the file."""

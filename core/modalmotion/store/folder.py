@@ -193,7 +193,9 @@ class Folder:
     def derived(self, sequence_id: str) -> list[Path]:
         """All files of results of a sequence, as they are there."""
         shards = (self.root / name / sequence_id[:2] for name in RESULT_FOLDERS)
-        return [path for shard in shards for path in shard.glob(f"{sequence_id}-*")]
+        # Not by glob, which passes over a folder that cannot be read.
+        paths = (path for shard in shards if shard.is_dir() for path in shard.iterdir())
+        return [path for path in paths if path.name.startswith(f"{sequence_id}-")]
 
     def short(self, path: Path) -> str:
         """Path within the store, which names no folder of the machine."""

@@ -371,9 +371,13 @@ _SETTLED_NS: Final = 2_000_000_000
 
 
 def _stamp(path: Path) -> list[tuple[int, ...]]:
-    """Give what changes with a file: size, time, and number on its disk; nothing of none."""
+    """Give what changes with a file: size, time, and number on its disk; nothing of none.
+
+    The time is that of the last change of any kind: a copy may bring its own time of writing with
+    it, and a file that takes the place of another may have the same number.
+    """
     try:
         found = path.stat()
     except FileNotFoundError:
         return []
-    return [(found.st_size, found.st_mtime_ns, found.st_ino)]
+    return [(found.st_size, found.st_ctime_ns, found.st_ino)]

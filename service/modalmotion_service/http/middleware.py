@@ -105,27 +105,32 @@ class Heads(Middleware):
 
     async def pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on, or refuse it."""
-
-        def guard(headers: MutableHeaders) -> None:
-            for name, value in _HEADERS.items():
-                headers.setdefault(name, value)
-            if scope.get("scheme") == "https":
-                headers.setdefault("Strict-Transport-Security", _HSTS)
-            if "accept-ranges" in headers:
-                headers["Accept-Ranges"] = "none"
-
-        guarded = with_headers(send, guard)
+        send = guarded(scope, send)
         if (error := _fault(scope)) is not None:
             answer = problem_of(error)
             # Where it ends is not certain: what follows may not be a request.
             answer.headers["Connection"] = "close"
-            await answer(scope, receive, guarded)
+            await answer(scope, receive, send)
             return
         if scope.get("client") is not None:
             host, port = scope["client"]
             scope["client"] = (plain_address(host), port)
         scope["headers"] = [one for one in scope["headers"] if one[0] != b"range"]
-        await self.app(scope, receive, guarded)
+        await self.app(scope, receive, send)
+
+
+def guarded(scope: Scope, send: Send) -> Send:
+    """Add the headers that every answer has."""
+
+    def guard(headers: MutableHeaders) -> None:
+        for name, value in _HEADERS.items():
+            headers.setdefault(name, value)
+        if scope.get("scheme") == "https":
+            headers.setdefault("Strict-Transport-Security", _HSTS)
+        if "accept-ranges" in headers:
+            headers["Accept-Ranges"] = "none"
+
+    return with_headers(send, guard)
 
 
 def plain_address(text: str) -> str:

@@ -25,7 +25,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from modalmotion.errors import needs_extra
 from modalmotion_service.access.scopes import principal_of
 from modalmotion_service.http.gate import CLIENT_GONE, route_of
-from modalmotion_service.http.middleware import Middleware
+from modalmotion_service.http.middleware import Middleware, guarded
 from modalmotion_service.http.observation import begin_stages, server_timing
 from modalmotion_service.http.problems import internal_answer
 from modalmotion_service.monitoring.metrics import Metrics
@@ -181,7 +181,7 @@ class Observation(Middleware):
             except Exception:
                 logger.exception("request failed", extra={"request_id": request_id})
                 if not status:
-                    await internal_answer()(scope, receive, observed)
+                    await internal_answer()(scope, receive, guarded(scope, observed))
             finally:
                 seconds, route = time.perf_counter() - start, route_of(scope)
                 self.metrics.count(method, route or "other", status, seconds, n_received, n_sent)

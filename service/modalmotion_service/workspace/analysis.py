@@ -7,6 +7,7 @@ import json
 from collections.abc import AsyncIterator, Awaitable, Callable, Hashable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
 
@@ -51,8 +52,7 @@ class SharedWork:
     """
 
     def __init__(self) -> None:
-        self._tasks: dict[Hashable, asyncio.Task[Any]] = {}
-        self._waiters: dict[Hashable, list[StageReport]] = {}
+        self._under_way: dict[Hashable, tuple[asyncio.Task[Any], list[StageReport]]] = {}
 
     async def join(
         self,
@@ -70,31 +70,35 @@ class SharedWork:
         report : callable
             Called with the share that is done, and with what is done now.
         """
-        task: asyncio.Task[T] | None = self._tasks.get(key)
+        if key not in self._under_way:
+            heard: list[StageReport] = []
 
-        def tell(share: float, text: str = "") -> None:
-            for waiter in self._waiters.get(key, ()):
-                waiter(share, text)
+            def tell(share: float, text: str = "") -> None:
+                for waiter in heard:
+                    waiter(share, text)
 
-        if task is None:
-            task = asyncio.ensure_future(make(tell))
-            self._tasks[key] = task
+            begun = asyncio.ensure_future(make(tell))
+            self._under_way[key] = begun, heard
             # From then on the result is in the store: the next request finds it there.
-            task.add_done_callback(lambda _: self._tasks.pop(key, None))
-        waiters = self._waiters.setdefault(key, [])
+            begun.add_done_callback(partial(self._forget, key))
+        task, waiters = self._under_way[key]
         waiters.append(report)
         try:
             # The shield lets one waiter go without taking the work from the others.
             return await asyncio.shield(task)
         except asyncio.CancelledError:
             if len(waiters) == 1 and not task.done():
+                # Whoever asks now begins anew.
+                self._forget(key, task)
                 task.cancel()
                 await asyncio.wait([task])
             raise
         finally:
             waiters.remove(report)
-            if not waiters and self._waiters.get(key) is waiters:
-                del self._waiters[key]
+
+    def _forget(self, key: Hashable, task: asyncio.Task[Any]) -> None:
+        if key in self._under_way and self._under_way[key][0] is task:
+            del self._under_way[key]
 
 
 P = ParamSpec("P")

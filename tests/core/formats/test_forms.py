@@ -309,6 +309,10 @@ def test_displacements_of_xdmf_are_added(tmp_path: Path) -> None:
     assert "displacement" in " ".join(reading.notes)
 
 
+INLINE: Final = (
+    '<Xdmf><Grid><Time Value="{1}"/><Geometry><DataItem>{0}</DataItem></Geometry>'
+    '<Topology TopologyType="Triangle"><DataItem>{2}</DataItem></Topology></Grid></Xdmf>'
+)
 OUTSIDE: Final = (
     '<Xdmf><Grid><Topology TopologyType="Triangle"/><Geometry>'
     '<DataItem Format="HDF">../b.h5:/x</DataItem></Geometry></Grid></Xdmf>'
@@ -324,6 +328,10 @@ OUTSIDE: Final = (
         "<Xdmf>" * 30,
         '<Xdmf><Grid><Topology TopologyType="Hexahedron"/><Geometry/></Grid></Xdmf>',
         OUTSIDE,
+        INLINE.format("0 0 0 1 0 0 0 1", "0", "0 1 2"),
+        INLINE.format("0 0 0 1 0 0 0 1 x", "0", "0 1 2"),
+        INLINE.format("0 0 0 1 0 0 0 1 0", "early", "0 1 2"),
+        INLINE.format("0 0 0 1 0 0 0 1 0", "0", "0 1"),
     ],
 )
 def test_xdmf_that_is_none_is_refused(text: str, tmp_path: Path) -> None:

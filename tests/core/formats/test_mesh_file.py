@@ -19,6 +19,8 @@ from format_samples import (
     ply_text,
     stl_binary,
     stl_text,
+    vtk_text,
+    vtp_text,
 )
 from hypothesis import given
 from hypothesis import strategies as st
@@ -28,6 +30,8 @@ from modalmotion.formats.frame import Frame, triangulate_sizes
 from modalmotion.formats.ply import read_ply, write_ply
 from modalmotion.formats.stl import read_stl
 from modalmotion.formats.text_meshes import read_obj, read_off
+from modalmotion.formats.vtk_legacy import read_vtk_legacy
+from modalmotion.formats.vtk_xml import read_vtk_xml
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh.checks import FloatArray
 
@@ -103,6 +107,26 @@ def test_fans_are_those_of_a_loop(sizes: list[int]) -> None:
     faces = triangulate_sizes(sizes, corners).faces
     assert faces.shape == (len(expected), 3)
     assert np.array_equal(faces, np.array(expected).reshape(-1, 3))
+
+
+@pytest.mark.parametrize(
+    ("write", "read"),
+    [
+        (ply_binary, read_ply),
+        (ply_text, read_ply),
+        (obj, read_obj),
+        (off, read_off),
+        (vtk_text, read_vtk_legacy),
+        (vtp_text, read_vtk_xml),
+    ],
+)
+def test_triangles_of_polygons_are_limited(
+    write: Callable[..., bytes], read: Callable[..., Frame]
+) -> None:
+    data = write(VERTICES[0], [[*range(12)]])
+    assert len(read(data, ReadLimits(faces=10)).faces) == 10
+    with pytest.raises(LimitError):
+        read(data, ReadLimits(faces=9))
 
 
 def test_seams_of_textures_and_normals_move_no_vertex() -> None:

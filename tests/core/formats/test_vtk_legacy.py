@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
 import zipfile
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -24,6 +27,7 @@ from format_samples import (
 
 from modalmotion.errors import InputError, LimitError, MalformedFileError
 from modalmotion.formats import ParserProcess, ReadLimits, ReadOptions, read_sequence
+from modalmotion.formats.vtk_legacy import numbers_in
 from modalmotion.mesh.checks import FloatArray
 
 MIXED = [*FACES.tolist(), [0, 1, 2, 3]]
@@ -212,6 +216,12 @@ def test_a_size_is_read_however_it_is_written(
         b"polygons 1 4 2 0 1 2\n",
         b"polygons 2 3 offsets int 1 3 connectivity int 0 1 2\n",
         b"polygons 2 3 offsets int 0 3 connectivity int 0 1\n",
+        b"polygons 2 3 offsets int 0 3 connectivity float 0 1.5 2\n",
+        b"polygons 2 3 offsets double 0 3.5 connectivity int 0 1 2\n",
+        b"polygons 1 4 3 0 1 4294967298\n",
+        b"polygons 1 4 3 0 1 99999999999999999999\n",
+        b"polygons 2 3 offsets int 0 3 connectivity unsigned_char 0 1 258\n",
+        b"field a 1 b 1 1 double\n \n",
         b"lines 1 3 9 0 1\n",
     ],
 )
@@ -219,6 +229,30 @@ def test_sections_that_do_not_add_up_are_refused(section: bytes, parser: ParserP
     with pytest.raises(InputError) as caught:
         read_sequence(vtk_text(VERTICES[0]) + section, parser=parser)
     assert caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    "section",
+    [b"lines 0 0\n", b"vertices 1 0\noffsets int\n0\nconnectivity int\n", b"field a 0\n \n"],
+)
+def test_what_is_empty_is_read(section: bytes, parser: ParserProcess) -> None:
+    read = read_sequence(vtk_text(VERTICES[0]) + section, parser=parser)
+    assert np.array_equal(read.sequence.faces, FACES)
+
+
+def test_files_read_in_threads_leave_the_warnings_of_the_process_alone() -> None:
+    def read(_: int) -> None:
+        for _ in range(2000):
+            numbers_in(b"1 2", np.dtype(np.float64))
+
+    before, interval = [*warnings.filters], sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(8) as pool:
+            list(pool.map(read, range(8)))
+    finally:
+        sys.setswitchinterval(interval)
+    assert warnings.filters == before
 
 
 @pytest.mark.parametrize("is_binary", [True, False])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 import struct
 from collections.abc import Callable
 
@@ -50,6 +51,9 @@ def test_other_sizes_are_refused(text: bytes, size: bytes) -> None:
         lambda data: data.replace(b'"12"', b'"\xd9\xa3"'),
         lambda data: data.replace(b"Points>", b"Dots>"),
         lambda data: data.replace(b'"offsets"', b'"ends"'),
+        lambda data: data.replace(b"Float32", b"Float8"),
+        lambda data: re.sub(b'"U?Int[0-9]+"', b'"Float64"', data),
+        lambda data: re.sub(b'(connectivity"[^>]*>)\\s*0 ', rb"\g<1>18446744073709551616 ", data),
         lambda data: data[:600],
     ],
 )
@@ -121,6 +125,17 @@ def test_each_limit_is_named(edit: bytes, limit: str) -> None:
         read_vtk_xml(PLAIN.replace(b"<PolyData", edit, 1), DEFAULT_LIMITS)
     assert caught.value.limit == limit
     assert caught.value.remedy
+
+
+def test_arrays_at_one_place_are_refused() -> None:
+    # In a thousand arrays the same megabyte would be read a thousand times.
+    one = '<DataArray type="UInt8" Name="TimeValue" format="appended" offset="0"/>' * 20
+    content = struct.pack("<Q", 1_000_000) + bytes(1_000_000)
+    behind = b'<AppendedData encoding="raw">\n_' + content + b"</AppendedData></VTKFile>"
+    field = f"<PolyData><FieldData>{one}</FieldData>".encode()
+    data = PLAIN.replace(b"</VTKFile>", behind).replace(b"<PolyData>", field)
+    with pytest.raises(MalformedFileError, match="on one another"):
+        read_vtk_xml(data)
 
 
 @pytest.mark.parametrize("corner", [b"12", b"-1"])

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import os
+import struct
+import tracemalloc
 from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
@@ -18,7 +21,7 @@ from store_samples import assert_same, sample_classification, sample_sequence, s
 
 from modalmotion.classification.answer import Classification
 from modalmotion.errors import StoreError
-from modalmotion.hdf5.image import INTENDED_USE
+from modalmotion.hdf5.image import INTENDED_USE, contents_of
 from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence, mesh_sequence
 from modalmotion.mesh.spring_modes import SpringModes
@@ -245,3 +248,23 @@ def test_a_text_that_no_attribute_can_hold_is_refused_before_it_is_written() -> 
     for model in ("a\x00b", "a\nb", "\ud800", "x" * 20_000):
         with pytest.raises(StoreError, match="model"):
             classification_to_hdf5(replace(sample_classification("1" * 64), model=model))
+
+
+def test_attributes_that_unfold_are_refused_before_they_are_read() -> None:
+    # A thousand texts of a megabyte each, all at one place: two gigabytes in one megabyte.
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        texts = ["a" * 1_000_000] + ["b"] * 999
+        file.attrs.create("schema", texts, dtype=h5py.string_dtype())
+    data, long, short = bytearray(buffer.getvalue()), *(struct.pack("<I", n) for n in (10**6, 1))
+    at = data.find(long)
+    while data[at + 16 : at + 20] != short:
+        at = data.index(long, at + 1)
+    data[at : at + 16_000] = bytes(data[at : at + 16]) * 1000
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match="schema"):
+            contents_of("a file", bytes(data))
+        assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    finally:
+        tracemalloc.stop()

@@ -100,6 +100,9 @@ def test_guests_are_read_and_put_into_another_index_with_every_value(tmp_path: P
     assert (guest[0], guest[2]) == ("visits", rows)
     there.receive([guest])
     assert there.guests() == [guest]
+    there.extend([STATEMENT.replace("visits", "empty")])
+    here.receive([guest for guest in there.guests() if guest[0] == "empty"])
+    assert [name for name, _, _ in here.guests()] == ["visits", "empty"]
     for database in (here, there):
         assert database.faults() == []
         database.close()

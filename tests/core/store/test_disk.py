@@ -21,6 +21,7 @@ from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.store import ResultStore, verify, write_atomic
 from modalmotion.store.disk import is_of_the_machine
+from modalmotion.store.folder import Folder
 
 
 class BrokenDisk:
@@ -314,3 +315,20 @@ def test_what_may_succeed_at_another_time_is_no_fault_of_the_work() -> None:
         assert is_of_the_machine(OSError(number, "text"))
     for error in (FileNotFoundError(errno.ENOENT, "text"), OSError("text"), ValueError("text")):
         assert not is_of_the_machine(error)
+
+
+def test_a_folder_of_results_that_cannot_be_read_is_no_empty_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = Folder(tmp_path)
+    shard = tmp_path / "signatures" / "ab"
+    shard.mkdir(parents=True)
+
+    def refuse(path: object = ".") -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    # Root may read all, so that rights alone would not show it.
+    for name in ("scandir", "listdir"):
+        monkeypatch.setattr(os, name, refuse)
+    with pytest.raises(PermissionError):
+        folder.derived("ab" * 32)

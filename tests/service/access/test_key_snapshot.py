@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sqlite3
+import time
 from pathlib import Path
 from typing import Any
 
@@ -61,8 +62,7 @@ def test_a_file_that_rests_is_read_once_and_again_when_it_changes(
 ) -> None:
     token, _ = kept(tmp_path)
     path = tmp_path / "access" / "keys.sqlite"
-    os.utime(path, (1e9, 1e9))
-    keys = KeySnapshot(tmp_path)
+    later = time.time_ns() + 10_000_000_000
     opened: list[str] = []
     connect = sqlite3.connect
 
@@ -71,6 +71,8 @@ def test_a_file_that_rests_is_read_once_and_again_when_it_changes(
         return connect(address, **options)
 
     with monkeypatch.context() as now:
+        now.setattr("modalmotion_service.access.keys.time.time_ns", lambda: later)
+        keys = KeySnapshot(tmp_path)
         now.setattr("modalmotion_service.access.keys.sqlite3.connect", counted)
         for _ in range(3):
             assert keys.authenticate(token).owner == "alice"
@@ -83,6 +85,28 @@ def test_a_file_that_rests_is_read_once_and_again_when_it_changes(
         ring.revoke(keys.authenticate(token).id)
         with pytest.raises(AuthenticationError, match="revoked"):
             keys.authenticate(token)
+
+
+def test_a_copy_that_brings_its_own_time_with_it_counts_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    token, _ = kept(tmp_path)
+    path = tmp_path / "access" / "keys.sqlite"
+    os.utime(path, (1e9, 1e9))
+    before, later = path.stat(), time.time_ns() + 10_000_000_000
+    with monkeypatch.context() as now:
+        now.setattr("modalmotion_service.access.keys.time.time_ns", lambda: later)
+        keys = KeySnapshot(tmp_path)
+        key = keys.authenticate(token)
+    with KeyRing(tmp_path) as ring:
+        ring.revoke(key.id)
+    os.utime(path, (1e9, 1e9))
+    after = path.stat()
+    assert (after.st_size, after.st_mtime_ns, after.st_ino) == (
+        *(before.st_size, before.st_mtime_ns, before.st_ino),
+    )
+    with pytest.raises(AuthenticationError, match="revoked"):
+        keys.authenticate(token)
 
 
 def test_without_a_folder_no_key_is_known() -> None:

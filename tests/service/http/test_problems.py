@@ -227,6 +227,10 @@ def test_an_unexpected_failure_tells_nothing_of_the_inside(
     answer = client.post(f"{here}/signatures", json={"modes": 9})
     assert (answer.status_code, answer.json()["code"]) == (500, "internal_error")
     assert "secret" not in answer.text
+    # The headers of every other answer, too.
+    own = {"location", "etag", "ratelimit"}
+    assert {*client.get("/v1/limits").headers} - own <= {*answer.headers}
+    assert answer.headers["cache-control"] == "no-store"
 
 
 def test_every_kind_of_our_errors_has_a_status() -> None:

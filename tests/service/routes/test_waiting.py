@@ -21,6 +21,7 @@ from modalmotion.formats import read_npz, write_npz
 from modalmotion.simulate import simulate_ventricle
 from modalmotion_service.app import create_app
 from modalmotion_service.settings import Settings
+from modalmotion_service.workspace.analysis import SharedWork
 
 NOW = {"Prefer": "wait=0"}
 
@@ -298,3 +299,31 @@ def test_the_client_waits_for_jobs(tmp_path: Path, beat: bytes) -> None:
         assert client.decode(stream.data).n_frames == signature.n_frames
         info = client.make_template(beat)
         assert client.template(info.id) == info
+
+
+def test_who_asks_for_work_that_is_being_given_up_has_it_done_anew() -> None:
+    async def ask() -> str:
+        work, begun = SharedWork(), asyncio.Event()
+
+        async def slow(_: object) -> str:
+            begun.set()
+            try:
+                await asyncio.sleep(600)
+            finally:
+                # Files are removed before it has ended.
+                await asyncio.sleep(0.01)
+            return "first"
+
+        async def quick(_: object) -> str:
+            return "second"
+
+        first = asyncio.create_task(work.join("key", slow))
+        await begun.wait()
+        first.cancel()
+        await asyncio.sleep(0)
+        found = await work.join("key", quick)
+        with pytest.raises(asyncio.CancelledError):
+            await first
+        return found
+
+    assert asyncio.run(ask()) == "second"
