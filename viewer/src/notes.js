@@ -11,7 +11,7 @@ export const plain = (note) =>
     .replace(/ ?\(--[^)]*\)/g, "")
     .replace(/[;,] state [^.;]*--[^.;]*/g, "")
     .replace(/ by --[a-z-]+( [A-Z]+)?/g, "")
-    .replace(/State the fact tracking=material where they do/, "State that they do, where it is so")
+    .replace(/(the fact )?tracking=material/, "this")
     .replace(/the landmark '?(\w+)'?/g, (_, name) => `the landmark ${name.replace("_", " ")}`);
 
 // A note, with a button that leads to the field that it asks for.

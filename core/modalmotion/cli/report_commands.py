@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,7 +83,8 @@ def _reported(
     if norm is not None:
         with waiting.watch.stage("controls"):
             deviation = norm.deviation(sequence)
-    return report_of(signature, sequence, issued=time, classification=answer, deviation=deviation)
+    found = report_of(signature, sequence, issued=time, classification=answer, deviation=deviation)
+    return replace(found, name=source.name)
 
 
 @command("report map.nii.gz -o folder")

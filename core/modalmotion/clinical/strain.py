@@ -46,6 +46,11 @@ DEFINITIONS: Final = {
 }
 """Quantity of which each global strain is the relative change since end diastole."""
 
+DYSSYNCHRONY: Final = (
+    "standard deviation of the times at which the volumes of 16 segments are least"
+)
+"""Definition of the dyssynchrony index, percent of the cycle."""
+
 _LEVEL_NAMES: Final = tuple(f"GCS {level}" for level in LEVELS)
 NAMES: Final = (*DEFINITIONS, *_LEVEL_NAMES)
 """Of the curves of a `Strain`."""

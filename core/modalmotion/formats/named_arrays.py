@@ -24,6 +24,7 @@ _NAMES: Final = {
 }
 _NEEDED: Final = ("vertices", "faces")
 _DIRECTIONS: Final = 3
+_MOST_WHOLE: Final = 2.0**53
 # Of one number in memory, at most.
 _BYTES: Final = 8
 
@@ -111,6 +112,9 @@ def _parsed(
     *,
     is_matlab: bool,
 ) -> Parsed:
+    for name, array in own.items():
+        if array.dtype.kind not in "biuf":
+            raise _malformed(f"The {name} are {array.dtype.str[:20]}, not real numbers.")
     vertices = positions_in(own["vertices"], is_matlab=is_matlab)
     faces, notes = faces_in(own["faces"], vertices.shape[1])
     limits.require("frames", len(vertices))
@@ -167,7 +171,9 @@ def faces_in(array: NDArray[Any], n_vertices: int) -> tuple[NDArray[np.int64], t
         If they are not whole numbers in threes.
     """
     whole = np.asarray(array)
-    if whole.ndim != 2 or _DIRECTIONS not in whole.shape or (whole != np.rint(whole)).any():
+    fits = whole.ndim == 2 and _DIRECTIONS in whole.shape
+    # Beyond them, as of infinity, there are no whole numbers.
+    if not fits or not ((np.abs(whole) < _MOST_WHOLE) & (whole == np.rint(whole))).all():
         raise ShapeError(
             f"The faces have the shape {whole.shape} of {whole.dtype}.",
             remedy="Give triangles as (faces, 3) whole numbers.",

@@ -28,6 +28,7 @@ from modalmotion.signature.making import ModalSignature
 from modalmotion.template import Template
 
 _OF_COMMANDS: Final = re.compile(r" \(--[^)]*\)|[;,] state [^.;]*--[^.;]*| by --[a-z-]+")
+_OF_FACTS: Final = re.compile(r"(the fact )?tracking=material")
 
 
 @shown("sequence_id", "readouts", "classification", "deviation")
@@ -78,7 +79,7 @@ class Report:
         for result in (self.deviation, self.signature, self.readouts, self.classification):
             notes += () if result is None else result.notes
         # Readers of a report have no command line.
-        plain = [_OF_COMMANDS.sub("", note) for note in (*notes, *self.absent)]
+        plain = [_OF_FACTS.sub("this", _OF_COMMANDS.sub("", n)) for n in (*notes, *self.absent)]
         return tuple(dict.fromkeys(plain))
 
     @property

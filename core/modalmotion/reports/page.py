@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from modalmotion.clinical import Fraction
-from modalmotion.clinical.strain import DEFINITIONS
+from modalmotion.clinical.strain import DEFINITIONS, DYSSYNCHRONY
 from modalmotion.mesh import face_normals, oriented_faces
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.pictures.readouts import (
@@ -92,6 +92,9 @@ def report_figure(report: Report) -> Figure:
         scale = draw_bulls_eye(axes, report.ventricle.regions, frames[-1][0], fontsize=6.5)
         title = "inward motion at end systole, % of the radius"
         axes.set_title(title, fontsize=9, color=_INK)
+        if not report.ventricle.regions.has_segments:
+            words = "rings from the base to the apex;\nwhere the anterior wall is, is not stated"
+            figure.text(0.805, 0.675, words, fontsize=7.5, color=_SOFT, ha="center")
         bar = figure.colorbar(scale, cax=figure.add_axes((0.95, 0.73, 0.008, 0.14)))
         bar.ax.tick_params(labelsize=6.5)
     readouts = report.readouts
@@ -219,12 +222,15 @@ def _sections(report: Report) -> list[tuple[str, list[str], str]]:
         )
     if strain is not None:
         measured += [
-            f"{name}: relative change of the {what}." for name, what in DEFINITIONS.items()
+            f"{OWN[name.lower()]} ({name}): relative change of the {what}."
+            for name, what in DEFINITIONS.items()
         ]
+        if strain.dyssynchrony is not None:
+            measured.append(f"{OWN['sdi']}: {DYSSYNCHRONY}.")
         measured.append(
             f"From frame {strain.end_diastole} (end diastole, largest volume) to frame "
             f"{strain.end_systole} (end systole, smallest volume), from {strain.source}, "
-            f"{strain.layer}; with 95 % intervals."
+            f"{strain.layer}; with 95\N{NO-BREAK SPACE}% intervals."
         )
     compared = [] if deviation is None else list(deviation.findings)
     return [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
@@ -69,8 +70,9 @@ def report(
     InputError
         If the recording cannot be read, tracked or fitted.
     """
-    data = None
+    data, name = None, ""
     if isinstance(recording, Path):
+        name = recording.name
         recording = track(recording) if holds_images(recording) else read(recording)
     if isinstance(recording, Track):
         data, recording = recording.data, recording.sequence
@@ -85,6 +87,7 @@ def report(
         classification=answer,
         deviation=None if norm is None else norm.deviation(recording),
     )
+    found = replace(found, name=name)
     view = View(found.signature, found.sequence, classification=answer, data=data)
     write_report(found, path, view)
     return found

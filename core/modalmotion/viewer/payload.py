@@ -17,7 +17,7 @@ from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.rates import Rates
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.segments import RegionalMotion
-from modalmotion.clinical.strain import DEFINITIONS, Strain
+from modalmotion.clinical.strain import DEFINITIONS, DYSSYNCHRONY, Strain
 from modalmotion.clinical.ventricle import ventricle_readouts
 from modalmotion.clinical.volume_curve import TWO_DEVIATIONS, Fraction
 from modalmotion.errors import InputError, LimitError
@@ -312,8 +312,7 @@ def _strain_words(
         for place, (name, words) in enumerate(DEFINITIONS.items())
     ]
     if strain.dyssynchrony is not None:
-        words = "standard deviation of the times at which the volumes of 16 segments are least"
-        index = {"name": "SDI", "definition": words, "unit": "% of the cycle"}
+        index = {"name": "SDI", "definition": DYSSYNCHRONY, "unit": "% of the cycle"}
         figures.append({**index, **strain.dyssynchrony._asdict()})
     return {
         "figures": figures,

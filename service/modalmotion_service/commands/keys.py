@@ -35,11 +35,11 @@ def _moment(text: str) -> datetime:
         if days := _DAYS.fullmatch(text):
             return datetime.now(UTC) + timedelta(days=int(days[1]))
         time = datetime.fromisoformat(text)
-    except ValueError:
+        return time.astimezone(UTC) if time.tzinfo else time.replace(tzinfo=UTC)
+    except (ValueError, OverflowError):
         raise click.BadParameter(
             f"{text!r} is neither days such as 90d nor an ISO 8601 time"
         ) from None
-    return time if time.tzinfo else time.replace(tzinfo=UTC)
 
 
 @click.group()

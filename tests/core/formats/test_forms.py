@@ -19,7 +19,15 @@ from project import ROOT
 
 import modalmotion as mm
 from modalmotion.cli import main
-from modalmotion.formats import ReadOptions, write_npz, write_ply_zip, write_raw, write_vtkhdf
+from modalmotion.formats import (
+    DEFAULT_LIMITS,
+    ParserHere,
+    ReadOptions,
+    write_npz,
+    write_ply_zip,
+    write_raw,
+    write_vtkhdf,
+)
 from modalmotion.formats.gltf import write_glb
 from modalmotion.formats.gltf.animation import frame_animation
 from modalmotion.formats.ply import write_ply
@@ -307,6 +315,34 @@ def test_displacements_of_xdmf_are_added(tmp_path: Path) -> None:
     reading = mm.read_sequence(tmp_path)
     assert np.abs(reading.sequence.vertices - X).max() < 1e-6
     assert "displacement" in " ".join(reading.notes)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("F", "abc"),
+        ("F", np.full((12, 3), 1.0, dtype=object)),
+        ("F", FACES + 1j),
+        ("F", np.full((12, 3), np.inf)),
+        ("F", np.full((12, 3), np.nan)),
+        ("F", np.full((12, 3), 1e30)),
+        ("V", "abc"),
+        ("V", {"a": 1}),
+        ("V", X.transpose(1, 2, 0) + 1j),
+        ("times", "abc"),
+        ("times", np.full(3, 1.0, dtype=object)),
+    ],
+)
+def test_what_is_no_number_in_a_matlab_file_is_refused(
+    name: str, value: object, tmp_path: Path
+) -> None:
+    savemat = pytest.importorskip("scipy.io").savemat
+    arrays = {"V": X.transpose(1, 2, 0), "F": FACES + 1.0} | {name: value}
+    savemat(tmp_path / "beat.mat", arrays)
+    with pytest.raises(mm.InputError) as caught:
+        # In a process of its own any error would become one of ours.
+        mm.read_sequence(tmp_path / "beat.mat", parser=ParserHere(DEFAULT_LIMITS))
+    assert caught.value.remedy
 
 
 INLINE: Final = (

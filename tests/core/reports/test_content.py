@@ -43,3 +43,11 @@ def test_quantities_lie_in_their_intervals() -> None:
     ]
     assert all(one.low <= one.value <= one.high for one in found)
     assert {one.ucum for one in found} == {"%", "mL"}
+
+
+def test_caveats_have_no_words_of_interfaces() -> None:
+    sequence = BEAT.with_facts(mm.Facts(tracking="unknown"))
+    signature = mm.modal_signature(sequence, mm.SignatureParameters(modes=7))
+    caveats = report_of(signature, sequence, issued=datetime.now(UTC)).caveats
+    assert any(note.startswith("Torsion and shear need") for note in caveats)
+    assert not any("tracking=" in note or "--" in note for note in caveats)

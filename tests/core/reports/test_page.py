@@ -11,6 +11,7 @@ from norm_controls import beat
 
 import modalmotion as mm
 from modalmotion.classification import classify
+from modalmotion.clinical.strain import DYSSYNCHRONY
 from modalmotion.reports import quantities_of, report_figure, report_of, report_pdf
 from modalmotion.representation import with_interval
 
@@ -34,6 +35,12 @@ def test_the_page_says_what_the_report_says_and_stays_on_the_page() -> None:
         assert f"{value} {one.unit}" in texts
         assert ends in texts
     assert report.digest in texts
+    assert report.ventricle is not None
+    assert report.ventricle.strain is not None
+    assert (report.ventricle.strain.dyssynchrony is None) == (DYSSYNCHRONY not in texts)
+    assert "Global area strain (GAS): relative change" in texts
+    # No anterior wall is stated.
+    assert "rings from the base to the apex" in texts
     assert "Not a medical device" in texts
     assert "preliminary" in texts
     boxes = [text.get_window_extent() for text in said]

@@ -112,7 +112,13 @@ def test_the_commands_make_list_and_take_back_while_the_service_runs(tmp_path: P
 
 
 @pytest.mark.parametrize(
-    "words", [["--scopes", "all"], ["--scopes", "read", "--expires", "soon"], []]
+    "words",
+    [
+        ["--scopes", "all"],
+        ["--scopes", "read", "--expires", "soon"],
+        ["--scopes", "read", "--expires", "9999-12-31T23:59:59-14:00"],
+        [],
+    ],
 )
 def test_the_command_refuses_what_it_does_not_understand(tmp_path: Path, words: list[str]) -> None:
     arguments = ["keys", "create", "--owner", "lab", *words, "--data-dir", str(tmp_path)]

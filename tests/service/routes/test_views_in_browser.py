@@ -15,6 +15,7 @@ from running import RunningService
 
 from modalmotion.formats.volumes.nifti import write_nifti
 from modalmotion.images import ImageSequence
+from modalmotion.tracking.landmarks import read_landmark_file
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import Scope
 
@@ -125,7 +126,10 @@ def from_images(opened: Opened, folder: Path) -> None:
     saved.value.save_as(folder / "landmarks.json")
     written = json.loads((folder / "landmarks.json").read_text())
     assert (written["coordinates"], written["unit"]) == ("LPS", "mm")
+    # `--landmarks` takes the same file.
+    marks = read_landmark_file((folder / "landmarks.json").read_bytes()).for_points("LPS", "mm")
     for name, place in LANDMARKS.items():
+        assert np.abs(np.ravel(marks[name])[:3] - place).max() < 2.0, name
         # A voxel is 3 mm wide, and the slice's middle is clicked on.
         assert np.abs(np.array(written["landmarks"][name]) - place).max() < 2.0, name
     # By keyboard too: the apex is taken away, and placed again where the cross is.
