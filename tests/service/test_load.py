@@ -74,10 +74,13 @@ def bodies_in_memory(
         # Everything is imported and the small things are cached before it is measured.
         small = mm.simulate_ventricle(rng=np.random.default_rng(1))
         list(threads.map(lambda _: client.signature_of(small), range(2 * N_WORKERS)))
-        idle = service.memory()
-        with peak_of(service) as seen:
-            list(threads.map(lambda k: call(client, k), range(2 * n_at_once)))
-    return (max(seen) - idle) / (n_at_once * size)
+        idle, peaks = service.memory(), []
+        # A busy machine lets other peaks coincide: the least of three counts.
+        for _ in range(3):
+            with peak_of(service) as seen:
+                list(threads.map(lambda k: call(client, k), range(2 * n_at_once)))
+            peaks.append(max(seen) - idle)
+    return min(peaks) / (n_at_once * size)
 
 
 @pytest.mark.every(3)

@@ -14,7 +14,7 @@ from typing import Final
 
 import click
 
-from modalmotion.errors import ModalMotionError
+from modalmotion.errors import ModalMotionError, needs_extra
 
 _OF_MODULES: Final = {
     "clinical_commands": "norm readouts score",
@@ -52,7 +52,8 @@ class _Commands(click.Group):
             module = import_module(f".{COMMANDS[cmd_name]}", __package__)
             return _command(getattr(module, cmd_name.replace("-", "_")))
         for entry in _registered().select(name=cmd_name):
-            return _command(entry.load())
+            with needs_extra("service"):
+                return _command(entry.load())
         return super().get_command(ctx, cmd_name)
 
     def resolve_command(

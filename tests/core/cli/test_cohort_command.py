@@ -117,7 +117,7 @@ def test_rows_may_lie_elsewhere(tmp_path: Path) -> None:
 
 
 def test_a_table_that_names_nothing_is_refused(tmp_path: Path) -> None:
-    for text, said in (("path\n", "names no recording"), ("file\na.npz\n", "no column 'path'")):
+    for text, said in (("path\n", "names no recording"), ("picture\na.npz\n", "no column 'path'")):
         (tmp_path / "m.csv").write_text(text)
         assert said in run(tmp_path / "m.csv", "-o", tmp_path / "out", code=1)
 

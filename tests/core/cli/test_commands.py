@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 from template_surfaces import MAKERS, cut_in_two
 
-from modalmotion.cli import main
+from modalmotion.cli import commands, main
 from modalmotion.formats import read_npz
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import signature_from_hdf5
@@ -171,3 +172,13 @@ def test_the_shell_completes_commands_options_and_files(
     with pytest.raises(SystemExit):
         main(prog_name="modalmotion")
     assert expected in capsys.readouterr().out.splitlines()
+
+
+def test_a_command_without_its_packages_names_what_is_missing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    absent = EntryPoint("gone", "absent_package.commands:gone", "modalmotion.commands")
+    monkeypatch.setattr(commands, "_registered", lambda: EntryPoints([absent]))
+    result = CliRunner().invoke(main, ["gone", "--help"])
+    assert result.exit_code == 1
+    assert "needs the package absent_package" in result.output

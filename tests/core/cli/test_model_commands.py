@@ -223,7 +223,7 @@ def test_mistakes_are_told_in_one_line_and_name_what_is_wrong(folder: Path, tmp_
     wide.write_text("path,label\na.npz,weak\n", "utf-16")
     bare.write_text("path,label\na.npz,weak\n", "utf-16-le")
     mistakes: list[tuple[tuple[object, ...], list[str]]] = [
-        (train("file,class", *good), ["no column 'path'"]),
+        (train("picture,class", *good), ["no column 'path'"]),
         (train(), ["no column 'path'"]),
         (train(head, *good, "normal/9.npz,normal"), ["Line 8", "normal/9.npz"]),
         (train(head, *good, "normal/4.npz,"), ["Line 8", "no label"]),
