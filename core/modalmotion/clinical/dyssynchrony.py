@@ -110,7 +110,7 @@ def dyssynchrony(
     share of its power that is not noise (Wiener): that of the parts which follow the whole volume,
     and that of the rest. What noise remains increases the spread, most where curves are flat: the
     spread that it gives segments that all follow the whole volume is subtracted from the square.
-    The interval includes the noise, what was subtracted for it, the difference from straight lines
+    The interval includes the noise, what both take off, the difference from straight lines
     between the frames, and the spacing of the frames.
     """
     phases = phases - phases[0]
@@ -143,10 +143,11 @@ def dyssynchrony(
     by_noise = np.array([spread(alike + draw) for draw in draws])
     own = spread(volumes)
     without = np.sqrt(max(own**2 - (by_noise**2).mean(), 0.0))
-    by_lines = _apart(lines @ volumes) - _apart(splines @ volumes)
+    whole = _apart(splines @ volumes)
+    by_lines = _apart(lines @ volumes) - whole
     # Of the deviation of n times that are each uniform between two frames.
     by_frames = gaps.mean() / np.sqrt(12.0 * 2.0 * (volumes.shape[1] - 1))
-    squares = by_noise.var() + (own - without) ** 2 + by_lines**2 + by_frames**2
+    squares = by_noise.var() + (whole - without) ** 2 + by_lines**2 + by_frames**2
     reach, value = TWO_DEVIATIONS * np.sqrt(squares), own if is_smooth else without
     value, low, high = 100.0 * np.maximum([value, value - reach, value + reach], 0.0)
     return float(value), float(low), float(high)

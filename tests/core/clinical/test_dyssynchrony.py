@@ -43,6 +43,16 @@ def test_noise_does_not_count_as_dyssynchrony() -> None:
     assert ((low <= true) & (true <= high)).mean() > 0.8
 
 
+def test_the_interval_includes_what_is_taken_off_as_noise() -> None:
+    rng = np.random.default_rng(2)
+    noisy = volumes(np.full(16, 0.4)) + rng.normal(size=(30, 16))
+    found = dyssynchrony(noisy, PHASES, np.ones((30, 16)))
+    plain = dyssynchrony(noisy, PHASES, np.zeros((30, 16)))
+    assert found is not None
+    assert plain is not None
+    assert found[0] < plain[0] <= found[2]
+
+
 def test_volumes_of_segments_are_off_by_what_is_stated() -> None:
     beat = mm.simulate_ventricle(
         grid=(16, 32), acquisition=mm.Acquisition(n_frames=1), rng=np.random.default_rng(5)
