@@ -81,7 +81,6 @@ def _recorded(
     t = np.arange(n) / n
     rest = frames[0]
     for k in (1, 2):
-        # Linear fields in space: stretching and shearing a little.
         field = rest @ rng.normal(0.0, wander / k, (3, 3))
         frames = frames + np.cos(2 * np.pi * (k * t + rng.uniform()))[:, None, None] * field
     frames = frames + noise * rng.standard_normal(frames.shape)

@@ -1,7 +1,4 @@
-"""Real recordings beside the project, by their names; what is skipped without them is told.
-
-What the tests are made of is found from here on too.
-"""
+"""Real recordings beside the project, by name; and the folders of what the tests are made of."""
 
 from __future__ import annotations
 

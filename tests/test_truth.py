@@ -107,6 +107,13 @@ def test_all_within_a_range_is_alike_and_beyond_it_the_distance_counts(
         assert Line(row, Kept(value, far / 3), other).verdict == "better"
 
 
+def test_a_time_may_be_a_quarter_longer_as_on_a_busy_machine() -> None:
+    row, kept = Row("fit.x", "x"), Kept(1.0, 0.01)
+    assert Line(row, kept, 1.25, is_timed=True).verdict == "same"
+    assert Line(row, kept, 1.3, is_timed=True).verdict == "WORSE"
+    assert Line(row, kept, 1.25).verdict == "WORSE"
+
+
 def test_what_is_not_measured_or_no_number_fails_and_what_is_skipped_does_not() -> None:
     row = Row("fit.x", "x", goal=1)
     assert Line(row, Kept(0, 1), math.nan).verdict == "WORSE"

@@ -1,8 +1,8 @@
 """Cover of the 95 % intervals of ejection fraction, strain and dyssynchrony, by kind of recording.
 
-`python benchmarks/cover.py` draws 500 simulated ventricles, 100 for each kind, and prints how many
-intervals contain the truth, how far the figures are off, and how many intervals of strain are
-wider than 6 points.
+`PYTHONPATH=benchmarks python tools/cover.py` draws 500 simulated ventricles, 100 for each kind, and
+prints how many intervals contain the truth, how far the figures are off, and how many intervals of
+strain are wider than 6 points.
 """
 
 from __future__ import annotations
@@ -87,10 +87,12 @@ def stated(found: mm.MeshSequence | mm.Track) -> dict[str, tuple[float, float, f
     strain = mm.strain(found)
     sequence = found.sequence if isinstance(found, mm.Track) else found
     curve = mm.clinical_readouts(mm.modal_signature(sequence), sequence).curve
-    assert curve.share is not None
-    assert curve.share_range is not None
-    of_all = {"EF": (curve.share, *curve.share_range), **strain.end_systolic}
-    return of_all if strain.dyssynchrony is None else {**of_all, "SDI": strain.dyssynchrony}
+    of_all: dict[str, tuple[float, float, float]] = {**strain.end_systolic}
+    if curve.share is not None and curve.share_range is not None:
+        of_all["EF"] = (curve.share, *curve.share_range)
+    if strain.dyssynchrony is not None:
+        of_all["SDI"] = strain.dyssynchrony
+    return of_all
 
 
 def row(kind: str, seed: int, n: int) -> str:
