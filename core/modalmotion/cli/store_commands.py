@@ -47,7 +47,7 @@ def _rebuilt(stores: dict[str, Path]) -> dict[str, Any]:
         with counting("reading files") as progress:
             result = run(root, progress=progress)
         notes = [] if time is None else [_OF_A_BACKUP]
-        if result.guests_lost:
+        if result.service_tables_lost:
             notes.append("The index was damaged: jobs and idempotency keys are lost.")
         answer[name] = {"backup_time": time, **asdict(result), "notes": notes}
     return {"stores": answer}
