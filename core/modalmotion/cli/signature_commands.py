@@ -5,24 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
 from modalmotion.cli.files import Waiting, fitted, read, sequence_argument
 from modalmotion.cli.options import (
     PICTURES,
+    OnlyPlot,
+    OutputFile,
+    Plot,
+    Verbose,
     command,
     described,
     fit_options,
     mode_options,
-    options_of,
-    output_option,
-    picture_option,
-    plot_option,
     signature_parameters,
     surface_options,
-    verbose_option,
     write_picture,
 )
 from modalmotion.errors import TopologyError
@@ -44,7 +43,6 @@ from modalmotion.signature import (
     reconstruction,
 )
 from modalmotion.signature.making import ModalSignature, SignatureKind
-from modalmotion.signature.parameters import SignatureParameters
 from modalmotion.signature.tradeoff import as_plain
 from modalmotion.store import write_atomic
 from modalmotion.template.body_frame import Components
@@ -52,21 +50,27 @@ from modalmotion.template.body_frame import Components
 
 @command("signature beat.npz --modes 18 -o beat.h5 --plot beat.png")
 @sequence_argument
-@output_option(
-    "File to write: .h5, a table (.csv), .html, or a picture.",
-    *(".h5", ".csv", ".html", *PICTURES),
-    required=False,
-)
-@plot_option
-@verbose_option
 @fit_options
 def signature(
-    source: Path, output: Path | None, plot: Path | None, verbose: bool, **options: Any
+    source: Path,
+    output: Annotated[Path | None, OutputFile(".h5", ".csv", ".html", *PICTURES)] = None,
+    plot: Plot = None,
+    verbose: Verbose = False,
+    **options: Any,
 ) -> Any:
     """Fit the modal signature of the sequence in FILE.
 
     FILE is a file of any known format, a folder of frames, or a pattern of their
     names such as 'scan_*.ply'.
+
+    Parameters
+    ----------
+    output
+        File to write: .h5, a table (.csv), .html, or a picture.
+    plot
+        Picture to write (.png, .svg, .pdf).
+    verbose
+        Print times and sizes too.
     """
     with Waiting(source) as waiting:
         watch = waiting.watch
@@ -94,13 +98,22 @@ def _write(path: Path, sequence: MeshSequence, result: ModalSignature) -> None:
 
 @command("reconstruct beat.npz -o beat.glb --modes 7")
 @sequence_argument
-@output_option("File to write: .npz, .vtkhdf, .glb or .zip (of PLY).", *SUFFIXES)
-@click.option(
-    "--max-targets", type=int, help="For GLB: largest number of morph targets, by energy."
-)
 @fit_options
-def reconstruct(source: Path, output: Path, max_targets: int | None, **options: Any) -> Any:
-    """Write the surfaces superposed from a few modes of the sequence in FILE."""
+def reconstruct(
+    source: Path,
+    output: Annotated[Path, OutputFile(*SUFFIXES)],
+    max_targets: int | None = None,
+    **options: Any,
+) -> Any:
+    """Write the surfaces superposed from a few modes of the sequence in FILE.
+
+    Parameters
+    ----------
+    output
+        File to write: .npz, .vtkhdf, .glb or .zip (of PLY).
+    max_targets
+        For GLB: largest number of morph targets, by energy.
+    """
     kind = SUFFIXES[output.suffix.lower()]
     with Waiting(source) as waiting:
         sequence, result = fitted(source, waiting, options)
@@ -199,13 +212,24 @@ _SUFFIXES = {suffix: kind for suffix, kind in SUFFIXES.items() if kind != Surfac
 
 @command("resample beat.npz --phase 0.37 -o systole.npz")
 @sequence_argument
-@output_option("File to write: .npz, .vtkhdf or .zip (of PLY).", *_SUFFIXES)
-@click.option("--phase", "phases", type=float, multiple=True, help="Share of the cycle, 0 to 1.")
-@click.option("--frames", type=click.IntRange(2), help="Instead of phases: number of even steps.")
 def resample(
-    source: Path, output: Path, phases: tuple[float, ...], frames: int | None, **options: Any
+    source: Path,
+    output: Annotated[Path, OutputFile(*_SUFFIXES)],
+    phases: Annotated[tuple[float, ...], {"flag": "phase"}] = (),
+    frames: Annotated[int | None, click.IntRange(2)] = None,
+    **options: Any,
 ) -> Any:
-    """Write the surface in FILE at any phase of its cycle, with its deviation."""
+    """Write the surface in FILE at any phase of its cycle, with its deviation.
+
+    Parameters
+    ----------
+    output
+        File to write: .npz, .vtkhdf or .zip (of PLY).
+    phases
+        Share of the cycle, 0 to 1.
+    frames
+        Instead of phases: number of even steps.
+    """
     if bool(phases) == (frames is not None):
         raise click.UsageError("Give one of --phase and --frames.")
     with Waiting(source) as waiting:
@@ -230,33 +254,30 @@ def resample(
 
 @command("tradeoff beat.npz --tolerance 1 -o tradeoff.png")
 @sequence_argument
-@options_of(
-    SignatureParameters,
-    "components",
-    components={"default": None, "help": "The only components measured; all by default."},
-)
-@click.option(
-    "--front-modes",
-    type=click.IntRange(1, 2000),
-    default=MOST_OF_FRONT,
-    show_default=True,
-    help="Largest number of modes on the front.",
-)
-@picture_option
-@verbose_option
 @mode_options
 @surface_options
 def tradeoff(
     source: Path,
-    components: Components | None,
-    front_modes: int,
-    plot: Path | None,
-    verbose: bool,
+    components: Components | None = None,
+    front_modes: Annotated[int, click.IntRange(1, 2000)] = MOST_OF_FRONT,
+    plot: OnlyPlot = None,
+    verbose: Verbose = False,
     **options: Any,
 ) -> Any:
     """Measure error, size and time of each number of modes for the sequence in FILE.
 
     Choose a point of the front by --modes, --tolerance or --auto.
+
+    Parameters
+    ----------
+    components
+        The only components measured; all by default.
+    front_modes
+        Largest number of modes on the front.
+    plot
+        Picture to write (.png, .svg, .pdf).
+    verbose
+        Print times and sizes too.
     """
     parameters = signature_parameters(options)
     with Waiting(source) as waiting:

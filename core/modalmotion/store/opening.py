@@ -34,6 +34,7 @@ from modalmotion.store.folder import (
     require_name,
 )
 from modalmotion.store.index import Index, SequencePage
+from modalmotion.store.recovery import reconcile
 
 _N_STRIPES: Final = 64
 
@@ -80,8 +81,6 @@ class Opening:
             try:
                 index = Index(database)
                 if not index.is_clean:
-                    from modalmotion.store.recovery import reconcile
-
                     reconcile(self._folder, index, thorough=False)
                 forget_tombstones(self.root)
                 index.set_clean(False)

@@ -32,6 +32,7 @@ from modalmotion.store.deletion import (
 )
 from modalmotion.store.disk import FolderLock, remove_durably, write_atomic
 from modalmotion.store.folder import (
+    IMAGES_FORM,
     RENDERED,
     Folder,
     ResultName,
@@ -41,7 +42,6 @@ from modalmotion.store.folder import (
     record_of,
     record_to_json,
 )
-from modalmotion.store.images import read_images_record
 from modalmotion.store.index import Index, put_models, put_records, put_results, to_text
 from modalmotion.template.hdf5 import read_template
 from modalmotion.tracking.hdf5 import read_track
@@ -86,7 +86,7 @@ def _template(path: Path, template_id: str) -> None:
 
 
 def _images_record(path: Path, images_id: str) -> None:
-    if read_images_record(path).id != images_id:
+    if IMAGES_FORM.read(path).get("id") != images_id:
         raise StoreError("It is the record of other images.")
     if not path.with_suffix(".h5").exists():
         raise StoreError("The samples that it describes are missing.")
