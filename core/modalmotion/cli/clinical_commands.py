@@ -22,6 +22,7 @@ from modalmotion.cli.options import (
     described,
     fit_options,
     labelled_sources,
+    members,
     write_picture,
 )
 from modalmotion.cli.report_commands import quantity_lines
@@ -75,14 +76,10 @@ def readouts(source: Path, plot: OnlyPlot = None, bulls_eye: Plot = None, **opti
             )
         write_picture(bulls_eye_figure(ventricle.regions), bulls_eye)
     answer = {
-        "sequence_id": result.sequence_id,
-        "amplitudes_per_frame": result.n_amplitudes,
-        "n_openings": result.n_openings,
-        "volume_unit": result.volume_unit,
-        "times": None if result.times is None else result.times.tolist(),
+        **members(result, "sequence_id", "n_amplitudes as amplitudes_per_frame", "n_openings"),
+        **members(result, "volume_unit", "times", "notes"),
         "from_signature": _curve(result.curve, result.shown_in),
         "of_mesh": _curve(result.mesh_curve, result.shown_in),
-        "notes": list(result.notes),
         "intended_use": INTENDED_USE,
         **ventricle_json(ventricle),
     }
@@ -137,17 +134,13 @@ def _lines(report: Report) -> Iterator[str]:
 
 
 def _curve(curve: VolumeCurve, factor: float) -> dict[str, object]:
+    volumes = ("end_diastolic_volume", "end_systolic_volume", "stroke_volume")
     return {
         "volumes": (curve.volumes * factor).tolist(),
         "bounds": (curve.bounds * factor).tolist(),
-        "end_diastole": curve.end_diastole,
-        "end_systole": curve.end_systole,
-        "end_diastolic_volume": curve.end_diastolic_volume * factor,
-        "end_systolic_volume": curve.end_systolic_volume * factor,
-        "stroke_volume": curve.stroke_volume * factor,
-        "ejection_fraction": curve.ejection_fraction,
-        "volume_change": curve.volume_change,
-        "share_range": curve.share_range,
+        **{name: getattr(curve, name) * factor for name in volumes},
+        **members(curve, "end_diastole", "end_systole", "ejection_fraction"),
+        **members(curve, "volume_change", "share_range"),
     }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
@@ -21,10 +20,11 @@ from modalmotion.cli.files import (
 from modalmotion.cli.options import (
     EXISTING,
     EXISTING_FILE,
+    SEQUENCE,
     OutputFile,
     command,
     fit_options,
-    sequence_numbers,
+    members,
     signature_parameters,
 )
 from modalmotion.errors import InputError, ModalMotionError, ParameterError, StoreError
@@ -87,15 +87,9 @@ def encode(
             progress=lambda share: show(round(100 * share), 100),
         )
     write_atomic(output, stream.data)
-    return {
-        "n_bytes": stream.n_bytes,
-        "bits_per_vertex_and_frame": stream.bits_per_vertex_and_frame,
-        "rms": stream.rms,
-        "max_error": stream.max_error,
-        "kg_error_percent": stream.kg_error,
-        "unit": sequence.unit,
-        "transform": stream.transform,
-    }
+    names = ("n_bytes", "bits_per_vertex_and_frame", "rms", "max_error", "transform")
+    found = members(stream, *names, "kg_error as kg_error_percent")
+    return {**found, "unit": sequence.unit}
 
 
 @command("decode beat.mms -o beat.npz")
@@ -135,7 +129,7 @@ def decode(
     vertices = _span(first_vertex, stop_vertex, header.n_vertices)
     sequence = expand(data, frames=frames, vertices=vertices)
     write_atomic(output, write(sequence))
-    return sequence_numbers(sequence)
+    return members(sequence, *SEQUENCE)
 
 
 def _span(first: int | None, stop: int | None, n: int) -> range | None:
@@ -157,7 +151,7 @@ def convert(source: Path, output: Path, **options: Any) -> Any:
     """
     sequence = read(source, **options)
     save(sequence, output)
-    return sequence_numbers(sequence)
+    return members(sequence, *SEQUENCE)
 
 
 _SEQUENCE: Final = (
@@ -252,11 +246,7 @@ def _images(file: Path) -> dict[str, Any]:
 
 
 def _shown(kind: str, value: Any) -> dict[str, Any]:
-    content: dict[str, Any] = {"holds": kind}
-    for one in _SHOWN[kind]:
-        path, _, name = one.partition(" as ")
-        content[name or path.rpartition(".")[2]] = _plain(attrgetter(path)(value))
-    return content
+    return {"holds": kind, **members(value, *_SHOWN[kind], plain=_plain)}
 
 
 def _plain(value: Any) -> Any:

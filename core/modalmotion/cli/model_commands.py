@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
@@ -13,7 +13,6 @@ import click
 from modalmotion.classification.manifest import LabelledSequence, labelled_files
 from modalmotion.classification.options import OnError, TrainingOptions
 from modalmotion.cli.files import counting, progress_bar, read, sequence_argument
-from modalmotion.cli.model_texts import answer_json, answer_lines, card_text, confusion
 from modalmotion.cli.options import (
     Cases,
     Coverage,
@@ -22,13 +21,15 @@ from modalmotion.cli.options import (
     command,
     described,
     labelled_sources,
+    members,
     options_of,
     surface_options,
     write_picture,
 )
+from modalmotion.representation import numeral, probability
 
 if TYPE_CHECKING:
-    from modalmotion.classification import Model
+    from modalmotion.classification import Classification, Model
     from modalmotion.classification.cases import LeftOut
 
 
@@ -86,7 +87,7 @@ def evaluate(
     if cases_file is not None:
         write_atomic(cases_file, result.as_csv().encode())
     answer = result.as_json()
-    said = {**answer, "cases": None, "confusion": confusion(result.classes, result.confusion)}
+    said = {**answer, "cases": None, "confusion": _confusion(result.classes, result.confusion)}
     return {**answer, "left_out": notes}, described({**said, "left_out": notes})
 
 
@@ -181,7 +182,7 @@ def classify(
         from modalmotion.pictures.classification import answer_figure
 
         write_picture(answer_figure(result), plot)
-    return answer_json(result), answer_lines(result)
+    return _answer_json(result), _answer_lines(result)
 
 
 @command("card mine.h5 --markdown -o README.md")
@@ -203,7 +204,7 @@ def card(
     from modalmotion.store import write_atomic
 
     stored = model_named(model)
-    text = card_text(stored, markdown=markdown, file=model if Path(model).is_file() else None)
+    text = _card_text(stored, markdown=markdown, file=model if Path(model).is_file() else None)
     if out is not None:
         write_atomic(out, text.encode())
     return stored.card.as_json(), [text.rstrip()] if out is None else []
@@ -330,7 +331,7 @@ def train(
         from modalmotion.pictures.classification import card_figure
 
         write_picture(card_figure(model.card, name), plot)
-    said = [card_text(model, file=str(out))]
+    said = [_card_text(model, file=str(out))]
     if cases_file is not None and model.cross_validation is not None:
         write_atomic(cases_file, model.cross_validation.as_csv().encode())
     elif cases_file is not None:
@@ -339,3 +340,53 @@ def train(
     written = [path for path in (out, plot, cases_file) if path is not None]
     answer = {"name": model.name, "id": model.id, "card": model.card.as_json()}
     return {**answer, "written": written}, said
+
+
+def _card_text(model: Model, *, markdown: bool = False, file: str | None = None) -> str:
+    """Write a model's card as Markdown, with the YAML head of registries if so."""
+    from modalmotion.classification import card_markdown
+
+    page = card_markdown(model.name, model.id, model.card, file=file)
+    return page if markdown else page.split("---\n", 2)[2].lstrip()
+
+
+def _confusion(
+    classes: tuple[str, ...], counts: tuple[tuple[int, ...], ...]
+) -> list[dict[str, object]]:
+    """Give the rows of a table of answers by true class."""
+    answers = [*classes, "no class"]
+    return [
+        {"true class": label, **dict(zip(answers, row, strict=False))}
+        for label, row in zip(classes, counts, strict=False)
+    ]
+
+
+def _answer_lines(result: Classification) -> Iterator[str]:
+    """Write a model's answer for a sequence."""
+    if result.label is None:
+        yield f"{result.model}: no class"
+    else:
+        yield f"{result.model}: {result.label}, probability {probability(result.probability)}"
+    yield from (f"flag: {flag}" for flag in result.flags)
+    # Equal probabilities are not a measurement.
+    if result.label is not None:
+        shares = dict(zip(result.classes, result.probabilities.tolist(), strict=True))
+        for name, share in sorted(shares.items(), key=lambda item: -item[1]):
+            mark = "*" if name in result.class_set else " "
+            yield f"  {probability(share):>6} {mark} {name}"
+        if result.class_set:
+            yield f"* cannot be excluded at {100 * result.coverage:g} %"
+    for part in result.explanation[:5]:
+        size = f"{numeral(part.amplitude):>8} {part.unit or 'length units'}"
+        yield f"  {part.score:+7.2f}  {size}  {' '.join(part.modes)}"
+    yield from (f"note: {note}" for note in result.notes)
+
+
+def _answer_json(result: Classification) -> dict[str, object]:
+    """Give the members of a model's answer for a sequence, as JSON has them."""
+    return {
+        **members(result, "sequence_id", "model", "model_id", "label", "class_set", "coverage"),
+        "probabilities": dict(zip(result.classes, result.probabilities.tolist(), strict=True)),
+        **members(result, "flags", "notes"),
+        "explanation": [asdict(part) for part in result.explanation],
+    }

@@ -12,6 +12,7 @@ from dataclasses import MISSING, fields
 from enum import Enum
 from functools import reduce
 from importlib.util import find_spec
+from operator import attrgetter
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import (
@@ -31,7 +32,7 @@ import click
 from modalmotion.errors import needs_extra
 from modalmotion.exports.picture_files import PICTURES as PICTURES
 from modalmotion.exports.picture_files import write_picture as write_picture
-from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
+from modalmotion.mesh.sequence import MEAN, Reference
 from modalmotion.representation import numeral
 from modalmotion.signature.parameters import USUAL_MODES, SignatureParameters
 
@@ -447,14 +448,24 @@ def aligned(rows: Sequence[Sequence[object]]) -> str:
     )
 
 
-def sequence_numbers(sequence: MeshSequence) -> dict[str, object]:
-    """Give the members of an answer about a sequence that was written."""
+def as_json(value: Any) -> Any:
+    """Give arrays and tuples as lists, and a member of an enumeration as its value."""
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(value, tuple | list):
+        return [as_json(one) for one in value]
+    return value.value if isinstance(value, Enum) else value
+
+
+def members(value: object, *names: str, plain: Callable[[Any], Any] = as_json) -> dict[str, Any]:
+    """Give attributes of a value, `path.to.one` or `attribute as name`, for an answer."""
+    pairs = (one.partition(" as ") for one in names)
     return {
-        "n_frames": sequence.n_frames,
-        "n_vertices": sequence.n_vertices,
-        "unit": sequence.unit,
-        "id": sequence.id,
+        name or path.rpartition(".")[2]: plain(attrgetter(path)(value)) for path, _, name in pairs
     }
+
+
+SEQUENCE: Final = ("n_frames", "n_vertices", "unit", "id")
+"""Members of an answer about a sequence that was written."""
 
 
 def example(line: str) -> str:

@@ -19,6 +19,7 @@ from modalmotion.cli.options import (
     command,
     described,
     fit_options,
+    members,
     mode_options,
     signature_parameters,
     surface_options,
@@ -119,7 +120,7 @@ def reconstruct(
         sequence, result = fitted(source, waiting, options)
         with waiting.watch.stage("write"):
             write_atomic(output, write_superposed(result, sequence, kind, max_targets=max_targets))
-    return {"n_frames": result.n_frames, "rms_error": result.rms_error, "unit": result.unit}
+    return members(result, "n_frames", "rms_error", "unit")
 
 
 def _volume_lines(signature: ModalSignature, sequence: MeshSequence) -> list[str]:
@@ -141,33 +142,20 @@ def _volume_lines(signature: ModalSignature, sequence: MeshSequence) -> list[str
 
 def summary(result: ModalSignature, price: Price) -> dict[str, object]:
     """Return the summary numbers of a signature."""
+    largest = ("motion_rms", "weighted_motion_rms")
     return {
-        "topology": result.surface,
-        "n_frames": result.n_frames,
-        "n_vertices": result.n_vertices,
-        "modes": len(result.modes),
-        "kind": result.kind.value,
-        "amplitudes_per_frame": result.n_amplitudes,
-        "unit": result.unit,
-        "facts": facts_as_json(result.facts),
-        "rms_error": result.rms_error,
-        "weighted_rms_error": result.weighted_rms_error,
+        **members(result, "surface as topology", "n_frames", "n_vertices", "kind", "unit"),
+        **members(result, "n_amplitudes as amplitudes_per_frame", "deviation_share", "condition"),
+        **members(result, "rms_error", "weighted_rms_error", "max_error"),
         "p95_error": float(result.p95_errors.max()),
-        "max_error": result.max_error,
-        "motion_rms": float(result.motion_rms.max()),
-        "weighted_motion_rms": float(result.weighted_motion_rms.max()),
-        "deviation_share": result.deviation_share,
-        "compression": result.compression,
-        "compression_of_sequence": result.compression_of_sequence,
-        "condition": result.condition,
-        "deformation_spectrum": result.deformation_spectrum.tolist(),
+        **{name: float(getattr(result, name).max()) for name in largest},
+        **members(result, "compression", "compression_of_sequence", "deformation_spectrum"),
+        **members(result, "times", "amplitudes", "sequence_id", "notes"),
+        "modes": len(result.modes),
         "labels": [str(label) for label in result.modes.labels],
-        "times": None if result.times is None else result.times.tolist(),
-        "amplitudes": result.amplitudes.tolist(),
+        "facts": facts_as_json(result.facts),
         "price": asdict(price),
         "choice": None if result.choice is None else result.choice.as_json(),
-        "sequence_id": result.sequence_id,
-        "notes": list(result.notes),
     }
 
 
@@ -243,13 +231,8 @@ def resample(
             kind = _SUFFIXES[output.suffix.lower()]
             fields = {"deviation": result.deviations} if kind == SurfaceFormat.VTKHDF else None
             write_atomic(output, write_surfaces(result.sequence, kind, fields))
-    return {
-        "phases": result.phases.tolist(),
-        "rms_deviations": result.rms_deviations.tolist(),
-        "course": result.course,
-        "unit": sequence.unit,
-        "notes": [reconstruction.note_on(result)],
-    }
+    names = ("phases", "rms_deviations", "course", "sequence.unit")
+    return {**members(result, *names), "notes": [reconstruction.note_on(result)]}
 
 
 @command("tradeoff beat.npz --tolerance 1 -o tradeoff.png")

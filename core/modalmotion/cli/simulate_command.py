@@ -12,13 +12,14 @@ import numpy as np
 
 from modalmotion.cli.files import progress_bar
 from modalmotion.cli.options import (
+    SEQUENCE,
     VENTRICLE,
     GridShape,
     OutputFile,
     OutputFolder,
     command,
+    members,
     options_of,
-    sequence_numbers,
 )
 from modalmotion.formats import write_npz
 from modalmotion.formats.volumes import write_nifti_zip
@@ -87,7 +88,7 @@ def simulate(
         rng=np.random.default_rng(seed),
     )
     write_atomic(output, write_npz(sequence))
-    return sequence_numbers(sequence)
+    return members(sequence, *SEQUENCE)
 
 
 def _write_images(

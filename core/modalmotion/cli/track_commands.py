@@ -19,6 +19,7 @@ from modalmotion.cli.options import (
     OutputFile,
     Plot,
     command,
+    members,
     options_of,
     several,
     signature_parameters,
@@ -225,25 +226,15 @@ def stated_landmarks(
 
 def _numbers(result: Track) -> dict[str, object]:
     return {
-        "sequence_id": result.sequence.id,
-        "frames": result.n_frames,
+        **members(result, "sequence.id as sequence_id", "n_frames as frames", "sequence.unit"),
+        **members(result, "template.topology.name as topology", "noise.sd as noise"),
         "modes": len(result.modes),
-        "topology": result.template.topology.name,
-        "unit": result.sequence.unit,
-        "noise": result.noise.sd,
         "deviation_across": float(np.median(result.deviations[:, :, 0])),
         "deviation_along": float(np.median(result.deviations[:, :, 1])),
         "residual_rms": [None if np.isnan(r) else r for r in result.residuals[:, 0].tolist()],
-        "inliers": result.inliers.tolist(),
-        "coverage": result.coverage.tolist(),
-        "unseen": list(result.unseen),
-        "gap": result.gap,
-        "determined": result.determined.tolist(),
-        "ejection_fraction": result.ejection_fraction,
-        "ejection_fraction_bound": result.ejection_fraction_bound,
-        "ejection_fractions": result.ejection_fractions,
+        **members(result, "inliers", "coverage", "unseen", "gap", "determined", "notes"),
+        **members(result, "ejection_fraction", "ejection_fraction_bound", "ejection_fractions"),
         "papillary": None if result.images is None else result.images.papillary,
-        "notes": list(result.notes),
     }
 
 
