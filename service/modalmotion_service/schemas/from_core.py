@@ -63,12 +63,10 @@ _NAMED: Final = 20
 
 
 class _Described(BaseModel):
-    """Model with a string below each field that describes it; built when it is first needed.
+    """Model with a string below each field that describes it.
 
     pydantic finds these strings too, by a search of all modules for every class: 0.2 s at a start.
     """
-
-    model_config = ConfigDict(defer_build=True)
 
     @classmethod
     def __pydantic_init_subclass__(cls, **_: Any) -> None:
@@ -104,7 +102,7 @@ class JsonBody(Stated):
     such a body are to be `FailFast` for the same reason.
     """
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(defer_build=True, extra="forbid")
 
     own_names: ClassVar[frozenset[str]] = frozenset()
     """Members that are called as facts are, and are none."""
@@ -130,12 +128,12 @@ class Paging(Stated):
 
 
 class Answer(_Described):
-    """An answer.
+    """An answer; what checks it is built when it is first needed.
 
     Members that are answers themselves may be values of the library, and lists arrays.
     """
 
-    model_config = ConfigDict(from_attributes=True)
+    model_config = ConfigDict(defer_build=True, from_attributes=True)
 
     @field_validator("*", mode="before")
     @classmethod
