@@ -131,7 +131,7 @@ class Asked:
     async def unless_left(self, work: Coroutine[Any, Any, Made]) -> Made:
         """Wait for work, and end it when the client leaves.
 
-        Work that others wait for too goes on for them, and so does what has become a job.
+        What has become a job goes on.
 
         Raises
         ------

@@ -30,8 +30,7 @@ from modalmotion_service.errors import ClusterError, CostError, WorkerDiedError
 from modalmotion_service.http.problems import problem_body
 from modalmotion_service.work.engine import Engine, Terms
 from modalmotion_service.work.forks import FORKS
-from modalmotion_service.work.keeper import MOST_STARTS
-from modalmotion_service.work.pool import WorkerPool
+from modalmotion_service.work.pool import MOST_STARTS, WorkerPool
 
 MEMORY = 3_000_000_000
 OpenEngine = Callable[[float], Engine]

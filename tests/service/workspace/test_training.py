@@ -222,7 +222,7 @@ def peak_memory(folder: Path, n_cases: int) -> int:
         "from modalmotion_service.work.tasks.training import train_model;"
         "a, b, c = map(Path, sys.argv[1:]);"
         "cases = pickle.loads(a.read_bytes());"
-        "train_model(cases, None, 'large', {'card': 'quick'}, 't', b, c);"
+        "train_model(cases, None, 'large', {'card': 'quick'}, 't', b, None, 1, c);"
         "sys.stdout.write(str(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024))"
     )
     files = [listed, folder / "model.h5", folder / "progress"]
