@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,36 +37,28 @@ _READ_OUT: Final = 1e-6
 _SURFACE: Final = 1e-7
 _IMAGES: Final = 2e-7
 
+_KNOWN: Final = {one.__name__ for one in (classification, sequences, signatures, tracks)}
+"""Modules of tasks whose work is short where nothing else is stated."""
+
 # s, and s for a byte of all files, beside reading them.
 _RULES: Final[dict[Callable[..., Any], tuple[float, float]]] = {
-    **dict.fromkeys((sequences.ingest, sequences.restated, sequences.sample), (0.0, 0.0)),
-    **dict.fromkeys((sequences.show_template, sequences.make_template), (0.0, 0.0)),
-    sequences.modes_of_template: (0.0, 0.0),
     sequences.encode_sequence: (0.0, 5e-5),
     sequences.decode_upload: (0.0, 4e-4),
-    **dict.fromkeys((signatures.sign, signatures.sign_upload, signatures.render), (0.0, 0.0)),
-    **dict.fromkeys((signatures.signature_as, signatures.compare_signatures), (0.0, 0.0)),
-    **dict.fromkeys((signatures.kinds_of, signatures.pack_npz, signatures.pack_hdf5), (0.0, 0.0)),
     signatures.tabulate: (0.0, _READ_OUT),
     signatures.read_out: (0.0, _READ_OUT),
-    signatures.measure_trade: (0.0, 0.0),
-    signatures.superpose: (0.0, 0.0),
     signatures.make_report: (_PICTURE, _READ_OUT),
     # highdicom is imported.
     signatures.make_dicom: (3.0, _READ_OUT),
-    **dict.fromkeys(
-        (signatures.make_view, signatures.make_frames), (_PICTURE, _READ_OUT + _SURFACE)
-    ),
+    signatures.make_view: (_PICTURE, _READ_OUT + _SURFACE),
+    signatures.make_frames: (_PICTURE, _READ_OUT + _SURFACE),
     tracks.ingest_images: (1.0, _IMAGES),
     tracks.follow: (1.0, 0.0),
-    tracks.show_slices: (0.0, 0.0),
     tracks.show_track: (0.0, _IMAGES),
-    **dict.fromkeys((classification.name_class, classification.classify_upload), (0.0, 0.0)),
-    **dict.fromkeys((classification.held_out_ids, classification.held_out_table), (0.0, 0.0)),
     classification.draw_card: (_PICTURE, 0.0),
     classification.measure: (_PICTURE, 0.0),
     # Two thousand exchanges of controls and recordings.
-    **dict.fromkeys((classification.make_norm, classification.ask_norm), (2.0, _READ_OUT)),
+    classification.make_norm: (2.0, _READ_OUT),
+    classification.ask_norm: (2.0, _READ_OUT),
     # scikit-learn is imported.
     classification.tabulate_features: (3.0, 0.0),
 }
@@ -93,14 +84,16 @@ class Tariff:
 
     def terms(self, task: Callable[..., Any], args: Sequence[Any]) -> Terms:
         """Give the terms of a task with these arguments."""
-        price = _price(task, args) if task in _RULES else math.inf
+        if task.__module__ not in _KNOWN:
+            return Terms(self.owner)
+        price = _price(task, args)
         # Of a surface that turns out to have no natural coordinates.
         dear = price + spring_seconds(_bytes(args), max(map(_modes_of, args), default=0))
         return Terms(self.owner, price, max(self.least_seconds, self.factor * dear))
 
 
 def _price(task: Callable[..., Any], args: Sequence[Any]) -> float:
-    (seconds, of_byte), size, first = _RULES[task], _bytes(args), _bytes(args[:1])
+    (seconds, of_byte), size, first = _RULES.get(task, (0.0, 0.0)), _bytes(args), _bytes(args[:1])
     kind = _format(args[0]) if args and isinstance(args[0], Upload) else None
     price = seconds + of_byte * size
     if not any(isinstance(one, SignatureParameters) for one in args):

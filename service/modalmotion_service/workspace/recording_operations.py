@@ -17,16 +17,8 @@ from modalmotion.store.index import to_text
 from modalmotion_service.errors import ConflictError
 from modalmotion_service.http import negotiation as media
 from modalmotion_service.http.negotiation import attachment, tag_of
+from modalmotion_service.schemas import requests
 from modalmotion_service.schemas.queries import ImagesView, ModesRequest, TrackView
-from modalmotion_service.schemas.requests import (
-    SEQUENCE,
-    SIGNATURE_OF_FILE,
-    TRACK,
-    TRADE,
-    ClassificationRequest,
-    EncodingTarget,
-    SequenceChange,
-)
 from modalmotion_service.schemas.sequences import ImagesSummary, SequenceSummary, TrackAnswer
 from modalmotion_service.work.tasks import sequences, signatures, tracks
 from modalmotion_service.work.upload import Upload
@@ -46,7 +38,7 @@ def sent(state: State, request: Request) -> Upload:
     return Upload(state.spool.at(request.file), options)
 
 
-@operation(query=SEQUENCE)
+@operation(query=requests.SEQUENCE)
 async def upload(state: State, request: Request, report: Report) -> Outcome:
     """Read an upload and store its sequence.
 
@@ -89,7 +81,7 @@ async def sample(state: State) -> SequenceSummary:
     return SequenceSummary.of(record)
 
 
-@operation(media.STREAM, query=EncodingTarget)
+@operation(media.STREAM, query=requests.EncodingTarget)
 async def encoding(state: State, request: Request, report: Report) -> Outcome:
     """Encode a stored sequence."""
     path = await asyncio.to_thread(state.store.sequence_path, request.sequence_id)
@@ -97,7 +89,7 @@ async def encoding(state: State, request: Request, report: Report) -> Outcome:
 
 
 async def encoded(
-    state: State, source: Upload | Path, target: EncodingTarget, report: Report
+    state: State, source: Upload | Path, target: requests.EncodingTarget, report: Report
 ) -> Outcome:
     """Have a worker encode a sequence."""
     with state.analysis.output() as output:
@@ -107,7 +99,7 @@ async def encoded(
     return Outcome(output, media.STREAM, headers=answer.headers)
 
 
-@operation(media.JSON, media.PNG, query=TRADE)
+@operation(media.JSON, media.PNG, query=requests.TRADE)
 async def tradeoff(state: State, request: Request, report: Report) -> Outcome:
     """Measure a trade of modes for accuracy on a stored sequence."""
     analysis, query, sequence_id = state.analysis, request.query, request.sequence_id
@@ -129,7 +121,7 @@ async def tradeoff(state: State, request: Request, report: Report) -> Outcome:
     return Outcome(output, request.media_type)
 
 
-@operation(query=SIGNATURE_OF_FILE)
+@operation(query=requests.SIGNATURE_OF_FILE)
 async def template(state: State, request: Request, report: Report) -> Outcome:
     """Make and store the template of an upload."""
     parameters = request.query.parameters()
@@ -233,7 +225,7 @@ async def settle(state: State, request: Request, link: str) -> None:
         await asyncio.to_thread(end)
 
 
-@operation(query=TRACK, settle=settle)
+@operation(query=requests.TRACK, settle=settle)
 async def track(state: State, request: Request, report: Report) -> Outcome:
     """Track a surface through an upload or stored images, and store what is found."""
     query, analysis, store = request.query, state.analysis, state.store
@@ -275,7 +267,7 @@ async def track_view(state: State, request: Request, _: Report) -> Outcome:
     return Outcome(body, kind)
 
 
-@operation(media.ZIP, query=TRACK, settle=settle)
+@operation(media.ZIP, query=requests.TRACK, settle=settle)
 async def tracked_report(state: State, request: Request, report: Report) -> Outcome:
     """Track a surface, name the class of its motion, and write each form of a report to a zip."""
     done = await track.work(state, request, lambda share, text="": report(_TRACKING * share, text))
@@ -291,7 +283,7 @@ async def _whole_report(state: State, sequence_id: str, model: str | None) -> Pa
     known = None
     if model is not None:
         chosen = await asyncio.to_thread(models.choose_for, state, model, sequence_id)
-        coverage = ClassificationRequest().coverage
+        coverage = requests.ClassificationRequest().coverage
         known, _ = await models.classification(state, sequence_id, chosen, coverage)
     kept = None if known is None else known.path
     analysis, page = state.analysis, state.spool.new_path()
@@ -403,7 +395,7 @@ async def forget(state: State, sequence_id: str) -> None:
 async def restate(
     state: State,
     sequence_id: str,
-    stated: SequenceChange,
+    stated: requests.SequenceChange,
     change: Callable[[SequenceRecord], SequenceRecord],
 ) -> SequenceRecord:
     """Put a sequence with what is stated in the place of another, its track with it.
@@ -414,7 +406,7 @@ async def restate(
     ----------
     state : State
     sequence_id : str
-    stated : SequenceChange
+    stated : requests.SequenceChange
         Unit and times that it does not state stay.
     change : callable
         Makes of its record that of the new one: name, subject, label and facts.

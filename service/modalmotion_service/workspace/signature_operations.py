@@ -11,12 +11,7 @@ from modalmotion.modes.topology import MESH
 from modalmotion.progress import StageReport
 from modalmotion_service.http import negotiation as media
 from modalmotion_service.http.negotiation import attachment
-from modalmotion_service.schemas.queries import (
-    DistanceRequest,
-    Reconstruction,
-    ReportRequest,
-    ViewRequest,
-)
+from modalmotion_service.schemas import queries
 from modalmotion_service.schemas.requests import MANY_SIGNATURES, SIGNATURE, ClassificationRequest
 from modalmotion_service.schemas.results import ClassificationAnswer
 from modalmotion_service.schemas.signatures import DistanceAnswer
@@ -106,7 +101,7 @@ async def _read_out(state: State, request: Request, report: Report, how: str) ->
     return Outcome(body, request.media_type)
 
 
-@operation(*SURFACES, query=Reconstruction)
+@operation(*SURFACES, query=queries.Reconstruction)
 async def reconstruction(state: State, request: Request, report: Report) -> Outcome:
     """Superpose a signature's surfaces."""
     surface_format, suffix = SURFACES[request.media_type]
@@ -120,7 +115,7 @@ async def reconstruction(state: State, request: Request, report: Report) -> Outc
     return Outcome(output, request.media_type, headers=headers)
 
 
-@operation(media.FHIR, media.PDF, media.CSV, query=ReportRequest)
+@operation(media.FHIR, media.PDF, media.CSV, query=queries.ReportRequest)
 async def report(state: State, request: Request, tell: Report) -> Outcome:
     """Report on a signature, for systems, people or statistics."""
     known = await asyncio.to_thread(
@@ -135,7 +130,7 @@ async def report(state: State, request: Request, tell: Report) -> Outcome:
     return Outcome(body, f"{kind}; fhirVersion=4.0" if kind == media.FHIR else kind)
 
 
-@operation(media.VIEW, media.HTML, query=ViewRequest)
+@operation(media.VIEW, media.HTML, query=queries.ViewRequest)
 async def view(state: State, request: Request, report: Report) -> Outcome:
     """Write what a page shows of a signature, or its frames as they were sent."""
     query, as_page = request.query, request.media_type == media.HTML
@@ -150,7 +145,7 @@ async def view(state: State, request: Request, report: Report) -> Outcome:
     return Outcome(output, request.media_type, headers=headers)
 
 
-@operation(query=DistanceRequest)
+@operation(query=queries.DistanceRequest)
 async def distance(state: State, request: Request, report: Report) -> Outcome:
     """Compare two signatures."""
     other_id, _, other_key = request.query.to.partition("-")

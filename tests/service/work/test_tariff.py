@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 import time
 from collections.abc import Callable
@@ -22,9 +21,8 @@ from modalmotion.store import SequenceRecord
 from modalmotion_service.http.negotiation import JSON, NPZ, PNG
 from modalmotion_service.schemas.queries import ModesRequest
 from modalmotion_service.schemas.requests import EncodingTarget
-from modalmotion_service.work import tasks
 from modalmotion_service.work.engine import SHORT_SECONDS
-from modalmotion_service.work.tariff import _RULES, Tariff
+from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.work.tasks import sequences, signatures
 from modalmotion_service.work.tasks.files import Fitted
 from modalmotion_service.work.upload import Upload
@@ -46,17 +44,6 @@ def price(task: Callable[..., Any], *args: Any) -> float:
 
 def upload(folder: Path, n_bytes: int, kind: Format | None = Format.RAW) -> Upload:
     return Upload(file_of(folder, n_bytes), ReadOptions(format=kind))
-
-
-def test_every_task_of_requests_has_a_price() -> None:
-    modules = [sequences, signatures, tasks.classification, tasks.tracks]
-    public = {
-        function
-        for module in modules
-        for name, function in inspect.getmembers(module, inspect.isfunction)
-        if function.__module__ == module.__name__ and not name.startswith("_")
-    }
-    assert set(_RULES) == public
 
 
 def test_what_nobody_knows_is_long_work_without_end() -> None:
