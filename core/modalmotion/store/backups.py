@@ -295,8 +295,9 @@ def _copied(source: Path, copy: Path) -> bool:
         if not _is_same(source, copy):
             _copy(source, copy)
             return True
-        # It may have been deleted and put again: its time says so.
-        shutil.copystat(source, copy)
+        if source.stat().st_mtime_ns != copy.stat().st_mtime_ns:
+            # Deleted, perhaps, and put again since: only its time says so.
+            shutil.copystat(source, copy)
     except FileNotFoundError:
         # Deleted while the copy was made, or done with.
         if source.exists():
