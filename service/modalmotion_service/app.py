@@ -20,17 +20,9 @@ from modalmotion_service.access.logins import logins_of
 from modalmotion_service.access.rates import Rates
 from modalmotion_service.document import completed
 from modalmotion_service.errors import NeedsStoreError
-from modalmotion_service.http import problems
+from modalmotion_service.http import middleware, problems
 from modalmotion_service.http.gate import Access, Gate, require_judged
 from modalmotion_service.http.judged_router import BODIES
-from modalmotion_service.http.middleware import (
-    API_VERSION,
-    BodyLimits,
-    Concurrency,
-    HeadAsGet,
-    Heads,
-    Prefix,
-)
 from modalmotion_service.monitoring.metrics import Metrics, StateOfThings
 from modalmotion_service.monitoring.observation import Observation, Telemetry
 from modalmotion_service.routes import (
@@ -144,7 +136,7 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
 
     app = _App(
         title="modalmotion",
-        version=API_VERSION,
+        version=middleware.API_VERSION,
         docs_url=None,
         redoc_url=None,
         # One address for one thing; a redirect would repeat any host that the client names.
@@ -159,9 +151,9 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
     )
     problems.install(app)
     # The last one added is the outermost.
-    app.add_middleware(HeadAsGet)
-    app.add_middleware(BodyLimits, settings=chosen)
-    app.add_middleware(Concurrency, settings=chosen)
+    app.add_middleware(middleware.HeadAsGet)
+    app.add_middleware(middleware.BodyLimits, settings=chosen)
+    app.add_middleware(middleware.Concurrency, settings=chosen)
     rates = Rates(
         chosen.max_requests_per_minute,
         chosen.max_anonymous_per_minute,
@@ -170,7 +162,7 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
     )
     logins = logins_of(chosen)
     app.add_middleware(Gate, require_keys=chosen.require_keys, rates=rates, logins=logins)
-    app.add_middleware(Heads)
+    app.add_middleware(middleware.Heads)
     app.add_middleware(Observation, metrics=metrics, telemetry=telemetry)
     if chosen.cors_origins:
         # Before everything: a preflight request carries no key.
@@ -183,7 +175,7 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
             expose_headers=("Location", "ETag", "Retry-After", "X-Request-ID"),
         )
     if chosen.path_prefix:
-        app.add_middleware(Prefix, prefix=chosen.path_prefix)
+        app.add_middleware(middleware.Prefix, prefix=chosen.path_prefix)
     routes = judged_routes()
     app.router.routes.extend(stateless_routes(routes) if chosen.stateless else routes)
     return app

@@ -11,13 +11,9 @@ from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import JSON, NDJSON, NPZ, RAW, STREAM, VTKHDF, ZIP
 from modalmotion_service.routes.asked import Asked, AskedAny, answers
 from modalmotion_service.routes.uploads import Sent, receiving
+from modalmotion_service.schemas import results
 from modalmotion_service.schemas.queries import DecodingRequest
 from modalmotion_service.schemas.requests import CLASS_OF_FILE, ENCODING_OF_FILE, SIGNATURE_OF_FILE
-from modalmotion_service.schemas.results import (
-    ClassificationResults,
-    SignatureResults,
-    UploadClassificationAnswer,
-)
 from modalmotion_service.schemas.signatures import SignatureAnswer
 from modalmotion_service.workspace import file_operations as operations
 from modalmotion_service.workspace import models
@@ -29,7 +25,7 @@ router = JudgedRouter(prefix="/v1", tags=["files"])
 
 @router.post(
     "/signature",
-    **answers(*SIGNATURE_TYPES, NDJSON, ZIP, of=SignatureAnswer | SignatureResults),
+    **answers(*SIGNATURE_TYPES, NDJSON, ZIP, of=SignatureAnswer | results.SignatureResults),
 )
 async def sign_file(
     sent: Annotated[Sent, Depends(receiving(SIGNATURE_OF_FILE, takes_many=True))], asked: AskedAny
@@ -49,7 +45,7 @@ async def sign_file(
 
 @router.post(
     "/classify",
-    **answers(JSON, NDJSON, of=UploadClassificationAnswer | ClassificationResults),
+    **answers(JSON, NDJSON, of=results.UploadClassificationAnswer | results.ClassificationResults),
 )
 async def classify_file(
     sent: Annotated[Sent, Depends(receiving(CLASS_OF_FILE, takes_many=True))], asked: AskedAny

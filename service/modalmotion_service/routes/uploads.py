@@ -16,12 +16,7 @@ from modalmotion.errors import LimitError, MalformedFileError, ParameterError
 from modalmotion.mesh.fact_forms import column_of, facts_from_texts, is_fact
 from modalmotion.mesh.facts import NAMES, NO_FACTS, Facts
 from modalmotion.store.folder import require_name
-from modalmotion_service.http.forms import (
-    FILES,
-    MANIFEST,
-    ManyFiles,
-    received_form,
-)
+from modalmotion_service.http.forms import FILES, MANIFEST, ManyFiles, received_form
 from modalmotion_service.http.judged_router import checked, described_as, invalid
 from modalmotion_service.http.negotiation import JSON, RAW
 from modalmotion_service.http.observation import stage
