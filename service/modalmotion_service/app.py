@@ -26,12 +26,12 @@ from modalmotion_service.http.judged_router import BODIES
 from modalmotion_service.monitoring.metrics import Metrics, StateOfThings
 from modalmotion_service.monitoring.observation import Observation, Telemetry
 from modalmotion_service.routes import (
-    files,
     models,
     operation,
     recordings,
     sequences,
     signatures,
+    uploads,
     views,
 )
 from modalmotion_service.routes.asked import EXAMPLES
@@ -70,7 +70,7 @@ async def _forget(log: AuditLog, settings: Settings) -> None:
 def judged_routes() -> list[APIRoute]:
     """Give all routes, made once for all applications of a process."""
     routers = [
-        *(sequences.router, signatures.router, files.router, recordings.router),
+        *(sequences.router, signatures.router, uploads.router, recordings.router),
         *(sequences.of_templates, models.router, models.of_norms),
         *(operation.of_jobs, operation.router, views.pages),
     ]
