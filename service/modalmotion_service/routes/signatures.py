@@ -349,20 +349,18 @@ async def _shown(
     """Answer with what an operation makes of a signature; its tag is that of all that it reads."""
     kind = media_type or asked.media_type(*what.media_types)
     sequence_id = _sequence_of(asked, key)
-    own = key.partition("-")[2]
-    usual, facts = asked.state.analysis.resolved(sequence_id, USUAL)
+    facts = asked.store.sequence_record(sequence_id).facts
+    own = named = key.partition("-")[2]
     if not own:
+        named = asked.state.analysis.resolved(sequence_id, USUAL)[0].key
         with contextlib.suppress(NotFoundError):
             # Where its file is lost it is fitted again, as if it were not stored.
-            path = asked.store.signature_path(sequence_id, usual.key)
-            own = usual.key if path.is_file() else ""
+            own = named if asked.store.signature_path(sequence_id, named).is_file() else ""
     request = Request(media_type=kind, sequence_id=sequence_id, key=own or None, ids=ids)
     if query is not None:
         request = replace(request, query=query)
     said = request.query.model_dump_json()
-    tag = asked.tagged(
-        sequence_id, own or usual.key, kind, said, json.dumps(facts_as_json(facts)), also
-    )
+    tag = asked.tagged(sequence_id, named, kind, said, json.dumps(facts_as_json(facts)), also)
     return await asked.do(what, request, tag=tag)
 
 
