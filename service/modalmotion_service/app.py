@@ -141,6 +141,8 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
         redoc_url=None,
         # One address for one thing; a redirect would repeat any host that the client names.
         redirect_slashes=False,
+        # The framework's own tells paths, queries and texts of errors to whoever collects.
+        telemetry={"tracing": False, "metrics": False, "logs": False},
         summary="Modal signatures and motion classes of nonrigidly moving surfaces.",
         description=INTENDED_USE,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
