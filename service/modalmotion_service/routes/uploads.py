@@ -24,7 +24,7 @@ from modalmotion.mesh.facts import NAMES, NO_FACTS, Facts
 from modalmotion.store.folder import require_name
 from modalmotion_service.http.forms import FILES, MANIFEST, FormFiles, SentPart, received_form
 from modalmotion_service.http.judged_router import JudgedRouter, checked, described_as, invalid
-from modalmotion_service.http.negotiation import JSON, NDJSON, NPZ, RAW, STREAM, VTKHDF, ZIP
+from modalmotion_service.http.negotiation import JSON, NDJSON, NPZ, RAW, STREAM, VTKHDF
 from modalmotion_service.http.observation import stage
 from modalmotion_service.routes.asked import Asked, AskedAny, answers, get_state
 from modalmotion_service.schemas import results
@@ -314,7 +314,7 @@ router = JudgedRouter(prefix="/v1", tags=["files"])
 
 @router.post(
     "/signature",
-    **answers(*SIGNATURE_TYPES, NDJSON, ZIP, of=SignatureAnswer | results.SignatureResults),
+    **answers(*SIGNATURE_TYPES, NDJSON, of=SignatureAnswer | results.SignatureResults),
 )
 async def sign_file(
     sent: Annotated[Sent, Depends(receiving(SIGNATURE_OF_FILE, takes_many=True))], asked: AskedAny
@@ -325,9 +325,8 @@ async def sign_file(
     by frame, mode by mode, three directions), by `Accept`.
 
     Of many files, sent as parts `files` of a form: a result or a problem for each, in their order,
-    as JSON, a line of it each, a table with a row each, a zip with an HDF5 file each, or one HDF5
-    file with the trajectories of all. A part `manifest`, a CSV table with the columns path,
-    subject, label and facts, says those of each.
+    as JSON or a line of it each. A part `manifest`, a CSV table with the columns path, subject,
+    label and facts, says those of each.
     """
     return await _answered(asked, sent, operations.sent_signature, operations.sent_signatures)
 
