@@ -46,15 +46,15 @@ from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
 from modalmotion.tracking.landmarks import read_landmark_file
-from modalmotion.tracking.making import segment as segment_image
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
+from modalmotion.tracking.parameters import segment as segment_image
 from modalmotion.tracking.reading import Recorded, holds_contours, read_observed, recorded_images
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 label_options = options_of(
-    TrackParameters, "labels", "wall", "papillary", group=TRACKING, labels={"flag": "label"}
+    TrackParameters, "labels", "papillary", group=TRACKING, labels={"flag": "label"}
 )
 start_option = click.option(
     "--start",
@@ -80,7 +80,7 @@ tracking_options = several(
 )
 """How what has no corresponding vertices is tracked."""
 
-_TRACKING: Final = ("landmarks", "labels", "wall", "papillary", "start", "contours", "time")
+_TRACKING: Final = ("landmarks", "labels", "papillary", "start", "contours", "time")
 _PICTURES: Final = ("data", "deviations", "determined")
 
 
@@ -241,7 +241,6 @@ def _numbers(result: Track) -> dict[str, object]:
         "inliers": result.inliers.tolist(),
         "coverage": result.coverage.tolist(),
         "unseen": list(result.unseen),
-        "gap": result.gap,
         "determined": result.determined.tolist(),
         "ejection_fraction": result.ejection_fraction,
         "ejection_fraction_bound": result.ejection_fraction_bound,

@@ -26,9 +26,8 @@ from modalmotion.tracking.label_maps import doubts_of_places, from_labels
 
 
 @pytest.mark.every(2)
-@pytest.mark.parametrize("wall", [(2,), ()], ids=["wall", "cavity alone"])
-def test_a_segmentation_is_tracked_with_no_other_statement(wall: tuple[int, ...]) -> None:
-    made = from_labels(ImageSequence((labels(), labels(18.0))), (3,), wall)
+def test_a_segmentation_is_tracked_with_no_other_statement() -> None:
+    made = from_labels(ImageSequence((labels(), labels(18.0))))
     for name, place in (("apex", APEX), ("base", BASE)):
         own = made.landmarks[name]
         away = np.linalg.norm(own.places - place, axis=1)
