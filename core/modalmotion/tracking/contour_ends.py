@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from modalmotion.modes.topology import CUP
 from modalmotion.template import Template
+from modalmotion.tracking.closest import across
 from modalmotion.tracking.ends_of_data import lies_evenly
 from modalmotion.tracking.observation import Frame, Observation, ends_in
 
@@ -166,7 +167,7 @@ def _planes_of(points: Floats, axis: Floats, thickness: float) -> _Planes:
 
 def _contour(points: Floats, normal: Floats) -> _Contour:
     """Order points of a plane around their middle, from the widest gap on."""
-    flat = (points - points.mean(axis=0)) @ _across(normal).T
+    flat = (points - points.mean(axis=0)) @ across(normal).T
     ring = points[np.argsort(np.arctan2(flat[:, 1], flat[:, 0]))]
     gaps = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
     widest = int(gaps.argmax())
@@ -175,13 +176,6 @@ def _contour(points: Floats, normal: Floats) -> _Contour:
         return _Contour(arc, np.zeros((0, 3)), step)
     # A point represents half a step on either side.
     return _Contour(arc, np.stack([_beyond(arc[:4], step), _beyond(arc[:-5:-1], step)]), step)
-
-
-def _across(normal: Floats) -> Floats:
-    """Two directions in a plane, (2, 3)."""
-    first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(normal, first)])
 
 
 def _beyond(arc: Floats, step: float) -> Floats:
@@ -193,8 +187,8 @@ def _beyond(arc: Floats, step: float) -> Floats:
 
 def _stack(planes: _Planes, axis: Floats) -> Ints:
     """Take the largest stack of parallel slices across the axis, by height; none of one or two."""
-    across = planes.normals @ axis > _ACROSS
-    alike = (planes.normals @ planes.normals.T > _PARALLEL) & across & across[:, None]
+    are_across = planes.normals @ axis > _ACROSS
+    alike = (planes.normals @ planes.normals.T > _PARALLEL) & are_across & are_across[:, None]
     if not alike.any():
         return np.zeros(0, dtype=np.int64)
     own = np.flatnonzero(alike[int(alike.sum(axis=1).argmax())])
@@ -206,17 +200,17 @@ def _ends_of(contours: dict[int, _Contour], planes: _Planes, stack: Ints) -> lis
     closed = [i for i in stack if i in contours and not len(contours[i].ends)]
     normal, low = (planes.normals[closed[-1]], planes.offsets[closed[-1]]) if closed else (0.0, 0.0)
     found = []
-    for across in (True, False):
-        own = [one for i, one in contours.items() if (i in stack) == across and len(one.ends)]
+    for is_across in (True, False):
+        own = [one for i, one in contours.items() if (i in stack) == is_across and len(one.ends)]
         ends = np.concatenate([np.zeros((0, 3)), *(one.ends for one in own)])
         # A gap below a closed contour is not the opening.
         ends = ends[ends @ normal > low] if closed else ends
         if not len(ends):
             continue
         step = float(np.median([one.step for one in own]))
-        normals = np.tile(planes.normals[stack[0]], (len(ends), 1)) if across else None
+        normals = np.tile(planes.normals[stack[0]], (len(ends), 1)) if is_across else None
         found.append(
-            Observation(ends, sd=(0.25 if across else 0.5) * step, normals=normals, end="base")
+            Observation(ends, sd=(0.25 if is_across else 0.5) * step, normals=normals, end="base")
         )
     return found
 
@@ -236,7 +230,7 @@ def _levels(
     """
     normal, heights = planes.normals[stack[0]], planes.offsets[stack]
     spacing = float(np.median(np.diff(heights)))
-    across = _across(normal)
+    aside = across(normal)
     numbers = list(drawn)
     n = 3 * len(numbers) + 3
     rows, values = [np.eye(n)[-3:] / [[_LEAN], [_LEAN], [spacing / 4.0]]], [np.zeros(3)]
@@ -263,7 +257,7 @@ def _levels(
         ]
         for point, sd in marks:
             row = np.zeros(n)
-            row[3 * i : 3 * i + 3] = 1.0, *(across @ (point - middle))
+            row[3 * i : 3 * i + 3] = 1.0, *(aside @ (point - middle))
             add(row, point @ normal, float(np.hypot(sd, uneven)))
         for j in (0, 1):
             row = np.zeros(n)

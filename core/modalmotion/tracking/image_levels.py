@@ -12,6 +12,7 @@ from modalmotion.errors import ShapeError
 from modalmotion.images import PlaneSet, Volume
 from modalmotion.images.edges import Levels
 from modalmotion.images.sequence import Image
+from modalmotion.tracking.closest import across
 from modalmotion.tracking.image_view import Sight, View
 
 Floats = NDArray[np.float64]
@@ -225,12 +226,8 @@ def _rays_in(
 
 
 def _around(axis: Floats) -> Floats:
-    first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
-    first /= np.linalg.norm(first)
     angles = 2.0 * np.pi * np.arange(_N_TURNS) / _N_TURNS
-    around: Floats = np.outer(np.cos(angles), first) + np.outer(
-        np.sin(angles), np.cross(axis, first)
-    )
+    around: Floats = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ across(axis)
     return around
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.images import ImageSequence, PlaneSet, Volume
 from modalmotion.images.sequence import is_sliced
+from modalmotion.tracking.closest import across
 from modalmotion.tracking.label_slices import ends_in_slices
 from modalmotion.tracking.label_values import cavity_in, values_in
 from modalmotion.tracking.landmarks import Proposed
@@ -214,10 +215,8 @@ def _flat_end(cavity: NDArray[np.bool_], A: Floats, axis: Floats, half: float) -
     border = border[:: max(1, len(border) // _MOST_BORDER)]
     best, reach = axis, _MOST_ASLANT
     for _ in range(3):
-        u = np.cross(best, np.eye(3)[np.abs(best).argmin()])
-        u /= np.linalg.norm(u)
         steps = np.linspace(-reach, reach, 9)
-        tried = best + np.array([[a, b] for a in steps for b in steps]) @ [u, np.cross(best, u)]
+        tried = best + np.array([[a, b] for a in steps for b in steps]) @ across(best)
         tried /= np.linalg.norm(tried, axis=1, keepdims=True)
         heights = border @ tried.T
         near = (heights > heights.max(axis=0) - _CUT * half).sum(axis=0)

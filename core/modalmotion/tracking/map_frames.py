@@ -23,8 +23,8 @@ from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
 from modalmotion.tracking.observation import Frame
 
-# Harmonic from which on motion is held down: another one, or that under which the amplitudes are the
-# most likely, gives the same surfaces.
+# Harmonic from which on motion is held down; that under which amplitudes are the most likely gives
+# the same surfaces.
 _HARMONIC: Final = 2.0
 
 

@@ -92,12 +92,11 @@ def notes_on(result: Track) -> list[str]:
     x = result.sequence.vertices.astype(np.float64)
     centres = x.mean(axis=1)
     spreads = np.linalg.svd(x - centres[:, None], compute_uv=False) / np.sqrt(x.shape[1])
-    size = float(np.median(np.linalg.norm(spreads, axis=1)))
+    sizes = np.linalg.norm(spreads, axis=1)
+    size = float(np.median(sizes))
     away = np.zeros(len(x))
     away[1:-1] = np.linalg.norm(centres[1:-1] - (centres[:-2] + centres[2:]) / 2.0, axis=1)
-    extents = _extents(result)
-    ratio = extents / float(np.nanmedian(extents))
-    is_other = (ratio * _OTHER_SIZE < 1.0) | (ratio > _OTHER_SIZE)
+    is_other = (sizes * _OTHER_SIZE < size) | (sizes > _OTHER_SIZE * size)
     # Its neighbours are half as far from theirs.
     is_away = away > max(_JUMP * size, 0.75 * float(away.max()))
     is_low = (result.coverage < _LOW_COVERAGE) & seen
@@ -130,18 +129,6 @@ def notes_on(result: Track) -> list[str]:
             "that determine its volumes were hardly observed."
         )
     return notes
-
-
-def _extents(result: Track) -> NDArray[np.float64]:
-    """RMS spread of the points of each frame, (frames,); NaN of a few."""
-    extents = np.full(result.n_frames, np.nan)
-    for frame in range(result.n_frames if result.data is not None else 0):
-        assert result.data is not None  # noqa: S101
-        rows = result.data.of_frame(frame)
-        points = result.data.points[rows][~result.data.are_landmarks[rows]]
-        if len(points) > 3:
-            extents[frame] = np.linalg.norm(points.std(axis=0))
-    return extents if np.isfinite(extents).any() else np.ones(result.n_frames)
 
 
 def end_notes(
@@ -190,12 +177,11 @@ def end_notes(
 
 def axis_notes(result: Track, stated: Sequence[Frame]) -> list[str]:
     """Say what in the first frame with apex and base speaks against them."""
-    for x, frame in zip(result.sequence.vertices.astype(np.float64), stated, strict=True):
-        ends = ends_in(frame)
-        if {"apex", "base"} <= ends.keys():
-            break
-    else:
+    known = [ends_in(frame) for frame in stated]
+    k = next((k for k, ends in enumerate(known) if {"apex", "base"} <= ends.keys()), None)
+    if k is None:
         return []
+    x, ends = result.sequence.vertices[k].astype(np.float64), known[k]
     axis = ends["base"] - ends["apex"]
     heights = (x - ends["apex"]) @ axis / (axis @ axis)
     across = x - ends["apex"] - np.outer(heights, axis)
