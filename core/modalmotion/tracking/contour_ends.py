@@ -17,6 +17,7 @@ from modalmotion.modes.topology import CUP
 from modalmotion.template import Template
 from modalmotion.tracking.closest import across
 from modalmotion.tracking.ends_of_data import lies_evenly
+from modalmotion.tracking.moving_base import ends_of_cup
 from modalmotion.tracking.observation import Frame, Observation, ends_in
 
 Floats = NDArray[np.float64]
@@ -127,8 +128,7 @@ def _axis(frame: Frame, template: Template | None) -> Floats | None:
     if not {"apex", "base"} <= set(ends):
         if template is None or template.topology != CUP:
             return None
-        x, s = template.vertices, template.coordinates[:, 0]
-        ends = {"apex": x[s <= s.min()].mean(axis=0), "base": x[s >= s.max()].mean(axis=0)}
+        ends = dict(zip(("apex", "base"), ends_of_cup(template), strict=True))
     axis = ends["base"] - ends["apex"]
     size = float(np.linalg.norm(axis))
     return axis / size if size > 0 else None

@@ -280,8 +280,7 @@ def _next(
             noise,
             sight.within(reach),
             reach,
-            sights_too=False,
-            evidence_too=False,
+            is_known=True,
         )
         a = np.concatenate([own.amplitudes, a[m:]])
     return a

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.images import ImageSequence, PlaneSet, Volume
-from modalmotion.images.sequence import is_sliced
+from modalmotion.images.sequence import Image, is_sliced
 from modalmotion.tracking.closest import across
 from modalmotion.tracking.label_slices import ends_in_slices
 from modalmotion.tracking.label_values import cavity_in, values_in
@@ -27,10 +27,6 @@ _INSIDE: Final = 100.0
 _CUT_OFF: Final = 0.7
 _CUT_HEIGHT: Final = 0.2
 _END: Final = 2.0
-
-# mm: of a level that all frames have said together, how far each may leave it. Softer ones are
-# drawn to the shape of the reference, which has another length.
-_LEVEL: Final = 0.5
 
 # Of half a voxel: what is so near to the plane of a cut is its border. Tangent of the most that a
 # cut is aslant to the axis; places on the border that are looked at.
@@ -88,33 +84,12 @@ def from_labels(images: ImageSequence, labels: Sequence[int] = ()) -> Labelled:
     if not labels:
         value, note = cavity_in(images)
         labels, decided = (value,), (note,)
-    frames: list[Volume | None] = []
-    cavities: list[NDArray[np.bool_] | None] = []
-    for k, frame in enumerate(images.frames):
-        if isinstance(frame, PlaneSet):
-            raise ShapeError(
-                f"Frame {k} is a set of planes; the ends of a cavity are only found in volumes.",
-                remedy="State apex and base, and track the planes as images.",
-                frame=k,
-            )
-        cavity = None if frame is None else np.isin(frame.values, list(labels))
-        if frame is not None and cavity is not None and cavity.sum() < _FEWEST:
-            raise ParameterError(
-                f"Label {', '.join(map(str, labels))} has {int(cavity.sum())} voxels in frame {k}.",
-                remedy=f"Name one of these by --label: {values_in(frame)}.",
-                frame=k,
-            )
-        cavities.append(cavity)
-        shown = None if cavity is None else np.where(cavity, np.float32(_INSIDE), np.float32(0.0))
-        frames.append(None if frame is None or shown is None else Volume(shown, frame.affine))
-    there = [frame for frame in frames if frame is not None]
-    if any(map(is_sliced, there)):
-        marks, notes = _of_slices(frames, cavities)
-    else:
-        marks, notes = _of_volumes(frames, cavities), ()
+    frames = tuple(_shown(k, frame, labels) for k, frame in enumerate(images.frames))
+    sliced = any(is_sliced(frame) for frame in frames if frame is not None)
+    marks, notes = ends_in_slices(frames) if sliced else (_of_volumes(frames), ())
     note = "Apex and base were proposed from the labels."
     own = (*images.notes, *decided, note, *notes)
-    return Labelled(ImageSequence(tuple(frames), images.times, images.period, own), marks)
+    return Labelled(ImageSequence(frames, images.times, images.period, own), marks)
 
 
 def doubts_of_places(
@@ -156,34 +131,40 @@ def _away(frame: Volume | PlaneSet | None, place: Floats) -> float:
     return max(0.0, nearest - float(max(frame.spacing)) / 2.0)
 
 
-def _of_slices(
-    frames: Sequence[Volume | None], cavities: Sequence[NDArray[np.bool_] | None]
-) -> tuple[dict[str, Proposed], tuple[str, ...]]:
-    ends = ends_in_slices(frames, cavities)
-    sd = max(float(max(frame.spacing)) for frame in frames if frame is not None)
-    apex = Proposed(ends.apices, sd, ends.axes, _LEVEL, ends.apex_covariance)
-    base = Proposed(ends.bases, sd, ends.axes, _LEVEL, ends.base_covariance)
-    return {"apex": apex, "base": base}, ends.notes
+def _shown(k: int, frame: Image | None, labels: Sequence[int]) -> Volume | None:
+    """Cavity of frame k bright, the rest dark."""
+    if isinstance(frame, PlaneSet):
+        raise ShapeError(
+            f"Frame {k} is a set of planes; the ends of a cavity are only found in volumes.",
+            remedy="State apex and base, and track the planes as images.",
+            frame=k,
+        )
+    if frame is None:
+        return None
+    cavity = np.isin(frame.values, list(labels))
+    if cavity.sum() < _FEWEST:
+        raise ParameterError(
+            f"Label {', '.join(map(str, labels))} has {int(cavity.sum())} voxels in frame {k}.",
+            remedy=f"Name one of these by --label: {values_in(frame)}.",
+            frame=k,
+        )
+    return Volume(np.where(cavity, np.float32(_INSIDE), np.float32(0.0)), frame.affine)
 
 
-def _of_volumes(
-    frames: Sequence[Volume | None], cavities: Sequence[NDArray[np.bool_] | None]
-) -> dict[str, Proposed]:
+def _of_volumes(frames: Sequence[Volume | None]) -> dict[str, Proposed]:
     apices, bases, cuts = np.full((3, len(frames), 3), np.nan)
     spacing, axis = 0.0, None
-    for k, (frame, cavity) in enumerate(zip(frames, cavities, strict=True)):
-        if frame is not None and cavity is not None:
-            apices[k], bases[k], axis, cuts[k] = _ends(frame, cavity, axis)
+    for k, frame in enumerate(frames):
+        if frame is not None:
+            apices[k], bases[k], axis, cuts[k] = _ends(frame, axis)
             spacing = max(spacing, float(max(frame.spacing)))
     base = Proposed(bases, _CUT_OFF * spacing, cuts, _CUT_HEIGHT * spacing)
     return {"apex": Proposed(apices, _END * spacing), "base": base}
 
 
-def _ends(
-    volume: Volume, cavity: NDArray[np.bool_], before: Floats | None
-) -> tuple[Floats, Floats, Floats, Floats]:
+def _ends(volume: Volume, before: Floats | None) -> tuple[Floats, Floats, Floats, Floats]:
     """Apex, base, the unit vector between them and that across the base, of one frame."""
-    A = volume.affine
+    A, cavity = volume.affine, volume.values > 0
     points = np.argwhere(cavity) @ A[:, :3].T + A[:, 3]
     middle = points.mean(axis=0)
     half = float(np.linalg.norm(A[:, :3], axis=0).mean()) / 2.0
