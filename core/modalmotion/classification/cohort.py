@@ -197,7 +197,6 @@ def readable_of(signatures: Sequence[ModalSignature]) -> Readable:
         modes=min(common_count(signature.modes) for signature in signatures),
         template=None,
         landmarks=GivenLandmarks(),
-        grid=None,
         reference=MEAN if first.parameters.reference == MEAN else 0,
     )
     n = int(parameters.modes or 0)

@@ -70,7 +70,7 @@ def encode(source: Path, output: Path, **options: Any) -> Any:
     bounds = {name: options.pop(name) for name in ("rms", "max_error", "n_bytes", "effort")}
     sequence = read(source, **options)
     with counting("encode") as show:
-        stream = compress(sequence, **bounds, progress=lambda share: show(round(100 * share), 100))
+        stream = compress(sequence, **bounds, progress=show)
     write_atomic(output, stream.data)
     return {
         "n_bytes": stream.n_bytes,

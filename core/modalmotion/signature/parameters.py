@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion.arguments.checking import one_of, real, truth, whole, whole_numbers
+from modalmotion.arguments.checking import one_of, real, truth, whole
 from modalmotion.errors import ModeCountError, ParameterError
 from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MEAN, Reference
@@ -67,8 +67,6 @@ class SignatureParameters:
     topology : str or None
         Topology: cup, cylinder, ..., or mesh for the spring modes of the mesh itself. It takes
         precedence over that of the sequence.
-    grid : tuple of int or None
-        Lattice shape such as 32,64, over what the sequence states.
     reference : int or "mean"
         Frame from which displacements are measured, or mean: the mean shape of all frames. Each is
         turned onto it, and turned as they are on the mean: another first frame then changes
@@ -106,7 +104,6 @@ class SignatureParameters:
 
     modes: int | None = None
     topology: str | None = None
-    grid: tuple[int, ...] | None = None
     reference: Reference = 0
     remove_rotation: bool = True
     components: Components = Components.CARTESIAN
@@ -181,7 +178,6 @@ class SignatureParameters:
                     ("kind", SignatureKind),
                 )
             },
-            "grid": whole_numbers,
             "topology": _name,
             "template": _name,
         }
@@ -206,11 +202,6 @@ class SignatureParameters:
     def closed_form(self) -> bool:
         """Whether the modes may be those of a topology, and not the springs' of the mesh."""
         return self.topology != MESH
-
-    @property
-    def is_adaptive(self) -> bool:
-        """Whether the number of modes follows from the data."""
-        return self.modes is None
 
     @property
     def fixes_kind(self) -> bool:
@@ -240,7 +231,7 @@ class SignatureParameters:
             facts,
             self.landmarks,
             Topology.parse(known) if isinstance(known, str) else known,
-            is_lattice=(grid if self.grid is None else self.grid) is not None,
+            is_lattice=grid is not None,
         )
         # `amplitudes` is not a field: replacing leaves `modes` as it is.
         return self if landmarks == self.landmarks else replace(self, landmarks=landmarks)
@@ -284,14 +275,6 @@ def parameters_as_json(parameters: SignatureParameters) -> dict[str, Any]:
 
 def parameters_from_json(values: dict[str, Any]) -> SignatureParameters:
     """Read the output of `parameters_as_json`."""
-    # JSON has neither tuples nor enumerations.
-    grid = values["grid"]
-    return SignatureParameters(
-        **{
-            **values,
-            "grid": None if grid is None else tuple(grid),
-            "components": Components(values["components"]),
-            "landmarks": GivenLandmarks.from_json(values["landmarks"]),
-            "tolerance_of": ErrorKind(values["tolerance_of"]),
-        }
-    )
+    landmarks = GivenLandmarks.from_json(values["landmarks"])
+    own = {name: values[name] for name in _NAMES}
+    return SignatureParameters(**{**own, "landmarks": landmarks})

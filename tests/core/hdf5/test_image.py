@@ -88,7 +88,6 @@ def signatures(draw: st.DrawFn) -> ModalSignature:
         parameters=SignatureParameters(
             modes=draw(st.integers(1, 2000)),
             topology=draw(st.none() | st.text(max_size=9)),
-            grid=draw(st.none() | st.tuples(st.integers(1, 9), st.integers(1, 9))),
             reference=draw(st.integers(0, 9)),
             remove_rotation=draw(st.booleans()),
             components=draw(st.sampled_from(Components)),
