@@ -27,7 +27,7 @@ from modalmotion.classification.motion_features import states_walls
 from modalmotion.classification.options import FEWER_MODES, OnError, TrainingOptions
 from modalmotion.errors import ModalMotionError, ParameterError, UnlikeCasesError
 from modalmotion.mesh.sequence import MEAN
-from modalmotion.modes.mode_set import common_count
+from modalmotion.mesh.spring_modes import common_count
 from modalmotion.modes.topology import MESH
 from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
 from modalmotion.signature.value import first_modes

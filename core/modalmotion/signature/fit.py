@@ -25,7 +25,7 @@ from modalmotion.mesh.alignment import (
     displacements_from,
 )
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes import Modes, whole_counts
+from modalmotion.mesh.spring_modes import Modes, whole_counts
 from modalmotion.numeric.scales import (
     exceeded_by_a_twentieth,
     orthonormal,

@@ -52,8 +52,14 @@ from modalmotion.template.other_coordinates import (
     torus_axes,
     torus_coordinates,
 )
-from modalmotion.template.recognition import recognise, require_fit
-from modalmotion.template.surface import Surface, axis_lengths, steady_shape, surface_of
+from modalmotion.template.surface import (
+    Surface,
+    axis_lengths,
+    recognise,
+    require_fit,
+    steady_shape,
+    surface_of,
+)
 from modalmotion.template.template import (
     Template,
     is_placed_by_shape,

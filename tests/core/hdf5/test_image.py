@@ -24,8 +24,8 @@ from modalmotion.errors import StoreError
 from modalmotion.hdf5.image import INTENDED_USE, contents_of
 from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence, mesh_sequence
-from modalmotion.mesh.spring_modes import SpringModes
-from modalmotion.modes import Modes, lowest_modes
+from modalmotion.mesh.spring_modes import Modes, SpringModes
+from modalmotion.modes import lowest_modes
 from modalmotion.modes.topology import CLOSED_CURVE, CUP, SPHERE, TORUS, Topology
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.store import (
