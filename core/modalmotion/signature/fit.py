@@ -26,11 +26,7 @@ from modalmotion.mesh.alignment import (
 )
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.mesh.spring_modes import Modes, whole_counts
-from modalmotion.numeric.scales import (
-    exceeded_by_a_twentieth,
-    orthonormal,
-    root_mean_square,
-)
+from modalmotion.numeric.scales import exceeded_by_a_twentieth, orthonormal, root_mean_square
 from modalmotion.representation import shown
 from modalmotion.signature.parameters import ErrorKind, SignatureKind, SignatureParameters
 from modalmotion.signature.superposition import Offsets, offsets_of

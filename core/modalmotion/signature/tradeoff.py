@@ -15,13 +15,7 @@ from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.modes.topology import CUP, CYLINDER, MESH, PLANE, Topology
 from modalmotion.progress import Stopwatch
 from modalmotion.representation import shown
-from modalmotion.signature.choice import (
-    NUMBERS,
-    SceneError,
-    SceneKind,
-    limit_of,
-    simple_motions,
-)
+from modalmotion.signature.choice import NUMBERS, SceneError, SceneKind, limit_of, simple_motions
 from modalmotion.signature.fit import Fitter, make_basis
 from modalmotion.signature.making import (
     modal_signature,

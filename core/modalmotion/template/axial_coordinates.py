@@ -323,3 +323,11 @@ def sphere_coordinates(
     )
     landmarks = landmarks_at(surface, places, axes, origin, near, far)
     return Coordinates(SPHERE, np.stack([s, theta], axis=1), landmarks, tuple(notes))
+
+
+AXIAL: Final = {
+    CUP: (cup_axes, cup_coordinates),
+    CYLINDER: (cylinder_axes, cylinder_coordinates),
+    SPHERE: (sphere_axes, sphere_coordinates),
+}
+"""Axes and coordinates by topology."""
