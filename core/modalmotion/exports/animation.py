@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import LimitError, ParameterError
-from modalmotion.formats.gltf.animation import MorphAnimation
+from modalmotion.formats.glb_writing import MorphAnimation
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.limits import DEFAULT_LIMITS
