@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from modalmotion.errors import (
     CorruptFileError,
     NotFoundError,
-    OlderFileError,
     ParameterError,
     StoreError,
 )
@@ -143,7 +142,7 @@ def export(root: Path, out: Path, *, progress: Progress | None = None) -> PackRe
             for number, (sequence_id, key) in enumerate(names):
                 try:
                     pair = store.signature(sequence_id, key), store.sequence_record(sequence_id)
-                except (CorruptFileError, NotFoundError, OlderFileError) as error:
+                except (CorruptFileError, NotFoundError) as error:
                     failures.append((sequence_id, str(error)))
                 else:
                     yield pair
