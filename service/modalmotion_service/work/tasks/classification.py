@@ -18,7 +18,7 @@ from modalmotion.classification import (
     load_model,
     shipped_for,
 )
-from modalmotion.classification.cases import LeftOut, case_name
+from modalmotion.classification.cases import LeftOut, TrainingCase, case_name
 from modalmotion.classification.evaluation import (
     CaseAnswer,
     comparison_of,
@@ -34,7 +34,6 @@ from modalmotion.norm import (
     train_norm,
 )
 from modalmotion.norm.norm import Reading
-from modalmotion.norm.training import Control
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion_service.http.negotiation import CSV, PNG
 from modalmotion_service.schemas.general import ReadingAnswer
@@ -242,8 +241,9 @@ def make_norm(
         report(done / total, f"control {done} of {total}")
 
     controls = [
-        Control(
+        TrainingCase(
             one.read_signature(),
+            "",
             one.subject,
             case_name(one.sequence_id),
             # Read one after another, when its turn comes.
