@@ -62,7 +62,7 @@ def forced_error(rng: np.random.Generator) -> float:
             u, v, before, after = rng.standard_normal(4)
             step = exact_step(Oscillators(np.array([w]), c), h)
             force = np.array([before]), np.array([after])
-            found = step.advance_forced(State(np.array([u]), np.array([v])), *force).amplitudes[0]
+            found = step.advance(State(np.array([u]), np.array([v])), *force).amplitudes[0]
             rise = (mp.mpf(after) - mp.mpf(before)) / mp.mpf(h)
             shares = {"kept": mp.mpf(u), "impulse": mp.mpf(v), "step": mp.mpf(before), "ramp": rise}
             parts = exact(w, c, h)

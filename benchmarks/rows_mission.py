@@ -12,7 +12,7 @@ from measure import beside_numpy, medians
 from noisy_surfaces import individual
 
 import modalmotion as mm
-from modalmotion.modes import State, driven_states, exact_step, mode_oscillators
+from modalmotion.modes import Oscillators, State, driven_states, exact_step
 from modalmotion.signature.value import first_modes
 
 COUNTS, OF_VERTICES = (3, 7, 21, 54), "of 4,000 vertices by"
@@ -48,7 +48,8 @@ def animation(seed: int) -> float:
     forces = np.random.default_rng([seed, 2]).standard_normal((300, 7, 3))
 
     def animate(lattice: mm.Lattice) -> None:
-        step = exact_step(mode_oscillators(lattice, lattice.lowest_modes(7), 0.1), 0.04)
+        w = lattice.angular_frequencies(lattice.lowest_modes(7))
+        step = exact_step(Oscillators(w, 0.1), 0.04)
         for _ in driven_states(step, list(forces), State(0 * forces[0], 0 * forces[0])):
             pass
 

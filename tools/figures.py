@@ -26,7 +26,6 @@ from modalmotion.clinical import clinical_readouts
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes import dispersion, group_velocity, phase_velocity
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.oscillators import animate_along
 from modalmotion.modes.topology import (
     CYLINDER,
     OPEN_CURVE,
@@ -120,7 +119,7 @@ def superposition() -> Figure:
     )
     amplitudes = np.array([a for _, a in panels])
     normals = directions_on(template, Direction.RADIAL)
-    positions = [*animate_along(template.vertices, modes.shapes, amplitudes, normals)]
+    positions = template.vertices + (amplitudes @ modes.shapes.T)[:, :, None] * normals
     heights = [modes.shapes @ a for a in amplitudes]
     extent = Extent(template, positions, heights)
     figure = Figure(figsize=(8.0, 5.4), dpi=100, layout="constrained")
@@ -155,7 +154,7 @@ def tracking(n_frames: int = 25, coarseness: float = 1.0) -> dict[str, Figure]:
     modes = surface_modes_named(template, [parse_label(text) for text in ADDED[1:]])
     normals = directions_on(template, Direction.RADIAL)
     amplitudes = 4.0 * np.concatenate([np.zeros((1, 3)), np.eye(3)])
-    positions = [*animate_along(template.vertices, modes.shapes, amplitudes, normals)]
+    positions = template.vertices + (amplitudes @ modes.shapes.T)[:, :, None] * normals
     heights = [modes.shapes @ a for a in amplitudes]
     extent = Extent(template, positions, heights)
     for number, title in enumerate(ADDED):

@@ -14,11 +14,10 @@ from fastapi.middleware.cors import CORSMiddleware
 from fastapi.routing import APIRoute
 
 from modalmotion.hdf5.image import INTENDED_USE
+from modalmotion_service.access.audit import AuditLog, Lines
 from modalmotion_service.access.keys import KeyRing, KeySnapshot
 from modalmotion_service.access.logins import logins_of
 from modalmotion_service.access.rates import Rates
-from modalmotion_service.audit.entry import Lines
-from modalmotion_service.audit.log import AuditLog, AuditStream, Notes
 from modalmotion_service.document import completed
 from modalmotion_service.errors import NeedsStoreError
 from modalmotion_service.http import problems
@@ -64,17 +63,15 @@ def _access(settings: Settings) -> Iterator[Access]:
     """Open keys and audit log; where nothing is kept, keys that are only read and lines."""
     target = settings.audit_stream or ("stdout" if settings.stateless else None)
     lines = None if target is None else Lines(target, settings.audit_form)
-    if settings.stateless and lines is not None:
-        with AuditStream(lines) as stream:
-            yield Access(KeySnapshot(settings.read_only_dir), stream)
-    else:
-        with KeyRing(settings.data_dir) as ring, AuditLog(settings.data_dir, lines) as log:
-            yield Access(ring, log)
+    kept, read = settings.data_dir, settings.read_only_dir
+    keys = KeySnapshot(read) if settings.stateless else KeyRing(kept)
+    with keys, AuditLog(None if settings.stateless else kept, lines) as log:
+        yield Access(keys, log)
 
 
-async def _forget(log: Notes, days: float) -> None:
+async def _forget(log: AuditLog, settings: Settings) -> None:
     """Remove old entries of the audit log every hour, where an operator says how old."""
-    if days and isinstance(log, AuditLog):
+    if (days := settings.audit_days) and not settings.stateless:
         await for_ever("audit", partial(asyncio.to_thread, log.forget_before, days), 3600.0)
 
 
@@ -130,7 +127,7 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
             with _access(chosen) as access:
                 app.state.owners, app.state.access = owners, access
                 app.state.metrics = metrics
-                forgetting = asyncio.create_task(_forget(access.audit, chosen.audit_days))
+                forgetting = asyncio.create_task(_forget(access.audit, chosen))
                 yield
                 forgetting.cancel()
                 await access.audit.drain()

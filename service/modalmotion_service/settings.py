@@ -27,9 +27,7 @@ from modalmotion.formats import ReadLimits
 class Settings(BaseSettings):
     """Settings of an operator; `/v1/limits` publishes the limits."""
 
-    model_config = SettingsConfigDict(
-        env_prefix="MODALMOTION_", frozen=True, use_attribute_docstrings=True
-    )
+    model_config = SettingsConfigDict(env_prefix="MODALMOTION_", frozen=True)
 
     data_dir: Path = Path("modalmotion-data")
     """Folder that results are in."""

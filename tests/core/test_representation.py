@@ -22,7 +22,7 @@ from modalmotion.formats import read_npz, write_npz
 from modalmotion.limits import NO_LIMITS
 from modalmotion.mesh import cavity_of, connectivity_of
 from modalmotion.mesh.spring_modes import spring_modes
-from modalmotion.modes import HarmonicPotential, Oscillators, State, exact_step, polarised_waves
+from modalmotion.modes import Oscillators, State, exact_step
 from modalmotion.reports import report_of
 from modalmotion.representation import LONGEST_LINE, csv_text, shown
 from modalmotion.signature import measure_tradeoff
@@ -76,8 +76,6 @@ def values_of_lattices() -> Iterator[Any]:
     yield from (NO_LIMITS, mm.End.POLE)
     oscillators = Oscillators(np.array([0.0, 1.0, 2.0, 3.0]), np.zeros(4))
     yield from (oscillators, State(np.ones((4, 3)), np.zeros((4, 3))), exact_step(oscillators, 0.1))
-    potential = HarmonicPotential.decoupled(lattice)
-    yield from (potential, polarised_waves(potential, np.array([[0, 1], [2, 3]])))
 
 
 def values_of_a_store(folder: Path, beat: bytes, signature: mm.ModalSignature) -> Iterator[Any]:

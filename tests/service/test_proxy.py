@@ -19,9 +19,9 @@ from project import ROOT
 from running import Answer, RunningService
 
 from modalmotion.formats import read_npz
+from modalmotion_service.access.audit import AuditLog
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import Scope
-from modalmotion_service.audit.log import AuditLog
 from modalmotion_service.settings import Settings
 
 NAME = "modalmotion.example"
@@ -158,7 +158,7 @@ def test_the_log_names_the_client_and_not_what_it_claims(proxied: Proxied) -> No
     proxied.request("GET", "/v1/sequences?limit=7", None, **{"X-Forwarded-For": "203.0.113.9"})
     with AuditLog(proxied.service.data_dir) as log:
         entry = log.page(limit=1)[0]
-    assert (entry.event.owner, entry.event.client) == ("lab", "127.0.0.1")
+    assert (entry.owner, entry.client) == ("lab", "127.0.0.1")
 
 
 def test_a_request_is_found_by_its_id_in_all_logs_and_a_name_in_none(proxied: Proxied) -> None:
@@ -169,7 +169,7 @@ def test_a_request_is_found_by_its_id_in_all_logs_and_a_name_in_none(proxied: Pr
     request_id, folder = sent.headers["x-request-id"], proxied.service.data_dir.parent
     with AuditLog(proxied.service.data_dir) as log:
         entries = log.page(limit=5)
-    assert request_id in [entry.event.request_id for entry in entries]
+    assert request_id in [entry.request_id for entry in entries]
     # Written when the answer is on its way.
     for _ in range(100):
         if request_id in proxied.service.log.read_text():

@@ -147,7 +147,7 @@ def drive_frames(
             )
         u = amplitudes(state.amplitudes.reshape(len(q), n))
         force = forces(pull(u)).ravel() + W**2 * state.amplitudes
-        state = exact.advance_forced(state, force, force)
+        state = exact.advance(state, force, force)
         done += 1
         u = amplitudes(state.amplitudes.reshape(len(q), n))
         left = float(np.linalg.norm(forces(pull(u))))

@@ -27,13 +27,15 @@ from format_samples import (
 )
 
 from modalmotion.formats import write_glb, write_npz, write_vtkhdf
-from modalmotion.formats.gltf.container import read_container, write_container
+from modalmotion.formats.glb import File
+from modalmotion.formats.glb_writing import write_container
+from modalmotion.limits import NO_LIMITS
 
 Edit = Callable[[dict[str, Any]], object]
 
 
 def glb(edit: Edit) -> bytes:
-    container = read_container(write_glb(animation()))
+    container = File(write_glb(animation()), NO_LIMITS)
     document = json.loads(json.dumps(container.document))
     edit(document)
     return write_container(document, bytes(container.binary))

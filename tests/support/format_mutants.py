@@ -15,8 +15,10 @@ from typing import Any, Final
 from format_samples import zipped
 from image_files import repacked
 
-from modalmotion.formats.gltf.container import read_container, write_container
+from modalmotion.formats.glb import File
+from modalmotion.formats.glb_writing import write_container
 from modalmotion.hdf5.sealed import SEAL_LENGTH, seal
+from modalmotion.limits import NO_LIMITS
 
 _NUMBERS: Final = (
     b"0 -1 1 2 12 13 255 256 65536 2147483648 4294967295 1000000000 99999999999999999999 1e999 "
@@ -104,7 +106,7 @@ def _in_member(data: bytes, chance: random.Random) -> bytes:
 
 
 def _in_document(data: bytes, chance: random.Random) -> bytes:
-    container = read_container(data)
+    container = File(data, NO_LIMITS)
     document = json.loads(json.dumps(container.document))
     for _ in range(chance.randint(1, 3)):
         *above, last = chance.choice([path for path in _paths(document) if path])

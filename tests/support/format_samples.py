@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.formats import write_glb, write_npz, write_vtkhdf
-from modalmotion.formats.gltf.animation import MorphAnimation
-from modalmotion.formats.gltf.container import read_container, write_container
+from modalmotion.formats.glb import File
+from modalmotion.formats.glb_writing import MorphAnimation, write_container
+from modalmotion.limits import NO_LIMITS
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
 N_FRAMES: Final = 3
@@ -188,7 +189,7 @@ def animation(n_targets: int = 2) -> MorphAnimation:
 
 def edited_glb(data: bytes, edit: Callable[[dict[str, Any]], object]) -> bytes:
     """A GLB file with its document changed and everything around it made to fit."""
-    container = read_container(data)
+    container = File(data, NO_LIMITS)
     document = json.loads(json.dumps(container.document))
     edit(document)
     return write_container(document, bytes(container.binary))

@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import LimitError, ParameterError
-from modalmotion.formats.gltf.animation import MorphAnimation
+from modalmotion.formats.glb_writing import MorphAnimation
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import Oscillators, State, free_response
-from modalmotion.modes.oscillators import animate_along, directional_mode
 from modalmotion.representation import shown
 from modalmotion.signature.making import (
     ModalSignature,
@@ -195,8 +194,9 @@ class Swing:
 
     def positions(self) -> Iterator[Array]:
         """Positions, (vertices, 3) for each frame; memory does not grow with their number."""
-        start, shapes = self.template.vertices, self.modes.shapes
-        return animate_along(start, shapes, self.amplitudes, self.direction)
+        start = self.template.vertices
+        # (2) x = X + sum_m a_m phi_m d
+        return (start + height[:, None] * self.direction for height in self.heights())
 
     def sequence(self) -> MeshSequence:
         """All frames as a mesh sequence.
@@ -226,7 +226,7 @@ class Swing:
 
     def morph_animation(self) -> MorphAnimation:
         """Modes as morph targets, amplitudes as their weights."""
-        targets = [directional_mode(phi, self.direction) for phi in self.modes.shapes.T]
+        targets = [phi[:, None] * self.direction for phi in self.modes.shapes.T]
         return MorphAnimation(
             base=self.template.vertices,
             targets=np.stack(targets),

@@ -17,7 +17,7 @@ from modalmotion.exports.plotting import to_html
 from modalmotion.exports.reading import read
 from modalmotion.exports.tables import amplitude_table
 from modalmotion.formats.detect import STREAM
-from modalmotion.formats.gltf.animation import frame_animation
+from modalmotion.formats.glb_writing import frame_animation
 from modalmotion.hdf5.form import form_of
 from modalmotion.hdf5.sealed import SIGNATURE
 from modalmotion.mesh.sequence import MeshSequence

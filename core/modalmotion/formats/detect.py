@@ -7,8 +7,7 @@ from enum import StrEnum
 from typing import Final
 
 from modalmotion.errors import MalformedFileError
-from modalmotion.formats.stl import cut_short, is_binary_stl
-from modalmotion.formats.text_meshes import KEYWORDS
+from modalmotion.formats.text_meshes import KEYWORDS, OFF_KEYWORD, cut_short, is_binary_stl
 from modalmotion.hdf5.sealed import SIGNATURE
 
 
@@ -40,7 +39,6 @@ STREAM: Final = b"MMSQ"
 """First bytes of a compressed stream, which the codec reads."""
 
 _HEAD: Final = 1 << 16
-_OFF: Final = re.compile(rb"(?:ST)?C?N?OFF(?=\s|$)")
 _VTK_XML: Final = re.compile(rb"<VTKFile[^>]{0,2000}?\stype=[\"'](\w{1,60})[\"']")
 
 _VTK_XML_TYPES: Final = {b"PolyData": Format.VTP, b"UnstructuredGrid": Format.VTU}
@@ -134,7 +132,7 @@ def _text_format(head: bytes) -> Format | None:
         text = line.partition(b"#")[0].strip()
         if not text:
             continue
-        if _OFF.match(text):
+        if OFF_KEYWORD.match(text):
             return Format.OFF
         return Format.OBJ if text.split()[0] in KEYWORDS else None
     return None

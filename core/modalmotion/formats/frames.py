@@ -19,8 +19,7 @@ from modalmotion.formats.detect import MESH_FORMATS, Format, detect_format, unkn
 from modalmotion.formats.frame import ONE_MESH, Frame, MergeMap, merge_corners
 from modalmotion.formats.ply import read_ply
 from modalmotion.formats.result import Parser, Reading, reading_of
-from modalmotion.formats.stl import read_stl
-from modalmotion.formats.text_meshes import read_obj, read_off
+from modalmotion.formats.text_meshes import read_obj, read_off, read_stl
 from modalmotion.formats.vtk_legacy import read_vtk_legacy
 from modalmotion.formats.vtk_xml import read_vtk_xml
 from modalmotion.limits import ReadLimits

@@ -6,16 +6,13 @@ from pathlib import Path
 
 from modalmotion.errors import InputError, MalformedFileError
 from modalmotion.formats.detect import Format, detect_format, unknown_format
-from modalmotion.formats.frame_files import is_pattern, read_folder, read_zip
-from modalmotion.formats.frame_lists import SERIES_SUFFIXES
+from modalmotion.formats.frame_files import LISTS, is_pattern, read_folder, read_zip
 from modalmotion.formats.frames import FrameStack, read_mesh
-from modalmotion.formats.gltf.reading import read_glb
-from modalmotion.formats.named_arrays import read_raw
+from modalmotion.formats.glb import read_glb
+from modalmotion.formats.named_arrays import read_raw, read_xdmf
 from modalmotion.formats.npz import read_npz
-from modalmotion.formats.options import ReadOptions
 from modalmotion.formats.parser.process import ParserProcess
-from modalmotion.formats.result import Answer, Parser, Reading, reading_of
-from modalmotion.formats.xdmf import XDMF_SUFFIXES, read_xdmf
+from modalmotion.formats.result import Answer, Parser, Reading, ReadOptions, reading_of
 from modalmotion.mesh import facts_from_json
 from modalmotion.progress import Progress
 
@@ -78,7 +75,7 @@ def _read(
 ) -> Reading:
     if isinstance(source, bytes):
         return _read_bytes(source, options, parser, progress)
-    is_list = source.suffix.lower() in (*SERIES_SUFFIXES, *XDMF_SUFFIXES) and source.is_file()
+    is_list = source.suffix.lower() in LISTS and source.is_file()
     if is_list or source.is_dir() or (is_pattern(source) and not source.exists()):
         return read_folder(source, parser, progress)
     try:

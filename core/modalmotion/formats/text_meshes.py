@@ -1,4 +1,8 @@
-"""Wavefront OBJ and OFF, and numbers in lines of text, read in bounded memory.
+"""Meshes as STL, OBJ and OFF, and numbers in lines of text, read in bounded memory.
+
+Binary STL: 80 bytes of header, the number of triangles (uint32), then 50 bytes each: normal and
+three corners (float32), two arbitrary bytes; all little-endian. Normals and the two bytes are not
+used. STL has no vertices: each triangle has three of its own.
 
 Of OBJ the lines "v x y z" and "f a b c ..." are read, all others skipped. Corners may read a, a/b,
 a//c or a/b/c; only the vertex a counts, so texture seams and normals neither split nor reorder
@@ -19,10 +23,13 @@ from itertools import islice
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frame import Frame, space_in, triangulate_sizes
 from modalmotion.limits import NO_LIMITS, ReadLimits
+from modalmotion.mesh.checks import FloatArray
+from modalmotion.mesh.triangles import face_normals, oriented_faces
 
 _BLOCK: Final = 1 << 20
 _LONGEST_LINE: Final = 1 << 20
@@ -70,12 +77,146 @@ def _point(words: list[bytes], malformed: Callable[[str], MalformedFileError]) -
         raise malformed(f"A vertex reads {b' '.join(words)[:60]!r}.") from None
 
 
+_TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
+_HEADER_BYTES: Final = 84
+# Largest ratio of declared to present bytes at which a file counts as cut short.
+_LIKELY: Final = 100
+_malformed_stl: Final = partial(MalformedFileError, remedy="Export the frame again, as binary STL.")
+
+# A facet of the text form; its normal is not used.
+_FACET: Final = re.compile(
+    rb"\s*facet\s+normal\s+\S+\s+\S+\s+\S+\s+outer\s+loop"
+    + 3 * rb"\s+vertex\s+(\S+)\s+(\S+)\s+(\S+)"
+    + rb"\s+endloop\s+endfacet(?!\S)"
+)
+# The name of a solid may contain any words.
+_NAME_LINE: Final = re.compile(rb"(?m)^[ \t]*((?:end)?solid(?!\S)[^\r\n]*)")
+# A facet that a block of lines cuts is no longer than this.
+_LONGEST_FACET: Final = 10_000
+
+
+def is_binary_stl(data: bytes) -> bool:
+    """Return whether the number of triangles agrees with the number of bytes."""
+    return len(data) >= _HEADER_BYTES and _declared_bytes(data) == len(data)
+
+
+def cut_short(data: bytes) -> int | None:
+    """Size in bytes of a binary STL file that these may be the beginning of, else None.
+
+    Its header is text or empty, and it declares more bytes than are present.
+    """
+    header = data[: _HEADER_BYTES - 4].rstrip(b"\x00 ")
+    if len(data) <= _HEADER_BYTES or not all(32 <= byte < 127 for byte in header):
+        return None
+    declared = _declared_bytes(data)
+    return declared if len(data) < declared <= _LIKELY * len(data) else None
+
+
+def _declared_bytes(data: bytes) -> int:
+    return _HEADER_BYTES + int.from_bytes(data[80:_HEADER_BYTES], "little") * _TRIANGLE.itemsize
+
+
+def read_stl(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
+    """Read one STL file: three vertices of its own for each triangle.
+
+    Parameters
+    ----------
+    data : bytes
+    limits : ReadLimits, optional
+
+    Returns
+    -------
+    Frame
+        float32 from binary files, float64 from text.
+
+    Raises
+    ------
+    MalformedFileError
+        If the bytes are not an STL file, or fewer or more than it declares.
+    LimitError
+        If it holds more triangles than `limits` accept.
+    """
+    corners: FloatArray
+    if is_binary_stl(data):
+        triangles = np.frombuffer(data, _TRIANGLE, offset=_HEADER_BYTES)
+        limits.require("faces", len(triangles))
+        corners, header = triangles["corners"].reshape(-1, 3).astype(np.float32), data[:80]
+    elif data[:1024].lstrip()[:5].lower() == b"solid":
+        corners, header = _text_stl(data, limits), data[:1024].lstrip().partition(b"\n")[0]
+    else:
+        raise _malformed_stl(f"These {len(data)} bytes are not a complete STL file.")
+    if not len(corners):
+        raise _malformed_stl("The STL file contains no triangle.")
+    faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
+    return Frame(corners, faces, is_soup=True, statements=space_in(header))
+
+
+def _text_stl(data: bytes, limits: ReadLimits) -> NDArray[np.float64]:
+    numbers, rest, is_open = array("d"), b"", False
+    for lines in line_blocks(data):
+        # Facets and, in every second place, lines that begin or end a solid.
+        for i, piece in enumerate(_NAME_LINE.split(b"".join(lines).lower())):
+            if i % 2:
+                is_wrong = rest.strip() or piece.startswith(b"solid") == is_open
+                is_open = not is_open
+            else:
+                rest += piece
+                at = 0
+                while (found := _FACET.match(rest, at)) is not None:
+                    at = found.end()
+                    try:
+                        numbers.extend(map(float, found.groups()))
+                    except ValueError:
+                        raise _damaged(len(numbers) // 9, found[0]) from None
+                rest = rest[at:].lstrip()
+                is_wrong = (at and not is_open) or len(rest) > _LONGEST_FACET
+            if is_wrong:
+                raise _damaged(len(numbers) // 9, rest or piece)
+        limits.require("faces", len(numbers) // 9)
+    if rest or is_open:
+        raise _malformed_stl(f"The STL file ends within facet {len(numbers) // 9}: {rest[:60]!r}.")
+    return np.array(numbers).reshape(-1, 3)
+
+
+def _damaged(facet: int, text: bytes) -> MalformedFileError:
+    words = b" ".join(text.split())[:60].decode("ascii", "replace")
+    return _malformed_stl(f"Facet {facet} of the STL file reads {words!r}.")
+
+
+def write_stl(vertices: NDArray[np.floating], faces: NDArray[np.int64], title: str = "") -> bytes:
+    """Write triangles as binary STL, in float32, all wound the same way round where they can be.
+
+    Parameters
+    ----------
+    vertices : (vertices, 3) float
+    faces : (faces, 3) int64
+    title : str
+        Of the header, in ASCII; at most 68 letters of it are kept.
+
+    Returns
+    -------
+    bytes
+        `read_stl` reads it back.
+    """
+    wound = oriented_faces(faces, len(vertices))
+    corners = np.asarray(vertices, dtype=np.float64)
+    wound = faces if wound is None else wound
+    normals = face_normals(corners, wound)
+    sizes = np.linalg.norm(normals, axis=1, keepdims=True)
+    triangles = np.zeros(len(wound), _TRIANGLE)
+    triangles["normal"] = np.divide(normals, sizes, out=np.zeros_like(normals), where=sizes > 0)
+    triangles["corners"] = corners[wound]
+    # A header that begins with "solid" would be text.
+    header = f"modalmotion {title}".encode("ascii", "replace")[:80].ljust(80)
+    return header + len(wound).to_bytes(4, "little") + triangles.tobytes()
+
+
 KEYWORDS: Final = frozenset(
     b"v vt vn vp f l p o g s mg mtllib usemtl usemap maplib cstype deg bmat step curv curv2 surf "
     b"parm trim hole scrv sp end con bevel c_interp d_interp lod shadow_obj trace_obj ctech "
     b"stech call csh".split()
 )
-"""First words of lines that the format knows."""
+"""First words of lines that OBJ knows."""
 
 _MOST_COMMENTS: Final = 20
 _malformed_obj: Final = partial(
@@ -154,7 +295,9 @@ def _corners(words: list[bytes], n_vertices: int) -> array[int]:
 
 
 # ST, C, N say what follows x, y and z on a line; forms with 4 or n coordinates are not read.
-_KEYWORD: Final = re.compile(rb"(?:ST)?C?N?OFF(?=\s|$)")
+OFF_KEYWORD: Final = re.compile(rb"(?:ST)?C?N?OFF(?=\s|$)")
+"""First word of an OFF file."""
+
 _malformed_off: Final = partial(
     MalformedFileError,
     remedy="Export the frame again as OFF text: 'OFF', the counts, vertices, polygons.",
@@ -180,28 +323,21 @@ def read_off(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     LimitError
         If it declares more than `limits` accept.
     """
-    lines = _without_comments(data)
+    plain = (line.partition(b"#")[0].strip() for line in lines_of(data))
+    lines = filter(None, plain)
     first = next(lines, b"")
-    keyword = _KEYWORD.match(first)
+    keyword = OFF_KEYWORD.match(first)
     if keyword is None:
         raise _malformed_off("The file does not begin with 'OFF'.")
     counts = first[keyword.end() :].split() or next(lines, b"").split()
-    try:
-        n_vertices, n_faces = (int(word) for word in counts[:2])
-    except ValueError:
-        raise _malformed_off(f"The OFF file has the counts {b' '.join(counts)[:40]!r}.") from None
-    if n_vertices < 0 or n_faces < 0:
-        raise _malformed_off("The OFF file has a negative count.")
+    if len(counts) < 2 or not all(word.isdigit() and len(word) <= 18 for word in counts[:2]):
+        raise _malformed_off(f"The OFF file has the counts {b' '.join(counts)[:40]!r}.")
+    n_vertices, n_faces = map(int, counts[:2])
     limits.require("vertices", n_vertices)
     limits.require("faces", n_faces)
-    positions = array("d")
+    positions, sizes, corners = array("d"), array("q"), array("q")
     for line in islice(lines, n_vertices):
         positions.extend(_point(line.split()[:3], _malformed_off))
-    if len(positions) != 3 * n_vertices:
-        raise _malformed_off(
-            f"The OFF file declares {n_vertices} vertices but ends after {len(positions) // 3}."
-        )
-    sizes, corners = array("q"), array("q")
     for line in islice(lines, n_faces):
         words = line.split()
         try:
@@ -213,18 +349,12 @@ def read_off(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
             raise _malformed_off(f"Polygon {len(sizes)} of the OFF file reads {line[:40]!r}.")
         sizes.append(size)
         corners += polygon
-    if len(sizes) != n_faces or next(lines, None) is not None:
-        more = "fewer" if len(sizes) != n_faces else "more"
+    are_more = next(lines, None) is not None
+    if (len(positions) // 3, len(sizes)) != (n_vertices, n_faces) or are_more:
         raise _malformed_off(
-            f"The OFF file declares {n_vertices} vertices and {n_faces} polygons, but {more} "
-            "lines follow."
+            f"The OFF file declares {n_vertices} vertices and {n_faces} polygons, but "
+            f"{'more' if are_more else 'fewer'} lines follow."
         )
     polygons = triangulate_sizes(sizes, corners, limits)
     vertices = np.array(positions).reshape(-1, 3)
     return Frame(vertices, polygons.faces, notes=polygons.notes, statements=space_in(data[:1024]))
-
-
-def _without_comments(data: bytes) -> Iterator[bytes]:
-    for line in lines_of(data):
-        if stripped := line.partition(b"#")[0].strip():
-            yield stripped

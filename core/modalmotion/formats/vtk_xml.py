@@ -10,17 +10,17 @@ import lzma
 import re
 import struct
 from binascii import a2b_base64
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, Final
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import InputError
+from modalmotion.errors import InputError, LimitError, MalformedFileError
 from modalmotion.formats.frame import Frame, space_in
 from modalmotion.formats.vtk_legacy import malformed, numbers_in, surface_of, whole
-from modalmotion.formats.xml_trees import xml_tree
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.numeric.unpacking import filled, unpacked
 
@@ -40,6 +40,7 @@ _MOST_LZMA: Final = 1 << 27
 
 # A surface with fifty arrays of data has two hundred elements.
 _MOST_ELEMENTS: Final = 1_000
+_DEEPEST: Final = 20
 
 
 def read_vtk_xml(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
@@ -216,41 +217,14 @@ class _File:
         if self.packing == "vtkLZMADataCompressor":
             plain = lzma.LZMADecompressor(memlimit=_MOST_LZMA).decompress(piece, n_bytes + 1)
             return filled([plain], n_bytes, len(piece)).tobytes()
-        if self.packing == "vtkLZ4DataCompressor":
-            return filled([bytes(_lz4(piece, n_bytes))], n_bytes, len(piece)).tobytes()
-        raise malformed(f"The VTK file is packed by {self.packing[:40]!r}, which is unknown.")
+        raise MalformedFileError(
+            f"The VTK file is compressed by {self.packing[:40]!r}, which is not read.",
+            remedy="Save it again with the compressor ZLib, or without compression.",
+        )
 
     def _hold(self, n_bytes: int) -> None:
         self.n_bytes += n_bytes
         self.of_file.require("decompressed_bytes", self.n_bytes)
-
-
-def _lz4(piece: bytes, most: int) -> bytearray:
-    """Unpack one block of LZ4 (its block format): literals, and copies of what is before."""
-    plain, at = bytearray(), 0
-
-    def longer(of: int) -> int:
-        nonlocal at
-        more = 255
-        while more == 255:
-            more, at = piece[at], at + 1
-            of += more
-        return of
-
-    while at < len(piece) and len(plain) <= most:
-        token, at = piece[at], at + 1
-        n = token >> 4 if token < 0xF0 else longer(15)
-        plain += piece[at : at + n]
-        at += n
-        if at >= len(piece):
-            break
-        back, at = int.from_bytes(piece[at : at + 2], "little"), at + 2
-        n = 4 + (token & 15 if token & 15 < 15 else longer(15))
-        if not 0 < back <= len(plain) or len(plain) + n > most:
-            raise malformed("A packed array of the VTK file is damaged.")
-        source = plain[len(plain) - back : len(plain) - back + n]
-        plain += (source * (n // len(source) + 1))[:n]
-    return plain
 
 
 def _named(parent: Element | None, name: str) -> Element:
@@ -265,3 +239,76 @@ def _count(element: Element, name: str) -> int:
     if not (text.isascii() and text.isdigit() and len(text) <= 18):
         raise malformed(f"The VTK file states {name} as {text[:20]!r}.")
     return int(text)
+
+
+def xml_tree(
+    data: bytes,
+    form: str,
+    malformed: Callable[[str], MalformedFileError],
+    most: int,
+    *,
+    has_type: bool = False,
+) -> Element:
+    """Parse XML that has no entities, nor a document type unless such files have it.
+
+    Parameters
+    ----------
+    data : bytes
+    form : str
+        Name of the form, in messages.
+    malformed : callable
+        Makes the error.
+    most : int
+        Elements.
+    has_type : bool
+        Whether such files have a document type.
+
+    Raises
+    ------
+    MalformedFileError
+        Made by `malformed`, with the form in its message.
+    LimitError
+        If it has more elements, or more in one another than 20.
+    """
+    builder = TreeBuilder()
+    n_elements = depth = 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal n_elements, depth
+        n_elements, depth = n_elements + 1, depth + 1
+        for limit, value, at_most in (
+            ("xml_elements", n_elements, most),
+            ("xml_depth", depth, _DEEPEST),
+        ):
+            if value > at_most:
+                raise LimitError(
+                    f"The {form} file has more than {at_most} elements"
+                    f"{' in one another' if limit == 'xml_depth' else ''}.",
+                    remedy="Save the surface alone, without its arrays of data.",
+                    limit=limit,
+                    details={"most": at_most},
+                )
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    def refuse(*_: object) -> None:
+        raise malformed(f"The {form} file contains a document type or entities.")
+
+    parser = expat.ParserCreate()
+    parser.buffer_text = True
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.CharacterDataHandler = builder.data
+    parser.EntityDeclHandler = refuse
+    if not has_type:
+        parser.StartDoctypeDeclHandler = refuse
+    try:
+        parser.Parse(data, True)
+    except InputError:
+        raise
+    except (expat.ExpatError, LookupError, ValueError) as error:
+        raise malformed(f"The {form} file is not readable XML ({str(error)[:80]}).") from error
+    return builder.close()

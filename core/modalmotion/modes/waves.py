@@ -1,16 +1,14 @@
-"""Dispersion relation (7) of lattices and waves that travel on them.
+"""Dispersion relation (7) of lattices, and waves of the general harmonic potential (4).
 
 Equation numbers are those of Nastar, INRIA research report, 1994. All closed-form: a lattice
 need not be built, and may be of any size.
-
-Each mode is an oscillator with a known motion, so the lattice is known at any time at once,
-without steps: Nastar (1994), section 3.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Mapping
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +16,11 @@ from numpy.typing import NDArray
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
 from modalmotion.modes.lattice import Lattice, require_within_zone
 from modalmotion.modes.mode_set import ModeSet
-from modalmotion.modes.oscillators import Oscillators, State
-from modalmotion.modes.responses import free_states
-from modalmotion.modes.topology import CLOSED, ModeLabel
-from modalmotion.modes.transform import project
+from modalmotion.modes.topology import CLOSED
+from modalmotion.modes.trigonometry import sin_pi
 
 Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
 Spacing = float | tuple[float, ...]
 
 
@@ -56,26 +53,6 @@ def wave_vectors(lattice: Lattice, modes: ModeSet, spacing: Spacing = 1.0) -> Ar
         turn = 2.0 * np.pi if ends == CLOSED else np.pi / 2.0
         k[:, axis] = turn * (modes.half_periods[:, axis] / n) / a[axis]
     return k
-
-
-def first_zone(lattice: Lattice, k: Array, spacing: Spacing = 1.0) -> Array:
-    """Wave vectors of the first Brillouin zone that name the same waves.
-
-    Parameters
-    ----------
-    lattice : Lattice
-    k : (waves, axes) float64, rad per mm
-        Of any length.
-    spacing : float or tuple of float, mm
-
-    Returns
-    -------
-    (waves, axes) float64, rad per mm
-        From -pi / a to pi / a. Nodes cannot tell k from k + 2 pi / a.
-    """
-    k = _require_wave_vectors(lattice, k)
-    period = 2.0 * np.pi / _spacings(lattice, spacing)
-    return np.asarray(k - period * np.rint(k / period))
 
 
 def dispersion(lattice: Lattice, k: Array, spacing: Spacing = 1.0) -> Array:
@@ -193,132 +170,128 @@ def _require_wave_vectors(lattice: Lattice, k: Array) -> Array:
     return k
 
 
-def mode_oscillators(lattice: Lattice, modes: ModeSet, damping: Array | float = 0.0) -> Oscillators:
-    """Oscillators of the modes of a lattice.
+# Rounding of the eigenvalues of D, in units of eps times the size of its terms.
+_ROUNDING: Final = 64.0
+
+
+def dynamical_matrices(
+    shape: tuple[int, ...],
+    force_constants: Mapping[Any, Array],
+    wavenumbers: NDArray[np.int64],
+    mass: float = 1.0,
+) -> ComplexArray:
+    """Dynamical matrix of each wave vector, D(k) = sum K(l) exp(i k l) / M.
+
+    The general harmonic potential (4) V = sum u_n' K(l) u_(n+l) / 2 of a lattice on closed axes,
+    whose forces (5) couple directions and reach beyond the next neighbour.
 
     Parameters
     ----------
-    lattice : Lattice
-    modes : ModeSet
-    damping : (modes,) float64 or float, 1 per time unit
+    shape : tuple of int
+        Nodes along each closed axis.
+    force_constants : mapping of tuple of int to (3, 3) float64
+        K(l) of one of each pair l, -l: K(-l) is its transpose, and K(0) is minus the sum of all
+        (acoustic sum rule). Springs of stiffness k to the next neighbour are K = -k I.
+    wavenumbers : (waves, axes) int64
+        Whole periods along each axis.
+    mass : float
 
     Returns
     -------
-    Oscillators
-    """
-    return Oscillators(lattice.angular_frequencies(modes), damping)
-
-
-def modal_state(lattice: Lattice, modes: ModeSet, displacements: Array, velocities: Array) -> State:
-    """Expand a lattice's displacements and velocities in modes.
-
-    Parameters
-    ----------
-    lattice : Lattice
-    modes : ModeSet
-    displacements : (nodes, ...) float64, mm
-    velocities : (nodes, ...) float64, mm per time unit
-
-    Returns
-    -------
-    State
-        (modes, ...) each.
-
-    Raises
-    ------
-    ShapeError
-        If there is not one displacement and one velocity for each node.
-    NonFiniteError
-        If one is NaN or infinite.
-    """
-    u, v = (np.asarray(a, dtype=np.float64) for a in (displacements, velocities))
-    if u.shape != v.shape or u.shape[:1] != (lattice.n_nodes,):
-        raise ShapeError(
-            f"Displacements of shape {u.shape} and velocities of shape {v.shape} on "
-            f"{lattice.n_nodes} nodes.",
-            remedy="Give both with the shape (nodes, ...).",
-        )
-    both = np.stack([u, v]).reshape(2, lattice.n_nodes, -1)
-    a, a_dot = project(lattice, modes, both).reshape(2, len(modes), *u.shape[1:])
-    return State(a, a_dot)
-
-
-def propagate(
-    lattice: Lattice,
-    modes: ModeSet,
-    start: State,
-    times: Array,
-    damping: Array | float = 0.0,
-) -> Iterator[Array]:
-    """Displacements of a lattice left to itself, at any times.
-
-    Parameters
-    ----------
-    lattice : Lattice
-    modes : ModeSet
-        All of them for the exact motion; few for the slow part of it.
-    start : State
-        At time 0, (modes, ...) each: from `modal_state` or `travelling_wave`.
-    times : (times,) float64, time units
-        From 0 on, in any order.
-    damping : (modes,) float64 or float, 1 per time unit
-
-    Yields
-    ------
-    (nodes, ...) float64, mm
-        One array for each time.
-    """
-    shapes = lattice.shapes(modes)
-    for state in free_states(mode_oscillators(lattice, modes, damping), times, start):
-        a = state.amplitudes
-        yield (shapes @ a.reshape(len(modes), -1)).reshape(lattice.n_nodes, *a.shape[1:])
-
-
-def travelling_wave(
-    lattice: Lattice, label: ModeLabel, *, backwards: bool = False
-) -> tuple[ModeSet, State]:
-    """Start a phonon: one wave that runs through the lattice without changing.
-
-    Its cosine and its sine swing a quarter period apart:
-    cos(k x - w t) = cos(k x) cos(w t) + sin(k x) sin(w t). Along open and pole axes the
-    wave stands; along closed ones it travels.
-
-    Parameters
-    ----------
-    lattice : Lattice
-    label : ModeLabel
-        Either mode of the pair.
-    backwards : bool
-        Against its wave vector.
-
-    Returns
-    -------
-    modes : ModeSet
-        The cosine and the sine.
-    start : State
-        (2,) each, for a wave of amplitude 1.
+    (waves, 3, 3) complex128, hermitian
 
     Raises
     ------
     ParameterError
-        If the label has no partner: then there are standing waves only.
+        If a matrix is not (3, 3) and finite, an offset and its opposite are both given, or the
+        mass is not positive.
+    ShapeError
+        If the wavenumbers are not integers of shape (waves, axes).
     """
-    pair = ModeSet.of(
-        lattice.topology,
-        [ModeLabel(label.wavenumbers, "cos"), ModeLabel(label.wavenumbers, "sin")],
-    )
-    if not _is_pair(lattice, pair):
-        raise ParameterError(
-            f"The wave vector of {label} is its own opposite, so its wave stands.",
-            remedy="Use a label whose sine is a mode too.",
-            details={"label": str(label)},
+    for offset, K in force_constants.items():
+        twice = tuple(-entry for entry in offset) in force_constants
+        if twice or len(offset) != len(shape) or np.shape(K) != (3, 3) or not np.isfinite(K).all():
+            raise ParameterError(
+                f"The force constants at offset {offset} are {np.asarray(K).tolist()}.",
+                remedy="Give a finite (3, 3) matrix for one of each pair of opposite offsets.",
+            )
+    if not (math.isfinite(mass) and mass > 0):
+        raise ParameterError(f"The mass M is {mass}.", remedy="Use a finite mass above zero.")
+    p = np.asarray(wavenumbers)
+    if p.ndim != 2 or p.shape[1] != len(shape) or p.dtype.kind not in "iu":
+        raise ShapeError(
+            f"Wavenumbers are integers of shape (waves, {len(shape)}), not {p.dtype} of {p.shape}.",
+            remedy="Give whole periods along each axis.",
         )
-    w = float(lattice.angular_frequencies(pair)[0])
-    return pair, State(np.array([1.0, 0.0]), np.array([0.0, -w if backwards else w]))
+    n_offsets = len(force_constants)
+    offsets = np.array(list(force_constants), dtype=np.int64).reshape(n_offsets, len(shape))
+    constants = np.array(list(force_constants.values()), dtype=np.float64).reshape(-1, 3, 3)
+    # k l = 2 pi sum p_i l_i / N_i as a whole number of parts of a turn: nothing is lost.
+    turn = math.lcm(*shape)
+    parts = np.zeros((len(p), n_offsets), dtype=np.int64)
+    for axis, n in enumerate(shape):
+        along = np.multiply.outer(p[:, axis] % n, offsets[:, axis] % n) % n
+        parts = (parts + along * (turn // n)) % turn
+    # l and -l together: -(K + K') (1 - cos k l) + i (K - K') sin k l, and K(0), minus the sum
+    # of all, is in the 1. 1 - cos as 2 sin^2, which long waves need.
+    even, odd = 2.0 * sin_pi(parts, turn) ** 2, sin_pi(2 * parts, turn)
+    with np.errstate(over="ignore", invalid="ignore"):
+        K, K_t = constants / mass, constants.transpose(0, 2, 1) / mass
+        D = np.einsum("kl,lij->kij", even, -(K + K_t)) + 1j * np.einsum("kl,lij->kij", odd, K - K_t)
+    if not np.isfinite(D).all():
+        raise ParameterError(
+            f"With the mass {mass:g} these force constants make frequencies whose squares are "
+            "beyond the largest number.",
+            remedy="State them in another unit of time, which changes the constants alone.",
+        )
+    return np.asarray(D, dtype=np.complex128)
 
 
-def _is_pair(lattice: Lattice, modes: ModeSet) -> bool:
-    """Whether k and -k are different waves: 2 p is not a multiple of N on some closed axis."""
-    p = modes.wavenumbers[0]
-    axes = zip(lattice.topology.ends, lattice.shape, p.tolist(), strict=True)
-    return any(ends == CLOSED and 2 * wavenumber % n != 0 for ends, n, wavenumber in axes)
+def polarised_waves(
+    shape: tuple[int, ...],
+    force_constants: Mapping[Any, Array],
+    wavenumbers: NDArray[np.int64],
+    mass: float = 1.0,
+) -> tuple[Array, ComplexArray]:
+    """Frequencies and polarisations of the three waves of each wave vector, slow ones first.
+
+    Parameters
+    ----------
+    shape, force_constants, wavenumbers, mass
+        See `dynamical_matrices`.
+
+    Returns
+    -------
+    angular_frequencies : (waves, 3) float64, rad per time unit
+    polarisations : (waves, 3, 3) complex128
+        Columns e of length 1: wave j moves node n by e_j exp(i (k n - w_j t)). The first of the
+        largest entries of each is real and positive.
+
+    Raises
+    ------
+    ParameterError
+        If the potential falls below its value at rest: the lattice would not return.
+    """
+    D = dynamical_matrices(shape, force_constants, wavenumbers, mass)
+    # (6) w^2 e = D(k) e
+    w_squared, e = np.linalg.eigh(D)
+    size = sum(4.0 * float(np.abs(K).sum()) for K in force_constants.values()) / mass
+    unstable = np.flatnonzero(w_squared[:, 0] < -_ROUNDING * float(np.finfo(np.float64).eps) * size)
+    if unstable.size:
+        p = np.asarray(wavenumbers)[unstable[0]].tolist()
+        raise ParameterError(
+            f"The wave of wavenumbers {tuple(p)} has w^2 = {w_squared[unstable[0], 0]}: the "
+            "lattice would leave its rest position and never return.",
+            remedy="Use force constants whose potential is nowhere below its value at rest.",
+            details={"wavenumbers": p},
+        )
+    return np.sqrt(np.maximum(w_squared, 0.0)), _fixed_phase(e)
+
+
+def _fixed_phase(e: ComplexArray) -> ComplexArray:
+    """Turn each vector until the first of its largest entries is real and positive."""
+    size = np.abs(e)
+    # Entries that are equal but for rounding count as equal, so that the first is taken.
+    largest = (size >= size.max(axis=1, keepdims=True) * (1.0 - 1e-9)).argmax(axis=1)
+    entry = np.take_along_axis(e, largest[:, None, :], axis=1)
+    return np.asarray(e * (np.conj(entry) / np.abs(entry)))

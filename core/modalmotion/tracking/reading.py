@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from modalmotion.errors import InputError, MalformedFileError, ParameterError, ShapeError
 from modalmotion.formats.detect import MESH_FORMATS, Format, detect_format, unknown_format
 from modalmotion.formats.frame import NOTHING_TO_TRACK
-from modalmotion.formats.frame_files import opened
-from modalmotion.formats.frame_lists import (
+from modalmotion.formats.frame_files import (
     FRAME_SUFFIXES,
     SERIES_SUFFIXES,
     is_hidden,
     list_frames,
     natural_key,
     notes_on_numbers,
+    opened,
 )
 from modalmotion.formats.frames import read_mesh
 from modalmotion.formats.npz import read_arrays, text_in
@@ -161,8 +161,7 @@ def read_observed(
     kind = detect_format(data) if data else None
     if kind is Format.ZIP:
         with opened(data, parser) as archive:
-            files = {name: member.read for name, member in archive.members.items()}
-            return _of_files(files, contours, coordinates, archive.parser, progress)
+            return _of_files(archive.files, contours, coordinates, archive, progress)
     if kind is Format.NPZ:
         return _of_npz(data, parser.limits)
     if kind is Format.HDF5:

@@ -10,7 +10,6 @@ import re
 import secrets
 import sqlite3
 import threading
-import time
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
@@ -158,6 +157,12 @@ class Key:
 class Authenticator(abc.ABC):
     """Whoever knows the records of keys, and recognises a key by its own."""
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:  # noqa: B027 (of a snapshot nothing is open)
+        """Close what is open."""
+
     def authenticate(self, token: str) -> Key:
         """Find the record of a key.
 
@@ -198,14 +203,7 @@ class KeyRing(Authenticator):
         self._lock = threading.Lock()
         self._connection = open_database(self._path, _TABLES, _VERSION)
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the file."""
         with self._lock:
             self._connection.close()
 
@@ -325,9 +323,9 @@ def _key(row: tuple[Any, ...]) -> Key:
 class KeySnapshot(Authenticator):
     """Keys as they are in a file now, which may be replaced at any time.
 
-    They are read again only where the file has changed. Nothing is written, not even beside it: the
-    folder may be one that nobody can write to. While the file is away or damaged every key is
-    refused with an error of the store.
+    It is opened anew for each look: a key that was taken back, or a file that was replaced, counts
+    at once. Nothing is written, not even beside it: the folder may be one that nobody can write to.
+    While the file is away or damaged every key is refused with an error of the store.
 
     Parameters
     ----------
@@ -337,47 +335,29 @@ class KeySnapshot(Authenticator):
 
     def __init__(self, data_dir: Path | None) -> None:
         self._path = None if data_dir is None else data_dir / KEYS
-        self._known: dict[str, tuple[Any, ...]] = {}
-        self._seen: list[tuple[int, ...]] = []
         len(self)  # a damaged file is found at once
 
     def __len__(self) -> int:
         """Give how many keys are known, whether they are active or not."""
         if self._path is None or not self._path.exists():
             return 0
-        self._row("")
-        return len(self._known)
+        (number,) = self._first("SELECT count(*) FROM keys", self._path) or (0,)
+        return int(number)
 
     def _row(self, key_id: str) -> tuple[Any, ...] | None:
         if self._path is None:
             return None
-        with explained(self._path.name):
-            seen = [*_stamp(self._path), *_stamp(self._path.with_name(f"{self._path.name}-wal"))]
-            if not seen or seen != self._seen:
-                # Immutable, unless a service has it open whose newest rows are beside it: else
-                # SQLite would make files there, to share it with writers.
-                is_live = len(seen) > 1 and seen[1][0] > 0
-                how = "mode=ro" if is_live else "mode=ro&immutable=1"
-                address = f"{self._path.absolute().as_uri()}?{how}"
-                with closing(sqlite3.connect(address, uri=True)) as file:
-                    self._known = {row[0]: row for row in file.execute("SELECT * FROM keys")}
-                # One that was just written may be written again within a tick of its clock.
-                is_settled = all(time.time_ns() - at > _SETTLED_NS for _, at, _ in seen)
-                self._seen = seen if is_settled else []
-        return self._known.get(key_id)
+        return self._first("SELECT * FROM keys WHERE id = ?", self._path, key_id)
 
-
-_SETTLED_NS: Final = 2_000_000_000
-
-
-def _stamp(path: Path) -> list[tuple[int, ...]]:
-    """Give what changes with a file: size, time, and number on its disk; nothing of none.
-
-    The time is that of the last change of any kind: a copy may bring its own time of writing with
-    it, and a file that takes the place of another may have the same number.
-    """
-    try:
-        found = path.stat()
-    except FileNotFoundError:
-        return []
-    return [(found.st_size, found.st_ctime_ns, found.st_ino)]
+    @staticmethod
+    def _first(statement: str, path: Path, *values: str) -> tuple[Any, ...] | None:
+        with explained(path.name):
+            log = path.with_name(f"{path.name}-wal")
+            # Immutable, unless a service has it open whose newest rows are beside it: else SQLite
+            # would make files there, to share it with writers.
+            is_live = log.exists() and log.stat().st_size > 0
+            how = "mode=ro" if is_live else "mode=ro&immutable=1"
+            address = f"{path.absolute().as_uri()}?{how}"
+            with closing(sqlite3.connect(address, uri=True)) as file:
+                found: tuple[Any, ...] | None = file.execute(statement, values).fetchone()
+                return found

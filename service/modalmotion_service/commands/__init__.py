@@ -3,7 +3,7 @@
 from typing import Final
 
 LINES: Final = {
-    "audit": "Read and check the record of who did what.",
+    "audit": "Read the record of who did what.",
     "keys": "Make, list and take back the keys that open a service.",
     "owners": "See what each owner has, and remove one with everything.",
     "serve": "Start the HTTP service; its documentation is at /docs.",

@@ -11,9 +11,9 @@ from typing import Final
 import click
 
 from modalmotion.cli.options import aligned, example, json_option, tell
+from modalmotion_service.access.audit import AuditLog, note_key, take_back_key
 from modalmotion_service.access.keys import KEYS, Key, KeyRing
 from modalmotion_service.access.scopes import Scope
-from modalmotion_service.audit.log import make_key, take_back_key
 from modalmotion_service.commands.options import DATA_DIR, folder_of, folder_with, tell_rows
 
 _DAYS: Final = re.compile(r"([1-9][0-9]{0,4})d")
@@ -76,7 +76,9 @@ def create(
     """Make a key and show it, this once: only its hash is stored."""
     folder = folder_of(data_dir)
     is_first = not (folder / KEYS).is_file()
-    key, token = make_key(folder, owner, scopes, note=note, expires=expires)
+    with KeyRing(folder) as ring, AuditLog(folder) as log:
+        made = ring.create(owner, scopes, note=note, expires=expires)
+        key, token = note_key(made, ring, log)
     click.echo(aligned([_HEAD, _row(key)]), err=True)
     if is_first:
         # In a wrong folder it would open nothing, and nobody would know why.

@@ -14,10 +14,9 @@ from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
 from modalmotion.store.deletion import bury, digest_of_owner
 from modalmotion.store.disk import FolderLock, cannot_write, sync_paths
 from modalmotion.store.folder import ResultKind
+from modalmotion_service.access.audit import BEGUN, AuditLog, of_command, take_back_key
 from modalmotion_service.access.keys import KEYS, Key, KeyRing
 from modalmotion_service.access.scopes import LOCAL
-from modalmotion_service.audit.entry import BEGUN
-from modalmotion_service.audit.log import AuditLog, of_command, take_back_key
 from modalmotion_service.commands.options import DATA_DIR, folder_with, tell_rows
 from modalmotion_service.workspace.owners import FOLDER, folder_of
 from modalmotion_service.workspace.spool import sizes

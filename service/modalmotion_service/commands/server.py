@@ -23,11 +23,11 @@ from fastapi import FastAPI
 
 from modalmotion.errors import ParameterError
 from modalmotion.store import ResultStore
+from modalmotion_service.access.audit import AuditLog, note_key
 from modalmotion_service.access.keys import KeyRing, KeySnapshot, parts_of
 from modalmotion_service.access.rates import is_loopback
 from modalmotion_service.access.scopes import LOCAL, Scope
 from modalmotion_service.app import create_app
-from modalmotion_service.audit.log import Notes, note_key
 from modalmotion_service.http.connections import protocol_with_deadline, room_for_connections
 from modalmotion_service.log_lines import log_config
 from modalmotion_service.settings import Settings, unknown_variables
@@ -42,7 +42,7 @@ def secured(settings: Settings, host: str) -> Settings:
     return settings.model_copy(update={"require_keys": True})
 
 
-def offer_first_key(settings: Settings, ring: KeyRing, log: Notes) -> None:
+def offer_first_key(settings: Settings, ring: KeyRing, log: AuditLog) -> None:
     """Make a key with every scope where keys are needed and none was ever made.
 
     It is shown, unless it was read from a file that the settings name. Keys and audit log are those

@@ -25,15 +25,19 @@ def settings(as_json: bool) -> None:
 
 def described(settings: Any) -> Iterator[dict[str, Any]]:
     """Describe each setting of a pydantic model of settings, in its order."""
+    # Here, so that the help of all commands need not import the models.
+    from modalmotion_service.schemas.from_core import strings_of
+
+    kind = type(settings)
     values = settings.model_dump(mode="json")
-    fields = type(settings).model_fields
-    defaults = type(settings).model_construct().model_dump(mode="json")
-    for name, field in fields.items():
+    words = strings_of(kind.__module__)[kind.__name__]
+    defaults = kind.model_construct().model_dump(mode="json")
+    for name in kind.model_fields:
         yield {
             "variable": f"{settings.model_config['env_prefix']}{name.upper()}",
             "value": values[name],
             "default": defaults[name],
-            "meaning": " ".join((field.description or "").split()),
+            "meaning": " ".join(words[name].split()),
         }
 
 

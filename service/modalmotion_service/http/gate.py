@@ -18,6 +18,7 @@ from starlette.types import Scope as Connection
 
 from modalmotion.errors import ModalMotionError
 from modalmotion.mesh import NAMES
+from modalmotion_service.access.audit import BEGUN, AuditLog, Event
 from modalmotion_service.access.keys import Authenticator, key_required
 from modalmotion_service.access.logins import Logins, is_login
 from modalmotion_service.access.rates import Rates, comes_by_loopback, require_same_site
@@ -31,8 +32,6 @@ from modalmotion_service.access.scopes import (
     principal_of,
     target_of,
 )
-from modalmotion_service.audit.entry import BEGUN, Event
-from modalmotion_service.audit.log import Notes
 from modalmotion_service.errors import AuthenticationError, ForbiddenError, RateLimitedError
 from modalmotion_service.http.problems import problem_of
 
@@ -58,11 +57,11 @@ class Access:
     Parameters
     ----------
     keys : Authenticator
-    audit : Notes
+    audit : AuditLog
     """
 
     keys: Authenticator
-    audit: Notes
+    audit: AuditLog
 
 
 def note_ids(connection: HTTPConnection, ids: list[str]) -> None:

@@ -13,7 +13,6 @@ from starlette.responses import FileResponse
 
 from modalmotion.errors import LostFileError, NotFoundError
 from modalmotion.store.index import from_cursor, to_cursor
-from modalmotion_service.audit.log import AuditLog
 from modalmotion_service.http.gate import Access
 from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.monitoring.metrics import require_ready
@@ -138,12 +137,10 @@ class AuditList(Paging):
 async def list_audit(query: Annotated[AuditList, Query()], request: Request) -> AuditPageAnswer:
     """List who did what to which id, from the newest to the oldest, a page at a time."""
     access: Access = request.app.state.access
-    log = access.audit
-    assert isinstance(log, AuditLog)  # noqa: S101 (a service that keeps nothing has no such call)
     number = "" if query.cursor is None else from_cursor(query.cursor)[1]
     before = int(number) if number.isdecimal() and len(number) < 19 else None
     entries = await asyncio.to_thread(
-        log.page, limit=query.limit + 1, before=before, owner=query.owner
+        access.audit.page, limit=query.limit + 1, before=before, owner=query.owner
     )
     page = [AuditEntryAnswer.of(entry) for entry in entries[: query.limit]]
     is_last = len(entries) <= query.limit

@@ -10,7 +10,7 @@ from pydantic import ConfigDict
 from modalmotion.formats import Reading
 from modalmotion.mesh.fact_forms import facts_as_json
 from modalmotion.mesh.facts import Facts
-from modalmotion_service.audit.entry import AuditEntry, Event
+from modalmotion_service.access.audit import AuditEntry, Event
 from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from
 
 
@@ -90,7 +90,7 @@ class JobPageAnswer(Paged):
     jobs: list[JobAnswer]
 
 
-@mirrors(Event, AuditEntry, without=["event"])
+@mirrors(AuditEntry, Event)
 class AuditEntryAnswer(Answer):
     """Who requested what; the method is COMMAND for one of the command line."""
 
@@ -100,8 +100,7 @@ class AuditEntryAnswer(Answer):
     @staticmethod
     def of(entry: AuditEntry) -> AuditEntryAnswer:
         """Write an entry out."""
-        values = {**vars(entry), **vars(entry.event), "ids": entry.event.ids.split()}
-        return AuditEntryAnswer.model_validate(values)
+        return read_from(AuditEntryAnswer, entry, ids=entry.ids.split())
 
 
 class AuditPageAnswer(Paged):

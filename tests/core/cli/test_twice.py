@@ -25,7 +25,7 @@ LONG = {
     "segment",
 }
 CHEAP = {
-    "audit": "verify --data-dir {store}",
+    "audit": "show --data-dir {store}",
     "cohort": "{folder} -o {cohort}",
     "keys": "list --data-dir {store}",
     "owners": "list --data-dir {store}",

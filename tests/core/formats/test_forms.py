@@ -23,13 +23,13 @@ from modalmotion.formats import (
     DEFAULT_LIMITS,
     ParserHere,
     ReadOptions,
+    write_glb,
     write_npz,
     write_ply_zip,
     write_raw,
     write_vtkhdf,
 )
-from modalmotion.formats.gltf import write_glb
-from modalmotion.formats.gltf.animation import frame_animation
+from modalmotion.formats.glb_writing import frame_animation
 from modalmotion.formats.ply import write_ply
 from modalmotion.mesh.hdf5 import sequence_to_hdf5
 

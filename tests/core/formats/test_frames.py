@@ -39,7 +39,7 @@ from modalmotion.errors import (
 )
 from modalmotion.formats import ReadLimits, ReadOptions, read_sequence, write_ply_zip
 from modalmotion.formats.frame import merge_corners
-from modalmotion.formats.frame_lists import natural_key, read_series, write_series
+from modalmotion.formats.frame_files import natural_key, read_series, write_series
 from modalmotion.mesh.checks import FloatArray
 from modalmotion.mesh.sequence import mesh_sequence
 
@@ -128,12 +128,12 @@ def test_what_is_written_as_a_series_reads_back() -> None:
         (b"[]", "not of the form"),
         (b'{"files": []}', "no frames"),
         (b'{"files": [{"name": "a"}]}', "not of the form"),
-        (b'{"files": [{"name": "a", "time": "x"}]}', "time 'x'"),
+        (b'{"files": [{"name": "a", "time": "x"}]}', "could not convert"),
         (b'{"files": [{"name": 3, "time": 1}]}', "file '3'"),
         (b"[" * 100_000, "not of the form"),
         (b"<", "not readable XML"),
         (b"<VTKFile type='PolyData'/>", "type 'PolyData'"),
-        (b"<VTKFile type='Collection'><DataSet/></VTKFile>", "time 'None'"),
+        (b"<VTKFile type='Collection'><DataSet/></VTKFile>", "could not convert"),
         (
             b"<VTKFile type='Collection'><DataSet timestep='0' part='1' file='a'/></VTKFile>",
             "several parts",

@@ -28,8 +28,7 @@ from hypothesis import strategies as st
 from modalmotion.errors import InputError, LimitError, MalformedFileError
 from modalmotion.formats.frame import Frame, triangulate_sizes
 from modalmotion.formats.ply import read_ply, write_ply
-from modalmotion.formats.stl import read_stl
-from modalmotion.formats.text_meshes import read_obj, read_off
+from modalmotion.formats.text_meshes import read_obj, read_off, read_stl
 from modalmotion.formats.vtk_legacy import read_vtk_legacy
 from modalmotion.formats.vtk_xml import read_vtk_xml
 from modalmotion.limits import ReadLimits
@@ -208,9 +207,9 @@ def test_a_stated_coordinate_system_is_found(name: str, data: bytes) -> None:
     ("name", "data", "words"),
     [
         ("stl", stl_binary(VERTICES[0])[:-1], "not a complete STL"),
-        ("stl", stl_binary(VERTICES[0]) + b"\0", "684 bytes"),
+        ("stl", stl_binary(VERTICES[0]) + b"\0", "685 bytes"),
         ("stl", stl_binary(VERTICES[0], FACES[:0]), "no triangle"),
-        ("stl", stl_text(VERTICES[0]).rpartition(b"facet normal")[0], "cut short"),
+        ("stl", stl_text(VERTICES[0]).rpartition(b"facet normal")[0], "ends within"),
         ("stl", stl_text(VERTICES[0]).replace(b"endfacet", b"", 1), "Facet 0"),
         ("stl", stl_text(VERTICES[0]).replace(b"loop\nvertex", b"loop\nvertex 1", 3), "Facet 0"),
         (
@@ -219,11 +218,11 @@ def test_a_stated_coordinate_system_is_found(name: str, data: bytes) -> None:
             "not a complete",
         ),
         ("stl", stl_text(VERTICES[0]).replace(b"endsolid", b"solid"), "Facet 12"),
-        ("stl", stl_text(VERTICES[0] * 0).replace(b"vertex 0.0", b"vertex a", 1), "not a number"),
+        ("stl", stl_text(VERTICES[0] * 0).replace(b"vertex 0.0", b"vertex a", 1), "Facet 0"),
         ("off", off(VERTICES[0]).replace(b"12 12", b"12 13"), "fewer"),
         ("off", off(VERTICES[0]).replace(b"12 12", b"12 11"), "more"),
-        ("off", off(VERTICES[0]).replace(b"12 12", b"40 12"), "ends after 24"),
-        ("off", off(VERTICES[0]).replace(b"12 12", b"-1 12"), "negative"),
+        ("off", off(VERTICES[0]).replace(b"12 12", b"40 12"), "fewer"),
+        ("off", off(VERTICES[0]).replace(b"12 12", b"-1 12"), "counts"),
         ("off", off(VERTICES[0]).replace(b"12 12", b"a b"), "counts"),
         ("off", b"OFF BINARY\n", "counts"),
         ("off", off(VERTICES[0], [[0, 1, 2]]).replace(b"3 0 1 2", b"9 0 1 2"), "Polygon 0"),

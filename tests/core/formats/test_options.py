@@ -18,7 +18,7 @@ from modalmotion.errors import (
     TopologyError,
 )
 from modalmotion.formats import Format, ReadOptions, read_sequence
-from modalmotion.formats.frame_lists import notes_on_numbers
+from modalmotion.formats.frame_files import notes_on_numbers
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import write_atomic

@@ -149,7 +149,6 @@ WRITERS: Final[dict[str, tuple[str, Writer]]] = {
             ("Binary", "ZLib"),
             ("Appended", "None"),
             ("Appended", "ZLib"),
-            ("Appended", "LZ4"),
         ]
     },
     "vtk's ply": ("ply", by_vtk("vtkIOPLY", "vtkPLYWriter")),

@@ -116,6 +116,15 @@ def test_heads_of_arrays_are_compared_with_their_elements(
     assert caught.value.remedy
 
 
+def test_another_compressor_is_refused_with_those_that_are_read() -> None:
+    packed = base64.b64encode(struct.pack("<4Q", 1, 144, 0, 144)) + base64.b64encode(POINTS)
+    data = array(packed, 'format="binary"')
+    data = data.replace(b" byte_order", b' compressor="vtkLZ4DataCompressor" byte_order')
+    with pytest.raises(MalformedFileError, match="vtkLZ4DataCompressor") as caught:
+        read_vtk_xml(data)
+    assert "ZLib" in caught.value.remedy
+
+
 @pytest.mark.parametrize(
     ("edit", "limit"),
     [(b"<a/>" * 2_000 + b"<PolyData", "xml_elements"), (b"<a>" * 50, "xml_depth")],

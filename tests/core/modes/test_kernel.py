@@ -17,10 +17,8 @@ from modalmotion.modes import (
     exact_step,
     free_response,
     impulse_response,
-    nodal_damping,
     phase_error,
     ramp_response,
-    rayleigh_damping,
     step_response,
 )
 from modalmotion.modes.lattice import Lattice
@@ -187,13 +185,6 @@ def test_nonsense_is_refused_by_name(bad: float) -> None:
     assert caught.value.remedy
     with pytest.raises(ParameterError, match="damping of mode 2"):
         Oscillators(np.ones(3), np.array([0.0, 1.0, bad]))
-    with pytest.raises(ParameterError):
-        nodal_damping(bad)
-    with pytest.raises(ParameterError):
-        nodal_damping(1.0, mass=bad)
-    for alpha, beta in ((bad, 0.0), (0.0, bad)):
-        with pytest.raises(ParameterError):
-            rayleigh_damping(np.ones(1), alpha, beta)
     for respond in (impulse_response, step_response, ramp_response, phase_error):
         with pytest.raises(ParameterError, match="Time 1") as caught:
             respond(Oscillators(np.ones(1)), np.array([0.0, bad]))

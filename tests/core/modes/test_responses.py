@@ -19,11 +19,8 @@ from modalmotion.modes import (
     State,
     energy,
     free_response,
-    free_states,
     impulse_response,
-    nodal_damping,
     ramp_response,
-    rayleigh_damping,
     step_response,
 )
 
@@ -213,17 +210,6 @@ def test_shapes_follow_modes_and_directions() -> None:
         assert np.array_equal(alone.velocities, all_at_once.velocities[:, :, direction])
 
 
-def test_states_one_by_one_are_the_same_bit_for_bit() -> None:
-    rng = np.random.default_rng(1)
-    start = State(rng.normal(size=(7, 3)), rng.normal(size=(7, 3)))
-    times = rng.uniform(0, 100, 7000)
-    together = free_response(ALL, times, start)
-    for frame, state in enumerate(free_states(ALL, times, start)):
-        assert np.array_equal(state.amplitudes, together.amplitudes[frame])
-        assert np.array_equal(state.velocities, together.velocities[frame])
-    assert frame == 6999
-
-
 def test_wrong_shapes_are_refused() -> None:
     with pytest.raises(ShapeError):
         Oscillators(np.ones((2, 2)))
@@ -232,7 +218,7 @@ def test_wrong_shapes_are_refused() -> None:
     with pytest.raises(ShapeError):
         free_response(ALL, TIMES, State(np.ones(6), np.ones(6)))
     with pytest.raises(ShapeError):
-        free_states(ALL, TIMES, State(np.ones(7), np.ones((7, 3))))
+        free_response(ALL, TIMES, State(np.ones(7), np.ones((7, 3))))
     with pytest.raises(ShapeError):
         impulse_response(ALL, np.ones((2, 2)))
 
@@ -242,14 +228,6 @@ def test_oscillators_do_not_follow_their_callers_arrays() -> None:
     o = Oscillators(w)
     w[0] = 5.0
     assert o.angular_frequencies.tolist() == [1.0, 1.0]
-    assert o.dampings.tolist() == [0.0, 0.0]
+    assert np.asarray(o.damping).tolist() == [0.0, 0.0]
     with pytest.raises(ValueError, match="read-only"):
         o.angular_frequencies[0] = 5.0
-
-
-def test_dampings() -> None:
-    assert nodal_damping(3.0, mass=2.0) == 1.5
-    w = np.array([0.0, 1.0, 10.0])
-    assert rayleigh_damping(w, 0.5, 0.02).tolist() == [0.5, 0.52, 2.5]
-    # beta = 2 ratio / w damps the mode of frequency w at that ratio of critical.
-    assert rayleigh_damping(w, 0.0, 2 * 0.3 / 10)[2] == pytest.approx(0.3 * 2 * 10)

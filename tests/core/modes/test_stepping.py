@@ -11,9 +11,8 @@ import pytest
 from numpy.typing import NDArray
 from project import ROOT
 from scipy.integrate import solve_ivp
-from threadpoolctl import threadpool_limits
 
-from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
+from modalmotion.errors import NonFiniteError, ShapeError
 from modalmotion.modes import (
     Oscillators,
     State,
@@ -21,7 +20,6 @@ from modalmotion.modes import (
     energy,
     exact_step,
     free_response,
-    modal_forces,
     phase_error,
 )
 from modalmotion.modes.lattice import Lattice
@@ -48,9 +46,7 @@ def test_a_step_under_a_linear_force_is_exact(seed: int) -> None:
         c = float(rng.choice([0.0, 2 * w, 10 ** rng.uniform(-6, 6) / h]))
         u0, v0, f0, f1 = rng.normal(size=4) / [1, h, h**2, h**2]
         step = exact_step(Oscillators(np.array([w]), c), h)
-        end = step.advance_forced(
-            State(np.array([u0]), np.array([v0])), np.array([f0]), np.array([f1])
-        )
+        end = step.advance(State(np.array([u0]), np.array([v0])), np.array([f0]), np.array([f1]))
         r = extremes.exact(w, c, h)
         with mp.workdps(60):
             g, S, R, A, B = (
@@ -140,7 +136,7 @@ def test_constant_force_ends_at_rest_whatever_the_steps() -> None:
         step = exact_step(Oscillators(w, 0.3 * w), h)
         state = State(np.ones(3), np.ones(3))
         for _ in range(n_steps):
-            state = step.advance_forced(state, f, f)
+            state = step.advance(state, f, f)
         assert state.amplitudes == pytest.approx(f / w**2, rel=3e-15, abs=0)
 
 
@@ -183,9 +179,9 @@ def test_modes_driven_by_forces_at_nodes_are_the_driven_lattice(topology: object
         return np.concatenate([v.ravel(), ((F - K @ u) / 0.7).ravel()])
 
     slow = solve_ivp(rates, (0, 3.0), np.zeros(72), method="DOP853", rtol=1e-11, atol=1e-12)
-    f = modal_forces(shapes, F, mass=0.7)
+    f = project(lattice, modes, F[None])[0] / 0.7
     at_rest = State(np.zeros((12, 3)), np.zeros((12, 3)))
-    end = exact_step(Oscillators(w), 3.0).advance_forced(at_rest, f, f)
+    end = exact_step(Oscillators(w), 3.0).advance(at_rest, f, f)
     assert shapes @ end.amplitudes == pytest.approx(
         slow.y[:36, -1].reshape(12, 3), rel=1e-8, abs=1e-8
     )
@@ -193,24 +189,9 @@ def test_modes_driven_by_forces_at_nodes_are_the_driven_lattice(topology: object
 
 def test_a_uniform_force_moves_the_whole_lattice_only() -> None:
     lattice = Lattice(CUP, (5, 6), mass=2.0)
-    f = modal_forces(lattice.shapes(lattice.all_modes()), np.full((30, 3), 7.0), mass=2.0)
+    f = project(lattice, lattice.all_modes(), np.full((1, 30, 3), 7.0))[0] / 2.0
     assert f[0] == pytest.approx([3.5] * 3)
     assert np.abs(f[1:]).max() <= 1e-14
-
-
-def test_forces_on_a_lattice_are_its_projection_and_the_same_on_any_threads() -> None:
-    lattice = Lattice(CYLINDER, (60, 80), mass=0.3)
-    modes = lattice.whole_modes(111)
-    shapes = lattice.shapes(modes)
-    for directions in ((), (3,)):
-        F = np.random.default_rng(4).normal(size=(4800, *directions))
-        found = []
-        for n_threads in (1, 2):
-            with threadpool_limits(n_threads):
-                found.append(modal_forces(shapes, F, mass=0.3))
-        assert np.array_equal(found[0], found[1])
-        by_axes = project(lattice, modes, F.reshape(1, 4800, -1)).reshape(found[0].shape) / 0.3
-        assert found[0] == pytest.approx(by_axes, rel=1e-12, abs=1e-14)
 
 
 def test_forces_are_taken_one_by_one() -> None:
@@ -235,13 +216,9 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(ShapeError):
         step.advance(State(np.zeros(3), np.zeros(3)))
     with pytest.raises(ShapeError):
-        step.advance_forced(start, np.zeros((2, 3)), np.zeros(2))
+        step.advance(start, np.zeros((2, 3)), np.zeros(2))
     bad = np.zeros((3, 2, 3))
     bad[1, 0, 2] = np.nan
     with pytest.raises(NonFiniteError) as caught:
         list(driven_states(step, bad, start))
     assert caught.value.frame == 1
-    with pytest.raises(ShapeError):
-        modal_forces(np.ones((4, 2)), np.ones((3, 3)))
-    with pytest.raises(ParameterError):
-        modal_forces(np.ones((4, 2)), np.ones((4, 3)), mass=0.0)

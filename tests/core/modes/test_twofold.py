@@ -8,8 +8,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modalmotion.modes import twofold
-from modalmotion.modes.twofold import Twofold
+from modalmotion.modes import responses as twofold
+from modalmotion.modes.responses import Twofold
 
 number = st.floats(1e-60, 1e60)
 TINY = Fraction(1, 2**100)

@@ -21,8 +21,8 @@ from norm_controls import beat
 import modalmotion as mm
 from modalmotion.classification import classify
 from modalmotion.errors import ParameterError
-from modalmotion.formats.parser.registry import ParserHere
-from modalmotion.formats.stl import read_stl
+from modalmotion.formats.parser.child import ParserHere
+from modalmotion.formats.text_meshes import read_stl
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.norm import train_norm
 from modalmotion.reports import Report, quantities_of, report_of

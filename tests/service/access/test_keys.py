@@ -15,11 +15,11 @@ from fastapi.testclient import TestClient
 
 from modalmotion.cli import main
 from modalmotion.errors import NotFoundError, ParameterError
+from modalmotion_service.access.audit import AuditLog
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.rates import is_loopback
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.app import create_app
-from modalmotion_service.audit.log import AuditLog
 from modalmotion_service.commands.server import offer_first_key, secured, stated_key
 from modalmotion_service.errors import AuthenticationError
 from modalmotion_service.settings import Settings

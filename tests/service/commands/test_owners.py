@@ -12,11 +12,10 @@ from fastapi.testclient import TestClient
 
 from modalmotion.cli.commands import main
 from modalmotion.store import ResultStore, backup
+from modalmotion_service.access.audit import BEGUN, AuditLog
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.app import create_app
-from modalmotion_service.audit.entry import BEGUN
-from modalmotion_service.audit.log import audit_path, entries_of
 from modalmotion_service.commands.owners import usage_of
 from modalmotion_service.settings import Settings
 
@@ -108,7 +107,8 @@ def test_a_removed_owner_goes_from_the_backup_and_nothing_is_called_lost(
 
 
 def noted(folder: Path) -> list[tuple[str | None, str, int]]:
-    events = [entry.event for entry in entries_of(audit_path(folder))]
+    with AuditLog(folder) as log:
+        events = log.page(limit=100)[::-1]
     return [(event.owner, event.route, event.status) for event in events]
 
 

@@ -1,6 +1,6 @@
 """What runs in a parser's process: its confinement, a request, the parser, the answer.
 
-The libraries that parse HDF5 and VTK can be made to run anything by some file. What runs in a
+The libraries that parse HDF5 and images can be made to run anything by some file. What runs in a
 process confined by Landlock, where Linux has it, reads Python and its packages, writes nothing,
 opens no connection and signals nobody. No right is needed for it, and nothing gives it back
 (Linux 5.13; connections from 6.7, signals from 6.12).
@@ -15,7 +15,9 @@ import os
 import signal
 import struct
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import IO, Any, Final
 
@@ -23,8 +25,68 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, LimitError
-from modalmotion.formats.parser.registry import limits_on, parser_of
+from modalmotion.formats.result import Answer, Parsed
 from modalmotion.limits import ReadLimits
+
+# What parses, and what that imports in turn: libraries which damaged files can crash, and which are
+# slow to import.
+_HDF5: Final = ("h5py", "encodings.ascii")
+_TASKS: Final[dict[str, tuple[str, ...]]] = {
+    "hdf5": ("modalmotion.formats.vtkhdf:parse_hdf5", *_HDF5),
+    "clouds": ("modalmotion.formats.vtkhdf:parse_clouds", *_HDF5),
+    "datasets": ("modalmotion.formats.vtkhdf:parse_datasets", *_HDF5),
+    "mat": ("modalmotion.formats.named_arrays:parse_matlab", "scipy.io"),
+    "dicom": ("modalmotion.formats.volumes.dicom:parse_dicom", "pydicom.pixels"),
+    "study": ("modalmotion.formats.volumes.dicom:parse_study", "pydicom.valuerep"),
+    "metaimage": ("modalmotion.formats.volumes.nrrd_metaimage:parse_metaimage",),
+    "nifti": ("modalmotion.formats.volumes.nifti:parse_nifti", "nibabel"),
+    "nrrd": ("modalmotion.formats.volumes.nrrd_metaimage:parse_nrrd", "nrrd"),
+}
+
+
+@dataclass(frozen=True)
+class ParserHere:
+    """Runs parsers in this process.
+
+    For processes that may be lost and are limited from outside, such as a worker of the
+    service: it saves the second that a process of its own takes to start.
+
+    Parameters
+    ----------
+    limits : ReadLimits
+    """
+
+    limits: ReadLimits
+
+    def parse(self, task: str, data: bytes) -> Answer:
+        """Parse a file.
+
+        Raises
+        ------
+        InputError
+            What the parser raised.
+        """
+        return Answer(*parser_of(task)(data, _limits_on(task, len(data), self.limits)))
+
+
+def parser_of(task: str) -> Callable[[bytes, ReadLimits], Parsed]:
+    """Find a parser by its name."""
+    module, _, function = _TASKS[task][0].partition(":")
+    parse: Callable[[bytes, ReadLimits], Parsed] = getattr(import_module(module), function)
+    return parse
+
+
+def prepare(task: str) -> None:
+    """Import what a parser needs."""
+    parser_of(task)
+    for library in _TASKS[task][1:]:
+        import_module(library)
+
+
+def _limits_on(task: str, n_bytes: int, limits: ReadLimits) -> ReadLimits:
+    # Images may be of one colour: packed to nothing, and not in proportion to their files.
+    return limits if ".volumes." in _TASKS[task][0] else limits.of_file(n_bytes)
+
 
 # The same numbers on every architecture.
 _CREATE_RULESET: Final = 444
@@ -145,7 +207,7 @@ def answer_next(source: IO[bytes], sink: IO[bytes]) -> bool:
         return False
     request = json.loads(source.read(length))
     data = source.read(request["bytes"])
-    limits = limits_on(request["task"], len(data), ReadLimits(**request["limits"]))
+    limits = _limits_on(request["task"], len(data), ReadLimits(**request["limits"]))
     try:
         parse = parser_of(request["task"])
         _limit_this_process(limits, len(data), request["seconds"])
@@ -180,15 +242,8 @@ def _answer(
 
 
 def _state(error: InputError) -> dict[str, Any]:
-    return {
-        "kind": type(error).__name__,
-        "message": error.message,
-        "remedy": error.remedy,
-        "frame": error.frame,
-        "vertex": error.vertex,
-        "limit": error.limit,
-        "details": error.details,
-    }
+    names = ("message", "remedy", "frame", "vertex", "limit", "details")
+    return {"kind": type(error).__name__, **{name: getattr(error, name) for name in names}}
 
 
 def _too_large(limits: ReadLimits) -> LimitError:

@@ -1,6 +1,6 @@
 """Processes of their own for parsers that damaged files can crash.
 
-The HDF5 and VTK libraries end the whole process, or take all memory, on some files. In a
+The libraries of HDF5 and of images end the whole process, or take all memory, on some files. In a
 `ParserProcess` they run in a child that is limited in memory and time, reads only the bytes it is
 sent, and whose end is an error like any other.
 
@@ -32,8 +32,13 @@ import numpy as np
 
 from modalmotion import errors
 from modalmotion.errors import InputError, LimitError, MalformedFileError, StoreError
-from modalmotion.formats.parser.child import answer_next, confine, end_with, landlock_version
-from modalmotion.formats.parser.registry import prepare
+from modalmotion.formats.parser.child import (
+    answer_next,
+    confine,
+    end_with,
+    landlock_version,
+    prepare,
+)
 from modalmotion.formats.result import Answer
 from modalmotion.limits import ReadLimits
 
@@ -76,7 +81,7 @@ class ParserProcess:
         Parameters
         ----------
         task : str
-            Name of a parser in `parser.registry`.
+            Name of a parser in `parser.child`.
         data : bytes
 
         Raises
@@ -263,7 +268,7 @@ class ParserForks:
         Parameters
         ----------
         task : str
-            Name of a parser in `parser.registry`.
+            Name of a parser in `parser.child`.
         data : bytes
         limits : ReadLimits
 

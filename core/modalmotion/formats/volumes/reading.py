@@ -16,8 +16,7 @@ import numpy as np
 
 from modalmotion.errors import InputError, MalformedFileError, ShapeError, needs_extra
 from modalmotion.formats.detect import Format, detect_format
-from modalmotion.formats.frame_files import opened
-from modalmotion.formats.frame_lists import is_hidden, natural_key
+from modalmotion.formats.frame_files import is_hidden, natural_key, opened
 from modalmotion.formats.npz import UNREADABLE
 from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.formats.result import Answer, Parser
@@ -131,8 +130,7 @@ def _read(source: bytes | Path, parser: Parser, progress: Progress | None) -> Im
     kind = kind_of_image(data)
     if kind is None and detect_format(data) is Format.ZIP:
         with opened(data, parser) as archive:
-            members = {name: member.read for name, member in archive.members.items()}
-            return _of_files(members, archive.parser, progress)
+            return _of_files(archive.files, archive, progress)
     if kind is None:
         what = "contains no images of a known format" if data else "is empty"
         raise _malformed(f"The file {what}.")

@@ -14,7 +14,7 @@ from hostile_parsers import TASKS
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats import DEFAULT_LIMITS, ParserHere, write_vtkhdf
-from modalmotion.formats.parser import registry
+from modalmotion.formats.parser import child
 from modalmotion.formats.parser.child import landlock_version
 from modalmotion.formats.parser.process import ParserForks, ParserLostError
 
@@ -22,7 +22,7 @@ from modalmotion.formats.parser.process import ParserForks, ParserLostError
 @pytest.fixture
 def forks(monkeypatch: pytest.MonkeyPatch) -> Iterator[ParserForks]:
     for name, place in TASKS.items():
-        monkeypatch.setitem(registry._TASKS, name, place)
+        monkeypatch.setitem(child._TASKS, name, (place,))
     made = ParserForks()
     yield made
     made.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import multiprocessing
 import os
 from pathlib import Path
 
@@ -13,16 +14,15 @@ from click.testing import CliRunner, Result
 
 from modalmotion.cli import main
 from modalmotion.errors import StoreError
+from modalmotion_service.access.audit import BEGUN, AuditLog, Event, note_key
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import SCOPE_OF, Scope
-from modalmotion_service.audit.entry import BEGUN, Event
-from modalmotion_service.audit.log import AuditLog, audit_path, entries_of, faults_of, make_key
 from modalmotion_service.commands.server import offer_first_key
 from modalmotion_service.settings import Settings
 
 
-def event(number: int = 0) -> Event:
-    return Event(f"r{number}", "lab", "0" * 16, "127.0.0.1", "GET", "/v1/sequences", "", 200)
+def event(number: int = 0, status: int = 200) -> Event:
+    return Event(f"r{number}", "lab", "0" * 16, "127.0.0.1", "GET", "/v1/sequences", "", status)
 
 
 def audit(*words: str) -> Result:
@@ -199,12 +199,11 @@ def test_what_comes_together_is_written_together(
 
     with AuditLog(tmp_path) as log:
         asyncio.run(note_many(log))
-        assert [entry.event.request_id for entry in log.page(limit=200)] == [
+        assert [entry.request_id for entry in log.page(limit=200)] == [
             f"r{number}" for number in range(199, -1, -1)
         ]
         assert sum(batches) == 200
         assert len(batches) <= 3
-    assert faults_of(entries_of(audit_path(tmp_path)), {}) == (200, [])
 
 
 def test_a_client_that_goes_away_takes_no_entry_with_it(tmp_path: Path) -> None:
@@ -237,7 +236,8 @@ def test_what_is_done_to_keys_is_noted(tmp_path: Path) -> None:
     key_id = keys("create", "--owner", "lab", "--scopes", "read").stdout[3:19]
     assert keys("revoke", "0" * 16).exit_code == 1
     assert keys("revoke", key_id).exit_code == 0
-    found = [entry.event for entry in AuditLog(tmp_path).page(limit=10)]
+    with AuditLog(tmp_path) as log:
+        found = log.page(limit=10)
     assert [(one.owner, one.method, one.route) for one in found] == [
         ("lab", "COMMAND", "keys revoke"),
         ("lab", "COMMAND", "keys create"),
@@ -251,7 +251,47 @@ def test_a_key_that_cannot_be_noted_is_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(AuditLog, "append", disk_is_full)
-    with pytest.raises(StoreError):
-        make_key(tmp_path, "lab", [Scope.READ])
-    with KeyRing(tmp_path) as ring:
+    with KeyRing(tmp_path) as ring, AuditLog(tmp_path) as log:
+        with pytest.raises(StoreError):
+            note_key(ring.create("lab", [Scope.READ]), ring, log)
         assert [key.state for key in ring.all()] == ["revoked"]
+
+
+def test_entries_whose_time_has_passed_go_and_numbers_go_on(tmp_path: Path) -> None:
+    _write(tmp_path, 4)
+    with AuditLog(tmp_path) as log:
+        log.forget_before(1.0)
+        assert len(log.page(limit=9)) == 4
+        log.forget_before(-1.0)
+        log.append([event(9)])
+        assert [entry.number for entry in log.page(limit=9)] == [5]
+
+
+def _write(folder: Path, n: int) -> None:
+    with AuditLog(folder) as log:
+        for number in range(n):
+            log.append([event(number)])
+
+
+def test_two_processes_write_one_log(tmp_path: Path) -> None:
+    context = multiprocessing.get_context("spawn")
+    writers = [context.Process(target=_write, args=(tmp_path, 40)) for _ in range(2)]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+        assert writer.exitcode == 0
+    with AuditLog(tmp_path) as log:
+        found = log.page(limit=100)
+    assert [entry.number for entry in found] == [*range(80, 0, -1)]
+    assert sorted(entry.request_id for entry in found) == sorted(2 * [f"r{n}" for n in range(40)])
+
+
+def test_changes_without_an_end_are_found(tmp_path: Path) -> None:
+    begun = [event(1, BEGUN), event(2, BEGUN), event(2), event(3), event(4, BEGUN), event(4, BEGUN)]
+    with AuditLog(tmp_path) as log:
+        for one in [*begun, event(4, 201), event(5, 500)]:
+            log.append([one])
+        assert [entry.number for entry in log.unfinished()] == [1, 6]
+    lines = audit("unfinished", "--data-dir", str(tmp_path)).output.splitlines()
+    assert [json.loads(line)["number"] for line in lines] == [1, 6]

@@ -21,7 +21,7 @@ from modalmotion.errors import (
     ParameterError,
 )
 from modalmotion.formats import ReadLimits, ReadOptions, read_sequence
-from modalmotion.formats.gltf.container import write_container
+from modalmotion.formats.glb_writing import write_container
 
 
 def glb(document: dict[str, Any], *arrays: NDArray[Any]) -> bytes:
@@ -198,11 +198,11 @@ GOOD = glb(scene(), *ARRAYS)
     ("data", "error", "words"),
     [
         (GOOD[: len(GOOD) // 2], MalformedFileError, "declares version 2"),
-        (GOOD[:15], MalformedFileError, "not a GLB"),
+        (GOOD[:15], MalformedFileError, "declares version"),
         (GOOD[:4] + b"\x01" + GOOD[5:], MalformedFileError, "version 1"),
         (write_container({"a": 1}, b"").replace(b'"a"', b"'a'"), MalformedFileError, "document"),
-        (write_container([], b""), MalformedFileError, "document is not an object"),  # type: ignore[arg-type]
-        (write_container({}, b""), MalformedFileError, "nodes"),
+        (write_container([], b""), MalformedFileError, "does not follow glTF"),  # type: ignore[arg-type]
+        (write_container({}, b""), MalformedFileError, "scenes[0]"),
         (GOOD.replace(b'"count":12', b'"count":-2', 1), MalformedFileError, "states count"),
         (GOOD.replace(b'"count":12', b'"count":99', 1), MalformedFileError, "ends at byte"),
         (edited_glb(GOOD, put("accessors", 0, "count", value=10**9)), LimitError, "vertices"),
@@ -280,7 +280,10 @@ GOOD = glb(scene(), *ARRAYS)
         (edited_glb(GOOD, put("nodes", 1, "scale", value=[1e308] * 3)), NonFiniteError, "Frame 0"),
         (edited_glb(GOOD, put("nodes", 0, "weights", value=[1, 2])), None, ""),
         (
-            edited_glb(GOOD, put("meshes", 0, "weights", value=[1, 2])),
+            edited_glb(
+                edited_glb(GOOD, put("animations", value=[])),
+                put("meshes", 0, "weights", value=[1, 2]),
+            ),
             MalformedFileError,
             "weights",
         ),
@@ -288,7 +291,14 @@ GOOD = glb(scene(), *ARRAYS)
         (
             edited_glb(GOOD, put("animations", 0, "samplers", 0, "interpolation", value="X")),
             MalformedFileError,
-            "(X)",
+            "by 'X'",
+        ),
+        (
+            edited_glb(
+                GOOD, put("animations", 0, "samplers", 0, "interpolation", value="CUBICSPLINE")
+            ),
+            MalformedFileError,
+            "CUBICSPLINE",
         ),
         (edited_glb(GOOD, put("animations", 0, "channels", value=7)), MalformedFileError, "glTF"),
         (edited_glb(GOOD, put("scene", value=4)), MalformedFileError, "scenes[4]"),
