@@ -19,8 +19,8 @@ from modalmotion_service.schemas.requests import TRACK, ImagesStatements
 from modalmotion_service.schemas.sequences import ImagesPageAnswer, ImagesSummary, TrackAnswer
 from modalmotion_service.workspace import models
 from modalmotion_service.workspace import recording_operations as operations
-from modalmotion_service.workspace.erasure import erase_images
 from modalmotion_service.workspace.operation import Request
+from modalmotion_service.workspace.recording_operations import erase_images
 from modalmotion_service.workspace.spool import SpoolFile
 
 router = JudgedRouter(prefix="/v1")
@@ -45,7 +45,7 @@ async def upload_images(
         )
 
 
-@router.get("/images", tags=["images"], response_model=ImagesPageAnswer)
+@router.get("/images", tags=["images"])
 def list_images(query: Annotated[Paging, Query()], asked: AskedNow) -> ImagesPageAnswer:
     """List images from the newest to the oldest, a page at a time."""
     page = asked.store.list_images(**query.model_dump())
