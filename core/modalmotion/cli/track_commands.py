@@ -226,9 +226,10 @@ def stated_landmarks(
 
 def _numbers(result: Track) -> dict[str, object]:
     return {
-        **members(result, "sequence.id as sequence_id", "n_frames as frames", "sequence.unit"),
-        **members(result, "template.topology.name as topology", "noise.sd as noise"),
+        **members(result, "sequence.id as sequence_id", "n_frames as frames"),
         "modes": len(result.modes),
+        **members(result, "template.topology.name as topology", "sequence.unit"),
+        "noise": result.noise.sd,
         "deviation_across": float(np.median(result.deviations[:, :, 0])),
         "deviation_along": float(np.median(result.deviations[:, :, 1])),
         "residual_rms": [None if np.isnan(r) else r for r in result.residuals[:, 0].tolist()],
