@@ -13,9 +13,9 @@ from modalmotion.codec import Effort
 from modalmotion.errors import ParameterError
 from modalmotion.formats import ReadLimits, ReadOptions
 from modalmotion.mesh.facts import LONGEST_MODALITY, NO_FACTS, Facts
-from modalmotion.signature.front import MOST_OF_FRONT
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.signature.parameters import MOST_MODES
+from modalmotion.signature.tradeoff import MOST_OF_FRONT
 from modalmotion.template import GivenLandmarks
 from modalmotion.template.body_frame import Components
 from modalmotion.tracking.landmarks import landmarks_of, places_of
@@ -141,7 +141,6 @@ class SignatureRequest(from_core.JsonBody):
 
 
 _SIGNATURE: Final[dict[str, Any]] = {
-    "grid": _GRID,
     "modes": {"ge": 1, "le": MOST_MODES},
     "harmonics": {"le": 10_000},
 }
