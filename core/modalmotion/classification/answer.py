@@ -26,8 +26,7 @@ from modalmotion.classification.outliers import OUT_OF_DOMAIN, UNREADABLE, Flag
 from modalmotion.errors import ModeCountError, ParameterError, TopologyError
 from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MEAN, MeshSequence
-from modalmotion.modes import Modes
-from modalmotion.modes.mode_set import common_count
+from modalmotion.mesh.spring_modes import Modes, common_count
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature, modal_signature, provenance

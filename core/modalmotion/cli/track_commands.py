@@ -46,15 +46,15 @@ from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
 from modalmotion.tracking.landmarks import read_landmark_file
-from modalmotion.tracking.making import segment as segment_image
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
+from modalmotion.tracking.parameters import segment as segment_image
 from modalmotion.tracking.reading import Recorded, holds_contours, read_observed, recorded_images
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 label_options = options_of(
-    TrackParameters, "labels", "wall", "papillary", group=TRACKING, labels={"flag": "label"}
+    TrackParameters, "labels", "papillary", group=TRACKING, labels={"flag": "label"}
 )
 start_option = click.option(
     "--start", cls=Grouped, group=TRACKING, type=EXISTING, help="A surface to start from."
@@ -76,7 +76,7 @@ tracking_options = several(
 )
 """How what has no corresponding vertices is tracked."""
 
-_TRACKING: Final = ("landmarks", "labels", "wall", "papillary", "start", "contours", "time")
+_TRACKING: Final = ("landmarks", "labels", "papillary", "start", "contours", "time")
 
 
 def fitted_recording(
@@ -232,7 +232,7 @@ def _numbers(result: Track) -> dict[str, object]:
         "deviation_across": float(np.median(result.deviations[:, :, 0])),
         "deviation_along": float(np.median(result.deviations[:, :, 1])),
         "residual_rms": [None if np.isnan(r) else r for r in result.residuals[:, 0].tolist()],
-        **members(result, "inliers", "coverage", "unseen", "gap", "determined", "notes"),
+        **members(result, "inliers", "coverage", "unseen", "determined", "notes"),
         **members(result, "ejection_fraction", "ejection_fraction_bound", "ejection_fractions"),
         "papillary": None if result.images is None else result.images.papillary,
     }

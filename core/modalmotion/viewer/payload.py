@@ -24,7 +24,7 @@ from modalmotion.errors import InputError, LimitError
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes.mode_set import wave_pairs
+from modalmotion.mesh.spring_modes import wave_pairs
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.pictures.view import upright
 from modalmotion.signature.making import ModalSignature, SignatureKind
