@@ -25,6 +25,9 @@ _N_PROFILES: Final = 1000
 # Least share of a normal that is in a plane: others meet the surface too flatly.
 _STEEP: Final = 0.5
 
+# mm that a thick slice may show an edge aside: beyond, a surface is no longer nearly flat in it.
+_MOST_DRAWN: Final = 1.5
+
 # Of the finest voxel: distance of samples on a profile, in mm no finer and no coarser.
 _SAMPLES: Final = (0.5, 0.4, 1.0)
 
@@ -37,6 +40,9 @@ _NEAR: Final = 6.0
 # mm beyond the edge, and within it, that say how bright each side is.
 _BEYOND: Final = (1.5, 4.5)
 _WITHIN: Final = (-6.0, -2.0)
+
+# Voxels that an edge is blurred over, on each side.
+_BLUR: Final = 1.2
 
 # Within it where trabeculae are next to it: blood is beyond them.
 _DEEP: Final = (-10.0, -6.0)
@@ -74,6 +80,20 @@ class Facets:
         """Outward unit normals at vertices."""
         normals: Floats = self.outward * vertex_normals(x, self.faces)
         return normals
+
+    def turning(self, x: Floats, normals: Floats) -> Floats:
+        """How normals turn along the surface, dn = S dx, by least squares: (vertices, 3, 3)."""
+        ends = self.edges.ends
+        d, turned = (np.diff(y[ends], axis=1)[:, 0] for y in (x, normals))
+        squares, products = np.zeros((2, len(x), 3, 3))
+        for k in range(2):
+            np.add.at(squares, ends[:, k], d[:, :, None] * d[:, None])
+            np.add.at(products, ends[:, k], turned[:, :, None] * d[:, None])
+        size = np.trace(squares, axis1=1, axis2=2)[:, None, None]
+        squares += np.where(size > 0, size, 1.0) * (
+            normals[:, :, None] * normals[:, None] + 1e-3 * np.eye(3)
+        )
+        return np.asarray(products @ np.linalg.inv(squares), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +157,8 @@ class View:
         By the surface that each represents.
     extents : (n,) float64, mm
         Of a voxel along each.
+    drawn : (n,) float64, mm
+        How far inward a thick slice shows the edge of a curved surface.
     profiles : (n, samples) float64
     offsets : (samples,) float64, mm
     edges : Edges
@@ -150,6 +172,7 @@ class View:
     planes: NDArray[np.int64]
     weights: Floats
     extents: Floats
+    drawn: Floats
     profiles: Floats
     offsets: Floats
     edges: Edges
@@ -175,9 +198,9 @@ class View:
         """Mean brightness within and beyond each edge that was found, within far from it or not."""
         k = self.edges.is_found
         away = self.offsets[None] - self.edges.offsets[k, None]
-        own = self.profiles[k]
+        own, blurred = self.profiles[k], np.maximum(_BLUR * self.extents[k, None] - _BEYOND[0], 0.0)
         within = _DEEP if is_deep else _WITHIN
-        return _mean_in(own, away, *within), _mean_in(own, away, *_BEYOND)
+        return _mean_in(own, away + blurred, *within), _mean_in(own, away - blurred, *_BEYOND)
 
 
 def view_of(
@@ -210,6 +233,8 @@ def view_of(
     layer = sight.levels.layer if layers == "distinct" else sight.levels.faint_layer
     layer = layer if sight.has_layers else -np.inf
     edges = find_edges(like, step, reach, view.extents, sight.crossing, layer)
+    if not sight.levels.is_labelled:
+        edges = edges._replace(offsets=edges.offsets + view.drawn)
     # Most of what an edge is judged by must be in the field of view.
     near = np.abs(view.offsets[None] - edges.offsets[:, None]) < 3.0
     seen = (np.isfinite(view.profiles) | ~near).all(axis=1)
@@ -234,6 +259,7 @@ def _through_volume(volume: Volume, facets: Facets, x: Floats, reach: float) -> 
         np.zeros(n, dtype=np.int64),
         np.ones(n),
         volume.extents(normals),
+        np.zeros(n),
         _sampled(volume, x[v], normals, offsets),
         offsets,
         _none(n),
@@ -242,6 +268,7 @@ def _through_volume(volume: Volume, facets: Facets, x: Floats, reach: float) -> 
 
 def _in_planes(planes: PlaneSet, facets: Facets, x: Floats, shifts: Floats, reach: float) -> View:
     normals_at = facets.normals(x)
+    turning = facets.turning(x, normals_at)
     finest = min(min(plane.spacing) for plane in planes.planes)
     offsets = offsets_of(_step((finest,)), reach)
     parts: list[View] = []
@@ -258,6 +285,14 @@ def _in_planes(planes: PlaneSet, facets: Facets, x: Floats, shifts: Floats, reac
             continue
         directions = inside[kept] / size[kept, None]
         pad = np.zeros((n, 1))
+        # A slice of the thickness h shows the mean over y across it. The surface
+        # n . p + p'Sp / 2 = 0
+        # is at t = -y a / b - y^2 v'Sv / 2 b along its direction e, a = n . m, b = n . e,
+        # v = m - e a / b; and y^2 is h^2 / 12 in the mean.
+        S = (cut.shares[kept, :, None, None] * turning[cut.corners[kept]]).sum(axis=1)
+        b = size[kept]
+        along = plane.normal - directions * ((normals[kept] @ plane.normal) / b)[:, None]
+        curvature = np.einsum("ni,nij,nj->n", along, S, along)
         parts.append(
             View(
                 np.concatenate([cut.corners[kept], cut.corners[kept, :1]], axis=1),
@@ -268,6 +303,7 @@ def _in_planes(planes: PlaneSet, facets: Facets, x: Floats, shifts: Floats, reac
                 np.full(n, k),
                 cut.lengths[kept],
                 np.full(n, max(plane.spacing)),
+                np.clip(plane.thickness**2 / 24.0 * curvature / b, -_MOST_DRAWN, _MOST_DRAWN),
                 _sampled(plane, starts[kept] + shifts[k], directions, offsets),
                 offsets,
                 _none(n),
@@ -280,8 +316,20 @@ def _joined(parts: Sequence[View], m: int, offsets: Floats) -> View:
     if not parts:
         z = np.zeros((0, 3))
         i = np.zeros((0, 3), dtype=np.int64)
-        return View(i, z, z, z, z, i[:, 0], z[:, 0], z[:, 0], np.zeros((0, m)), offsets, _none(0))
-    names = ("feet", "shares", "starts", "directions", "normals", "planes", "weights", "extents")
+        return View(
+            i, z, z, z, z, i[:, 0], z[:, 0], z[:, 0], z[:, 0], np.zeros((0, m)), offsets, _none(0)
+        )
+    names = (
+        "feet",
+        "shares",
+        "starts",
+        "directions",
+        "normals",
+        "planes",
+        "weights",
+        "extents",
+        "drawn",
+    )
     joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
     joined["weights"] = joined["weights"] / joined["weights"].mean()
     profiles = np.concatenate([p.profiles for p in parts])
