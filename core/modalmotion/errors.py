@@ -17,9 +17,8 @@
     ├── MissingExtraError (ModuleNotFoundError)  a package that an extra installs is absent
     └── StoreError                      results that cannot be stored or read back
         ├── NotFoundError               nothing is stored under that id
-        ├── CorruptFileError            a result file that does not read as written
-        │   └── LostFileError           one that is gone, though nobody deleted it
-        └── OlderFileError              a file that an older version wrote
+        └── CorruptFileError            a result file that does not read as written
+            └── LostFileError           one that is gone, though nobody deleted it
 """
 
 from __future__ import annotations
@@ -204,12 +203,6 @@ class LostFileError(CorruptFileError):
     """A file that was acknowledged is gone, though nobody deleted it."""
 
     code = "lost_file"
-
-
-class OlderFileError(StoreError):
-    """A file was written by an older version."""
-
-    code = "older_file"
 
 
 class Package(ModuleType):

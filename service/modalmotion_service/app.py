@@ -114,8 +114,6 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
             chosen.training_seconds,
             chosen.task_memory_bytes,
             seconds_limit="training_seconds",
-            # Trainings are few, and wait for their signatures first.
-            is_eager=False,
         )
         watchers = (metrics.watch, *(() if telemetry is None else (telemetry.task,)))
         engine.watchers = training_pool.watchers = watchers

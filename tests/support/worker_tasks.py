@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
+import sys
 import time
 from pathlib import Path
+from types import FrameType
 
 import numpy as np
 
 from modalmotion.errors import NonFiniteError
 from modalmotion.limits import DEFAULT_LIMITS
-from modalmotion_service.work.engine import remembering
+from modalmotion_service.work.answers import to_bytes
 from modalmotion_service.work.tasks.files import whole_file
 from modalmotion_service.work.upload import _forks, parser_for
+from modalmotion_service.work.worker import answer, remembering
 
 
 def swallow_memory() -> int:
@@ -95,3 +99,14 @@ def parse_and_tell(data: bytes, times: int = 1) -> list[int]:
     (forks,) = _forks
     children = Path(f"/proc/{forks.pid}/task/{forks.pid}/children").read_text()
     return [forks.pid, *map(int, children.split())]
+
+
+def answer_twice() -> int:
+    """Answer once more than asked, as a worker that was taken over might; gives the task's own."""
+    frame: FrameType | None = sys._getframe()
+    while frame is not None:
+        if isinstance(ours := frame.f_locals.get("ours"), socket.socket):
+            answer(ours, to_bytes(2))
+            return 3
+        frame = frame.f_back
+    raise AssertionError("no socket")

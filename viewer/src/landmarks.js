@@ -41,11 +41,10 @@ export class Landmarks {
     this.time = h("input", { type: "range", class: "time", min: 0, value: 0, step: 1, id: "frame", oninput: () => this.show(Number(this.time.value)) });
     this.moment = h("output", { for: "frame", class: "moment" });
     this.seconds = h("input", { type: "number", id: "seconds", min: 0, step: "any" });
-    const label = (id) => h("input", { type: "text", id, maxlength: 60, autocomplete: "off", placeholder: "automatic", oninput: () => this.tell() });
-    [this.cavity, this.wall] = [label("cavity-label"), label("wall-label")];
+    this.cavity = h("input", { type: "text", id: "cavity-label", maxlength: 60, autocomplete: "off", placeholder: "automatic", oninput: () => this.tell() });
     this.segmentation = h("section", { class: "card", hidden: true }, h("h2", {}, "It is a segmentation"),
       h("p", { class: "note" }, "Apex and base are proposed from it; what you place goes before. Labels are numbers, such as 3 or 1, 3."),
-      h("div", { class: "seconds" }, h("label", { for: "cavity-label" }, "Label of the cavity"), this.cavity, h("label", { for: "wall-label" }, "Label of its wall"), this.wall));
+      h("div", { class: "seconds" }, h("label", { for: "cavity-label" }, "Label of the cavity"), this.cavity));
     this.doubt = h("p", { class: "doubt", role: "status", hidden: true });
     this.keep = h("input", { type: "checkbox", id: "keep" });
     this.start = h("button", { class: "main", disabled: true, onclick: () => this.track() }, "Track the surface");
@@ -245,7 +244,7 @@ export class Landmarks {
     const query = { images: this.id };
     // What the labels propose is proposed again, with its own error.
     if (this.isPlaced || !this.about.is_label_map) query.landmarks = JSON.stringify(this.asJson());
-    for (const [name, field] of [["labels", this.cavity], ["wall", this.wall]]) if (field.value.trim()) query[name] = field.value.replaceAll(" ", "");
+    if (this.cavity.value.trim()) query.labels = this.cavity.value.replaceAll(" ", "");
     if (this.keep.checked) query.keep = "true";
     const seconds = Number(this.seconds.value);
     if (seconds > 0 && seconds !== this.stepOf()) query.frame_interval = seconds;

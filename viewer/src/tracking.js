@@ -35,7 +35,6 @@ export function trackCard(track, unit, say) {
       ["Data used", share(mean(answer.inliers))],
       ["Surface covered", share(mean(answer.coverage))],
       ["Estimated error (normal)", length(mean(answer.deviation_across))],
-      ...(answer.gap === null ? [] : [["Forward and backward agree to", length(answer.gap)]]),
     ];
     const images = answer.links.images && answer.links.images.split("/").pop();
     const unseen = answer.unseen.length ? `Interpolated, for nothing was seen: frames ${answer.unseen.join(", ")}.` : null;

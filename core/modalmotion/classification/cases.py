@@ -14,7 +14,6 @@ from modalmotion.errors import (
     ModalMotionError,
     ModeCountError,
     NotFoundError,
-    OlderFileError,
     ParameterError,
 )
 from modalmotion.mesh import Facts
@@ -22,7 +21,7 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import counted, shown
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 
-UNUSABLE: Final = (InputError, NotFoundError, CorruptFileError, OlderFileError)
+UNUSABLE: Final = (InputError, NotFoundError, CorruptFileError)
 """Errors of one case. Others, such as a full disk, are of all cases and end a training."""
 
 # Cases that a card names; a longer list is a matter for the sender's own tables.

@@ -324,7 +324,7 @@ def load_model(which: str | Path = DEFAULT_MODEL) -> Model:
     ------
     NotFoundError
         If there is no such model.
-    OlderFileError, CorruptFileError
+    CorruptFileError
         As `model_from_hdf5` does.
     """
     if isinstance(which, Path) or which.endswith((".h5", ".hdf5")):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 import numpy as np
@@ -15,14 +15,14 @@ from modalmotion.cli.files import Waiting, progress_bar, sequence_argument
 from modalmotion.cli.options import (
     EXISTING,
     EXISTING_FILE,
-    PICTURES,
+    OnlyPlot,
     OutputFile,
+    Plot,
     command,
     described,
     fit_options,
     labelled_sources,
-    picture_option,
-    unit_option,
+    members,
     write_picture,
 )
 from modalmotion.cli.report_commands import quantity_lines
@@ -44,19 +44,20 @@ if TYPE_CHECKING:
 
 @command("readouts beat.npz --modes 18 -o volumes.png")
 @sequence_argument
-@picture_option
-@click.option(
-    "--bulls-eye",
-    type=OutputFile(*PICTURES),
-    help="Picture of inward motion by segment to write (.png, .svg, .pdf).",
-)
 @tracking_options
 @fit_options
-def readouts(source: Path, plot: Path | None, bulls_eye: Path | None, **options: Any) -> Any:
+def readouts(source: Path, plot: OnlyPlot = None, bulls_eye: Plot = None, **options: Any) -> Any:
     """Compute volume, ejection fraction and strain of the cavity in FILE, with intervals.
 
     The relative change of volume is an ejection fraction if --cavity is given or the surface is a
     cup, otherwise a volume change. A label map is tracked first, as by `modalmotion report`.
+
+    Parameters
+    ----------
+    plot
+        Picture to write (.png, .svg, .pdf).
+    bulls_eye
+        Picture of inward motion by segment to write (.png, .svg, .pdf).
     """
     from modalmotion.reports import Report
 
@@ -75,14 +76,10 @@ def readouts(source: Path, plot: Path | None, bulls_eye: Path | None, **options:
             )
         write_picture(bulls_eye_figure(ventricle.regions), bulls_eye)
     answer = {
-        "sequence_id": result.sequence_id,
-        "amplitudes_per_frame": result.n_amplitudes,
-        "n_openings": result.n_openings,
-        "volume_unit": result.volume_unit,
-        "times": None if result.times is None else result.times.tolist(),
+        **members(result, "sequence_id", "n_amplitudes as amplitudes_per_frame", "n_openings"),
+        **members(result, "volume_unit", "times", "notes"),
         "from_signature": _curve(result.curve, result.shown_in),
         "of_mesh": _curve(result.mesh_curve, result.shown_in),
-        "notes": list(result.notes),
         "intended_use": INTENDED_USE,
         **ventricle_json(ventricle),
     }
@@ -137,17 +134,13 @@ def _lines(report: Report) -> Iterator[str]:
 
 
 def _curve(curve: VolumeCurve, factor: float) -> dict[str, object]:
+    volumes = ("end_diastolic_volume", "end_systolic_volume", "stroke_volume")
     return {
         "volumes": (curve.volumes * factor).tolist(),
         "bounds": (curve.bounds * factor).tolist(),
-        "end_diastole": curve.end_diastole,
-        "end_systole": curve.end_systole,
-        "end_diastolic_volume": curve.end_diastolic_volume * factor,
-        "end_systolic_volume": curve.end_systolic_volume * factor,
-        "stroke_volume": curve.stroke_volume * factor,
-        "ejection_fraction": curve.ejection_fraction,
-        "volume_change": curve.volume_change,
-        "share_range": curve.share_range,
+        **{name: getattr(curve, name) * factor for name in volumes},
+        **members(curve, "end_diastole", "end_systole", "ejection_fraction"),
+        **members(curve, "volume_change", "share_range"),
     }
 
 
@@ -189,29 +182,38 @@ def norm() -> None:
 
 @command("norm train controls.csv --name volunteers -o volunteers.h5", group=norm)
 @labelled_sources
-@unit_option
-@click.option("--name", required=True, help="Of the norm: lower-case letters, digits, '._-'.")
-@click.option("-o", "--out", required=True, type=OutputFile(), help="File to write (HDF5).")
-@click.option(
-    "--modes", default=7, show_default=True, help="Modes of the signatures; 3 amplitudes per frame."
-)
-@click.option(
-    "--topology",
-    help="cup, sphere, ..., or mesh for spring modes; found from all controls by default.",
-)
 def train(
-    sources: tuple[Path, ...], unit: str | None, skip_unreadable: bool, out: Path, **options: Any
+    sources: tuple[Path, ...],
+    skip_unreadable: bool,
+    name: str,
+    out: Annotated[Path, OutputFile()],
+    unit: str | None = None,
+    modes: int = 7,
+    topology: str | None = None,
 ) -> Any:
     """Make a norm of recordings of controls, one of each person.
 
     MANIFEST is a table with the column path and, if known, subject and facts; labels are ignored.
     FILES are files of sequences.
+
+    Parameters
+    ----------
+    name
+        Of the norm: lower-case letters, digits, '._-'.
+    out
+        File to write (HDF5).
+    unit
+        Length unit of all files; overrides their own.
+    modes
+        Modes of the signatures; 3 amplitudes per frame.
+    topology
+        cup, sphere, ..., or mesh for spring modes; found from all controls by default.
     """
     from modalmotion.norm import norm_to_hdf5, train_norm
     from modalmotion.store import write_atomic
 
     cases, left_out = _read(sources, unit, skip_unreadable, lambda case, _: case)
-    result = train_norm(cases, **options)
+    result = train_norm(cases, name=name, modes=modes, topology=topology)
     write_atomic(out, norm_to_hdf5(result))
     return {**result.as_json(), "left_out": left_out}
 
@@ -219,24 +221,24 @@ def train(
 @command("norm ask volunteers.h5 beat.npz", group=norm)
 @click.argument("norm_file", metavar="NORM", type=EXISTING)
 @labelled_sources
-@unit_option
-@click.option(
-    "--level",
-    default=0.05,
-    show_default=True,
-    help="Level: share of recordings like the controls that are called a deviation.",
-)
 def ask(
     norm_file: Path,
     sources: tuple[Path, ...],
-    level: float,
-    unit: str | None,
     skip_unreadable: bool,
+    level: float = 0.05,
+    unit: str | None = None,
 ) -> Any:
     """Compare recordings with the controls of NORM, a file.
 
     Five or more are also compared together, with a warning if machine or protocol differ. MANIFEST
     and FILES are as for training.
+
+    Parameters
+    ----------
+    level
+        Level: share of recordings like the controls that are called a deviation.
+    unit
+        Length unit of all files; overrides their own.
     """
     from modalmotion.norm import cohort_deviation, norm_from_hdf5
 

@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import click
 import numpy as np
@@ -60,27 +60,14 @@ class _Signed:
 
 @command("cohort cases.csv -o results --workers 8")
 @sequence_argument
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=OutputFolder(),
-    help="Folder of results; made if missing, continued if not.",
-)
-@click.option("--workers", type=click.IntRange(1, 256), help="Processes; one for each core.")
-@click.option("--scheduler", help="Dask scheduler to send work to, such as tcp://host:8786.")
-@click.option("--keep-vertices", is_flag=True, help="Keep the sequences too, not only results.")
-@click.option(
-    "--skip-unreadable", is_flag=True, help="Files that fail do not make the command fail."
-)
 @fit_options
 def cohort(
     source: Path,
-    output: Path,
-    workers: int | None,
-    scheduler: str | None,
-    keep_vertices: bool,
-    skip_unreadable: bool,
+    output: Annotated[Path, OutputFolder()],
+    workers: Annotated[int | None, click.IntRange(1, 256)] = None,
+    scheduler: str | None = None,
+    keep_vertices: bool = False,
+    skip_unreadable: bool = False,
     **options: Any,
 ) -> Any:
     """Fit a signature to every recording of a manifest, and store the results.
@@ -88,6 +75,19 @@ def cohort(
     FILE is a manifest (.csv; path and, if known, label, subject and facts) or a folder. A path in a
     manifest may be a URL, such as s3://bucket/beat.npz. After an interruption, the same command
     continues with what is missing. `modalmotion store export` packs the results.
+
+    Parameters
+    ----------
+    output
+        Folder of results; made if missing, continued if not.
+    workers
+        Processes; one for each core.
+    scheduler
+        Dask scheduler to send work to, such as tcp://host:8786.
+    keep_vertices
+        Keep the sequences too, not only results.
+    skip_unreadable
+        Files that fail do not make the command fail.
     """
     from modalmotion.store import ResultStore, write_atomic
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import click
 
@@ -21,11 +20,11 @@ from modalmotion.cli.files import (
 from modalmotion.cli.options import (
     EXISTING,
     EXISTING_FILE,
+    SEQUENCE,
     OutputFile,
     command,
     fit_options,
-    output_option,
-    sequence_numbers,
+    members,
     signature_parameters,
 )
 from modalmotion.errors import InputError, ModalMotionError, ParameterError, StoreError
@@ -49,58 +48,76 @@ _WRITERS = {".npz": write_npz, ".vtkhdf": write_vtkhdf, ".raw": write_raw}
 
 @command("encode beat.npz -o beat.mms --max-error 0.1")
 @sequence_argument
-@output_option("Stream to write.")
-@click.option("--rms", type=float, help="Largest RMS distance of the vertices, in their unit.")
-@click.option("--max-error", type=float, help="Largest error of any vertex, in its unit.")
-@click.option("--bytes", "n_bytes", type=int, help="Largest size of the stream.")
-@click.option(
-    "--effort",
-    type=click.Choice(["fast", "balanced"]),
-    default="balanced",
-    show_default=True,
-    help="Number of transforms tried: fast takes a third of the time and more bits.",
-)
-def encode(source: Path, output: Path, **options: Any) -> Any:
+def encode(
+    source: Path,
+    output: Annotated[Path, OutputFile()],
+    rms: float | None = None,
+    max_error: float | None = None,
+    n_bytes: Annotated[int | None, {"flag": "bytes"}] = None,
+    effort: Literal["fast", "balanced"] = "balanced",
+    **options: Any,
+) -> Any:
     """Compress the sequence in FILE at a given error (in its unit) or size.
 
     Without either, the largest error is 0.3 % of the diagonal of its bounding box.
+
+    Parameters
+    ----------
+    output
+        Stream to write.
+    rms
+        Largest RMS distance of the vertices, in their unit.
+    max_error
+        Largest error of any vertex, in its unit.
+    n_bytes
+        Largest size of the stream.
+    effort
+        Number of transforms tried: fast takes a third of the time and more bits.
     """
     from modalmotion.codec import encode as compress
 
-    bounds = {name: options.pop(name) for name in ("rms", "max_error", "n_bytes", "effort")}
     sequence = read(source, **options)
     with counting("encode") as show:
-        stream = compress(sequence, **bounds, progress=lambda share: show(round(100 * share), 100))
+        stream = compress(
+            sequence,
+            rms=rms,
+            max_error=max_error,
+            n_bytes=n_bytes,
+            effort=effort,
+            progress=lambda share: show(round(100 * share), 100),
+        )
     write_atomic(output, stream.data)
-    return {
-        "n_bytes": stream.n_bytes,
-        "bits_per_vertex_and_frame": stream.bits_per_vertex_and_frame,
-        "rms": stream.rms,
-        "max_error": stream.max_error,
-        "kg_error_percent": stream.kg_error,
-        "unit": sequence.unit,
-        "transform": stream.transform,
-    }
+    names = ("n_bytes", "bits_per_vertex_and_frame", "rms", "max_error", "transform")
+    found = members(stream, *names, "kg_error as kg_error_percent")
+    return {**found, "unit": sequence.unit}
 
 
 @command("decode beat.mms -o beat.npz")
 @click.argument("stream", type=EXISTING_FILE)
-@output_option("File to write: .npz, .vtkhdf or .raw (float32).", *_WRITERS)
-@click.option("--first", type=int, help="First frame.")
-@click.option("--stop", type=int, help="Frame after the last.")
-@click.option("--first-vertex", type=int, help="First vertex.")
-@click.option("--stop-vertex", type=int, help="Vertex after the last.")
 def decode(
     stream: Path,
-    output: Path,
-    first: int | None,
-    stop: int | None,
-    first_vertex: int | None,
-    stop_vertex: int | None,
+    output: Annotated[Path, OutputFile(*_WRITERS)],
+    first: int | None = None,
+    stop: int | None = None,
+    first_vertex: int | None = None,
+    stop_vertex: int | None = None,
 ) -> Any:
     """Decode a compressed STREAM, or some of its frames and vertices.
 
     Selected vertices come with the triangles between them.
+
+    Parameters
+    ----------
+    output
+        File to write: .npz, .vtkhdf or .raw (float32).
+    first
+        First frame.
+    stop
+        Frame after the last.
+    first_vertex
+        First vertex.
+    stop_vertex
+        Vertex after the last.
     """
     from modalmotion.codec import decode as expand
     from modalmotion.codec import inspect
@@ -112,7 +129,7 @@ def decode(
     vertices = _span(first_vertex, stop_vertex, header.n_vertices)
     sequence = expand(data, frames=frames, vertices=vertices)
     write_atomic(output, write(sequence))
-    return sequence_numbers(sequence)
+    return members(sequence, *SEQUENCE)
 
 
 def _span(first: int | None, stop: int | None, n: int) -> range | None:
@@ -134,7 +151,7 @@ def convert(source: Path, output: Path, **options: Any) -> Any:
     """
     sequence = read(source, **options)
     save(sequence, output)
-    return sequence_numbers(sequence)
+    return members(sequence, *SEQUENCE)
 
 
 _SEQUENCE: Final = (
@@ -229,11 +246,7 @@ def _images(file: Path) -> dict[str, Any]:
 
 
 def _shown(kind: str, value: Any) -> dict[str, Any]:
-    content: dict[str, Any] = {"holds": kind}
-    for one in _SHOWN[kind]:
-        path, _, name = one.partition(" as ")
-        content[name or path.rpartition(".")[2]] = _plain(attrgetter(path)(value))
-    return content
+    return {"holds": kind, **members(value, *_SHOWN[kind], plain=_plain)}
 
 
 def _plain(value: Any) -> Any:
@@ -249,26 +262,28 @@ def _plain(value: Any) -> Any:
 
 @command("table beat.npz --frames -o frames.csv", prints_json=False)
 @sequence_argument
-@output_option("CSV file to write; printed by default.", ".csv", required=False)
-@click.option(
-    "--frames",
-    is_flag=True,
-    help="One row per frame instead of per amplitude: motion and error, volume in ml, inward "
-    "motion of each segment and strain in percent.",
-)
-@click.option(
-    "--skip-unreadable",
-    is_flag=True,
-    help="For a manifest: continue without recordings that cannot be used; they are named.",
-)
 @fit_options
 def table(
-    source: Path, output: Path | None, frames: bool, skip_unreadable: bool, **options: Any
+    source: Path,
+    output: Annotated[Path | None, OutputFile(".csv")] = None,
+    frames: bool = False,
+    skip_unreadable: bool = False,
+    **options: Any,
 ) -> None:
     """Write amplitudes of the sequence in FILE as CSV: a row for each frame, mode and direction.
 
     Where FILE is a manifest (.csv, with the column path and, where they are known, label, subject
     and facts), each of its recordings has a row: errors, volumes, ejection fraction, amplitudes.
+
+    Parameters
+    ----------
+    output
+        CSV file to write; printed by default.
+    frames
+        One row per frame instead of per amplitude: motion and error, volume in ml, inward
+        motion of each segment and strain in percent.
+    skip_unreadable
+        For a manifest: continue without recordings that cannot be used; they are named.
     """
     from modalmotion.exports.tables import amplitude_table
 

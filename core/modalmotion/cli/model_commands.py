@@ -2,34 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import click
 
 from modalmotion.classification.manifest import LabelledSequence, labelled_files
 from modalmotion.classification.options import OnError, TrainingOptions
 from modalmotion.cli.files import counting, progress_bar, read, sequence_argument
-from modalmotion.cli.model_texts import answer_json, answer_lines, card_text, confusion
 from modalmotion.cli.options import (
+    Cases,
+    Coverage,
     OutputFile,
-    cases_option,
+    Plot,
     command,
-    coverage_option,
     described,
     labelled_sources,
+    members,
     options_of,
-    plot_option,
     surface_options,
-    unit_option,
     write_picture,
 )
+from modalmotion.representation import numeral, probability
 
 if TYPE_CHECKING:
-    from modalmotion.classification import Model
+    from modalmotion.classification import Classification, Model
     from modalmotion.classification.cases import LeftOut
 
 
@@ -50,27 +50,36 @@ _OWN: Final[dict[str, Any]] = {name: {"help": text} for name, text in _HELP.item
 @command("evaluate mine.h5 others.csv")
 @click.argument("model", metavar="MODEL")
 @labelled_sources
-@unit_option
-@coverage_option
-@plot_option
-@cases_option
 def evaluate(
     model: str,
     sources: tuple[Path, ...],
-    coverage: float,
-    plot: Path | None,
-    cases_file: Path | None,
-    **stated: Any,
+    skip_unreadable: bool,
+    unit: str | None = None,
+    coverage: Coverage = 0.9,
+    plot: Plot = None,
+    cases_file: Cases = None,
 ) -> Any:
     """Test MODEL, a file or a name, on labelled sequences that it was not trained on.
 
     MANIFEST and FILES are as for training. The interval of the accuracy counts sequences of one
     subject as fewer than they are.
+
+    Parameters
+    ----------
+    unit
+        Length unit of all files; overrides their own.
+    coverage
+        Probability that the class set holds the true class.
+    plot
+        Picture to write (.png, .svg, .pdf).
+    cases_file
+        Table to write: probabilities of each case, held out (.csv).
     """
     from modalmotion.classification import evaluate as test
     from modalmotion.store import write_atomic
 
-    result, notes = _asked(sources, stated, partial(test, model_named(model)), coverage)
+    asked = partial(test, model_named(model))
+    result, notes = _asked(sources, unit, skip_unreadable, asked, coverage)
     if plot is not None:
         from modalmotion.pictures.classification import evaluation_figure
 
@@ -78,19 +87,22 @@ def evaluate(
     if cases_file is not None:
         write_atomic(cases_file, result.as_csv().encode())
     answer = result.as_json()
-    said = {**answer, "cases": None, "confusion": confusion(result.classes, result.confusion)}
+    said = {**answer, "cases": None, "confusion": _confusion(result.classes, result.confusion)}
     return {**answer, "left_out": notes}, described({**said, "left_out": notes})
 
 
 def _asked(
-    sources: tuple[Path, ...], stated: dict[str, Any], ask: Callable[..., Any], coverage: float
+    sources: tuple[Path, ...],
+    unit: str | None,
+    skips: bool,
+    ask: Callable[..., Any],
+    coverage: float,
 ) -> tuple[Any, list[str]]:
     """Put labelled sequences to models; gives what was left out on request, too."""
     from modalmotion.classification.cases import left_out_notes
 
-    skips = stated["skip_unreadable"]
     files = labelled_files(sources, skip_unreadable=skips)
-    cases = [LabelledSequence(file, {"unit": stated["unit"]}) for file in files]
+    cases = [LabelledSequence(file, {"unit": unit}) for file in files]
     left_out: list[LeftOut] = []
     with progress_bar(cases, label="cases") as bar:
         result = ask(bar, coverage, left_out=left_out if skips else None)
@@ -101,38 +113,56 @@ def _asked(
 @click.argument("first", metavar="MODEL")
 @click.argument("second", metavar="OTHER")
 @labelled_sources
-@unit_option
-@coverage_option
 def compare_models(
-    first: str, second: str, sources: tuple[Path, ...], coverage: float, **stated: Any
+    first: str,
+    second: str,
+    sources: tuple[Path, ...],
+    skip_unreadable: bool,
+    unit: str | None = None,
+    coverage: Coverage = 0.9,
 ) -> Any:
     """Compare two models on the same labelled sequences.
 
     MODEL and OTHER are each a file or a name. MANIFEST and FILES are as for training, of subjects
     that neither model was trained on. Cases of one subject count together.
+
+    Parameters
+    ----------
+    unit
+        Length unit of all files; overrides their own.
+    coverage
+        Probability that the class set holds the true class.
     """
     from modalmotion.classification import compare_models as compare
 
-    models = model_named(first), model_named(second)
-    result, notes = _asked(sources, stated, partial(compare, *models), coverage)
+    asked = partial(compare, model_named(first), model_named(second))
+    result, notes = _asked(sources, unit, skip_unreadable, asked, coverage)
     answer = {**result.as_json(), "left_out": notes}
     return answer, described({**answer, "evaluations": None})
 
 
 @command("classify beat.npz --model mine.h5")
 @sequence_argument
-@click.option(
-    "--model",
-    default="ventricle-simulated",
-    show_default=True,
-    help="Model: the name of an included one, or a file. The default reads displacements if the "
-    "file states tracking=material, the surface's offsets otherwise.",
-)
-@coverage_option
 @surface_options
-@plot_option
-def classify(source: Path, model: str, coverage: float, plot: Path | None, **stated: Any) -> Any:
-    """Classify the motion of the sequence in FILE."""
+def classify(
+    source: Path,
+    model: str = "ventricle-simulated",
+    coverage: Coverage = 0.9,
+    plot: Plot = None,
+    **stated: Any,
+) -> Any:
+    """Classify the motion of the sequence in FILE.
+
+    Parameters
+    ----------
+    model
+        Model: the name of an included one, or a file. The default reads displacements if
+        the file states tracking=material, the surface's offsets otherwise.
+    coverage
+        Probability that the class set holds the true class.
+    plot
+        Picture to write (.png, .svg, .pdf).
+    """
     from modalmotion.classification import classify as ask
     from modalmotion.classification import shipped_for
     from modalmotion.mesh.sequence import MeshSequence
@@ -152,24 +182,29 @@ def classify(source: Path, model: str, coverage: float, plot: Path | None, **sta
         from modalmotion.pictures.classification import answer_figure
 
         write_picture(answer_figure(result), plot)
-    return answer_json(result), answer_lines(result)
+    return _answer_json(result), _answer_lines(result)
 
 
 @command("card mine.h5 --markdown -o README.md")
 @click.argument("model")
-@click.option(
-    "--markdown", is_flag=True, help="As Markdown with a YAML head, as the Hugging Face Hub has it."
-)
-@click.option("-o", "--out", type=OutputFile(), help="File to write.")
-def card(model: str, markdown: bool, out: Path | None) -> Any:
+def card(
+    model: str, markdown: bool = False, out: Annotated[Path | None, OutputFile()] = None
+) -> Any:
     """Show the training and the performance of MODEL.
 
     MODEL is a file, or the name of an included model.
+
+    Parameters
+    ----------
+    markdown
+        As Markdown with a YAML head, as the Hugging Face Hub has it.
+    out
+        File to write.
     """
     from modalmotion.store import write_atomic
 
     stored = model_named(model)
-    text = card_text(stored, markdown=markdown, file=model if Path(model).is_file() else None)
+    text = _card_text(stored, markdown=markdown, file=model if Path(model).is_file() else None)
     if out is not None:
         write_atomic(out, text.encode())
     return stored.card.as_json(), [text.rstrip()] if out is None else []
@@ -193,51 +228,47 @@ def model_named(which: str) -> Model:
 
 @command("features cases.csv -o features.csv --covariate age")
 @labelled_sources
-@click.option("-o", "--out", required=True, type=OutputFile(".csv"), help="Table to write (.csv).")
-@click.option("--modes", type=int, default=7, show_default=True, help=_HELP["modes"])
-@click.option("--topology", help=_HELP["topology"])
-@click.option(
-    "--kind",
-    type=click.Choice(["auto", "axis", "summary", "modes", "terms"]),
-    default="auto",
-    show_default=True,
-    help="axis: parts about the axis; modes: modes and their products; summary: the same in few "
-    "numbers; terms: modes and their terms, of a transient.",
-)
-@click.option(
-    "--timing",
-    type=click.Choice(["auto", "cycle", "transient"]),
-    default="auto",
-    show_default=True,
-    help=_HELP["timing"],
-)
-@click.option(
-    "--covariate",
-    "covariates",
-    multiple=True,
-    metavar="NAME",
-    help="Column of the manifest to add; repeat for more. all: every one, long lists of words "
-    "apart.",
-)
 def features(
     sources: tuple[Path, ...],
-    out: Path,
     skip_unreadable: bool,
-    covariates: tuple[str, ...],
-    **options: Any,
+    out: Annotated[Path, OutputFile(".csv")],
+    modes: int = 7,
+    topology: str | None = None,
+    kind: Literal["auto", "axis", "summary", "modes", "terms"] = "auto",
+    timing: Literal["auto", "cycle", "transient"] = "auto",
+    covariates: Annotated[tuple[str, ...], {"flag": "covariate", "metavar": "NAME"}] = (),
 ) -> Any:
     """Write the features of labelled or unlabelled sequences as a table.
 
     MANIFEST is a table (.csv) with the column path and, if known, label, subject and covariates; or
     name files. Each row of the result is a sequence: its file, id, label and subject, then the
     features, which do not depend on pose, unit, start or sampling.
+
+    Parameters
+    ----------
+    out
+        Table to write (.csv).
+    modes
+        Modes of the signatures; 3 amplitudes per frame each.
+    topology
+        cup, sphere, ..., or mesh for spring modes; found from all cases by default.
+    kind
+        axis: parts about the axis; modes: modes and their products; summary: the same in
+        few numbers; terms: modes and their terms, of a transient.
+    timing
+        cycle: one turn of a cycle; transient: a movement with a beginning and an end.
+    covariates
+        Column of the manifest to add; repeat for more. all: every one, long lists of words
+        apart.
     """
     from modalmotion.classification import SignatureFeatures, feature_table
     from modalmotion.classification.cases import left_out_notes
     from modalmotion.store import write_atomic
 
     wanted: Any = "all" if "all" in covariates else list(covariates) or None
-    transformer = SignatureFeatures(covariates=wanted, **options)
+    transformer = SignatureFeatures(
+        covariates=wanted, modes=modes, topology=topology, kind=kind, timing=timing
+    )
     files = labelled_files(sources, skip_unreadable=skip_unreadable, needs_label=False)
     with counting("cases") as show:
         table = feature_table(
@@ -255,20 +286,15 @@ def features(
 
 @command("train cases.csv --name mine -o mine.h5")
 @labelled_sources
-@unit_option
-@click.option("--name", required=True, help="Name of the model: lower-case letters, digits, . _ -")
-@click.option("-o", "--out", required=True, type=OutputFile(), help="File to write (HDF5).")
-@plot_option
-@cases_option
 @options_of(TrainingOptions, *_HELP, **_OWN)
 def train(
     sources: tuple[Path, ...],
-    name: str,
-    out: Path,
-    plot: Path | None,
-    cases_file: Path | None,
-    unit: str | None,
     skip_unreadable: bool,
+    name: str,
+    out: Annotated[Path, OutputFile()],
+    unit: str | None = None,
+    plot: Plot = None,
+    cases_file: Cases = None,
     **options: Any,
 ) -> Any:
     """Train a model on labelled sequences.
@@ -276,6 +302,19 @@ def train(
     MANIFEST is a table (.csv) with the columns path, label and, if known, subject: sequences of one
     subject are never on both sides of a split. Further columns (age, sex, ...) are covariates. Or
     name files, each in a folder named after its class: normal/*.npz akinesia/*.npz
+
+    Parameters
+    ----------
+    name
+        Name of the model: lower-case letters, digits, . _ -
+    out
+        File to write (HDF5).
+    unit
+        Length unit of all files; overrides their own.
+    plot
+        Picture to write (.png, .svg, .pdf).
+    cases_file
+        Table to write: probabilities of each case, held out (.csv).
     """
     from modalmotion.classification import train as fit
     from modalmotion.store import model_to_hdf5, require_model_name, write_atomic
@@ -292,7 +331,7 @@ def train(
         from modalmotion.pictures.classification import card_figure
 
         write_picture(card_figure(model.card, name), plot)
-    said = [card_text(model, file=str(out))]
+    said = [_card_text(model, file=str(out))]
     if cases_file is not None and model.cross_validation is not None:
         write_atomic(cases_file, model.cross_validation.as_csv().encode())
     elif cases_file is not None:
@@ -301,3 +340,53 @@ def train(
     written = [path for path in (out, plot, cases_file) if path is not None]
     answer = {"name": model.name, "id": model.id, "card": model.card.as_json()}
     return {**answer, "written": written}, said
+
+
+def _card_text(model: Model, *, markdown: bool = False, file: str | None = None) -> str:
+    """Write a model's card as Markdown, with the YAML head of registries if so."""
+    from modalmotion.classification import card_markdown
+
+    page = card_markdown(model.name, model.id, model.card, file=file)
+    return page if markdown else page.split("---\n", 2)[2].lstrip()
+
+
+def _confusion(
+    classes: tuple[str, ...], counts: tuple[tuple[int, ...], ...]
+) -> list[dict[str, object]]:
+    """Give the rows of a table of answers by true class."""
+    answers = [*classes, "no class"]
+    return [
+        {"true class": label, **dict(zip(answers, row, strict=False))}
+        for label, row in zip(classes, counts, strict=False)
+    ]
+
+
+def _answer_lines(result: Classification) -> Iterator[str]:
+    """Write a model's answer for a sequence."""
+    if result.label is None:
+        yield f"{result.model}: no class"
+    else:
+        yield f"{result.model}: {result.label}, probability {probability(result.probability)}"
+    yield from (f"flag: {flag}" for flag in result.flags)
+    # Equal probabilities are not a measurement.
+    if result.label is not None:
+        shares = dict(zip(result.classes, result.probabilities.tolist(), strict=True))
+        for name, share in sorted(shares.items(), key=lambda item: -item[1]):
+            mark = "*" if name in result.class_set else " "
+            yield f"  {probability(share):>6} {mark} {name}"
+        if result.class_set:
+            yield f"* cannot be excluded at {100 * result.coverage:g} %"
+    for part in result.explanation[:5]:
+        size = f"{numeral(part.amplitude):>8} {part.unit or 'length units'}"
+        yield f"  {part.score:+7.2f}  {size}  {' '.join(part.modes)}"
+    yield from (f"note: {note}" for note in result.notes)
+
+
+def _answer_json(result: Classification) -> dict[str, object]:
+    """Give the members of a model's answer for a sequence, as JSON has them."""
+    return {
+        **members(result, "sequence_id", "model", "model_id", "label", "class_set", "coverage"),
+        "probabilities": dict(zip(result.classes, result.probabilities.tolist(), strict=True)),
+        **members(result, "flags", "notes"),
+        "explanation": [asdict(part) for part in result.explanation],
+    }

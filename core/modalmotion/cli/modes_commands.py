@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Annotated, Any, Final, NamedTuple
 
 import click
 import numpy as np
@@ -13,11 +13,9 @@ import numpy as np
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
     PICTURES,
-    Member,
     OutputFile,
     OutputFolder,
     command,
-    output_option,
     require_matplotlib,
     surface_options,
     write_picture,
@@ -45,15 +43,8 @@ from modalmotion.template.vibration_modes import (
 _GRIDS: Final = {1: (64,), 2: (32, 64), 3: (8, 8, 16)}
 _MODE_FILES: Final = (*PICTURES, ".glb", ".npz", ".h5")
 _ANIMATIONS: Final = (".glb", ".vtkhdf", ".npz", ".zip", ".gif")
+_TERMS: Final = {"flag": "mode", "type": str, "multiple": True, "metavar": "LABEL=AMPLITUDE"}
 _NUMBERED: Final = re.compile(r"%0?[0-9]*d")
-
-_DIRECTION = click.option(
-    "--direction",
-    type=Member(Direction),
-    default=Direction.NORMAL.value,
-    show_default=True,
-    help="Direction in which the vertices move.",
-)
 
 
 class _AnimationFiles(OutputFile):
@@ -87,21 +78,14 @@ class _Surface(NamedTuple):
 
 @command("modes cylinder --grid 32,64 --modes 7 -o modes.png")
 @sequence_argument
-@click.option("--modes", default=7, show_default=True, help="How many; no pair is split.")
 @surface_options
-@_DIRECTION
-@output_option(
-    "Picture (.png, .svg, .pdf), animation (.glb), or shapes (.npz, .h5) to write.",
-    *_MODE_FILES,
-    required=False,
-)
 def modes(
     source: Path,
-    modes: int,
     grid: tuple[int, ...] | None,
     topology: str | None,
-    direction: Direction,
-    output: Path | None,
+    modes: int = 7,
+    direction: Direction = Direction.NORMAL,
+    output: Annotated[Path | None, OutputFile(*_MODE_FILES)] = None,
     **stated: Any,
 ) -> Any:
     """List the vibration modes of a lattice or of the surface in FILE.
@@ -109,6 +93,15 @@ def modes(
     FILE may be the name of a topology: curve, plane, cylinder, torus, cup, sphere or the ends of
     each axis; its frequencies are those of a lattice with K = M = 1. Those of a surface in a file
     are w = c k on its own lengths, c one length unit per s.
+
+    Parameters
+    ----------
+    modes
+        How many; no pair is split.
+    direction
+        Direction in which the vertices move.
+    output
+        Picture (.png, .svg, .pdf), animation (.glb), or shapes (.npz, .h5) to write.
     """
     surface = _surface(source, grid, topology, stated)
     vibration_modes = _lowest(surface, modes)
@@ -128,40 +121,18 @@ def modes(
 
 @command("animate beat.npz --mode 1,1,cos=5 --mode 0,2,sin=3 -o swing.glb")
 @sequence_argument
-@click.option(
-    "--mode",
-    "terms",
-    multiple=True,
-    required=True,
-    metavar="LABEL=AMPLITUDE",
-    help="Such as 1,1,cos=5, in the unit of FILE; 'spring 3=5' on a mesh. Repeat for more.",
-)
-@output_option(
-    ".glb, .vtkhdf, .npz, .zip (of PLY), .gif, numbered pictures such as frame_%03d.png, or a "
-    "folder for them.",
-    type=_AnimationFiles(*_ANIMATIONS, ".png"),
-)
-@_DIRECTION
-@click.option(
-    "--frames", default=48, show_default=True, help="Frames over one period of the slowest mode."
-)
-@click.option("--seconds", default=2.0, show_default=True, help="Duration of this period.")
-@click.option(
-    "--damping", default=0.0, show_default=True, help="Share of each mode's critical damping."
-)
-@click.option("--together", is_flag=True, help="All modes oscillate with the same period.")
 @surface_options
 def animate(
     source: Path,
-    terms: tuple[str, ...],
-    output: Path,
-    direction: Direction,
-    frames: int,
-    seconds: float,
-    damping: float,
-    together: bool,
     grid: tuple[int, ...] | None,
     topology: str | None,
+    terms: Annotated[tuple[str, ...], _TERMS],
+    output: Annotated[Path, _AnimationFiles(*_ANIMATIONS, ".png")],
+    direction: Direction = Direction.NORMAL,
+    frames: int = 48,
+    seconds: float = 2.0,
+    damping: float = 0.0,
+    together: bool = False,
     **stated: Any,
 ) -> Any:
     """Animate vibration modes of the surface in FILE.
@@ -169,6 +140,24 @@ def animate(
     Frame 0 is the surface displaced by all modes; then it is released, and each mode oscillates as
     a cosine at its own frequency, with time scaled so that the slowest takes --seconds. Mode 0 does
     not oscillate. FILE may be the name of a topology, as for `modalmotion modes`; its radius is 1.
+
+    Parameters
+    ----------
+    terms
+        Such as 1,1,cos=5, in the unit of FILE; 'spring 3=5' on a mesh. Repeat for more.
+    output
+        .glb, .vtkhdf, .npz, .zip (of PLY), .gif, numbered pictures such as frame_%03d.png,
+        or a folder for them.
+    direction
+        Direction in which the vertices move.
+    frames
+        Frames over one period of the slowest mode.
+    seconds
+        Duration of this period.
+    damping
+        Share of each mode's critical damping.
+    together
+        All modes oscillate with the same period.
     """
     from modalmotion.exports.animation import swing
 

@@ -12,16 +12,27 @@ from dataclasses import MISSING, fields
 from enum import Enum
 from functools import reduce
 from importlib.util import find_spec
+from operator import attrgetter
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Final, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    Final,
+    Literal,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import click
 
 from modalmotion.errors import needs_extra
 from modalmotion.exports.picture_files import PICTURES as PICTURES
 from modalmotion.exports.picture_files import write_picture as write_picture
-from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
+from modalmotion.mesh.sequence import MEAN, Reference
 from modalmotion.representation import numeral
 from modalmotion.signature.parameters import USUAL_MODES, SignatureParameters
 
@@ -215,6 +226,10 @@ def command(
 ) -> Callable[[Callable[..., Any]], click.Command]:
     """Make a command with this example at the end of its help, which prints what is returned.
 
+    Parameters of the function that no other decorator makes options of become options: by their
+    names, types and defaults, with the help that its docstring gives of each. `Annotated` adds a
+    type of click or settings; `output` and `out` are -o too.
+
     That is a JSON object, which `described` writes in words; or the object and lines in words; or
     both and the error to raise afterwards. The files of all options are listed, unless the member
     `written` lists others.
@@ -227,6 +242,9 @@ def command(
     """
 
     def decorate(function: Callable[..., Any]) -> click.Command:
+        _own_options(function)(function)
+        text = inspect.cleandoc(function.__doc__ or "").partition("\n\nParameters\n")[0]
+
         @functools.wraps(function)
         def printed(*, as_json: bool = False, **options: Any) -> None:
             found = function(**options)
@@ -245,7 +263,7 @@ def command(
         made = json_option(printed) if prints_json else printed
         made.__click_params__ += own  # type: ignore[attr-defined]
         add = click.command if group is None else group.command
-        return add(cls=Command, epilog=example(line))(made)
+        return add(cls=Command, epilog=example(line), help=text)(made)
 
     return decorate
 
@@ -277,50 +295,91 @@ def options_of(kind: type, /, *names: str, group: str = "", **own: Mapping[str, 
     made = []
     for name in names:
         hint = getattr(hints[name], "type", hints[name])
-        default = taken[name].default
-        default = None if default is inspect.Parameter.empty or default is MISSING else default
-        settings = {
-            "default": default.value if isinstance(default, Enum) else default,
-            "help": helps.get(name),
-            **_kind_of(hint),
-            **({"type": click.FloatRange(*ranges[name])} if name in ranges else {}),
-            **dict(own.get(name) or {}),
-        }
-        flag = str(settings.pop("flag", name)).replace("_", "-")
-        if isinstance(default, tuple):
-            (inner, _) = get_args(hint)
-            settings |= {"type": inner, "multiple": True, "show_default": bool(default)}
-        if settings.get("default") is True:
-            flag = f"{flag}/--no-{flag}"
-        settings.setdefault(
-            "show_default", not (settings["default"] is None or settings["default"] is False)
-        )
-        made.append(click.option(f"--{flag}", name, cls=Grouped, group=group, **settings))
+        bounds = {"type": click.FloatRange(*ranges[name])} if name in ranges else {}
+        settings = {"help": helps.get(name), "group": group, **bounds, **dict(own.get(name) or {})}
+        made.append(_option(name, hint, taken[name].default, settings))
     return several(*made)
 
 
-_ENTRY: Final = re.compile(r"^ {4}(\w[\w, ]*) : (.*)\n((?:(?: {8}.*)?\n)*)", re.MULTILINE)
+def _own_options(function: Callable[..., Any]) -> Decorator:
+    """Make options of the parameters that nothing else makes arguments or options of."""
+    known = {one.name for one in getattr(function, "__click_params__", ())}
+    hints = get_type_hints(function, include_extras=True)
+    helps = {name: " ".join(said.split()) for name, _, said in _entries(function)}
+    return several(
+        *(
+            _option(
+                name,
+                hints[name],
+                one.default,
+                {"help": helps.get(name), "required": one.default is one.empty},
+            )
+            for name, one in inspect.signature(function).parameters.items()
+            if name not in known and one.kind is not one.VAR_KEYWORD
+        )
+    )
+
+
+def _option(name: str, hint: Any, default: Any, settings: Mapping[str, Any]) -> Decorator:
+    """Make an option of a parameter, with these settings of click over what its type says."""
+    default = None if default is inspect.Parameter.empty or default is MISSING else default
+    settings = {
+        "default": default.value if isinstance(default, Enum) else default,
+        **_kind_of(hint, is_repeated=isinstance(default, tuple)),
+        **settings,
+    }
+    flag = str(settings.pop("flag", name)).replace("_", "-")
+    if settings["default"] is True:
+        flag = f"{flag}/--no-{flag}"
+    is_shown = not (
+        settings["default"] is None or settings["default"] is False or settings["default"] == ()
+    )
+    settings.setdefault("show_default", is_shown)
+    short = settings.pop("short", ("-o",) if name in ("output", "out") else ())
+    if settings.get("required"):
+        # Even None would be a default.
+        del settings["default"]
+    return click.option(*short, f"--{flag}", name, cls=Grouped, **settings)
+
+
+_ENTRY: Final = re.compile(r"^ {4}(\w[\w, ]*)(?: : (.*))?\n((?:(?: {8}.*)?\n)*)", re.MULTILINE)
 _UNITS: Final = re.compile(r", (mm|s|degrees)\b")
+
+
+def _entries(of: Any) -> Iterator[tuple[str, str, str]]:
+    """Give name, type and text of each parameter that a docstring describes."""
+    for names, kind, text in _ENTRY.findall((of.__doc__ or "") + "\n"):
+        yield from ((name, kind, text) for name in names.split(", "))
 
 
 def helps_of(kind: type) -> dict[str, str]:
     """Give the first sentence that a class's docstring says of each parameter, with its unit."""
     said = dict[str, str]()
-    for names, of, text in _ENTRY.findall((kind.__doc__ or "") + "\n"):
+    for name, of, text in _entries(kind):
         sentence = re.split(r"(?<=[.;])\s", " ".join(text.split()))[0].replace("`", "").rstrip(";.")
         unit = _UNITS.search(of)
-        said |= dict.fromkeys(names.split(", "), f"{sentence}{f' ({unit[1]})' if unit else ''}.")
+        said[name] = f"{sentence}{f' ({unit[1]})' if unit else ''}."
     return said
 
 
-def _kind_of(hint: Any) -> dict[str, Any]:
-    """Give click's kind of an annotation."""
+def _kind_of(hint: Any, *, is_repeated: bool = False) -> dict[str, Any]:
+    """Give click's settings for an annotation; `Annotated` has a type of click, or settings."""
+    if get_origin(hint) is Annotated:
+        hint, *more = get_args(hint)
+        kind = _kind_of(hint, is_repeated=is_repeated)
+        for one in more:
+            kind |= one if isinstance(one, dict) else {"type": one}
+        return kind
     if hint == Reference:
         return {"type": ReferenceShape()}
     if get_origin(hint) in (Union, UnionType):
         hint = next(one for one in get_args(hint) if one is not NoneType)
+    if is_repeated:
+        return {**_kind_of(get_args(hint)[0]), "multiple": True}
     if hint is bool:
         return {"is_flag": True}
+    if hint is Path:
+        return {"type": click.Path(path_type=Path)}
     if get_origin(hint) is Literal:
         return {"type": click.Choice(get_args(hint), case_sensitive=False)}
     if get_origin(hint) is tuple:
@@ -328,12 +387,6 @@ def _kind_of(hint: Any) -> dict[str, Any]:
     if isinstance(hint, type) and issubclass(hint, Enum):
         return {"type": Member(hint)}
     return {"type": hint if hint in (int, float) else str}
-
-
-def output_option(text: str, *suffixes: str, **settings: Any) -> Decorator:
-    """Make the option -o, --output for a file to write, with one of these suffixes if any."""
-    kind = OutputFile(*suffixes)
-    return click.option("-o", "--output", **{"required": True, "type": kind, **settings}, help=text)
 
 
 mode_options = options_of(
@@ -357,15 +410,17 @@ fit_options = several(
 )
 """What a signature is fitted with, as `signature_parameters` takes it."""
 
-plot_option = click.option(
-    "--plot", type=OutputFile(*PICTURES), help="Picture to write (.png, .svg, .pdf)."
-)
-picture_option = click.option(
-    "-o", "--plot", type=OutputFile(*PICTURES), help="Picture to write (.png, .svg, .pdf)."
-)
-"""Of commands that write nothing else."""
+Plot = Annotated[Path | None, OutputFile(*PICTURES)]
+"""A picture to write."""
+OnlyPlot = Annotated[Plot, {"short": ("-o",)}]
+"""The same of commands that write nothing else."""
+Cases = Annotated[Path | None, OutputFile(".csv"), {"flag": "cases"}]
+"""The table of held-out cases."""
+Verbose = Annotated[bool, {"short": ("-v",)}]
+Coverage = Annotated[float, click.FloatRange(0, 1, min_open=True, max_open=True)]
+"""Level of class sets."""
+Existing = Annotated[Path | None, EXISTING]
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON.")
-verbose_option = click.option("-v", "--verbose", is_flag=True, help="Print times and sizes too.")
 
 _PARAMETERS = ("amplitudes", *(field.name for field in fields(SignatureParameters)))
 
@@ -393,14 +448,24 @@ def aligned(rows: Sequence[Sequence[object]]) -> str:
     )
 
 
-def sequence_numbers(sequence: MeshSequence) -> dict[str, object]:
-    """Give the members of an answer about a sequence that was written."""
+def as_json(value: Any) -> Any:
+    """Give arrays and tuples as lists, and a member of an enumeration as its value."""
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(value, tuple | list):
+        return [as_json(one) for one in value]
+    return value.value if isinstance(value, Enum) else value
+
+
+def members(value: object, *names: str, plain: Callable[[Any], Any] = as_json) -> dict[str, Any]:
+    """Give attributes of a value, `path.to.one` or `attribute as name`, for an answer."""
+    pairs = (one.partition(" as ") for one in names)
     return {
-        "n_frames": sequence.n_frames,
-        "n_vertices": sequence.n_vertices,
-        "unit": sequence.unit,
-        "id": sequence.id,
+        name or path.rpartition(".")[2]: plain(attrgetter(path)(value)) for path, _, name in pairs
     }
+
+
+SEQUENCE: Final = ("n_frames", "n_vertices", "unit", "id")
+"""Members of an answer about a sequence that was written."""
 
 
 def example(line: str) -> str:
@@ -462,16 +527,6 @@ def tell(
     click.echo(json.dumps(whole, indent=2, default=str))
 
 
-coverage_option = click.option(
-    "--coverage",
-    default=0.9,
-    show_default=True,
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
-    help="Probability that the class set holds the true class.",
-)
-"""Level of class sets, as `coverage`."""
-
-
 labelled_sources = several(
     click.argument(
         "sources",
@@ -488,13 +543,3 @@ labelled_sources = several(
     ),
 )
 """MANIFEST or FILES, as `sources`, and the options of all of them."""
-unit_option = click.option("--unit", help="Length unit of all files; overrides their own.")
-"""Where the answer depends on the unit: features do not."""
-
-cases_option = click.option(
-    "--cases",
-    "cases_file",
-    type=OutputFile(".csv"),
-    help="Table to write: probabilities of each case, held out (.csv).",
-)
-"""The table of held-out cases, as `cases_file`."""

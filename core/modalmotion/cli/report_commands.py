@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 import numpy as np
@@ -15,10 +15,11 @@ from modalmotion.cli.files import Waiting, fitted, sequence_argument
 from modalmotion.cli.options import (
     EXISTING,
     EXISTING_FILE,
+    Existing,
+    OutputFile,
     OutputFolder,
     command,
     fit_options,
-    output_option,
     several,
 )
 from modalmotion.cli.track_commands import fitted_recording, tracking_options
@@ -89,19 +90,21 @@ def _reported(
 
 @command("report map.nii.gz -o folder")
 @report_options
-@click.option(
-    "-o",
-    "--out",
-    required=True,
-    type=OutputFolder(".pdf", ".json", ".csv", ".html"),
-    help="Folder to write; or one file: .pdf, .json (FHIR), .csv or .html.",
-)
-def report(source: Path, out: Path, **options: Any) -> Any:
+def report(
+    source: Path,
+    out: Annotated[Path, OutputFolder(".pdf", ".json", ".csv", ".html")],
+    **options: Any,
+) -> Any:
     """Report on the sequence in FILE: PDF, FHIR, CSV and HTML.
 
     FILE may also be a label map, which is tracked first; or images, points or contours, with
     --landmarks. A folder gets report.pdf, report.fhir.json, frames.csv and view.html, all marked as
     preliminary.
+
+    Parameters
+    ----------
+    out
+        Folder to write; or one file: .pdf, .json (FHIR), .csv or .html.
     """
     from modalmotion.reports import quantities_of
     from modalmotion.reports.writing import write_report
@@ -129,19 +132,25 @@ def quantity_lines(found: Report) -> Iterator[str]:
 
 @command("dicom beat.npz --study image.dcm --coordinates LPS --cavity lv -o folder")
 @report_options
-@click.option("-o", "--out", required=True, type=OutputFolder(), help="Folder to write.")
-@click.option(
-    "--study",
-    required=True,
-    type=EXISTING_FILE,
-    help="Any instance of the patient's study: its header is copied, and its pixels are not read.",
-)
-def dicom(source: Path, out: Path, study: Path, **options: Any) -> Any:
+def dicom(
+    source: Path,
+    out: Annotated[Path, OutputFolder()],
+    study: Annotated[Path, EXISTING_FILE],
+    **options: Any,
+) -> Any:
     """Write a DICOM structured report and surfaces of the sequence in FILE.
 
     The folder gets report.dcm (TID 1500) and the surfaces at the ends of diastole and systole as
     encapsulated STL, as instances of the patient's study. Coordinates must be stated as LPS, in
     mm. Needs pydicom and highdicom (extra dicom).
+
+    Parameters
+    ----------
+    out
+        Folder to write.
+    study
+        Any instance of the patient's study: its header is copied, and its pixels are not
+        read.
     """
     from modalmotion.reports.dicom import dicom_instances, read_study, require_space
     from modalmotion.store import write_atomic
@@ -160,26 +169,28 @@ def dicom(source: Path, out: Path, study: Path, **options: Any) -> Any:
 
 @command("view beat.npz -o beat.html")
 @sequence_argument
-@output_option("Page to write.", ".html")
-@click.option(
-    "--with",
-    "other",
-    type=EXISTING,
-    help="A second file, shown beside the first with a common clock and camera.",
-)
-@click.option(
-    "--classify/--no-classify",
-    default=True,
-    show_default=True,
-    help="Show the class by the included model.",
-)
 @fit_options
-def view(source: Path, output: Path, other: Path | None, classify: bool, **options: Any) -> Any:
+def view(
+    source: Path,
+    output: Annotated[Path, OutputFile(".html")],
+    other: Annotated[Existing, {"flag": "with"}] = None,
+    classify: bool = True,
+    **options: Any,
+) -> Any:
     """Write an HTML page of the moving surface in FILE, with its reconstruction.
 
     The page is one file: it opens from disk in any browser and needs no network. For a track (.h5)
     the data are drawn over the surface. If FILE is a compressed
     stream, the page contains it and decodes it.
+
+    Parameters
+    ----------
+    output
+        Page to write.
+    other
+        A second file, shown beside the first with a common clock and camera.
+    classify
+        Show the class by the included model.
     """
     from modalmotion.classification import classify as ask
     from modalmotion.store import write_atomic

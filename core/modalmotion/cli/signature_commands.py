@@ -5,24 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
 from modalmotion.cli.files import Waiting, fitted, read, sequence_argument
 from modalmotion.cli.options import (
     PICTURES,
+    OnlyPlot,
+    OutputFile,
+    Plot,
+    Verbose,
     command,
     described,
     fit_options,
+    members,
     mode_options,
-    options_of,
-    output_option,
-    picture_option,
-    plot_option,
     signature_parameters,
     surface_options,
-    verbose_option,
     write_picture,
 )
 from modalmotion.errors import TopologyError
@@ -44,7 +44,6 @@ from modalmotion.signature import (
     reconstruction,
 )
 from modalmotion.signature.making import ModalSignature, SignatureKind
-from modalmotion.signature.parameters import SignatureParameters
 from modalmotion.signature.tradeoff import as_plain
 from modalmotion.store import write_atomic
 from modalmotion.template.body_frame import Components
@@ -52,21 +51,27 @@ from modalmotion.template.body_frame import Components
 
 @command("signature beat.npz --modes 18 -o beat.h5 --plot beat.png")
 @sequence_argument
-@output_option(
-    "File to write: .h5, a table (.csv), .html, or a picture.",
-    *(".h5", ".csv", ".html", *PICTURES),
-    required=False,
-)
-@plot_option
-@verbose_option
 @fit_options
 def signature(
-    source: Path, output: Path | None, plot: Path | None, verbose: bool, **options: Any
+    source: Path,
+    output: Annotated[Path | None, OutputFile(".h5", ".csv", ".html", *PICTURES)] = None,
+    plot: Plot = None,
+    verbose: Verbose = False,
+    **options: Any,
 ) -> Any:
     """Fit the modal signature of the sequence in FILE.
 
     FILE is a file of any known format, a folder of frames, or a pattern of their
     names such as 'scan_*.ply'.
+
+    Parameters
+    ----------
+    output
+        File to write: .h5, a table (.csv), .html, or a picture.
+    plot
+        Picture to write (.png, .svg, .pdf).
+    verbose
+        Print times and sizes too.
     """
     with Waiting(source) as waiting:
         watch = waiting.watch
@@ -94,19 +99,28 @@ def _write(path: Path, sequence: MeshSequence, result: ModalSignature) -> None:
 
 @command("reconstruct beat.npz -o beat.glb --modes 7")
 @sequence_argument
-@output_option("File to write: .npz, .vtkhdf, .glb or .zip (of PLY).", *SUFFIXES)
-@click.option(
-    "--max-targets", type=int, help="For GLB: largest number of morph targets, by energy."
-)
 @fit_options
-def reconstruct(source: Path, output: Path, max_targets: int | None, **options: Any) -> Any:
-    """Write the surfaces superposed from a few modes of the sequence in FILE."""
+def reconstruct(
+    source: Path,
+    output: Annotated[Path, OutputFile(*SUFFIXES)],
+    max_targets: int | None = None,
+    **options: Any,
+) -> Any:
+    """Write the surfaces superposed from a few modes of the sequence in FILE.
+
+    Parameters
+    ----------
+    output
+        File to write: .npz, .vtkhdf, .glb or .zip (of PLY).
+    max_targets
+        For GLB: largest number of morph targets, by energy.
+    """
     kind = SUFFIXES[output.suffix.lower()]
     with Waiting(source) as waiting:
         sequence, result = fitted(source, waiting, options)
         with waiting.watch.stage("write"):
             write_atomic(output, write_superposed(result, sequence, kind, max_targets=max_targets))
-    return {"n_frames": result.n_frames, "rms_error": result.rms_error, "unit": result.unit}
+    return members(result, "n_frames", "rms_error", "unit")
 
 
 def _volume_lines(signature: ModalSignature, sequence: MeshSequence) -> list[str]:
@@ -128,33 +142,20 @@ def _volume_lines(signature: ModalSignature, sequence: MeshSequence) -> list[str
 
 def summary(result: ModalSignature, price: Price) -> dict[str, object]:
     """Return the summary numbers of a signature."""
+    largest = ("motion_rms", "weighted_motion_rms")
     return {
-        "topology": result.surface,
-        "n_frames": result.n_frames,
-        "n_vertices": result.n_vertices,
-        "modes": len(result.modes),
-        "kind": result.kind.value,
-        "amplitudes_per_frame": result.n_amplitudes,
-        "unit": result.unit,
-        "facts": facts_as_json(result.facts),
-        "rms_error": result.rms_error,
-        "weighted_rms_error": result.weighted_rms_error,
+        **members(result, "surface as topology", "n_frames", "n_vertices", "kind", "unit"),
+        **members(result, "n_amplitudes as amplitudes_per_frame", "deviation_share", "condition"),
+        **members(result, "rms_error", "weighted_rms_error", "max_error"),
         "p95_error": float(result.p95_errors.max()),
-        "max_error": result.max_error,
-        "motion_rms": float(result.motion_rms.max()),
-        "weighted_motion_rms": float(result.weighted_motion_rms.max()),
-        "deviation_share": result.deviation_share,
-        "compression": result.compression,
-        "compression_of_sequence": result.compression_of_sequence,
-        "condition": result.condition,
-        "deformation_spectrum": result.deformation_spectrum.tolist(),
+        **{name: float(getattr(result, name).max()) for name in largest},
+        **members(result, "compression", "compression_of_sequence", "deformation_spectrum"),
+        **members(result, "times", "amplitudes", "sequence_id", "notes"),
+        "modes": len(result.modes),
         "labels": [str(label) for label in result.modes.labels],
-        "times": None if result.times is None else result.times.tolist(),
-        "amplitudes": result.amplitudes.tolist(),
+        "facts": facts_as_json(result.facts),
         "price": asdict(price),
         "choice": None if result.choice is None else result.choice.as_json(),
-        "sequence_id": result.sequence_id,
-        "notes": list(result.notes),
     }
 
 
@@ -199,13 +200,24 @@ _SUFFIXES = {suffix: kind for suffix, kind in SUFFIXES.items() if kind != Surfac
 
 @command("resample beat.npz --phase 0.37 -o systole.npz")
 @sequence_argument
-@output_option("File to write: .npz, .vtkhdf or .zip (of PLY).", *_SUFFIXES)
-@click.option("--phase", "phases", type=float, multiple=True, help="Share of the cycle, 0 to 1.")
-@click.option("--frames", type=click.IntRange(2), help="Instead of phases: number of even steps.")
 def resample(
-    source: Path, output: Path, phases: tuple[float, ...], frames: int | None, **options: Any
+    source: Path,
+    output: Annotated[Path, OutputFile(*_SUFFIXES)],
+    phases: Annotated[tuple[float, ...], {"flag": "phase"}] = (),
+    frames: Annotated[int | None, click.IntRange(2)] = None,
+    **options: Any,
 ) -> Any:
-    """Write the surface in FILE at any phase of its cycle, with its deviation."""
+    """Write the surface in FILE at any phase of its cycle, with its deviation.
+
+    Parameters
+    ----------
+    output
+        File to write: .npz, .vtkhdf or .zip (of PLY).
+    phases
+        Share of the cycle, 0 to 1.
+    frames
+        Instead of phases: number of even steps.
+    """
     if bool(phases) == (frames is not None):
         raise click.UsageError("Give one of --phase and --frames.")
     with Waiting(source) as waiting:
@@ -219,44 +231,36 @@ def resample(
             kind = _SUFFIXES[output.suffix.lower()]
             fields = {"deviation": result.deviations} if kind == SurfaceFormat.VTKHDF else None
             write_atomic(output, write_surfaces(result.sequence, kind, fields))
-    return {
-        "phases": result.phases.tolist(),
-        "rms_deviations": result.rms_deviations.tolist(),
-        "course": result.course,
-        "unit": sequence.unit,
-        "notes": [reconstruction.note_on(result)],
-    }
+    names = ("phases", "rms_deviations", "course", "sequence.unit")
+    return {**members(result, *names), "notes": [reconstruction.note_on(result)]}
 
 
 @command("tradeoff beat.npz --tolerance 1 -o tradeoff.png")
 @sequence_argument
-@options_of(
-    SignatureParameters,
-    "components",
-    components={"default": None, "help": "The only components measured; all by default."},
-)
-@click.option(
-    "--front-modes",
-    type=click.IntRange(1, 2000),
-    default=MOST_OF_FRONT,
-    show_default=True,
-    help="Largest number of modes on the front.",
-)
-@picture_option
-@verbose_option
 @mode_options
 @surface_options
 def tradeoff(
     source: Path,
-    components: Components | None,
-    front_modes: int,
-    plot: Path | None,
-    verbose: bool,
+    components: Components | None = None,
+    front_modes: Annotated[int, click.IntRange(1, 2000)] = MOST_OF_FRONT,
+    plot: OnlyPlot = None,
+    verbose: Verbose = False,
     **options: Any,
 ) -> Any:
     """Measure error, size and time of each number of modes for the sequence in FILE.
 
     Choose a point of the front by --modes, --tolerance or --auto.
+
+    Parameters
+    ----------
+    components
+        The only components measured; all by default.
+    front_modes
+        Largest number of modes on the front.
+    plot
+        Picture to write (.png, .svg, .pdf).
+    verbose
+        Print times and sizes too.
     """
     parameters = signature_parameters(options)
     with Waiting(source) as waiting:

@@ -5,20 +5,21 @@ from __future__ import annotations
 import json
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import click
 import numpy as np
 
 from modalmotion.cli.files import progress_bar
 from modalmotion.cli.options import (
+    SEQUENCE,
     VENTRICLE,
     GridShape,
+    OutputFile,
     OutputFolder,
     command,
+    members,
     options_of,
-    output_option,
-    sequence_numbers,
 )
 from modalmotion.formats import write_npz
 from modalmotion.formats.volumes import write_nifti_zip
@@ -39,42 +40,46 @@ _STATED: Final = ("tracking", "handedness", "period", "cavity", "modality")
 
 
 @command("simulate -o beat.npz --ejection-fraction 0.4")
-@output_option("File to write (.npz; .zip of images).")
-@click.option("--frames", default=25, show_default=True, help="Frames over one beat.")
-@click.option(
-    "--noise", default=0.0, show_default=True, help="Standard deviation of coordinates, mm."
-)
-@click.option("--grid", type=GridShape(), default="32,64", show_default=True, help="Lattice shape.")
-@click.option("--vertices", type=int, help="Triangulate this many vertices, instead of a lattice.")
-@click.option("--seed", default=0, show_default=True, help="Seed of all random numbers.")
-@click.option(
-    "--image",
-    type=click.Choice([kind.value for kind in ImageKind]),
-    help="Images instead of a surface: a zip of NIfTI, with the true surface and landmarks.",
-)
 @options_of(
     VentricleParameters, *(one.name for one in fields(VentricleParameters)), group=VENTRICLE
 )
 def simulate(
-    output: Path,
-    frames: int,
-    noise: float,
-    grid: tuple[int, ...],
-    vertices: int | None,
-    seed: int,
-    image: str | None,
+    output: Annotated[Path, OutputFile()],
+    frames: int = 25,
+    noise: float = 0.0,
+    grid: Annotated[Any, GridShape(), {"default": "32,64"}] = None,
+    vertices: int | None = None,
+    seed: int = 0,
+    image: ImageKind | None = None,
     **parameters: Any,
 ) -> Any:
     """Simulate one heartbeat of a left ventricle.
 
     The motion is kinematic: ejection fraction, shortening, torsion and timing follow known
     physiology; no mechanics is solved.
+
+    Parameters
+    ----------
+    output
+        File to write (.npz; .zip of images).
+    frames
+        Frames over one beat.
+    noise
+        Standard deviation of coordinates, mm.
+    grid
+        Lattice shape.
+    vertices
+        Triangulate this many vertices, instead of a lattice.
+    seed
+        Seed of all random numbers.
+    image
+        Images instead of a surface: a zip of NIfTI, with the true surface and landmarks.
     """
     if len(grid) != 2:
         raise click.BadParameter("A ventricle's lattice has two axes.", param_hint="--grid")
     if image is not None:
         parts = _write_images(output, image, VentricleParameters(**parameters), frames, seed)
-        return {"n_frames": frames, "image": image, "unit": "mm", "written": parts}
+        return {"n_frames": frames, "image": image.value, "unit": "mm", "written": parts}
     sequence = simulate_ventricle(
         VentricleParameters(**parameters),
         grid=(grid[0], grid[1]),
@@ -83,11 +88,11 @@ def simulate(
         rng=np.random.default_rng(seed),
     )
     write_atomic(output, write_npz(sequence))
-    return sequence_numbers(sequence)
+    return members(sequence, *SEQUENCE)
 
 
 def _write_images(
-    output: Path, kind: str, parameters: VentricleParameters, frames: int, seed: int
+    output: Path, kind: ImageKind, parameters: VentricleParameters, frames: int, seed: int
 ) -> tuple[Path, Path, Path]:
     """Write images to a zip, and beside it what they show: .truth.npz and .landmarks.json."""
     phantom = simulate_images(kind, parameters, n_frames=frames, rng=np.random.default_rng(seed))
@@ -107,23 +112,25 @@ def _write_images(
 
 
 @command("simulate-cohort -o cohort --per-class 50")
-@output_option(
-    "Folder to write: files, and cases.csv with path, label, subject and facts.",
-    type=OutputFolder(),
-)
-@click.option(
-    "--per-class",
-    default=20,
-    show_default=True,
-    type=click.IntRange(min=1),
-    help="Ventricles of each class.",
-)
-@click.option(
-    "--noise", default=0.6, show_default=True, help="Standard deviation of coordinates, mm."
-)
-@click.option("--seed", default=0, show_default=True, help="Seed of all random numbers.")
-def simulate_cohort(output: Path, per_class: int, noise: float, seed: int) -> Any:
-    """Simulate labelled ventricles that differ in motion, shape, mesh, frames and pose."""
+def simulate_cohort(
+    output: Annotated[Path, OutputFolder()],
+    per_class: Annotated[int, click.IntRange(min=1)] = 20,
+    noise: float = 0.6,
+    seed: int = 0,
+) -> Any:
+    """Simulate labelled ventricles that differ in motion, shape, mesh, frames and pose.
+
+    Parameters
+    ----------
+    output
+        Folder to write: files, and cases.csv with path, label, subject and facts.
+    per_class
+        Ventricles of each class.
+    noise
+        Standard deviation of coordinates, mm.
+    seed
+        Seed of all random numbers.
+    """
     output.mkdir(parents=True, exist_ok=True)
     rows: list[list[object]] = [["path", "label", "subject", *_STATED]]
     total = per_class * len(MotionClass)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import click
 
@@ -13,7 +13,6 @@ from modalmotion.cli.files import counting
 from modalmotion.cli.options import EXISTING_FOLDER, OutputFile, OutputFolder, command, described
 
 _FOLDER = click.argument("folder", type=EXISTING_FOLDER, metavar="FOLDER")
-_OWNER = click.option("--owner", help="Owner of the store, in a service's data folder FOLDER.")
 _OF_A_BACKUP: Final = (
     "This is a backup: what was deleted since is in it. `modalmotion store restore` looks for "
     "deletions."
@@ -31,9 +30,14 @@ def store() -> None:
 
 @command("store rebuild results", group=store)
 @_FOLDER
-@_OWNER
-def rebuild(folder: Path, owner: str | None) -> Any:
-    """Rebuild the index of each store in FOLDER from its files."""
+def rebuild(folder: Path, owner: str | None = None) -> Any:
+    """Rebuild the index of each store in FOLDER from its files.
+
+    Parameters
+    ----------
+    owner
+        Owner of the store, in a service's data folder FOLDER.
+    """
     return _rebuilt(_stores_of(folder, owner))
 
 
@@ -47,7 +51,7 @@ def _rebuilt(stores: dict[str, Path]) -> dict[str, Any]:
         with counting("reading files") as progress:
             result = run(root, progress=progress)
         notes = [] if time is None else [_OF_A_BACKUP]
-        if result.guests_lost:
+        if result.service_tables_lost:
             notes.append("The index was damaged: jobs and idempotency keys are lost.")
         answer[name] = {"backup_time": time, **asdict(result), "notes": notes}
     return {"stores": answer}
@@ -55,9 +59,14 @@ def _rebuilt(stores: dict[str, Path]) -> dict[str, Any]:
 
 @command("store verify results", group=store)
 @_FOLDER
-@_OWNER
-def verify(folder: Path, owner: str | None) -> Any:
-    """Check every file of each store in FOLDER; the exit code is 1 if something is wrong."""
+def verify(folder: Path, owner: str | None = None) -> Any:
+    """Check every file of each store in FOLDER; the exit code is 1 if something is wrong.
+
+    Parameters
+    ----------
+    owner
+        Owner of the store, in a service's data folder FOLDER.
+    """
     from modalmotion.store import backup_time
     from modalmotion.store import verify as run
 
@@ -79,11 +88,15 @@ def verify(folder: Path, owner: str | None) -> Any:
 @command("store export results signatures.h5", group=store)
 @_FOLDER
 @click.argument("out", type=OutputFile(), metavar="OUT.h5")
-@_OWNER
-def export(folder: Path, out: Path, owner: str | None) -> Any:
+def export(folder: Path, out: Path, owner: str | None = None) -> Any:
     """Pack all signatures of the store in FOLDER, its own if no owner is named, into one file.
 
     The exit code is 1 if a signature is damaged; the others are packed all the same.
+
+    Parameters
+    ----------
+    owner
+        Owner of the store, in a service's data folder FOLDER.
     """
     from modalmotion.errors import NotFoundError
     from modalmotion.exports.signature_pack import export as run
@@ -110,16 +123,16 @@ def export(folder: Path, out: Path, owner: str | None) -> Any:
 @command("store backup results copy", group=store)
 @_FOLDER
 @click.argument("copy", type=OutputFolder(), metavar="COPY")
-@click.option(
-    "--accept-missing",
-    is_flag=True,
-    help="Continue without files that FOLDER has lost: they are removed from COPY, too.",
-)
-def backup(folder: Path, copy: Path, accept_missing: bool) -> Any:
+def backup(folder: Path, copy: Path, accept_missing: bool = False) -> Any:
     """Copy the store in FOLDER to the folder COPY; a server may have it open.
 
     Run again, it copies new files, and removes those that were deleted since. Files that are
     missing without having been deleted remain in COPY and are named; the exit code is then 1.
+
+    Parameters
+    ----------
+    accept_missing
+        Continue without files that FOLDER has lost: they are removed from COPY, too.
     """
     from modalmotion.store import backup as run
 
@@ -138,15 +151,17 @@ def backup(folder: Path, copy: Path, accept_missing: bool) -> Any:
 @command("store restore copy results", group=store)
 @click.argument("copy", type=EXISTING_FOLDER, metavar="COPY")
 @click.argument("folder", type=OutputFolder(), metavar="FOLDER")
-@click.option(
-    "--deletions",
-    type=EXISTING_FOLDER,
-    help="Remains of the old folder: what was deleted there is not restored.",
-)
-def restore(copy: Path, folder: Path, deletions: Path | None) -> Any:
+def restore(
+    copy: Path, folder: Path, deletions: Annotated[Path | None, EXISTING_FOLDER] = None
+) -> Any:
     """Restore what is missing in FOLDER from its backup COPY, and rebuild its indices.
 
     FOLDER may be new. Nothing in it is replaced, and nothing with a tombstone is restored.
+
+    Parameters
+    ----------
+    deletions
+        Remains of the old folder: what was deleted there is not restored.
     """
     from modalmotion.store import restore as run
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import click
 import numpy as np
@@ -17,10 +17,10 @@ from modalmotion.cli.options import (
     TRACKING,
     Grouped,
     OutputFile,
+    Plot,
     command,
+    members,
     options_of,
-    output_option,
-    plot_option,
     several,
     signature_parameters,
     write_picture,
@@ -46,22 +46,18 @@ from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
 from modalmotion.tracking.landmarks import read_landmark_file
-from modalmotion.tracking.making import segment as segment_image
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
+from modalmotion.tracking.parameters import segment as segment_image
 from modalmotion.tracking.reading import Recorded, holds_contours, read_observed, recorded_images
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 label_options = options_of(
-    TrackParameters, "labels", "wall", "papillary", group=TRACKING, labels={"flag": "label"}
+    TrackParameters, "labels", "papillary", group=TRACKING, labels={"flag": "label"}
 )
 start_option = click.option(
-    "--start",
-    cls=Grouped,
-    group=TRACKING,
-    type=EXISTING,
-    help="A surface to start from.",
+    "--start", cls=Grouped, group=TRACKING, type=EXISTING, help="A surface to start from."
 )
 tracking_options = several(
     click.option(
@@ -80,8 +76,7 @@ tracking_options = several(
 )
 """How what has no corresponding vertices is tracked."""
 
-_TRACKING: Final = ("landmarks", "labels", "wall", "papillary", "start", "contours", "time")
-_PICTURES: Final = ("data", "deviations", "determined")
+_TRACKING: Final = ("landmarks", "labels", "papillary", "start", "contours", "time")
 
 
 def fitted_recording(
@@ -125,38 +120,40 @@ def _followed(
 
 @command("track frames/ -o beat.npz --landmarks apex=1,2,3 --unit mm")
 @click.argument("source", metavar="IN", type=EXISTING)
-@output_option(
-    "File to write: the sequence (.npz), or the whole track (.h5).", ".npz", ".h5", ".hdf5"
-)
 @tracking_options
 @options_of(TrackParameters, "topology", "modes", "reference", "unit")
-@click.option("--frame-interval", "times", type=float, help="Seconds from frame to frame.")
-@click.option(
-    "--plot",
-    type=OutputFile(*PICTURES, MOVING),
-    help="Picture to write (.png, .svg, .pdf); for images also a .gif of all frames.",
-)
-@click.option(
-    "--picture",
-    type=click.Choice(_PICTURES),
-    default="data",
-    show_default=True,
-    help="Of --plot: data over the surface by frame, the stated error on it, or what the data have "
-    "set.",
-)
-def track(source: Path, output: Path, plot: Path | None, picture: str, **options: Any) -> Any:
+def track(
+    source: Path,
+    output: Annotated[Path, OutputFile(".npz", ".h5", ".hdf5")],
+    times: Annotated[float | None, {"flag": "frame-interval"}] = None,
+    plot: Annotated[Path | None, OutputFile(*PICTURES, MOVING)] = None,
+    picture: Literal["data", "deviations", "determined"] = "data",
+    **options: Any,
+) -> Any:
     """Track a surface through the frames in IN, without correspondence between them.
 
     IN is a folder or zip with one mesh, cloud or set of contours per frame, an npz of points and
     offsets, or images: NIfTI, NRRD, MetaImage, or a folder or zip of DICOM. The motion follows the
     data along the surface's normals.
+
+    Parameters
+    ----------
+    output
+        File to write: the sequence (.npz), or the whole track (.h5).
+    times
+        Seconds from frame to frame.
+    plot
+        Picture to write (.png, .svg, .pdf); for images also a .gif of all frames.
+    picture
+        Of --plot: data over the surface by frame, the stated error on it, or what the data
+        have set.
     """
     named = {name: options.pop(name) for name in _TRACKING}
     with counting("frames") as progress:
         recorded = read_observed(source, contours=named["contours"])
         if plot is not None and plot.suffix.lower() == MOVING:
             _require_images(recorded, picture)
-        result = _followed(recorded, named, progress, **options)
+        result = _followed(recorded, named, progress, times=times, **options)
     is_npz = output.suffix.lower() == ".npz"
     write_atomic(output, write_npz(result.sequence) if is_npz else track_to_hdf5(result))
     if plot is not None and plot.suffix.lower() == MOVING and recorded.images is not None:
@@ -168,7 +165,7 @@ def track(source: Path, output: Path, plot: Path | None, picture: str, **options
 
 def _require_images(recorded: Recorded, picture: str) -> None:
     """Refuse a moving picture of what has none, before any work."""
-    if recorded.images is None or picture != _PICTURES[0]:
+    if recorded.images is None or picture != "data":
         raise ParameterError(
             "A .gif is available only for contours over images.",
             remedy="Name a .png, or track images with --picture data.",
@@ -229,25 +226,15 @@ def stated_landmarks(
 
 def _numbers(result: Track) -> dict[str, object]:
     return {
-        "sequence_id": result.sequence.id,
-        "frames": result.n_frames,
+        **members(result, "sequence.id as sequence_id", "n_frames as frames", "sequence.unit"),
+        **members(result, "template.topology.name as topology", "noise.sd as noise"),
         "modes": len(result.modes),
-        "topology": result.template.topology.name,
-        "unit": result.sequence.unit,
-        "noise": result.noise.sd,
         "deviation_across": float(np.median(result.deviations[:, :, 0])),
         "deviation_along": float(np.median(result.deviations[:, :, 1])),
         "residual_rms": [None if np.isnan(r) else r for r in result.residuals[:, 0].tolist()],
-        "inliers": result.inliers.tolist(),
-        "coverage": result.coverage.tolist(),
-        "unseen": list(result.unseen),
-        "gap": result.gap,
-        "determined": result.determined.tolist(),
-        "ejection_fraction": result.ejection_fraction,
-        "ejection_fraction_bound": result.ejection_fraction_bound,
-        "ejection_fractions": result.ejection_fractions,
+        **members(result, "inliers", "coverage", "unseen", "determined", "notes"),
+        **members(result, "ejection_fraction", "ejection_fraction_bound", "ejection_fractions"),
         "papillary": None if result.images is None else result.images.papillary,
-        "notes": list(result.notes),
     }
 
 
@@ -257,44 +244,46 @@ _MM3_PER_ML = 1000.0
 
 @command("segment labels.nii.gz -o lv.ply")
 @click.argument("source", metavar="IN", type=EXISTING)
-@output_option(
-    "File to write: the surface with its deviations (.ply), the surface (.npz), or all (.h5).",
-    ".ply",
-    ".npz",
-    ".h5",
-    ".hdf5",
-)
-@click.option(
-    "--landmarks",
-    multiple=True,
-    metavar="NAME=X,Y,Z|FILE",
-    help="Place of the apex or the base in LPS mm, or a file of landmarks; once for each.",
-)
 @label_options
-@click.option("--frame", default=0, show_default=True, help="Of images over time.")
 @start_option
-@click.option("--modes", default=USUAL_MODES, show_default=True, help="Three amplitudes each.")
-@plot_option
 def segment(
     source: Path,
-    output: Path,
-    landmarks: tuple[str, ...],
     start: Path | None,
-    plot: Path | None,
+    output: Annotated[Path, OutputFile(".ply", ".npz", ".h5", ".hdf5")],
+    landmarks: Annotated[tuple[str, ...], {"metavar": "NAME=X,Y,Z|FILE"}] = (),
+    frame: int = 0,
+    modes: int = USUAL_MODES,
+    plot: Plot = None,
     **options: Any,
 ) -> Any:
     """Segment one image of IN by a surface, with its standard deviation.
 
     IN is NIfTI, NRRD, MetaImage, or a folder or zip of DICOM. The surface is fitted to the edge
     around the axis from apex to base; --plot shows it over slices.
+
+    Parameters
+    ----------
+    output
+        File to write: the surface with its deviations (.ply), the surface (.npz), or all
+        (.h5).
+    landmarks
+        Place of the apex or the base in LPS mm, or a file of landmarks; once for each.
+    frame
+        Of images over time.
+    modes
+        Three amplitudes each.
+    plot
+        Picture to write (.png, .svg, .pdf).
     """
     images = read_images(source)
-    marks = stated_landmarks(landmarks, recorded_images(images), None, options["frame"])
+    marks = stated_landmarks(landmarks, recorded_images(images), None, frame)
     surface = None if start is None else read_sequence(start).sequence
-    result = segment_image(images, landmarks=marks, start=surface, **options)
+    result = segment_image(
+        images, landmarks=marks, start=surface, frame=frame, modes=modes, **options
+    )
     write_atomic(output, _written(result, output.suffix.lower()))
     if plot is not None:
-        shown = ImageSequence((images.frames[options["frame"]],))
+        shown = ImageSequence((images.frames[frame],))
         write_picture(overlay_figure(result, shown), plot)
     volumes, deviations, found = result.volumes, result.volume_deviations, result.images
     # An image is segmented by a surface that encloses a volume.

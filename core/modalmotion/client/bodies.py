@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -31,28 +32,30 @@ class Body:
 
     Parameters
     ----------
-    pieces : function
-        Yields the body from its beginning, at each call.
+    source : bytes or Path
+        A file is read a piece at a time, from its beginning at each attempt.
     n_bytes : int
-        Total that progress counts up to.
-    length : int or None
-        Bytes sent over the wire; None if known only at the end.
     media_type : str
     """
 
-    pieces: Callable[[], Iterator[bytes]]
+    source: bytes | Path
     n_bytes: int
-    length: int | None
     media_type: str = "application/octet-stream"
 
     def sent(self, progress: Progress | None) -> Iterator[bytes]:
         """Yield the pieces, and report progress after each."""
-        done = 0
-        for piece in self.pieces():
-            yield piece
-            done += len(piece)
-            if progress is not None:
-                progress(min(done, self.n_bytes), self.n_bytes)
+        done, source = 0, self.source
+        try:
+            with io.BytesIO(source) if isinstance(source, bytes) else source.open("rb") as file:
+                while piece := file.read(_PIECE):
+                    yield piece
+                    done += len(piece)
+                    if progress is not None:
+                        progress(min(done, self.n_bytes), self.n_bytes)
+        except OSError as error:
+            if not isinstance(source, Path):
+                raise
+            raise _unreadable(source, error) from error
 
 
 def body_of(source: Source) -> Body:
@@ -65,35 +68,19 @@ def body_of(source: Source) -> Body:
     """
     if isinstance(source, MeshSequence):
         source = write_npz(source)
-    if isinstance(source, (bytes, bytearray, memoryview)):
-        view = memoryview(source).cast("B")
-        return Body(lambda: _slices(view), len(view), len(view))
+    if isinstance(source, bytes | bytearray | memoryview):
+        return Body(data := bytes(source), len(data))
     path = Path(source)
     try:
-        n_bytes = path.stat().st_size
+        return Body(path, path.stat().st_size)
     except OSError as error:
         raise _unreadable(path, error) from error
-    return Body(lambda: _file_pieces(path), n_bytes, n_bytes)
 
 
 def json_body(value: object) -> Body:
     """Make the body of a JSON value."""
     text = json.dumps(value).encode()
-    return Body(lambda: iter([text]), len(text), len(text), "application/json")
-
-
-def _slices(view: memoryview) -> Iterator[bytes]:
-    for start in range(0, len(view), _PIECE):
-        yield bytes(view[start : start + _PIECE])
-
-
-def _file_pieces(path: Path) -> Iterator[bytes]:
-    try:
-        with path.open("rb") as file:
-            while piece := file.read(_PIECE):
-                yield piece
-    except OSError as error:
-        raise _unreadable(path, error) from error
+    return Body(text, len(text), "application/json")
 
 
 def _unreadable(path: Path, error: OSError) -> MalformedFileError:

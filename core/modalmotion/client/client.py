@@ -22,7 +22,6 @@ from modalmotion.client.values import (
     Info,
     form_of,
     info_of,
-    require_place,
 )
 from modalmotion.progress import Progress
 
@@ -383,7 +382,6 @@ class Client(Recordings):
         RemoteError
             If the sequence's coordinates are not stated to be LPS, in mm.
         """
-        require_place(Path(path))
         own, rest = parted(options)
         place = f"/v1/signatures/{self._key(sequence_id, own)}/dicom"
         self._save(path, Call("POST", place, rest, ZIP, body_of(study), is_repeatable=True))
@@ -414,7 +412,6 @@ class Client(Recordings):
         RemoteError
             If it cannot be tracked.
         """
-        require_place(Path(path))
         asked = replace(track_call(source, {**options, "report": True}), accept=ZIP)
         self._save(path, asked, progress)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import email.utils
 import json
 import re
 import secrets
@@ -90,23 +89,9 @@ class Retries:
 
 
 def retry_after(header: str | None) -> float | None:
-    """Read a Retry-After header (RFC 9110, 10.2.3): seconds, or a date.
-
-    Returns
-    -------
-    float, s, or None
-        None if absent or not readable.
-    """
-    if header is None:
-        return None
-    text = header.strip()
-    if text.isascii() and text.isdigit() and len(text) < 10:
-        return float(text)
-    try:
-        end = email.utils.parsedate_to_datetime(text).timestamp()
-    except (TypeError, ValueError, OverflowError):
-        return None
-    return max(0.0, end - time.time())
+    """Read a Retry-After header in seconds, as the service sends it; None for anything else."""
+    text = (header or "").strip()
+    return float(text) if text.isascii() and text.isdigit() and len(text) < 10 else None
 
 
 JSON: Final = "application/json"
@@ -290,8 +275,7 @@ class Connection:
         content: Iterator[bytes] | None = None
         if call.body is not None:
             headers["Content-Type"] = call.body.media_type
-            if call.body.length is not None:
-                headers["Content-Length"] = str(call.body.length)
+            headers["Content-Length"] = str(call.body.n_bytes)
             content = _until(end, call.body.sent(progress))
         with _explained(call):
             request = self._http.build_request(

@@ -434,7 +434,7 @@ class Recordings(Caller):
         **options
             As the service names them: modes, tolerance, time, reference, start, topology,
             contours, unit, times, frame_interval, subject, label, and facts; of images keep,
-            papillary, labels and wall. `landmarks`: apex and base by name, (3,) in the reference
+            papillary and labels. `landmarks`: apex and base by name, (3,) in the reference
             frame, or (frames, 3) with NaN where it is unknown.
 
         Raises

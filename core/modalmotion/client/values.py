@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from modalmotion.client.connection import JSON, Answer
 from modalmotion.client.errors import understood
-from modalmotion.errors import ParameterError, StoreError
+from modalmotion.errors import ParameterError
 from modalmotion.mesh import facts_from_json
 from modalmotion.representation import LONGEST_LINE, shown
 
@@ -250,12 +249,9 @@ def form_of(what: str, path: Path) -> tuple[str, str]:
     ------
     ParameterError
         If either is unknown.
-    StoreError
-        If the file cannot be written there.
     """
     if what not in SAVED:
         raise ParameterError(f"{what!r} cannot be saved.", remedy=f"Use one of {', '.join(SAVED)}.")
-    require_place(path)
     place, suffixes = SAVED[what]
     suffix = path.suffix.lower()
     if suffix not in suffixes:
@@ -263,21 +259,3 @@ def form_of(what: str, path: Path) -> tuple[str, str]:
             f"'{path.name}' has an unknown suffix.", remedy=f"Use one of {', '.join(suffixes)}."
         )
     return place, FHIR if (what, suffix) == ("report", ".json") else _TYPES[suffix]
-
-
-def require_place(path: Path) -> None:
-    """Check that a file can be written there, before anything is asked for.
-
-    Raises
-    ------
-    StoreError
-        If there is no such folder, or a folder of that name.
-    """
-    if not path.parent.is_dir() or path.is_dir() or not os.access(path.parent, os.W_OK):
-        reason = f"there is no folder '{path.parent}' that may be written to"
-        if path.is_dir():
-            reason = "it is a folder"
-        raise StoreError(
-            f"'{path.name}' cannot be written: {reason}.",
-            remedy="Make the folder, or name a file in another one.",
-        )

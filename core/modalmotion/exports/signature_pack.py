@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from modalmotion.errors import (
     CorruptFileError,
     NotFoundError,
-    OlderFileError,
     ParameterError,
     StoreError,
 )
@@ -228,7 +227,7 @@ def _pack_store(store: ResultStore, file: Any, progress: Progress | None) -> Pac
         for number, (sequence_id, key) in enumerate(names):
             try:
                 pair = store.signature(sequence_id, key), store.sequence_record(sequence_id)
-            except (CorruptFileError, NotFoundError, OlderFileError) as error:
+            except (CorruptFileError, NotFoundError) as error:
                 failures.append((sequence_id, str(error)))
             else:
                 yield pair

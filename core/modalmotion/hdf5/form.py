@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from modalmotion.errors import CorruptFileError, ModalMotionError, OlderFileError, StoreError
+from modalmotion.errors import CorruptFileError, ModalMotionError, StoreError
 from modalmotion.hdf5.image import (
     INTENDED_USE,
     Attribute,
@@ -16,7 +16,7 @@ from modalmotion.hdf5.image import (
     contents_of,
     sealed_image,
 )
-from modalmotion.hdf5.sealed import digest_of, load_sealed, require_sealed
+from modalmotion.hdf5.sealed import load_sealed, require_sealed
 
 
 @dataclass(frozen=True)
@@ -65,19 +65,6 @@ class Form:
         """
         return sealed_image({**self.header(**more), **ids}, datasets)
 
-    def digest(self, path: Path) -> str:
-        """sha256 in the seal of a file of this form; seal and header are checked.
-
-        Raises
-        ------
-        NotFoundError, OlderFileError, CorruptFileError
-            As `read` does.
-        """
-        name, data = load_sealed(path)
-        with _explained(name, self.kind):
-            self._require(contents_of(name, data, has_arrays=False))
-        return digest_of(data)
-
     @contextmanager
     def read(self, source: bytes | Path) -> Iterator[Contents]:
         """Read a sealed file; what is wrong with it inside the block becomes a CorruptFileError.
@@ -90,10 +77,8 @@ class Form:
         ------
         NotFoundError
             If there is no such file.
-        OlderFileError
-            If it was written by an older version.
         CorruptFileError
-            If it is damaged, foreign, of another kind or written by a newer version.
+            If it is damaged, foreign, of another kind or written by another version.
         """
         name, data = load_sealed(source)
         with self._read(name, data) as contents:
@@ -121,8 +106,7 @@ class Form:
                 remedy=f"Name a file that contains a {self.kind}.",
             )
         if form.version != self.version:
-            is_older = 1 <= form.version < self.version
-            raise (OlderFileError if is_older else CorruptFileError)(
+            raise CorruptFileError(
                 f"{contents.name} has version {form.version} of its schema; this program reads "
                 f"{self.version}.",
                 remedy="Read it with the modalmotion that wrote it, or make it again.",

@@ -106,13 +106,11 @@ def parts_of(frame: Image) -> tuple[Volume | Plane, ...]:
 def is_of_labels(image: Image) -> bool:
     """Whether an image has two values and no others, as a segmentation."""
     parts = parts_of(image)
-    low = min(float(np.nanmin(part.values)) for part in parts)
-    high = max(float(np.nanmax(part.values)) for part in parts)
+    low = min(float(part.values.min()) for part in parts)
+    high = max(float(part.values.max()) for part in parts)
     # Slab by slab, so that a large volume needs no more than one beside it; of most the first says.
     return all(
-        bool(((slab == low) | (slab == high) | np.isnan(slab)).all())
-        for part in parts
-        for slab in part.values
+        bool(((slab == low) | (slab == high)).all()) for part in parts for slab in part.values
     )
 
 

@@ -41,15 +41,15 @@ if TYPE_CHECKING:
     from modalmotion.store.images import ImagesRecord as ImagesRecord
     from modalmotion.store.images import images_record_of as images_record_of
     from modalmotion.store.index import SequencePage as SequencePage
+    from modalmotion.store.recovery import Fault as Fault
     from modalmotion.store.recovery import Reconciliation as Reconciliation
+    from modalmotion.store.recovery import VerifyReport as VerifyReport
     from modalmotion.store.recovery import rebuild as rebuild
+    from modalmotion.store.recovery import verify as verify
     from modalmotion.store.results import ResultStore as ResultStore
     from modalmotion.store.results import signature_image as signature_image
     from modalmotion.store.results import track_image as track_image
     from modalmotion.store.sequences import upload_image as upload_image
-    from modalmotion.store.verification import Fault as Fault
-    from modalmotion.store.verification import VerifyReport as VerifyReport
-    from modalmotion.store.verification import verify as verify
     from modalmotion.template.hdf5 import template_from_hdf5 as template_from_hdf5
     from modalmotion.template.hdf5 import template_to_hdf5 as template_to_hdf5
     from modalmotion.tracking.hdf5 import track_from_hdf5 as track_from_hdf5

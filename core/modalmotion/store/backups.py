@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import json
-import os
+import filecmp
 import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator
@@ -25,13 +24,15 @@ from modalmotion.store.disk import (
     temporary_beside,
     write_atomic,
 )
-from modalmotion.store.folder import FOLDERS, RESULT_FOLDERS, Folder
+from modalmotion.store.folder import FOLDERS, Folder
 from modalmotion.store.index import now
 from modalmotion.store.recovery import existing_store
 
 FORM: Final = JsonForm("backup", 1, "Make a backup to the same folder once more.")
 
 _NOTE: Final = "backup.json"
+# Bytes at the end of a file among which its own digest is: the seal of HDF5, or of a record.
+_END: Final = 100
 
 
 @shown()
@@ -44,7 +45,7 @@ class BackupReport:
     n_files, n_bytes : int
         In the copy.
     n_copied : int
-        Of them new or changed since the last backup to the same folder.
+        Of them new or changed since the last backup to the same folder; databases always are.
     n_removed : int
         Deleted by their owner, or done with, since then, and now gone from the copy.
     missing : tuple of str
@@ -92,8 +93,8 @@ def backup(
     and never changes, so the copy contains all that its index names, whenever this is cut short.
 
     A file that the copy has and the source has no more was deleted, which its tombstone says, or
-    lost. What was deleted goes from the copy at once. If anything was lost, nothing else goes, and
-    an index that has forgotten it too is not replaced.
+    lost. What was deleted goes from the copy at once. If anything was lost, nothing else goes.
+    Unchanged files are known by the sha256 that they end with.
 
     Parameters
     ----------
@@ -115,7 +116,7 @@ def backup(
     """
     existing_store(root)
     here, there = _apart(root, target)
-    is_backup = any((there / name).exists() for name in ("index.sqlite", _NOTE))
+    is_backup = (there / _NOTE).exists()
     if there.exists() and not is_backup and any(_is_copied(path.name) for path in there.iterdir()):
         raise ParameterError(
             f"'{target.name}' contains other files, which a backup would remove.",
@@ -214,13 +215,11 @@ def _bring_up_to_date(
         # By it a first copy that was cut short is known as one.
         write_atomic(copy / _NOTE, FORM.write({"as_of": None}))
         sync_paths([copy.parent])
-    listed = _files_of(root)
-    databases = [name for name in listed if name.suffix == ".sqlite"]
+    databases = [name for name in _files_of(root) if name.suffix == ".sqlite"]
     staged: dict[PurePath, Path] = {}
     try:
         for name in databases:
-            if (temporary := _stage_database(root / name, copy / name)) is not None:
-                staged[name] = temporary
+            staged[name] = _stage_database(root / name, copy / name)
         # Again: what the databases name by now is there.
         present = {name for name in _files_of(root) if name.suffix != ".sqlite"}
         new = []
@@ -235,12 +234,11 @@ def _bring_up_to_date(
         )
         if accept_missing:
             gone, lost = gone + lost, []
-        replaced = [name for name in staged if not _has_forgotten(staged[name], lost, name.parent)]
-        for name in replaced:
+        for name in databases:
             # What a look into the copy has left: beside a new database it would be a danger.
             _remove_logs(copy / name)
             staged.pop(name).replace(copy / name)
-        _sync_folders(copy, replaced)
+        _sync_folders(copy, databases)
         write_atomic(copy / _NOTE, FORM.write({"as_of": as_of}))
         gone += [] if lost else done
         for name in gone:
@@ -250,7 +248,7 @@ def _bring_up_to_date(
         for temporary in staged.values():
             temporary.unlink(missing_ok=True)
     sizes = [(copy / name).stat().st_size for name in _files_of(copy)]
-    n_copied = len(new) + len(replaced)
+    n_copied = len(new) + len(databases)
     return BackupReport(len(sizes), sum(sizes), n_copied, len(gone), tuple(map(str, lost)))
 
 
@@ -290,34 +288,33 @@ def _parted(
     return deleted, done, lost
 
 
-def _has_forgotten(database: Path, lost: Iterable[PurePath], store: PurePath) -> bool:
-    """Whether an index does not know the sequences of lost files, as one begun anew."""
-    folders = ("sequences", *RESULT_FOLDERS)
-    of_store = [name.relative_to(store) for name in lost if name.is_relative_to(store)]
-    ids = {name.name[:64] for name in of_store if name.parts[0] in folders}
-    if not ids:
-        return False
-    with contextlib.closing(sqlite3.connect(database)) as db:
-        statement = "SELECT count(*) FROM sequences WHERE id IN (SELECT value FROM json_each(?))"
-        with contextlib.suppress(sqlite3.Error):
-            return bool(db.execute(statement, [json.dumps([*ids])]).fetchone() != (len(ids),))
-    return False
-
-
 def _copied(source: Path, copy: Path) -> bool:
     """Copy a file that is new or was replaced; return whether it was."""
     try:
-        then = copy.stat() if copy.exists() else None
-        now_ = source.stat()
-        if then and (now_.st_size, now_.st_mtime_ns) == (then.st_size, then.st_mtime_ns):
-            return False
-        _copy(source, copy)
+        if not _is_same(source, copy):
+            _copy(source, copy)
+            return True
+        # It may have been deleted and put again: its time says so.
+        shutil.copystat(source, copy)
     except FileNotFoundError:
+        # Deleted while the copy was made, or done with.
         if source.exists():
             raise
-        # Deleted while the copy was made, or done with.
+    return False
+
+
+def _is_same(source: Path, copy: Path) -> bool:
+    """Compare the digests that files of a store end with; other files byte by byte."""
+    if not copy.exists() or (size := source.stat().st_size) != copy.stat().st_size:
         return False
-    return True
+    ends = []
+    for path in (source, copy):
+        with path.open("rb") as file:
+            file.seek(max(0, size - _END))
+            ends.append(file.read())
+    if ends[0] != ends[1]:
+        return False
+    return b"sha256" in ends[0] or filecmp.cmp(source, copy, shallow=False)
 
 
 def _copy(source: Path, copy: Path) -> None:
@@ -332,19 +329,13 @@ def _copy(source: Path, copy: Path) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def _stage_database(source: Path, copy: Path) -> Path | None:
-    """Copy a database as of one moment, even during writes; None if the copy is up to date."""
-    # Before the look at its log: what is written after it shows in the time, or in the log.
-    then = source.stat()
-    has_log = source.with_name(f"{source.name}-wal").exists()
-    if not has_log and copy.exists() and copy.stat().st_mtime_ns == then.st_mtime_ns:
-        return None
+def _stage_database(source: Path, copy: Path) -> Path:
+    """Copy a database as of one moment, even during writes."""
     copy.parent.mkdir(parents=True, exist_ok=True)
     temporary = temporary_beside(copy)
     try:
         with contextlib.closing(sqlite3.connect(source)) as database:
             database.execute("VACUUM INTO ?", [str(temporary)])
-        os.utime(temporary, ns=(then.st_atime_ns, then.st_mtime_ns))
         shutil.copymode(source, temporary)
         sync_paths([temporary])
     except BaseException as error:

@@ -1,4 +1,4 @@
-"""The SQLite file of a store: its tables, those of its guests, and who may use it when.
+"""The SQLite file of a store: its tables, those of a service, and who may use it when.
 
 What is listed or counted is found through an index of its own, in as many steps among a million
 rows as among a few. Rows of `sequences` are in the order in which they came, so that those of a
@@ -22,10 +22,8 @@ VERSION: Final = 4
 
 OWN_TABLES: Final = ("state", "counts", "sequences", "results", "models")
 
-_OTHERS: Final = (
-    "n_frames, n_vertices, n_faces, topology, grid, unit, has_times, has_upload, facts, span, "
-    "is_tracked, name"
-)
+ServiceTable = tuple[str, str, list[tuple[Any, ...]]]
+"""A table of the file that is not the store's own: name, statement that makes it, rows."""
 
 _SEQUENCES: Final = (
     """CREATE TABLE sequences (
@@ -35,18 +33,12 @@ _SEQUENCES: Final = (
         has_upload INTEGER NOT NULL, facts TEXT NOT NULL DEFAULT '{}', span REAL,
         is_tracked INTEGER NOT NULL DEFAULT 0, name TEXT
     )""",
-    "CREATE INDEX sequences_by_time ON sequences (created, id)",
-    "CREATE INDEX sequences_by_subject ON sequences (subject, created, id)",
-    "CREATE INDEX sequences_by_label ON sequences (label, created, id)",
-    "CREATE INDEX sequences_by_both ON sequences (subject, label, created, id)",
-    # Tracks may be few and far between: these hold whole records, so that a page is in one place.
     *(
-        f"CREATE INDEX tracks_by_{name} ON sequences ({columns}) WHERE is_tracked = 1"
+        f"CREATE INDEX {rows}_by_{name} ON sequences ({columns}created, id) {condition}"
+        for rows, condition in (("sequences", ""), ("tracks", "WHERE is_tracked = 1"))
         for name, columns in (
-            ("time", f"created, id, subject, label, {_OTHERS}"),
-            ("subject", f"subject, created, id, label, {_OTHERS}"),
-            ("label", f"label, created, id, subject, {_OTHERS}"),
-            ("both", f"subject, label, created, id, {_OTHERS}"),
+            *(("time", ""), ("subject", "subject, "), ("label", "label, ")),
+            ("both", "subject, label, "),
         )
     ),
     """CREATE TABLE results (
@@ -93,24 +85,11 @@ SEQUENCE_COLUMNS: Final = (
 """Of a record, in its order."""
 
 
-def recount(connection: sqlite3.Connection) -> None:
-    """Count all rows anew, inside a transaction: a damaged index may have miscounted them."""
-    connection.execute(
-        "UPDATE counts SET number = CASE kind "
-        "WHEN 'sequence' THEN (SELECT count(*) FROM sequences) "
-        "ELSE (SELECT count(*) FROM results WHERE results.kind = counts.kind) END"
-    )
-
-
 # For the upper pages of every tree among a million sequences, so that a look-up reads only its last
 # ones from the file. SQLite's own 2 MB are those of ten thousand.
 _READ_CACHE_KB = 8_000
 
 _REBUILD = "Run `modalmotion store rebuild FOLDER`."
-
-
-Guest = tuple[str, str, list[tuple[Any, ...]]]
-"""A table of the file that is not the store's own: name, statement that makes it, rows."""
 
 
 class Database:
@@ -206,23 +185,21 @@ class Database:
             for statement in statements:
                 connection.execute(statement)
 
-    def guests(self) -> list[Guest]:
+    def service_tables(self) -> list[ServiceTable]:
         """Read the tables that `extend` has made, to put them into a new index."""
-        names = ", ".join("?" * len(OWN_TABLES))
         tables = self.read(
-            "SELECT name, sql FROM sqlite_master "  # noqa: S608 (of constants)
-            f"WHERE type = 'table' AND name NOT LIKE 'sqlite_%' AND name NOT IN ({names})",
-            OWN_TABLES,
+            "SELECT name, sql FROM sqlite_master WHERE type = 'table' AND name NOT LIKE 'sqlite_%'"
         )
         return [
             (name, sql, self.read(f'SELECT * FROM "{name}"'))  # noqa: S608 (own schema)
             for name, sql in tables
+            if name not in OWN_TABLES
         ]
 
-    def receive(self, guests: Iterable[Guest]) -> None:
-        """Make tables that `guests` has read, with their rows."""
+    def receive(self, tables: Iterable[ServiceTable]) -> None:
+        """Make tables that `service_tables` has read, with their rows."""
         with self.write() as connection:
-            for name, statement, rows in guests:
+            for name, statement, rows in tables:
                 connection.execute(statement)
                 if rows:
                     places = ", ".join("?" * len(rows[0]))

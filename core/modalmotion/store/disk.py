@@ -12,19 +12,15 @@ import re
 import secrets
 import weakref
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, Self
 
-from modalmotion.errors import CorruptFileError, OlderFileError, StoreError
+from modalmotion.errors import CorruptFileError, StoreError
 from modalmotion.hdf5.sealed import read_file
 
 _TEMPORARY: Final = re.compile(r"\.modalmotion-[0-9]+-[0-9a-f]{16}\.tmp")
-
-# A journal commits what several threads wait for in one go. More than these gain little.
-_N_WAITING: Final = 4
 
 _REMEDIES: Final = {
     errno.ENOSPC: "Free space on the disk, or delete sequences, and try again.",
@@ -193,21 +189,12 @@ def rename(path: Path, target: Path) -> None:
 
 def sync_paths(paths: Iterable[Path]) -> None:
     """Make files, or the names in folders, durable; may raise OSError."""
-    different = list(dict.fromkeys(paths))
-    if len(different) <= _N_WAITING:
-        for path in different:
-            _sync(path)
-        return
-    with ThreadPoolExecutor(_N_WAITING) as pool:
-        list(pool.map(_sync, different))
-
-
-def _sync(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    for path in dict.fromkeys(paths):
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 _OF_THE_MACHINE: Final = frozenset(
@@ -338,10 +325,8 @@ class JsonForm:
             If there is no such file.
         CorruptFileError
             If it is damaged.
-        OlderFileError
-            If it was written by an older version.
         StoreError
-            If it was written by a newer version.
+            If it was written by another version.
         """
         try:
             content: dict[str, Any] = json.loads(read_file(path))
@@ -355,8 +340,7 @@ class JsonForm:
         # Not called damaged from here on, for what is damaged may be written anew.
         own = f"modalmotion.{self.kind}"
         if (schema, version) != (own, self.version):
-            is_older = schema == own and version < self.version
-            raise (OlderFileError if is_older else StoreError)(
+            raise StoreError(
                 f"'{path.name}' has the schema {str(schema)[:40]!r}, version {str(version)[:10]}, "
                 f"not {own!r}, version {self.version}.",
                 remedy="Read it with the modalmotion that wrote it.",

@@ -294,6 +294,8 @@ FORM: Final = JsonForm(
     3,
     "Run `modalmotion store rebuild`, which writes it anew from what else is known.",
 )
+IMAGES_FORM: Final = JsonForm("images-record", 2, "Delete the images, and send them again.")
+
 LONGEST_NAME: Final = 200
 
 

@@ -6,20 +6,18 @@ import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.images import ImageSequence, Plane, PlaneSet
 from modalmotion.images.sequence import parts_of
 from modalmotion.representation import shown
 from modalmotion.store.deletion import bury_and_remove
-from modalmotion.store.disk import JsonForm, rename
-from modalmotion.store.folder import SequenceRecord, is_id
+from modalmotion.store.disk import rename
+from modalmotion.store.folder import IMAGES_FORM, SequenceRecord, is_id
 from modalmotion.store.index import from_cursor, now, require_limit, to_cursor
 from modalmotion.store.opening import lost_file
 from modalmotion.store.sequences import SequenceStore
-
-FORM: Final = JsonForm("images-record", 2, "Delete the images, and send them again.")
 
 
 @shown("kind", "n_frames", "shapes", "spacings", "is_kept", "id")
@@ -107,11 +105,11 @@ def read_images_record(path: Path) -> ImagesRecord:
     CorruptFileError
         If it is damaged.
     """
-    values = FORM.read(path)
+    values = IMAGES_FORM.read(path)
     try:
         return ImagesRecord(**{name: _tupled(value) for name, value in values.items()})
     except TypeError as error:
-        raise FORM.damaged(path, str(error)) from error
+        raise IMAGES_FORM.damaged(path, str(error)) from error
 
 
 def _tupled(value: Any) -> Any:
@@ -343,4 +341,4 @@ class ImageStore(SequenceStore):
 
     def _write_record(self, record: ImagesRecord) -> None:
         path = self._folder.images_record(record.id)
-        self._write([(path, FORM.write(asdict(record)))], lambda: None)
+        self._write([(path, IMAGES_FORM.write(asdict(record)))], lambda: None)

@@ -1,25 +1,28 @@
-"""Index and folder brought together: after a crash, and when the index is built anew."""
+"""Index and folder compared, and brought together: verified, rebuilt, and settled after a crash."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
-from modalmotion.classification import answer_hdf5 as classification_hdf5
-from modalmotion.classification.card import ModelRecord
+from modalmotion.classification.answer_hdf5 import read_classification
+from modalmotion.classification.card import ModelRecord, ModelReference
 from modalmotion.classification.model_files import read_kept_model
-from modalmotion.errors import CorruptFileError, NotFoundError, OlderFileError, StoreError
-from modalmotion.hdf5.form import Form
+from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
 from modalmotion.hdf5.image import require_match
-from modalmotion.hdf5.sealed import is_sound
+from modalmotion.hdf5.sealed import digest_of, is_sound
+from modalmotion.images.hdf5 import read_images_file
 from modalmotion.mesh.hdf5 import read_sequence
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.norm.norm import norm_from_hdf5
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
-from modalmotion.signature import hdf5 as signature_hdf5
-from modalmotion.store.database import Database, Guest, recount
+from modalmotion.signature.hdf5 import read_signature
+from modalmotion.store.database import Database, ServiceTable
 from modalmotion.store.deletion import (
     buried,
     deleted_record,
@@ -29,9 +32,9 @@ from modalmotion.store.deletion import (
 )
 from modalmotion.store.disk import FolderLock, remove_durably, write_atomic
 from modalmotion.store.folder import (
+    IMAGES_FORM,
     RENDERED,
     Folder,
-    ResultKind,
     ResultName,
     Scan,
     SequenceRecord,
@@ -40,13 +43,238 @@ from modalmotion.store.folder import (
     record_to_json,
 )
 from modalmotion.store.index import Index, put_models, put_records, put_results, to_text
-from modalmotion.tracking import hdf5 as track_hdf5
+from modalmotion.template.hdf5 import read_template
+from modalmotion.tracking.hdf5 import read_track
 
-_FORMS: Final[dict[ResultKind, Form]] = {
-    "signature": signature_hdf5.FORM,
-    "classification": classification_hdf5.FORM,
-    "track": track_hdf5.FORM,
+T = TypeVar("T")
+_STRANGE_VERTICES: Final = "Its vertices are not those that its id represents."
+
+# Readers of whole files: each gives what the index has of one, if that has a row of it.
+
+
+def _record(path: Path, sequence_id: str) -> SequenceRecord:
+    record = read_record(path)
+    if record.id != sequence_id:
+        raise StoreError("It is the record of another sequence.")
+    return record
+
+
+def _upload(path: Path, sequence_id: str) -> MeshSequence:
+    sequence, contents = read_sequence(path)
+    require_match(path, contents, sequence_id=sequence_id)
+    if sequence.id != sequence_id:
+        raise StoreError(_STRANGE_VERTICES)
+    return sequence
+
+
+def _result(path: Path, name: ResultName) -> str:
+    ids = {"sequence_id": name.sequence_id, "parameters_key": name.key}
+    if name.kind == "signature":
+        require_match(path, read_signature(path)[1], **ids)
+    elif name.kind == "classification":
+        require_match(path, read_classification(path)[1], **ids, model_id=name.model_id)
+    else:
+        track, contents = read_track(path)
+        require_match(path, contents, sequence_id=name.sequence_id)
+        if track.sequence.id != name.sequence_id:
+            raise StoreError(_STRANGE_VERTICES)
+    return digest_of(path.read_bytes())
+
+
+def _template(path: Path, template_id: str) -> None:
+    require_match(path, read_template(path)[1], template_id=template_id)
+
+
+def _images_record(path: Path, images_id: str) -> None:
+    if IMAGES_FORM.read(path).get("id") != images_id:
+        raise StoreError("It is the record of other images.")
+    if not path.with_suffix(".h5").exists():
+        raise StoreError("The samples that it describes are missing.")
+
+
+def _images(path: Path, images_id: str) -> None:
+    if read_images_file(path).id != images_id:
+        raise StoreError("The samples are not those that their id represents.")
+
+
+def _norm(path: Path, name: str) -> None:
+    if norm_from_hdf5(path).name != name:
+        raise StoreError("It is the norm of another name.")
+
+
+def _model(path: Path, reference: ModelReference) -> ModelRecord:
+    model, contents = read_kept_model(path)
+    require_match(path, contents, model=reference.name, version=reference.version)
+    return model.record
+
+
+_FILES: Final[dict[str, tuple[Callable[[Folder, Any], Path], Callable[[Path, Any], Any]]]] = {
+    "records": (Folder.record, _record),
+    "uploads": (Folder.upload, _upload),
+    "results": (Folder.result, _result),
+    "templates": (Folder.template, _template),
+    "image_records": (Folder.images_record, _images_record),
+    "images": (Folder.images, _images),
+    "norms": (Folder.norm, _norm),
+    "models": (Folder.model, _model),
+    "deleted_models": (Folder.deleted_model, deleted_record),
 }
+"""Path and reader of the files of each field of `Scan`."""
+
+
+@shown()
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong.
+
+    Parameters
+    ----------
+    file : str
+        Path within the store.
+    problem : str
+    """
+
+    file: str
+    problem: str
+
+
+@shown("n_sequences", "n_results", "n_models", "n_bytes", "faults")
+@dataclass(frozen=True)
+class VerifyReport:
+    """Report of a check of a store.
+
+    Parameters
+    ----------
+    n_sequences, n_results : int
+        Files of records and of results.
+    n_bytes : int
+        Size of all files that were read.
+    faults : tuple of Fault
+    unfinished : tuple of str
+        Leftovers of a crash, which the next `open` finishes or removes.
+    orphans : tuple of str
+        Results of no sequence, and files that are not the store's.
+    n_models : int
+        Files of models.
+    """
+
+    n_sequences: int
+    n_results: int
+    n_bytes: int
+    faults: tuple[Fault, ...]
+    unfinished: tuple[str, ...]
+    orphans: tuple[str, ...]
+    n_models: int = 0
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether there are no faults; unfinished files and orphans are not faults."""
+        return not self.faults
+
+
+def verify(root: Path, *, progress: Progress | None = None) -> VerifyReport:
+    """Read every file of a store and compare it with the index; nothing is changed.
+
+    Parameters
+    ----------
+    root : Path
+    progress : callable, optional
+
+    Raises
+    ------
+    NotFoundError
+        If there is no store.
+    StoreError
+        If another process has it open, or its folder cannot be read.
+    """
+    folder = existing_store(root)
+    with FolderLock(folder.lock), contextlib.ExitStack() as stack:
+        scan = folder.scan()
+        faults: list[Fault] = []
+        missing: list[str] = []
+        known: dict[str, Callable[[Any], Any]] = {}
+        is_clean = False
+        if folder.index.is_file():
+            try:
+                index = Index(stack.enter_context(contextlib.closing(Database(folder.index))))
+                problems, missing = _index_faults(folder, index, scan)
+                faults = [Fault(folder.index.name, problem) for problem in problems]
+                models = {record.reference: record for record in index.models()}
+                is_clean = index.is_clean
+                known = {"records": index.find, "results": index.digest}
+                known |= dict.fromkeys(("models", "deleted_models"), models.get)
+            except StoreError as error:
+                faults.append(Fault(folder.index.name, error.message))
+        else:
+            faults.append(Fault(folder.index.name, "It is missing; `modalmotion store rebuild`."))
+        files = [
+            (path_of(folder, name), place, name)
+            for place, (path_of, _) in _FILES.items()
+            for name in getattr(scan, place)
+        ]
+        unfinished = [folder.short(path) for path in scan.temporaries]
+        unfinished += [folder.short(folder.deletion(deleted)) for deleted in scan.deletions]
+        unfinished += [folder.short(folder.images(n)) for n in scan.images - scan.image_records]
+        orphans = [folder.short(path) for path in scan.foreign]
+        n_bytes = 0
+        for number, (path, place, name) in enumerate(sorted(files, key=lambda file: file[0])):
+            try:
+                n_bytes += path.stat().st_size
+                row = _FILES[place][1](path, name)
+                problem, is_certain = "", is_clean
+                if place == "uploads" and not (name in scan.records or name in scan.deletions):
+                    problem, is_certain = "Its record is missing.", True
+                elif place == "records" and row.has_upload and name not in scan.uploads:
+                    problem = "The vertices that it says are kept are missing."
+                elif place == "results" and name.sequence_id in scan.deletions:
+                    pass
+                elif place == "results" and name.sequence_id not in scan.records:
+                    orphans.append(folder.short(path))
+                elif place == "models" and name in scan.deleted_models:
+                    # What is noted as deleted and still there is removed by the next `open`.
+                    unfinished.append(folder.short(path))
+                elif place in known and known[place](name) != row:
+                    problem = "The index does not know it, or knows it otherwise."
+                if problem and is_certain:
+                    faults.append(Fault(folder.short(path), problem))
+                elif problem:
+                    # A crash between two files, or file and index: it was never confirmed.
+                    unfinished.append(folder.short(path))
+            except StoreError as error:
+                faults.append(Fault(folder.short(path), error.message))
+            except OSError as error:
+                faults.append(Fault(folder.short(path), str(error.strerror)))
+            if progress is not None:
+                progress(number + 1, len(files))
+    lost = "It is missing, though the index knows it."
+    return VerifyReport(
+        n_sequences=len(scan.records),
+        n_results=len(scan.results),
+        n_bytes=n_bytes,
+        faults=(*faults, *(Fault(file, lost) for file in missing)),
+        unfinished=tuple(sorted(unfinished)),
+        orphans=tuple(sorted(orphans)),
+        n_models=len(scan.models),
+    )
+
+
+def _index_faults(folder: Folder, index: Index, scan: Scan) -> tuple[list[str], list[str]]:
+    """List what is wrong with an index by itself, and files that it knows and that are missing."""
+    problems = index.database.faults()
+    paths = [
+        *(folder.record(name) for name in index.ids() if name not in scan.records),
+        *(folder.result(name) for name in index.results() if name not in scan.results),
+        *(
+            folder.model(one)
+            for one in {record.reference for record in index.models()}
+            - scan.models
+            - scan.deleted_models
+        ),
+    ]
+    missing = [folder.short(p) for p in sorted(paths) if p.name[:64] not in scan.deletions]
+    if index.count() != index.recount():
+        problems.append("It miscounts its rows; `modalmotion store rebuild`.")
+    return problems, missing
 
 
 @shown()
@@ -69,7 +297,7 @@ class Reconciliation:
         Files that do not read, left where they are; such results are not in the index.
     orphans : tuple of str
         Results of no sequence, and files that are not the store's.
-    guests_lost : bool
+    service_tables_lost : bool
         Whether the index was so damaged that tables of others in it, a service's jobs and
         idempotency keys, are lost.
     n_models : int
@@ -83,7 +311,7 @@ class Reconciliation:
     restored: tuple[str, ...]
     damaged: tuple[str, ...]
     orphans: tuple[str, ...]
-    guests_lost: bool = False
+    service_tables_lost: bool = False
     n_models: int = 0
 
 
@@ -107,7 +335,7 @@ def rebuild(root: Path, *, progress: Progress | None = None) -> Reconciliation:
     """
     folder = existing_store(root)
     with FolderLock(folder.lock):
-        database, guests_lost = _usable(folder)
+        database, service_tables_lost = _usable(folder)
         try:
             index = Index(database)
             reconciliation = reconcile(folder, index, thorough=True, progress=progress)
@@ -116,7 +344,7 @@ def rebuild(root: Path, *, progress: Progress | None = None) -> Reconciliation:
             database.close()
         # From here on it is a store, if it was a backup.
         remove_durably(root / "backup.json")
-    return replace(reconciliation, guests_lost=guests_lost)
+    return replace(reconciliation, service_tables_lost=service_tables_lost)
 
 
 def existing_store(root: Path) -> Folder:
@@ -138,20 +366,20 @@ def existing_store(root: Path) -> Folder:
 
 def _usable(folder: Folder) -> tuple[Database, bool]:
     """Index to write to, and whether tables of others were lost with a damaged one."""
-    guests: list[Guest] | None = None
+    tables: list[ServiceTable] | None = None
     with contextlib.suppress(CorruptFileError):
         database = Database(folder.index)
         if not database.faults():
             return database, False
         with contextlib.suppress(StoreError):
-            guests = database.guests()
+            tables = database.service_tables()
         with contextlib.suppress(StoreError):
             database.close()
     # The log goes first: beside a new index an old one would be a danger.
     remove_durably(*reversed(folder.index_files))
     database = Database(folder.index)
-    database.receive(guests or ())
-    return database, guests is None
+    database.receive(tables or ())
+    return database, tables is None
 
 
 def reconcile(
@@ -170,8 +398,6 @@ def reconcile(
 
     Raises
     ------
-    OlderFileError
-        If it is not thorough, and a file was written by an older version.
     StoreError
         If a file cannot be removed or written; the index is as it was.
     """
@@ -182,50 +408,64 @@ def reconcile(
         finish_deletion(folder, index, sequence_id)
     for reference in sorted(scan.models & scan.deleted_models):
         remove_durably(folder.model(reference))
-    sequence_ids = sorted((scan.records | scan.uploads) - scan.deletions)
-    results = sorted(name for name in scan.results if name.sequence_id not in scan.deletions)
-    records: list[SequenceRecord] = []
     damaged: list[str] = []
     restored: list[str] = []
-    total = len(sequence_ids) + len(results)
-    for number, sequence_id in enumerate(sequence_ids, 1):
-        path, upload = folder.record(sequence_id), folder.upload(sequence_id)
+
+    def read(path: Path, reader: Callable[[], T]) -> T | None:
         try:
-            record, is_new = _record(folder, index, scan, sequence_id)
-        except StoreError as error:
-            _pass_over(error, thorough=thorough)
-            damaged.append(folder.short(path if path.exists() else upload))
-            continue
-        records.append(record)
-        if thorough and record.has_upload and not is_sound(upload):
-            damaged.append(folder.short(upload))
-        if is_new:
-            restored.append(folder.short(path))
+            return reader()
+        except StoreError:
+            damaged.append(folder.short(path))
+            return None
+
+    sequence_ids = sorted((scan.records | scan.uploads) - scan.deletions)
+    results = sorted(name for name in scan.results if name.sequence_id not in scan.deletions)
+    steps = iter(range(1, len(sequence_ids) + len(results) + 1))
+
+    def count() -> None:
         if progress is not None:
-            progress(number, total)
-    owners = {record.id for record in records}
+            progress(next(steps), len(sequence_ids) + len(results))
+
+    records: dict[str, SequenceRecord] = {}
+    for sequence_id in sequence_ids:
+        path, upload = folder.record(sequence_id), folder.upload(sequence_id)
+        read_one = partial(_mended, folder, index, scan, sequence_id)
+        found = read(path if path.exists() else upload, read_one)
+        if found is not None:
+            records[sequence_id], is_new = found
+            if thorough and found[0].has_upload and not is_sound(upload):
+                damaged.append(folder.short(upload))
+            restored += [folder.short(path)] * is_new
+        count()
     orphans = [folder.short(path) for path in scan.foreign]
     rows: list[tuple[ResultName, str]] = []
-    for number, name in enumerate(results, len(sequence_ids) + 1):
+    for name in results:
         path = folder.result(name)
-        if name.sequence_id not in owners:
+        if name.sequence_id not in records:
             orphans.append(folder.short(path))
-            continue
-        try:
-            digest = None if thorough else index.digest(name)
-            rows.append((name, digest or _FORMS[name.kind].digest(path)))
-        except StoreError as error:
-            _pass_over(error, thorough=thorough)
-            damaged.append(folder.short(path))
-        if progress is not None:
-            progress(number, total)
-    models = _models(folder, index, scan, damaged, thorough=thorough)
+        else:
+            known = None if thorough else index.digest(name)
+            digest = known or read(path, partial(_result, path, name))
+            rows += [] if digest is None else [(name, digest)]
+        count()
+    known_models = {record.reference: record for record in index.models()}
+    models = []
+    for reference in sorted(scan.models | scan.deleted_models):
+        is_deleted = reference in scan.deleted_models
+        path = folder.deleted_model(reference) if is_deleted else folder.model(reference)
+        record = read(path, partial(deleted_record if is_deleted else _model, path, reference))
+        if record is None and is_deleted:
+            # The number is taken all the same; what the model was, the index may know.
+            record = known_models.get(reference)
+            record = None if record is None or record.deleted is None else record
+        models += [] if record is None else [record]
     with index.database.write(erases=True) as connection:
         connection.execute("DELETE FROM sequences")
+        # A damaged index may have miscounted its rows.
+        connection.execute("UPDATE counts SET number = 0")
         # As they came: a page of a list then reads neighbours.
-        put_records(connection, sorted(records, key=lambda record: (record.created, record.id)))
+        put_records(connection, sorted(records.values(), key=lambda one: (one.created, one.id)))
         put_results(connection, rows)
-        recount(connection)
         connection.execute("DELETE FROM models")
         put_models(connection, models)
     return Reconciliation(
@@ -275,35 +515,7 @@ def _returned(folder: Folder, scan: Scan) -> Iterator[str]:
             names.discard(thing)
 
 
-def _models(
-    folder: Folder, index: Index, scan: Scan, damaged: list[str], *, thorough: bool
-) -> list[ModelRecord]:
-    """Read the records of all versions of models, which are few, from their files."""
-    known = {record.reference: record for record in index.models()}
-    records = []
-    for reference in sorted(scan.models - scan.deleted_models):
-        path = folder.model(reference)
-        try:
-            stored_model, contents = read_kept_model(path)
-            require_match(path, contents, model=reference.name, version=reference.version)
-        except StoreError as error:
-            _pass_over(error, thorough=thorough)
-            damaged.append(folder.short(path))
-        else:
-            records.append(stored_model.record)
-    for reference in sorted(scan.deleted_models):
-        path = folder.deleted_model(reference)
-        try:
-            records.append(deleted_record(path, reference))
-        except StoreError:
-            # The number is taken all the same; what the model was, the index may know.
-            damaged.append(folder.short(path))
-            if reference in known and known[reference].deleted is not None:
-                records.append(known[reference])
-    return records
-
-
-def _record(
+def _mended(
     folder: Folder, index: Index, scan: Scan, sequence_id: str
 ) -> tuple[SequenceRecord, bool]:
     """Record of a sequence, and whether it had to be written anew."""
@@ -319,15 +531,8 @@ def _record(
     if record is None:
         # Vertices know neither subject nor label, and the file only when it was written.
         upload = folder.upload(sequence_id)
-        sequence, contents = read_sequence(upload)
-        require_match(upload, contents, sequence_id=sequence_id)
-        record = record_of(sequence, created=to_text(upload.stat().st_mtime), has_upload=True)
+        created = to_text(upload.stat().st_mtime) if has_upload else ""
+        record = record_of(_upload(upload, sequence_id), created=created, has_upload=True)
     record = replace(record, has_upload=has_upload)
     write_atomic(path, record_to_json(record))
     return record, True
-
-
-def _pass_over(error: StoreError, *, thorough: bool) -> None:
-    """Go on after a file that does not read, unless another version reads it and may yet come."""
-    if isinstance(error, OlderFileError) and not thorough:
-        raise error

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 from modalmotion.arguments.public import public_list
 
 if TYPE_CHECKING:
-    from modalmotion.tracking.making import segment as segment
     from modalmotion.tracking.observation import Observation as Observation
     from modalmotion.tracking.observation import of_surface as of_surface
+    from modalmotion.tracking.parameters import segment as segment
     from modalmotion.tracking.parameters import track as track
     from modalmotion.tracking.result import Track as Track
 

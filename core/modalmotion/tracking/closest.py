@@ -66,7 +66,7 @@ def closest_points(
     own = c[rows, best]
     feet = (shares[:, :, None] * own).sum(axis=1)
     if cells.shape[1] == 2:
-        normals = _across(own[:, 1] - own[:, 0])
+        normals = across(own[:, 1] - own[:, 0])
     else:
         normals = _unit(np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0]))[:, None]
     return Matches(corners, shares, feet, normals, np.sqrt(away[rows, best]))
@@ -130,8 +130,8 @@ def _unit(v: NDArray[np.float64]) -> NDArray[np.float64]:
     return unit
 
 
-def _across(tangents: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Two unit vectors across each tangent, (n, 2, 3)."""
+def across(tangents: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Two unit vectors across each tangent, (..., 3): (..., 2, 3)."""
     t = _unit(tangents)
-    one = _unit(np.cross(t, np.eye(3)[np.abs(t).argmin(axis=1)]))
-    return np.stack([one, np.cross(t, one)], axis=1)
+    one = _unit(np.cross(t, np.eye(3)[np.abs(t).argmin(axis=-1)]))
+    return np.stack([one, np.cross(t, one)], axis=-2)

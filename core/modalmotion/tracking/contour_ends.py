@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from modalmotion.modes.topology import CUP
 from modalmotion.template import Template
+from modalmotion.tracking.closest import across
 from modalmotion.tracking.ends_of_data import lies_evenly
+from modalmotion.tracking.moving_base import ends_of_cup
 from modalmotion.tracking.observation import Frame, Observation, ends_in
 
 Floats = NDArray[np.float64]
@@ -84,7 +86,7 @@ def with_contour_ends(
     -------
     tuple of Frame
         With points of the rim half a step beyond the ends of open arcs, as `end="base"`, and the
-        levels of base and apex along the normal of a stack of slices, as landmarks. Frames that
+        level of the base along the normal of a stack of slices, as a landmark. Frames that
         state an end keep to that, and all are as they were where points are not in planes that
         stay.
     """
@@ -117,8 +119,6 @@ def with_contour_ends(
     for k, own in ends.items():
         if not any(p.end == "base" or "base" in (p.places or ()) for p in frames[k]):
             full[k] = (*frames[k], *own, *([levels[k]] if k in levels else ()))
-    for k, tip in _tips(frames, drawn, planes, stack).items():
-        full[k] = (*full[k], tip)
     return tuple(full)
 
 
@@ -128,8 +128,7 @@ def _axis(frame: Frame, template: Template | None) -> Floats | None:
     if not {"apex", "base"} <= set(ends):
         if template is None or template.topology != CUP:
             return None
-        x, s = template.vertices, template.coordinates[:, 0]
-        ends = {"apex": x[s <= s.min()].mean(axis=0), "base": x[s >= s.max()].mean(axis=0)}
+        ends = dict(zip(("apex", "base"), ends_of_cup(template), strict=True))
     axis = ends["base"] - ends["apex"]
     size = float(np.linalg.norm(axis))
     return axis / size if size > 0 else None
@@ -168,7 +167,7 @@ def _planes_of(points: Floats, axis: Floats, thickness: float) -> _Planes:
 
 def _contour(points: Floats, normal: Floats) -> _Contour:
     """Order points of a plane around their middle, from the widest gap on."""
-    flat = (points - points.mean(axis=0)) @ _across(normal).T
+    flat = (points - points.mean(axis=0)) @ across(normal).T
     ring = points[np.argsort(np.arctan2(flat[:, 1], flat[:, 0]))]
     gaps = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
     widest = int(gaps.argmax())
@@ -177,13 +176,6 @@ def _contour(points: Floats, normal: Floats) -> _Contour:
         return _Contour(arc, np.zeros((0, 3)), step)
     # A point represents half a step on either side.
     return _Contour(arc, np.stack([_beyond(arc[:4], step), _beyond(arc[:-5:-1], step)]), step)
-
-
-def _across(normal: Floats) -> Floats:
-    """Two directions in a plane, (2, 3)."""
-    first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(normal, first)])
 
 
 def _beyond(arc: Floats, step: float) -> Floats:
@@ -195,8 +187,8 @@ def _beyond(arc: Floats, step: float) -> Floats:
 
 def _stack(planes: _Planes, axis: Floats) -> Ints:
     """Take the largest stack of parallel slices across the axis, by height; none of one or two."""
-    across = planes.normals @ axis > _ACROSS
-    alike = (planes.normals @ planes.normals.T > _PARALLEL) & across & across[:, None]
+    are_across = planes.normals @ axis > _ACROSS
+    alike = (planes.normals @ planes.normals.T > _PARALLEL) & are_across & are_across[:, None]
     if not alike.any():
         return np.zeros(0, dtype=np.int64)
     own = np.flatnonzero(alike[int(alike.sum(axis=1).argmax())])
@@ -208,17 +200,17 @@ def _ends_of(contours: dict[int, _Contour], planes: _Planes, stack: Ints) -> lis
     closed = [i for i in stack if i in contours and not len(contours[i].ends)]
     normal, low = (planes.normals[closed[-1]], planes.offsets[closed[-1]]) if closed else (0.0, 0.0)
     found = []
-    for across in (True, False):
-        own = [one for i, one in contours.items() if (i in stack) == across and len(one.ends)]
+    for is_across in (True, False):
+        own = [one for i, one in contours.items() if (i in stack) == is_across and len(one.ends)]
         ends = np.concatenate([np.zeros((0, 3)), *(one.ends for one in own)])
         # A gap below a closed contour is not the opening.
         ends = ends[ends @ normal > low] if closed else ends
         if not len(ends):
             continue
         step = float(np.median([one.step for one in own]))
-        normals = np.tile(planes.normals[stack[0]], (len(ends), 1)) if across else None
+        normals = np.tile(planes.normals[stack[0]], (len(ends), 1)) if is_across else None
         found.append(
-            Observation(ends, sd=(0.25 if across else 0.5) * step, normals=normals, end="base")
+            Observation(ends, sd=(0.25 if is_across else 0.5) * step, normals=normals, end="base")
         )
     return found
 
@@ -238,7 +230,7 @@ def _levels(
     """
     normal, heights = planes.normals[stack[0]], planes.offsets[stack]
     spacing = float(np.median(np.diff(heights)))
-    across = _across(normal)
+    aside = across(normal)
     numbers = list(drawn)
     n = 3 * len(numbers) + 3
     rows, values = [np.eye(n)[-3:] / [[_LEAN], [_LEAN], [spacing / 4.0]]], [np.zeros(3)]
@@ -265,7 +257,7 @@ def _levels(
         ]
         for point, sd in marks:
             row = np.zeros(n)
-            row[3 * i : 3 * i + 3] = 1.0, *(across @ (point - middle))
+            row[3 * i : 3 * i + 3] = 1.0, *(aside @ (point - middle))
             add(row, point @ normal, float(np.hypot(sd, uneven)))
         for j in (0, 1):
             row = np.zeros(n)
@@ -290,48 +282,3 @@ def _levels(
                 place[None], sd=variance**0.5, normals=normal[None], places=("base",)
             )
     return levels
-
-
-def _tips(
-    frames: Sequence[Frame],
-    drawn: dict[int, dict[int, _Contour]],
-    planes: _Planes,
-    stack: Ints,
-) -> dict[int, Observation]:
-    """Take the level of the apex between the first slice with a contour and the one before.
-
-    Small sections are not drawn, so that it may be farther off, in all frames alike: by how much is
-    known where it is stated. Contours along the axis show it better.
-    """
-    if not len(stack) or any(set(own) - set(stack.tolist()) for own in drawn.values()):
-        return {}
-    normal, heights = planes.normals[stack[0]], planes.offsets[stack]
-    spacing = float(np.median(np.diff(heights)))
-    found, off = {}, []
-    for k, own in drawn.items():
-        first = min((j for j, plane in enumerate(stack) if plane in own), default=0)
-        before = heights[first - 1] if first else heights[0] - spacing
-        level, sd = (heights[first] + before) / 2.0, (heights[first] - before) / 12**0.5
-        stated = [
-            point @ normal - level
-            for part in frames[k]
-            for place, point in zip(part.places or (), part.points, strict=False)
-            if place == "apex"
-        ]
-        off += stated
-        if not stated and stack[first] in own:
-            place = own[stack[first]].points.mean(axis=0)
-            found[k] = place + (level - place @ normal) * normal, sd
-    # Prior s, and s / 12^1/2 of each statement.
-    share = 12.0 * len(off) / (12.0 * len(off) + 1.0)
-    offset = share * float(np.mean(off)) if off else 0.0
-    left = spacing**2 * (1.0 - share)
-    return {
-        k: Observation(
-            (place + offset * normal)[None],
-            sd=(sd**2 + left) ** 0.5,
-            normals=normal[None],
-            places=("apex",),
-        )
-        for k, (place, sd) in found.items()
-    }

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh import Cavity
 from modalmotion.mesh.normal_lines import vertex_normals
-from modalmotion.mesh.triangles import face_normals, grouped_edges
+from modalmotion.mesh.triangles import face_normals
 from modalmotion.modes import ModeSet, lowest_modes, whole_count
 from modalmotion.modes.topology import CLOSED, OPEN_CURVE, End
 from modalmotion.template import Template
@@ -129,15 +129,14 @@ class Deformable:
         rim = np.zeros(self.template.n_vertices, dtype=np.bool_)
         if self.template.topology == OPEN_CURVE:
             rim[[0, -1]] = True
-        rim[self.rim_sides] = True
+        rim[self.rim_sides[0]] = True
         return rim
 
     @cached_property
-    def rim_sides(self) -> NDArray[np.int64]:
-        """Sides of triangles without a neighbour, (sides, 2); none of a curve."""
-        if self.cells.shape[1] != 3:
-            return np.zeros((0, 2), dtype=np.int64)
-        return open_sides(self.cells)
+    def rim_sides(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Sides of triangles without a neighbour, and their third corners; none of a curve."""
+        none = np.zeros((0, 3), dtype=np.int64)
+        return open_sides(self.cells if self.cells.shape[1] == 3 else none)
 
 
 # Share of the area in triangles turned against their neighbours. A single sliver may turn.
@@ -226,95 +225,68 @@ _FEWEST_SECTORS: Final = 3
 
 @dataclass(frozen=True, eq=False)
 class Rim:
-    """All openings at one end of a surface, in sectors of about the same length.
+    """All openings at one end of a surface, in sectors about its axis.
 
     Parameters
     ----------
-    end : {"apex", "base"}
     sides : (sides, 2) int64
         Of triangles, along the openings.
     opposite : (sides,) int64
         Third corner of each one's triangle.
     sectors : (vertices,) int64
-        Sector that each vertex of the surface is next to, -1 of those out of reach.
+        Sector of each vertex of the surface.
     distances : (vertices,) float64, length unit
         Of each vertex of the start from the rim.
     n_sectors : int
     """
 
-    end: str
     sides: NDArray[np.int64]
     opposite: NDArray[np.int64]
     sectors: NDArray[np.int64]
     distances: NDArray[np.float64]
     n_sectors: int
 
-    def at(self, x: NDArray[np.float64]) -> RimThere:
-        """Take the rim of a surface with the vertices x, (vertices, 3)."""
+    def at(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Take the rim of a surface with the vertices x, (vertices, 3).
+
+        Returns
+        -------
+        outward : (2 sides, 3) float64, length unit
+            Out of the surface and across the halves of its sides, as long as these.
+        totals : (sectors,) float64, length unit
+            Length of the rim in each.
+        """
         a, b, c = x[self.sides[:, 0]], x[self.sides[:, 1]], x[self.opposite]
-        side = b - a
-        squares = (side * side).sum(axis=1)
-        # Out of the triangle, across the side, and as long as that.
-        away = 0.5 * (a + b) - c
-        share = (away * side).sum(axis=1) / np.where(squares > 0, squares, 1.0)
-        away = away - share[:, None] * side
+        side, away = b - a, (a + b) / 2.0 - c
+        lengths = np.linalg.norm(side, axis=1)
+        share = (away * side).sum(axis=1) / np.where(lengths > 0, lengths, 1.0) ** 2
+        away -= share[:, None] * side
         size = np.linalg.norm(away, axis=1)
-        away *= (np.sqrt(squares) / np.where(size > 0, size, 1.0))[:, None]
-        used = np.unique(self.sides)
-        place = np.searchsorted(used, self.sides).ravel()
+        outward = np.repeat(away * (lengths / 2.0 / np.where(size > 0, size, 1.0))[:, None], 2, 0)
+        halves = np.repeat(lengths / 2.0, 2)
+        totals = np.bincount(self.sectors[self.sides].ravel(), halves, minlength=self.n_sectors)
+        return outward, totals.astype(np.float64)
 
-        def halves(of_sides: NDArray[np.float64]) -> NDArray[np.float64]:
-            sums = np.bincount(place, np.repeat(of_sides / 2.0, 2), minlength=len(used))
-            return sums.astype(np.float64)
+    def rows(
+        self, surface: Deformable, x: NDArray[np.float64], n_values: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """How amplitudes move each sector, and how much alike what they leave is along it.
 
-        lengths = halves(np.sqrt(squares))
-        outward = np.stack([halves(away[:, i]) for i in range(3)], axis=1)
-        sectors = self.sectors[used]
-        total = np.bincount(sectors, lengths, minlength=self.n_sectors)
-        return RimThere(used, lengths, outward, sectors, total.astype(np.float64))
-
-
-@dataclass(frozen=True, eq=False)
-class RimThere:
-    """A rim where a surface has it.
-
-    Parameters
-    ----------
-    vertices : (n,) int64
-        That it passes through.
-    lengths : (n,) float64, length unit
-        That each represents.
-    outward : (n, 3) float64, length unit
-        Out of the surface and across the rim, as long as that.
-    sectors : (n,) int64
-    totals : (sectors,) float64, length unit
-        Length of each.
-    """
-
-    vertices: NDArray[np.int64]
-    lengths: NDArray[np.float64]
-    outward: NDArray[np.float64]
-    sectors: NDArray[np.int64]
-    totals: NDArray[np.float64]
-
-    def rows(self, surface: Deformable) -> NDArray[np.float64]:
-        """How far amplitudes move each sector outward in the mean, (sectors, modes, 3)."""
-        n = len(self.totals)
-        rows, shares = np.empty((n, len(surface), 3)), np.zeros((n, len(self.vertices)))
-        shapes = np.ascontiguousarray(surface.shapes[self.vertices])
-        for i in range(3):
-            own = self.outward[:, i] / self.totals[self.sectors]
-            shares[self.sectors, np.arange(len(self.vertices))] = own
-            rows[:, :, i] = shares @ shapes
-        return rows
-
-    def alike(self, surface: Deformable, n_values: float) -> NDArray[np.float64]:
-        """Variance of a sector's mean, over that of one place, of what the modes leave."""
-        alike = np.empty(len(self.totals))
-        for k, total in enumerate(self.totals):
-            own = self.sectors == k
-            alike[k] = alike_over(surface, self.vertices[own], self.lengths[own] / total, n_values)
-        return alike
+        Returns
+        -------
+        rows : (sectors, modes, 3) float64
+            That amplitudes move it outward by in the mean.
+        alike : (sectors,) float64
+            Variance of its mean, over that of one place, of what the modes leave.
+        """
+        outward, totals = self.at(x)
+        rows, alike = np.zeros((self.n_sectors, len(surface), 3)), np.zeros(self.n_sectors)
+        vertices, lengths = self.sides.ravel(), np.linalg.norm(outward, axis=1)
+        for k, total in enumerate(totals):
+            own = self.sectors[vertices] == k
+            rows[k] = surface.shapes[vertices[own]].T @ outward[own] / total
+            alike[k] = alike_over(surface, vertices[own], lengths[own] / total, n_values)
+        return rows, alike
 
 
 def rim_of(surface: Deformable, end: str, width: float) -> Rim | None:
@@ -329,81 +301,40 @@ def rim_of(surface: Deformable, end: str, width: float) -> Rim | None:
     Returns
     -------
     Rim or None
-        None if the surface has no opening there, or one that touches itself.
+        None if the surface has no opening there, or a small one.
     """
-    sides = rim_at(surface, end)
-    x = surface.template.vertices
-    axes = surface.template.topology.ends
+    sides, opposite = rim_at(surface, end)
+    x, axes = surface.template.vertices, surface.template.topology.ends
     if not len(sides) or len(axes) != 2 or axes[1] != CLOSED:
         return None
-    sector = np.full(len(x), -1)
-    n = 0
-    for loop in grouped_edges(sides, len(x)):
-        order = _around(loop)
-        if order is None:
-            return None
-        along = np.linalg.norm(np.diff(x[[*order, order[0]]], axis=0), axis=1)
-        length = float(along.sum())
-        if not length > 0:
-            return None
-        share = (np.cumsum(along) - along / 2.0) / length
-        count = max(1, round(length / width))
-        sector[order] = n + np.minimum((share * count).astype(np.int64), count - 1)
-        n += count
-    if n < _FEWEST_SECTORS or len(np.unique(sector[sector >= 0])) < n:
+    length = float(np.linalg.norm(x[sides[:, 1]] - x[sides[:, 0]], axis=1).sum())
+    n = round(length / width)
+    if n < _FEWEST_SECTORS:
         return None
-    found = closest_points(x, x, sides)
-    nearest = found.corners[np.arange(len(x)), found.shares.argmax(axis=1)]
-    return Rim(end, sides, _opposite(surface, sides), sector[nearest], found.distances, n)
+    sectors = np.floor(surface.template.coordinates[:, 1] % 1.0 * n).astype(np.int64) % n
+    if len(np.unique(sectors[sides[:, 0]])) < n:
+        return None
+    return Rim(sides, opposite, sectors, closest_points(x, x, sides).distances, n)
 
 
-def rim_at(surface: Deformable, end: str) -> NDArray[np.int64]:
-    """Sides of triangles along the opening at an end of the axis, (sides, 2); none without one."""
+def rim_at(surface: Deformable, end: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Sides of triangles along the opening at an end of the axis; none without one.
+
+    Returns
+    -------
+    sides : (sides, 2) int64
+    opposite : (sides,) int64
+        Third corner of each one's triangle.
+    """
     template = surface.template
-    none = np.zeros((0, 2), dtype=np.int64)
-    if surface.cells.shape[1] != 3 or not template.coordinates.shape[1]:
-        return none
+    sides, opposite = surface.rim_sides
     # At a pole the rows of a lattice leave a hole that is none.
     first, last = template.topology.ends[0]
-    if (first if end == "apex" else last) != End.OPEN:
-        return none
+    if not len(sides) or (first if end == "apex" else last) != End.OPEN:
+        return sides[:0], opposite[:0]
     s = template.coordinates[:, 0]
-    at_end = np.abs(s - (0.0 if end == "apex" else 1.0)) < NEAR_END
-    sides = surface.rim_sides
-    kept: NDArray[np.int64] = sides[at_end[sides].all(axis=1)]
-    return kept
-
-
-def _around(sides: NDArray[np.int64]) -> list[int] | None:
-    """Vertices of a ring in order; None if the sides are no ring."""
-    beside: dict[int, list[int]] = {}
-    for a, b in sides.tolist():
-        beside.setdefault(a, []).append(b)
-        beside.setdefault(b, []).append(a)
-    if any(len(both) != 2 for both in beside.values()):
-        return None
-    start = min(beside)
-    order, last, here = [start], start, min(beside[start])
-    while here != start:
-        order.append(here)
-        one, other = beside[here]
-        last, here = here, other if one == last else one
-    return order
-
-
-def _opposite(surface: Deformable, sides: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Third corner of the triangle at each side of a rim."""
-    n = np.int64(surface.template.n_vertices)
-    cells = surface.cells
-    pairs = np.sort(np.concatenate([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]]), axis=1)
-    third = np.concatenate([cells[:, 2], cells[:, 0], cells[:, 1]])
-    keys = pairs[:, 0] * n + pairs[:, 1]
-    order = np.argsort(keys, kind="stable")
-    own = np.sort(sides, axis=1)
-    corners: NDArray[np.int64] = third[order][
-        np.searchsorted(keys[order], own[:, 0] * n + own[:, 1])
-    ]
-    return corners
+    at_end = (np.abs(s - (0.0 if end == "apex" else 1.0)) < NEAR_END)[sides].all(axis=1)
+    return sides[at_end], opposite[at_end]
 
 
 def alike_over(
@@ -471,12 +402,10 @@ def _named(surface: Deformable, name: str) -> tuple[NDArray[np.int64], NDArray[n
     none = np.zeros(0, dtype=np.int64)
     if name not in ("apex", "base") or not template.coordinates.shape[1]:
         return none, np.zeros(0)
-    s = template.coordinates[:, 0]
-    at_end = surface.rim & (np.abs(s - (0.0 if name == "apex" else 1.0)) < NEAR_END)
-    if surface.cells.shape[1] == 3 and at_end.any():
-        sides = surface.cells[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-        sides = sides[at_end[sides].all(axis=1)]
-        x = template.vertices
+    s, x = template.coordinates[:, 0], template.vertices
+    sides, _ = surface.rim_sides
+    sides = sides[(np.abs(s - (0.0 if name == "apex" else 1.0)) < NEAR_END)[sides].all(axis=1)]
+    if len(sides):
         length = np.linalg.norm(x[sides[:, 0]] - x[sides[:, 1]], axis=1)
         total = np.bincount(sides.ravel(), np.repeat(length, 2), minlength=len(x))
         vertices = np.flatnonzero(total)

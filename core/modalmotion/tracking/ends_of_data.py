@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from modalmotion.mesh import face_areas
+from modalmotion.mesh import face_areas, vertex_areas
 from modalmotion.tracking.closest import Matches, closest_points
 from modalmotion.tracking.deformable import NEAR_END, Deformable, Rim, rim_at, rim_of
 from modalmotion.tracking.noise import Noise
@@ -39,20 +39,9 @@ _LYING: Final = 3.0
 # less of that all over next to the rim the data end before it.
 _LEAST_DENSE: Final = 0.5
 
-
-def _middles(n: int) -> NDArray[np.float64]:
-    """Shares of the corners in the middles of the n^2 equal parts of a triangle, (n^2, 3)."""
-    rows = []
-    for i in range(n):
-        for j in range(n - i):
-            rows.append((3 * i + 1, 3 * j + 1))
-            if i + j < n - 1:
-                rows.append((3 * i + 2, 3 * j + 2))
-    u, v = np.array(rows, dtype=np.float64).T / (3 * n)
-    return np.stack([1.0 - u - v, u, v], axis=1)
-
-
-_MIDDLES: Final = _middles(6)
+# Shares of the corners in places that are all over a triangle alike.
+_U, _V = (np.indices((6, 6)).reshape(2, -1) + 0.5) / 6.0
+_PLACES: Final = np.stack([1.0 - _U**0.5, _U**0.5 * (1.0 - _V), _U**0.5 * _V], axis=1)
 
 
 class DataEnd(NamedTuple):
@@ -82,7 +71,6 @@ def end_of_cloud(
     x: NDArray[np.float64],
     points: Sequence[tuple[NDArray[np.float64], Matches]],
     noise: float,
-    blur: float,
 ) -> DataEnd | None:
     """Find where points end that lie evenly on a surface up to its rim.
 
@@ -96,8 +84,6 @@ def end_of_cloud(
         Points, and their feet on it.
     noise : float, length unit
         That points are beside the surface by.
-    blur : float, length unit
-        That they are beside their places along it by.
 
     Returns
     -------
@@ -109,23 +95,26 @@ def end_of_cloud(
     With the density rho a strip of the area S and the length w has rho (S + w e) points, e being
     how far their end is beyond the surface's: those beyond are counted with those within. A point
     counts by psi, 1 at the rim and falling evenly to 0 over the strip; rho is that of what is
-    behind. Noise along the surface leaves the number alone, but for the kink of psi: s^2 / 8 L, L
-    the mean width.
+    behind. Noise along the surface leaves the number alone, but for the kink of psi: s^2 / 8 L,
+    L the mean width.
 
     Under even noise the most likely end has the variance 1.11 s / (rho w). A strip of 4 s leaves
     1.33 s / (rho w), and needs no more of the noise than its rough size.
     """
-    of_faces = face_areas(x, surface.cells)
-    areas = np.bincount(surface.cells.ravel(), np.repeat(of_faces / 3.0, 3), minlength=len(x))
-    there, n, sector, d = rim.at(x), rim.n_sectors, rim.sectors, rim.distances
-    total = there.totals
+    n, sector, d = rim.n_sectors, rim.sectors, rim.distances
+    areas, of_faces = vertex_areas(x, surface.cells), face_areas(x, surface.cells)
+    total = rim.at(x)[1]
     n_lying = sum(int((found.distances < _LYING * noise).sum()) for _, found in points)
     usual = n_lying / float(areas.sum())
     if not usual > 0 or not (total > 0).all():
         return None
     least = _FEWEST / (usual * float(total.mean()))
     reach = max(_REACH * noise, least)
-    strip = _areas_of_strip(surface, rim, of_faces, reach)
+    # Of the strip triangles have parts only.
+    cells = d[surface.cells].min(axis=1) < reach
+    psi = np.clip(1.0 - d[surface.cells[cells]] @ _PLACES.T / reach, 0.0, 1.0).mean(axis=1)
+    thirds = np.repeat(psi * of_faces[cells] / 3.0, 3)
+    strip = np.bincount(sector[surface.cells[cells]].ravel(), thirds, minlength=n)
     wide = float(strip.sum() / total.sum())
     # These are linear on each triangle, so that points and areas are taken the same way.
     nearly = np.clip(d / reach, 0.0, 1.0)
@@ -136,37 +125,37 @@ def end_of_cloud(
     if not (back > 0).all() or not (beside > 0).all():
         return None
     ratio, farthest = strip / back, 2.0 * reach
-    at_rim, within, before, after, squares = np.zeros((5, n))
-    on_rim = np.zeros(len(x), dtype=np.bool_)
-    on_rim[there.vertices] = True
+    counted = np.zeros((5, n))
+    on_rim = d <= 0.0
     for places, found in points:
-        kept = ((inside + next_to + on_rim)[found.corners] * found.shares > 0).any(axis=1)
+        kept = ((inside + next_to + (d < reach))[found.corners] * found.shares > 0).any(axis=1)
         if not kept.any():
             continue
         corners, shares = found.corners[kept], found.shares[kept]
-        own = sector[corners]
         across, far = _apart(places[kept] - found.feet[kept], x[corners])
         at_edge = (on_rim[corners] | (shares <= 0.0)).all(axis=1)
-        far[~at_edge], across[~at_edge] = 0.0, found.distances[kept][~at_edge]
+        far, across = far * at_edge, np.where(at_edge, across, found.distances[kept])
         size = max(noise, 0.5 * least, _PER_MEDIAN * float(np.median(across)))
         counts = np.interp(across / size, *_ACROSS)
-        close = np.clip(2.0 - far / farthest, 0.0, 1.0)
-        psi = np.clip(1.0 - (shares * d[corners]).sum(axis=1) / reach, 0.0, 1.0)
-        weights = (counts * close)[:, None] * shares
-
-        def summed(
-            values: NDArray[np.float64], own: NDArray[np.int64] = own
-        ) -> NDArray[np.float64]:
-            sums = np.bincount(own.ravel(), values.ravel(), minlength=n)
-            return sums.astype(np.float64)
-
-        at_rim += summed(weights * psi[:, None])
-        within += summed(weights * inside[corners])
-        before += summed(weights * next_to[corners])
+        weights = counts * np.clip(2.0 - far / farthest, 0.0, 1.0)
         distant = counts * np.clip(far / farthest - 1.0, 0.0, 1.0) * (far < 3.0 * farthest)
-        after += summed(distant[:, None] * shares)
-        each = (weights * (psi[:, None] - ratio[own] * inside[corners])).sum(axis=1)
-        squares += summed(each[:, None] ** 2 * shares)
+        own = sector[corners].ravel()
+        away = (d[corners] * shares).sum(axis=1)
+        psi = np.clip(1.0 - away / reach, 0.0, 1.0)[:, None] * shares
+        phi, rho = inside[corners] * shares, next_to[corners] * shares
+        each = weights * (psi - ratio[sector[corners]] * phi).sum(axis=1)
+        sums = [
+            np.bincount(own, (values[:, None] * parts).ravel(), minlength=n)
+            for values, parts in (
+                (weights, psi),
+                (weights, phi),
+                (weights, rho),
+                (distant, shares),
+                (each**2, shares),
+            )
+        ]
+        counted += np.array(sums)
+    at_rim, within, before, after, squares = counted
     density = float(np.median(within / back))
     if not density > _LEAST_DENSE * usual:
         return None
@@ -174,23 +163,9 @@ def end_of_cloud(
     shown *= np.clip(1.0 + _LEAST_DENSE - 2.0 * after / (density * total * farthest), 0.0, 1.0)
     if not shown.any():
         return None
-    beyond = (at_rim - ratio * within) / (density * total) - blur**2 / (8.0 * wide)
+    beyond = (at_rim - ratio * within) / (density * total) - noise**2 / (8.0 * wide)
     per_length = float((shown * squares).sum() / (shown * total).sum()) / density**2
     return DataEnd(beyond, per_length / total, shown, wide)
-
-
-def _areas_of_strip(
-    surface: Deformable, rim: Rim, areas: NDArray[np.float64], reach: float
-) -> NDArray[np.float64]:
-    """Integral of psi next to each sector, (sectors,): triangles are cut in small ones."""
-    d = rim.distances[surface.cells]
-    near = d.min(axis=1) < reach
-    psi = np.clip(1.0 - d[near] @ _MIDDLES.T / reach, 0.0, 1.0)
-    # Of each piece its corners' sectors have the shares of its middle.
-    parts = psi @ _MIDDLES * (areas[near] / len(_MIDDLES))[:, None]
-    own = rim.sectors[surface.cells[near]]
-    sums = np.bincount(own.ravel(), parts.ravel(), minlength=rim.n_sectors)
-    return sums.astype(np.float64)
 
 
 def _apart(
@@ -232,20 +207,15 @@ class Ending(Observation):
     offset: float = 0.0
 
     def found(
-        self,
-        surface: Deformable,
-        x: NDArray[np.float64],
-        even: Sequence[Lying],
-        noise: Noise,
+        self, surface: Deformable, x: NDArray[np.float64], even: Sequence[Lying], noise: Noise
     ) -> DataEnd | None:
         """How far the data end beyond the rim of a surface with the vertices x, (vertices, 3)."""
         if self.rim is None or not even:
             return None
         own = np.concatenate([np.broadcast_to(noise.own(part.sd), len(part)) for part, _ in even])
-        blur = float(np.sqrt(own.mean()))
+        beside = float(np.sqrt(own.mean() + noise.truncation**2))
         points = [(part.points, found) for part, found in even]
-        beside = float(np.hypot(blur, noise.truncation))
-        end = end_of_cloud(surface, self.rim, x, points, beside, blur)
+        end = end_of_cloud(surface, self.rim, x, points, beside)
         return None if end is None else end._replace(beyond=end.beyond - self.offset)
 
 
@@ -287,7 +257,7 @@ def with_endings(
         pairs = zip(frames, are_even, strict=True)
         kinds = [_kind(frame, end, is_even=is_even) for frame, is_even in pairs]
         own = [k for k, kind in enumerate(kinds) if kind is not None and kind == kinds[known]]
-        if kinds[known] == "mesh" and len(rim_at(surface, end)):
+        if kinds[known] == "mesh" and len(rim_at(surface, end)[0]):
             for k in own:
                 full[k] = (*full[k], *_border(surface, frames[k], end, patch))
         if kinds[known] == "cloud":
@@ -337,9 +307,8 @@ def _are_even(surface: Deformable, x: NDArray[np.float64], frame: Frame) -> bool
     away, nearest = tree.query(x[surface.cells].mean(axis=1))
     # Beside the points of the same place: they may be denser here than there.
     ratios = away / np.maximum(between[nearest], 1e-6 * away.max())
-    order, areas = np.argsort(ratios, kind="stable"), face_areas(x, surface.cells)
-    middle = order[np.searchsorted(np.cumsum(areas[order]), areas.sum() / 2.0)]
-    return float(ratios[middle]) ** 2 <= _MOST_UNEVEN
+    middle = np.quantile(ratios, 0.5, weights=face_areas(x, surface.cells), method="inverted_cdf")
+    return float(middle) ** 2 <= _MOST_UNEVEN
 
 
 def _offset(surface: Deformable, rim: Rim, frame: Frame, noise: Noise) -> float | None:
@@ -353,7 +322,7 @@ def _offset(surface: Deformable, rim: Rim, frame: Frame, noise: Noise) -> float 
         for part in frame
         if lies_evenly(part)
     ]
-    found = Ending(np.zeros((0, 3)), end=rim.end, rim=rim).found(surface, x, even, noise)
+    found = Ending(np.zeros((0, 3)), rim=rim).found(surface, x, even, noise)
     if found is None or found.shown.mean() < _MOST_OF_RIM:
         return None
     kept = found.shown > 0.0

@@ -22,6 +22,7 @@ from modalmotion.modes.topology import (
     lattice_coordinates,
 )
 from modalmotion.template import Template, make_template
+from modalmotion.tracking.closest import across
 from modalmotion.tracking.deformable import Deformable, require_unfolded
 from modalmotion.tracking.iterations import evidence, first_guess, map_frame
 from modalmotion.tracking.noise import Noise
@@ -99,13 +100,10 @@ def start_shape(
             )
         axis = (base - apex) / length
         r = points - apex
-        across = r - np.outer(r @ axis, axis)
-        radius = float(np.median(np.linalg.norm(across, axis=1))) if len(points) else length / 4
-        first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
-        first /= np.linalg.norm(first)
-        axes = np.stack([axis, first, np.cross(axis, first)])
-        middle = (apex + base) / 2
-        extents = np.array([length / 2, max(radius, 1e-3 * length), max(radius, 1e-3 * length)])
+        radii = np.linalg.norm(r - np.outer(r @ axis, axis), axis=1)
+        radius = max(float(np.median(radii)), 1e-3 * length) if len(points) else length / 4
+        axes = np.vstack([axis, across(axis)])
+        middle, extents = (apex + base) / 2, np.array([length / 2, radius, radius])
     else:
         extents = spread * _factor(topology)
         # Nothing is quite flat but sheets and curves.

@@ -190,8 +190,6 @@ def _estimate(track: Track) -> dict[str, object]:
     return {
         "prior": asdict(track.prior),
         "noise": asdict(track.noise),
-        "harmonic": track.harmonic,
-        "gap": track.gap,
         "reference": track.reference,
         "volume_correlation": track.volume_correlation,
         "images": None if track.images is None else asdict(track.images),
@@ -246,9 +244,7 @@ def track_in(contents: Contents) -> Track:
         prior=Prior(**estimate["prior"]),
         noise=Noise(**estimate["noise"]),
         volume_deviations=contents.array("volume_deviations", (f,)) if has_volumes else None,
-        harmonic=estimate["harmonic"],
         unseen=tuple(contents.array("unseen", (None,)).tolist()),
-        gap=estimate["gap"],
         volume_correlation=estimate["volume_correlation"],
         reference=estimate["reference"],
         data=_data_in(contents, sizes),

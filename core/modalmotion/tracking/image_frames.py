@@ -1,9 +1,6 @@
 """Images become observations: edges in every frame, found from the reference on.
 
-The apex of a ventricle hardly moves along the axis, its inner side by some mm where the wall
-thickens, and the base comes down to it. At end systole blood leaves the tip between trabeculae, and
-its edge rises by far more: the tip is held softly where nobody states it. Beyond the base the wall
-of an atrium goes on, which is none of the surface's.
+Beyond the base the wall of an atrium goes on, which is none of the surface's.
 """
 
 from __future__ import annotations
@@ -23,7 +20,7 @@ from modalmotion.modes.topology import CUP
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.first_shape import start_shape
-from modalmotion.tracking.image_levels import as_bright, first_sight, image_notes
+from modalmotion.tracking.image_levels import as_bright, first_sight
 from modalmotion.tracking.image_search import LEAST_FOUND, SHAPE, reference_shape, search
 from modalmotion.tracking.image_view import Facets, Sight, View, view_of
 from modalmotion.tracking.iterations import first_guess, paths_from
@@ -32,32 +29,6 @@ from modalmotion.tracking.moving_base import HELD, base_by_volume, ends_of_cup
 from modalmotion.tracking.observation import Frame, Observation, ends_in
 from modalmotion.tracking.result import CONVENTIONS, Papillary
 from modalmotion.tracking.trabecular_correction import has_trabeculae, with_trabeculae
-
-# mm: deviation of the tip's place from that in the reference; in phantoms 5.
-_DEVIATION: Final = 6.0
-
-
-def held(marks: Sequence[Frame], template: Template, reference: int) -> tuple[Frame, ...]:
-    """Hold the tip softly in frames that state no apex.
-
-    Parameters
-    ----------
-    marks : sequence of Frame
-        Landmarks of each frame.
-    template : Template
-        Of the reference frame's shape.
-    reference : int
-    """
-    if template.surface != CUP:
-        return tuple(marks)
-    tip, _ = ends_of_cup(template)
-    own = Observation(tip[None], sd=_DEVIATION, places=("apex",))
-    full = []
-    for k, frame in enumerate(marks):
-        has = any("apex" in (part.places or ()) for part in frame)
-        full.append(frame if has or k == reference else (*frame, own))
-    return tuple(full)
-
 
 Floats = NDArray[np.float64]
 
@@ -69,36 +40,17 @@ _DESCENT: Final = 0.1
 _BEYOND: Final = 3.0
 
 
-def with_base(stated: Sequence[Frame], template: Template, reference: int) -> tuple[Frame, ...]:
-    """Place the base roughly in frames that state none."""
-    if template.surface != CUP:
-        return tuple(stated)
-    tip, base = ends_of_cup(template)
-    place = base + _DESCENT * (tip - base)
-    unknown = _without_base(stated, reference)
+def with_base(
+    stated: Sequence[Frame], template: Template, reference: int, places: Floats
+) -> tuple[Frame, ...]:
+    """Hold the base of a cup at places, (frames, 3) or (3,), in frames that state none."""
+    each = np.broadcast_to(places, (len(stated), 3))
     return tuple(
-        (*frame, Observation(place[None], sd=HELD, places=("base",))) if k in unknown else frame
-        for k, frame in enumerate(stated)
+        frame
+        if template.surface != CUP or k == reference or "base" in ends_in(frame)
+        else (*frame, Observation(place[None], sd=HELD, places=("base",)))
+        for k, (frame, place) in enumerate(zip(stated, each, strict=True))
     )
-
-
-def with_descent(
-    stated: Sequence[Frame], template: Template, reference: int, shapes: Floats
-) -> tuple[tuple[Frame, ...], Floats]:
-    """Place the base by the volume ejected in frames that state none: see `base_by_volume`."""
-    unknown = _without_base(stated, reference)
-    if template.surface != CUP or not unknown:
-        return tuple(stated), np.zeros((len(stated), len(stated)))
-    known = {k: ends_in(stated[k])["base"] for k in {*range(len(stated))} - {*unknown, reference}}
-    places, covariance = base_by_volume(known, template, reference, shapes)
-    full = list(stated)
-    for k in unknown:
-        full[k] = (*full[k], Observation(places[k, None], sd=HELD, places=("base",)))
-    return tuple(full), covariance
-
-
-def _without_base(stated: Sequence[Frame], reference: int) -> list[int]:
-    return [k for k, f in enumerate(stated) if k != reference and "base" not in ends_in(f)]
 
 
 def below_base(sight: Sight, marks: Frame, template: Template) -> Sight:
@@ -142,8 +94,7 @@ class ImageFrames:
     bent : (vertices,) float64, mm
         Deviation across the surface that shifts of slices leave; zero where there are none.
     levels : mapping of str to (frames, frames) float64, mm^2
-        Of proposed apex and base, and of a base that few frames state: covariance of errors along
-        the axis.
+        Of proposed apex and base: covariance of errors along the axis.
     """
 
     frames: tuple[Frame, ...]
@@ -235,11 +186,15 @@ def frames_of_images(
     template = make_template(shape)
     surface = Deformable.of(template, modes)
     facets = Facets.of(template.faces, template.vertices, template.weights)
-    tips = held(stated, template, reference)
-    marks = with_base(tips, template, reference)
+    marks, is_cup = stated, template.surface == CUP
+    if is_cup:
+        tip, base = ends_of_cup(template)
+        marks = with_base(stated, template, reference, base + _DESCENT * (tip - base))
     walked = _walk(surface, facets, images, marks, sight, reference, is_closed, done)
     shapes = np.stack([surface.positions(a) for a in walked])
-    marks, covariance = with_descent(tips, template, reference, shapes)
+    if is_cup:
+        by_volume, _ = base_by_volume(stated, template, reference, shapes)
+        marks = with_base(stated, template, reference, by_volume)
     near = _NEXT[-1][1]
     views: list[View | None] = []
     looks: list[Sight] = []
@@ -258,12 +213,9 @@ def frames_of_images(
     if sight.has_layers:
         views, closed = with_trabeculae(views, looks, surface, shapes, reference)
     frames: list[Frame] = []
-    for view, share, own_marks, known in zip(views, shares, marks, stated, strict=True):
+    for view, share in zip(views, shares, strict=True):
         is_seen = view is not None and share >= LEAST_FOUND
-        between = own_marks[len(known) :]
-        frames.append((view.observation(), *between) if view is not None and is_seen else ())
-    doubts = image_notes(template.vertices, places["apex"], places["base"])
-    notes = (*_notes(shares, images, begin.found), *doubts)
+        frames.append((view.observation(),) if view is not None and is_seen else ())
     return ImageFrames(
         tuple(frames),
         shape,
@@ -271,22 +223,16 @@ def frames_of_images(
         papillary,
         sight,
         shares,
-        notes,
+        _notes(shares, images, begin.found),
         stated_sd,
         closed,
         begin.bent,
-        _levels(landmarks or {}, covariance),
+        {
+            name: own.covariance
+            for name, own in (landmarks or {}).items()
+            if isinstance(own, Proposed) and own.covariance is not None
+        },
     )
-
-
-def _levels(landmarks: Mapping[str, Any], covariance: Floats) -> dict[str, Floats]:
-    """Covariances of the levels of ends that nobody states exactly."""
-    levels = {
-        name: own.covariance
-        for name, own in landmarks.items()
-        if isinstance(own, Proposed) and own.covariance is not None
-    }
-    return levels if not covariance.any() else {"base": covariance, **levels}
 
 
 def _walk(
@@ -334,8 +280,7 @@ def _next(
             noise,
             sight.within(reach),
             reach,
-            sights_too=False,
-            evidence_too=False,
+            is_known=True,
         )
         a = np.concatenate([own.amplitudes, a[m:]])
     return a

@@ -12,6 +12,7 @@ from modalmotion.errors import ShapeError
 from modalmotion.images import PlaneSet, Volume
 from modalmotion.images.edges import Levels
 from modalmotion.images.sequence import Image
+from modalmotion.tracking.closest import across
 from modalmotion.tracking.image_view import Sight, View
 
 Floats = NDArray[np.float64]
@@ -225,12 +226,8 @@ def _rays_in(
 
 
 def _around(axis: Floats) -> Floats:
-    first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
-    first /= np.linalg.norm(first)
     angles = 2.0 * np.pi * np.arange(_N_TURNS) / _N_TURNS
-    around: Floats = np.outer(np.cos(angles), first) + np.outer(
-        np.sin(angles), np.cross(axis, first)
-    )
+    around: Floats = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ across(axis)
     return around
 
 
@@ -248,42 +245,3 @@ def _no_contrast(frame: int, contrast: float) -> ShapeError:
         frame=frame,
         details={"contrast": contrast},
     )
-
-
-# Of the mean radius: how far the middle may be beside the axis.
-_ASIDE: Final = 0.35
-
-# Radius near the apex over that near the base: more where the two are taken for one another.
-_SWAPPED: Final = 1.05
-
-
-def image_notes(x: Floats, apex: Floats, base: Floats) -> tuple[str, ...]:
-    """Say what in a shape, (vertices, 3) mm, speaks against its landmarks."""
-    notes = []
-    axis = (base - apex) / np.linalg.norm(base - apex)
-    heights = (x - apex) @ axis / np.linalg.norm(base - apex)
-    across = x - apex - np.outer((x - apex) @ axis, axis)
-    middle = across[(heights > 0.1) & (heights < 0.9)]
-    if not len(middle):
-        return ("Hardly any of the surface is between apex and base: check both.",)
-    radius = float(np.linalg.norm(middle - middle.mean(axis=0), axis=1).mean())
-    aside = float(np.linalg.norm(middle.mean(axis=0)))
-    if aside > _ASIDE * radius:
-        notes.append(
-            f"The axis from apex to base runs {aside:.0f} mm beside the middle of what was found, "
-            f"which has a radius of {radius:.0f} mm: check both landmarks."
-        )
-    low, high = (_radius(across, np.abs(heights - h) < 0.1) for h in (0.2, 0.8))
-    if low > _SWAPPED * high:
-        notes.append(
-            f"What was found is wider near the apex ({low:.0f} mm) than near the base "
-            f"({high:.0f} mm): are the two swapped?"
-        )
-    return tuple(notes)
-
-
-def _radius(across: Floats, there: NDArray[np.bool_]) -> float:
-    if there.sum() < 3:
-        return 0.0
-    own = across[there]
-    return float(np.linalg.norm(own - own.mean(axis=0), axis=1).mean())

@@ -154,8 +154,7 @@ def search(
     sight: Sight,
     reach: float,
     *,
-    sights_too: bool,
-    evidence_too: bool,
+    is_known: bool,
 ) -> Scene:
     """Draw a surface to the edges within `reach` mm, sampling the image anew at each step.
 
@@ -171,9 +170,9 @@ def search(
     noise : Noise
     sight : Sight
     reach : float, mm
-    sights_too, evidence_too : bool
-        Whether levels, bias field and shifts of slices, and whether prior and noise are estimated
-        with the shape.
+    is_known : bool
+        Whether levels, bias field, shifts of slices, prior and noise are known, or estimated with
+        the shape.
 
     Returns
     -------
@@ -185,15 +184,15 @@ def search(
     for step in range(_MOST_STEPS):
         frame: Frame = (view.observation(), *marks)
         variances = prior.variances(surface.wavenumbers)
-        if sights_too and isinstance(image, PlaneSet):
+        if not is_known and isinstance(image, PlaneSet):
             own, sight = with_shifts(Scene(surface, frame, view, a, prior, noise, sight))
         else:
             own = map_frame(surface, frame, a, variances, noise, most_steps=2)
         change = float(np.linalg.norm(own.amplitudes - a))
         a = own.amplitudes
-        if evidence_too and step:
+        if not is_known and step:
             prior, noise = evidence(surface, [own], prior)
-        sight = renewed(sight, view) if sights_too and step else sight
+            sight = renewed(sight, view)
         if change < _SMALL:
             break
         view = view_of(image, facets, surface.positions(a), sight, reach)
@@ -279,8 +278,7 @@ def reference_shape(
             noise,
             sight.within(reach),
             reach,
-            sights_too=not is_cold,
-            evidence_too=not is_cold,
+            is_known=is_cold,
         )
         a, sight, found = state.amplitudes, state.sight, state.view.found
     if found < LEAST_FOUND:

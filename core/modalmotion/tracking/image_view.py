@@ -9,7 +9,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.images import PlaneSet, Volume
+from modalmotion.images import Plane, PlaneSet, Volume
 from modalmotion.images.edges import Edges, Levels, find_edges, offsets_of
 from modalmotion.images.sequence import Image
 from modalmotion.mesh import Cavity
@@ -41,8 +41,9 @@ _NEAR: Final = 6.0
 _BEYOND: Final = (1.5, 4.5)
 _WITHIN: Final = (-6.0, -2.0)
 
-# Voxels that an edge is blurred over, on each side.
+# Voxels that an edge is blurred over, on each side; mm that it may be, for walls are not thicker.
 _BLUR: Final = 1.2
+_MOST_BLUR: Final = 1.5
 
 # Within it where trabeculae are next to it: blood is beyond them.
 _DEEP: Final = (-10.0, -6.0)
@@ -198,7 +199,10 @@ class View:
         """Mean brightness within and beyond each edge that was found, within far from it or not."""
         k = self.edges.is_found
         away = self.offsets[None] - self.edges.offsets[k, None]
-        own, blurred = self.profiles[k], np.maximum(_BLUR * self.extents[k, None] - _BEYOND[0], 0.0)
+        own, blurred = (
+            self.profiles[k],
+            np.clip(_BLUR * self.extents[k, None] - _BEYOND[0], 0.0, _MOST_BLUR),
+        )
         within = _DEEP if is_deep else _WITHIN
         return _mean_in(own, away + blurred, *within), _mean_in(own, away - blurred, *_BEYOND)
 
@@ -246,10 +250,9 @@ def view_of(
 
 
 def _through_volume(volume: Volume, facets: Facets, x: Floats, reach: float) -> View:
-    v = facets.vertices
+    v, n = facets.vertices, len(facets.vertices)
     normals = facets.normals(x)[v]
     offsets = offsets_of(_step(volume.spacing), reach)
-    n = len(v)
     return View(
         np.repeat(v[:, None], 3, axis=1),
         np.tile([1.0, 0.0, 0.0], (n, 1)),
@@ -269,71 +272,44 @@ def _through_volume(volume: Volume, facets: Facets, x: Floats, reach: float) -> 
 def _in_planes(planes: PlaneSet, facets: Facets, x: Floats, shifts: Floats, reach: float) -> View:
     normals_at = facets.normals(x)
     turning = facets.turning(x, normals_at)
-    finest = min(min(plane.spacing) for plane in planes.planes)
-    offsets = offsets_of(_step((finest,)), reach)
-    parts: list[View] = []
+    offsets = offsets_of(_step([min(plane.spacing) for plane in planes.planes]), reach)
+    parts = []
     for k, plane in enumerate(planes.planes):
         cut = facets.edges.cut(x, plane.heights(x))
-        starts = (cut.shares[:, :, None] * x[cut.corners]).sum(axis=1)
         normals = (cut.shares[:, :, None] * normals_at[cut.corners]).sum(axis=1)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
         inside = normals - (normals @ plane.normal)[:, None] * plane.normal
         size = np.linalg.norm(inside, axis=1)
         kept = (size > _STEEP) & (cut.lengths > 0)
-        n = int(kept.sum())
-        if not n:
-            continue
+        corners, shares = cut.corners[kept], cut.shares[kept]
+        starts = (shares[:, :, None] * x[corners]).sum(axis=1)
         directions = inside[kept] / size[kept, None]
-        pad = np.zeros((n, 1))
-        # A slice of the thickness h shows the mean over y across it. The surface
-        # n . p + p'Sp / 2 = 0
+        n, b = len(starts), size[kept]
+        # A slice of the thickness h is the mean over y across it. The surface n . p + p'Sp / 2 = 0
         # is at t = -y a / b - y^2 v'Sv / 2 b along its direction e, a = n . m, b = n . e,
         # v = m - e a / b; and y^2 is h^2 / 12 in the mean.
-        S = (cut.shares[kept, :, None, None] * turning[cut.corners[kept]]).sum(axis=1)
-        b = size[kept]
+        S = (shares[:, :, None, None] * turning[corners]).sum(axis=1)
         along = plane.normal - directions * ((normals[kept] @ plane.normal) / b)[:, None]
-        curvature = np.einsum("ni,nij,nj->n", along, S, along)
+        drawn = plane.thickness**2 / 24.0 * np.einsum("ni,nij,nj->n", along, S, along) / b
         parts.append(
-            View(
-                np.concatenate([cut.corners[kept], cut.corners[kept, :1]], axis=1),
-                np.concatenate([cut.shares[kept], pad], axis=1),
-                starts[kept],
+            (
+                np.concatenate([corners, corners[:, :1]], axis=1),
+                np.concatenate([shares, np.zeros((n, 1))], axis=1),
+                starts,
                 directions,
                 normals[kept],
                 np.full(n, k),
                 cut.lengths[kept],
                 np.full(n, max(plane.spacing)),
-                np.clip(plane.thickness**2 / 24.0 * curvature / b, -_MOST_DRAWN, _MOST_DRAWN),
-                _sampled(plane, starts[kept] + shifts[k], directions, offsets),
-                offsets,
-                _none(n),
+                np.clip(drawn, -_MOST_DRAWN, _MOST_DRAWN),
+                _sampled(plane, starts + shifts[k], directions, offsets),
             )
         )
-    return _joined(parts, len(offsets), offsets)
-
-
-def _joined(parts: Sequence[View], m: int, offsets: Floats) -> View:
-    if not parts:
-        z = np.zeros((0, 3))
-        i = np.zeros((0, 3), dtype=np.int64)
-        return View(
-            i, z, z, z, z, i[:, 0], z[:, 0], z[:, 0], z[:, 0], np.zeros((0, m)), offsets, _none(0)
-        )
-    names = (
-        "feet",
-        "shares",
-        "starts",
-        "directions",
-        "normals",
-        "planes",
-        "weights",
-        "extents",
-        "drawn",
-    )
-    joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
-    joined["weights"] = joined["weights"] / joined["weights"].mean()
-    profiles = np.concatenate([p.profiles for p in parts])
-    return View(**joined, profiles=profiles, offsets=offsets, edges=_none(len(profiles)))
+    joined = (np.concatenate(each) for each in zip(*parts, strict=True))
+    view = View(*joined, offsets, _none(0))  # type: ignore[call-arg]
+    n = len(view.weights)
+    weights = view.weights * n / max(float(view.weights.sum()), 1e-300)
+    return replace(view, weights=weights, edges=_none(n))
 
 
 def _none(n: int) -> Edges:
@@ -345,10 +321,9 @@ def _step(spacing: Sequence[float]) -> float:
     return float(np.clip(share * min(spacing), least, most))
 
 
-def _sampled(image: object, starts: Floats, directions: Floats, offsets: Floats) -> Floats:
+def _sampled(image: Volume | Plane, starts: Floats, directions: Floats, offsets: Floats) -> Floats:
     points = starts[:, None] + offsets[:, None] * directions[:, None]
-    values: Floats = image.sample(points.reshape(-1, 3)).reshape(len(starts), -1)  # type: ignore[attr-defined]
-    return values
+    return image.sample(points.reshape(-1, 3)).reshape(len(starts), len(offsets))
 
 
 def _mean_in(values: Floats, away: Floats, low: float, high: float) -> Floats:

@@ -137,15 +137,11 @@ def _share(image: Image, x: Floats, facets: Facets, sight: Sight) -> float:
     weights = (_SHARES[:, None] ** 2 * cones).ravel()
     is_deep = (depths > _SHELL * _side(image)).ravel()
     if isinstance(image, PlaneSet):
-        seen, places, counted, deep = [], [], [], []
-        for plane, shift in zip(image.planes, sight.shifts, strict=True):
-            near = np.abs(plane.heights(points)) < plane.thickness / 2
-            seen.append(plane.sample(points[near] + shift))
-            places.append(points[near])
-            counted.append(weights[near])
-            deep.append(is_deep[near])
-        values, points = np.concatenate(seen), np.concatenate(places)
-        weights, is_deep = np.concatenate(counted), np.concatenate(deep)
+        near = [np.abs(plane.heights(points)) < plane.thickness / 2 for plane in image.planes]
+        views = zip(image.planes, near, sight.shifts, strict=True)
+        values = np.concatenate([p.sample(points[own] + shift) for p, own, shift in views])
+        rows = np.concatenate([np.flatnonzero(own) for own in near])
+        points, weights, is_deep = points[rows], weights[rows], is_deep[rows]
     else:
         values = image.sample(points)
     there = np.isfinite(values)

@@ -95,12 +95,9 @@ class Iteration:
     ----------
     frames : list of FrameEstimate or None
         None where nothing was observed.
-    gap : float or None, length unit
-        RMS distance between the two shapes of the frame at which both ways round meet.
     """
 
     frames: list[FrameEstimate | None]
-    gap: float | None
 
     def amplitudes(self, n_modes: int) -> NDArray[np.float64]:
         """Amplitudes, (frames, n_modes, 3); those of a missing frame are its neighbour's."""
@@ -149,13 +146,9 @@ def both_ways(
         return a
 
     first = walk([reference], np.zeros((len(surface), 3)))
-    there, back = (walk(path, first) for path in paths_from(reference, n, is_closed=is_closed))
-    meeting = frames[(reference + n // 2) % n]
-    if not is_closed or n < 3 or not any(len(part) for part in meeting):
-        return Iteration(settled, None)
-    other = map_frame(surface, meeting, back, variances, noise).amplitudes
-    # The shapes have mean square 1.
-    return Iteration(settled, float(np.linalg.norm(other - there)))
+    for path in paths_from(reference, n, is_closed=is_closed):
+        walk(path, first)
+    return Iteration(settled)
 
 
 def paths_from(first: int, n: int, *, is_closed: bool) -> tuple[list[int], list[int]]:
@@ -182,7 +175,7 @@ def again(
         seen = any(len(part) for part in frame)
         settled.append(map_frame(surface, frame, a, variances, noise) if seen else None)
         done()
-    return Iteration(settled, None)
+    return Iteration(settled)
 
 
 def evidence(

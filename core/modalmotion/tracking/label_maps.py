@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.images import ImageSequence, PlaneSet, Volume
-from modalmotion.images.sequence import is_sliced
+from modalmotion.images.sequence import Image, is_sliced
+from modalmotion.tracking.closest import across
 from modalmotion.tracking.label_slices import ends_in_slices
-from modalmotion.tracking.label_values import cavity_and_wall, values_in
+from modalmotion.tracking.label_values import cavity_in, values_in
 from modalmotion.tracking.landmarks import Proposed
 
 Floats = NDArray[np.float64]
@@ -21,16 +22,11 @@ Floats = NDArray[np.float64]
 # Brightness of the labelled cavity; outside is 0.
 _INSIDE: Final = 100.0
 
-# Deviation of a proposal, in voxels: of an opening seen between labels, of one that is a cut
-# (across, and along the cut's normal, as on simulated ventricles), and of an end.
-_OPENING: Final = 1.0
+# Deviation of a proposal, in voxels: of an opening, across and along the normal of its plane, as on
+# simulated ventricles; and of an end.
 _CUT_OFF: Final = 0.7
 _CUT_HEIGHT: Final = 0.2
 _END: Final = 2.0
-
-# mm: of a level that all frames have said together, how far each may leave it. Softer ones are
-# drawn to the shape of the reference, which has another length.
-_LEVEL: Final = 0.5
 
 # Of half a voxel: what is so near to the plane of a cut is its border. Tangent of the most that a
 # cut is aslant to the axis; places on the border that are looked at.
@@ -40,9 +36,6 @@ _MOST_BORDER: Final = 6000
 
 # Voxels below the highest one: a section there is whole.
 _SECTION: Final = (6.0, 3.0)
-
-# Of a face of an opening, cosine to the long axis.
-_LOOKS_OUT: Final = 0.5
 
 # mm: a landmark so far outside is noted.
 _OUTSIDE: Final = 2.0
@@ -64,19 +57,15 @@ class Labelled(NamedTuple):
     landmarks: dict[str, Proposed]
 
 
-def from_labels(
-    images: ImageSequence, labels: Sequence[int] = (), wall: Sequence[int] = ()
-) -> Labelled:
-    """Make a label map ready for `track`: cavity bright, wall dark, ends proposed.
+def from_labels(images: ImageSequence, labels: Sequence[int] = ()) -> Labelled:
+    """Make a label map ready for `track`: cavity bright, the rest dark, ends proposed.
 
     Parameters
     ----------
     images : ImageSequence
         Volumes of whole numbers.
     labels : sequence of int
-        Of the cavity; without one cavity and wall are those of `cavity_and_wall`.
-    wall : sequence of int
-        Of the wall around it. With it nothing is looked for where the cavity borders on neither.
+        Of the cavity; without one it is that of `cavity_in`.
 
     Raises
     ------
@@ -88,44 +77,19 @@ def from_labels(
 
     Notes
     -----
-    In thick slices the ends are those of `ends_in_slices`. In other volumes the base is the largest
-    patch in which the cavity borders on neither itself nor the wall, the border of the image among
-    it; without a wall it is the plane that the wider end is cut by.
+    In thick slices the ends are those of `ends_in_slices`. In other volumes the base is the plane
+    that the wider end is cut by.
     """
     decided: tuple[str, ...] = ()
     if not labels:
-        labels, wall, note = cavity_and_wall(images)
-        decided = (note,)
-    frames: list[Volume | None] = []
-    cavities: list[NDArray[np.bool_] | None] = []
-    walls: list[NDArray[np.bool_] | None] = []
-    for k, frame in enumerate(images.frames):
-        if isinstance(frame, PlaneSet):
-            raise ShapeError(
-                f"Frame {k} is a set of planes; the ends of a cavity are only found in volumes.",
-                remedy="State apex and base, and track the planes as images.",
-                frame=k,
-            )
-        cavity = None if frame is None else np.isin(frame.values, list(labels))
-        if frame is not None and cavity is not None and cavity.sum() < _FEWEST:
-            raise ParameterError(
-                f"Label {', '.join(map(str, labels))} has {int(cavity.sum())} voxels in frame {k}.",
-                remedy=f"Name one of these by --label: {values_in(frame)}.",
-                frame=k,
-            )
-        has_wall = frame is not None and wall and not is_sliced(frame)
-        around = np.isin(frame.values, list(wall)) if frame is not None and has_wall else None
-        cavities.append(cavity)
-        walls.append(around)
-        frames.append(None if frame is None or cavity is None else _shown(frame, cavity, around))
-    there = [frame for frame in frames if frame is not None]
-    if any(map(is_sliced, there)):
-        marks, notes = _of_slices(frames, cavities)
-    else:
-        marks, notes = _of_volumes(frames, cavities, walls), ()
+        value, note = cavity_in(images)
+        labels, decided = (value,), (note,)
+    frames = tuple(_shown(k, frame, labels) for k, frame in enumerate(images.frames))
+    sliced = any(is_sliced(frame) for frame in frames if frame is not None)
+    marks, notes = ends_in_slices(frames) if sliced else (_of_volumes(frames), ())
     note = "Apex and base were proposed from the labels."
     own = (*images.notes, *decided, note, *notes)
-    return Labelled(ImageSequence(tuple(frames), images.times, images.period, own), marks)
+    return Labelled(ImageSequence(frames, images.times, images.period, own), marks)
 
 
 def doubts_of_places(
@@ -167,61 +131,44 @@ def _away(frame: Volume | PlaneSet | None, place: Floats) -> float:
     return max(0.0, nearest - float(max(frame.spacing)) / 2.0)
 
 
-def _shown(frame: Volume, cavity: NDArray[np.bool_], wall: NDArray[np.bool_] | None) -> Volume:
-    """Cavity bright, wall dark, nothing known of the rest; all the rest dark without a wall."""
-    values = np.where(cavity, np.float32(_INSIDE), np.float32(0.0))
-    if wall is not None:
-        values[~cavity & ~wall] = np.nan
-    return Volume(values, frame.affine)
+def _shown(k: int, frame: Image | None, labels: Sequence[int]) -> Volume | None:
+    """Cavity of frame k bright, the rest dark."""
+    if isinstance(frame, PlaneSet):
+        raise ShapeError(
+            f"Frame {k} is a set of planes; the ends of a cavity are only found in volumes.",
+            remedy="State apex and base, and track the planes as images.",
+            frame=k,
+        )
+    if frame is None:
+        return None
+    cavity = np.isin(frame.values, list(labels))
+    if cavity.sum() < _FEWEST:
+        raise ParameterError(
+            f"Label {', '.join(map(str, labels))} has {int(cavity.sum())} voxels in frame {k}.",
+            remedy=f"Name one of these by --label: {values_in(frame)}.",
+            frame=k,
+        )
+    return Volume(np.where(cavity, np.float32(_INSIDE), np.float32(0.0)), frame.affine)
 
 
-def _of_slices(
-    frames: Sequence[Volume | None], cavities: Sequence[NDArray[np.bool_] | None]
-) -> tuple[dict[str, Proposed], tuple[str, ...]]:
-    ends = ends_in_slices(frames, cavities)
-    sd = max(float(max(frame.spacing)) for frame in frames if frame is not None)
-    apex = Proposed(ends.apices, sd, ends.axes, _LEVEL, ends.apex_covariance)
-    base = Proposed(ends.bases, sd, ends.axes, _LEVEL, ends.base_covariance)
-    return {"apex": apex, "base": base}, ends.notes
-
-
-def _of_volumes(
-    frames: Sequence[Volume | None],
-    cavities: Sequence[NDArray[np.bool_] | None],
-    walls: Sequence[NDArray[np.bool_] | None],
-) -> dict[str, Proposed]:
-    n = len(frames)
-    apices, bases, cuts = (np.full((n, 3), np.nan) for _ in range(3))
-    spacing, axis, has_wall = 0.0, None, False
-    for k, (frame, cavity, wall) in enumerate(zip(frames, cavities, walls, strict=True)):
-        if frame is None or cavity is None:
-            continue
-        apices[k], bases[k], axis, cuts[k] = _ends(frame, cavity, wall, axis)
-        spacing = max(spacing, float(max(frame.spacing)))
-        has_wall = wall is not None
-    base = Proposed(bases, _OPENING * spacing)
-    if not has_wall:
-        base = Proposed(bases, _CUT_OFF * spacing, cuts, _CUT_HEIGHT * spacing)
+def _of_volumes(frames: Sequence[Volume | None]) -> dict[str, Proposed]:
+    apices, bases, cuts = np.full((3, len(frames), 3), np.nan)
+    spacing, axis = 0.0, None
+    for k, frame in enumerate(frames):
+        if frame is not None:
+            apices[k], bases[k], axis, cuts[k] = _ends(frame, axis)
+            spacing = max(spacing, float(max(frame.spacing)))
+    base = Proposed(bases, _CUT_OFF * spacing, cuts, _CUT_HEIGHT * spacing)
     return {"apex": Proposed(apices, _END * spacing), "base": base}
 
 
-def _ends(
-    volume: Volume, cavity: NDArray[np.bool_], wall: NDArray[np.bool_] | None, before: Floats | None
-) -> tuple[Floats, Floats, Floats, Floats]:
+def _ends(volume: Volume, before: Floats | None) -> tuple[Floats, Floats, Floats, Floats]:
     """Apex, base, the unit vector between them and that across the base, of one frame."""
-    A = volume.affine
+    A, cavity = volume.affine, volume.values > 0
     points = np.argwhere(cavity) @ A[:, :3].T + A[:, 3]
     middle = points.mean(axis=0)
     half = float(np.linalg.norm(A[:, :3], axis=0).mean()) / 2.0
-    _, vectors = np.linalg.eigh(np.cov((points - middle).T))
-    if wall is not None:
-        faces = _open_faces(cavity, wall, A, vectors[:, -1])
-        if len(faces):
-            base: Floats = faces.mean(axis=0)
-            axis = (base - middle) / np.linalg.norm(base - middle)
-            height = float(((points - base) @ axis).min()) - half
-            return _near_axis(points, base, axis, height, half), base, axis, axis
-    axis = vectors[:, -1]
+    axis: Floats = np.linalg.eigh(np.cov((points - middle).T))[1][:, -1]
     z = (points - middle) @ axis
     if before is None:
         # A base is cut where the cavity is still wide.
@@ -233,9 +180,10 @@ def _ends(
     axis = axis if turn else -axis
     flat = _flat_end(cavity, A, axis, half)
     base = _middle_of_cut(points, flat, axis, half)
-    z = (points - middle) @ axis
-    height = float(z.min() - (base - middle) @ axis) - half
-    return _near_axis(points, base, axis, height, half), base, axis, flat
+    # Tip: at the height of the lowest voxels, in the middle of those near it.
+    z = (points - base) @ axis
+    tip = points[z < z.min() + 4.0 * half].mean(axis=0)
+    return tip + (z.min() - half - float((tip - base) @ axis)) * axis, base, axis, flat
 
 
 def _flat_end(cavity: NDArray[np.bool_], A: Floats, axis: Floats, half: float) -> Floats:
@@ -248,10 +196,8 @@ def _flat_end(cavity: NDArray[np.bool_], A: Floats, axis: Floats, half: float) -
     border = border[:: max(1, len(border) // _MOST_BORDER)]
     best, reach = axis, _MOST_ASLANT
     for _ in range(3):
-        u = np.cross(best, np.eye(3)[np.abs(best).argmin()])
-        u /= np.linalg.norm(u)
         steps = np.linspace(-reach, reach, 9)
-        tried = best + np.array([[a, b] for a in steps for b in steps]) @ [u, np.cross(best, u)]
+        tried = best + np.array([[a, b] for a in steps for b in steps]) @ across(best)
         tried /= np.linalg.norm(tried, axis=1, keepdims=True)
         heights = border @ tried.T
         near = (heights > heights.max(axis=0) - _CUT * half).sum(axis=0)
@@ -274,52 +220,3 @@ def _middle_of_cut(points: Floats, flat: Floats, axis: Floats, half: float) -> F
     middle = section.mean(axis=0)
     place: Floats = middle + (high + above - float(middle @ flat)) / float(flat @ axis) * axis
     return place
-
-
-def _near_axis(points: Floats, base: Floats, axis: Floats, height: float, half: float) -> Floats:
-    """Tip: at the height of the lowest voxels, in the middle of those near it."""
-    z = (points - base) @ axis
-    tip = points[z < height + 5.0 * half].mean(axis=0)
-    place: Floats = tip + (height - float((tip - base) @ axis)) * axis
-    return place
-
-
-def _open_faces(
-    cavity: NDArray[np.bool_], wall: NDArray[np.bool_], A: Floats, axis: Floats
-) -> Floats:
-    """Middles, mm, of the faces in the largest patch of the cavity's border that is open.
-
-    The border of the image is open. A patch is one of voxels that touch, and gaps in a wall are
-    others; of a gap that reaches the opening the faces look sideways, and do not count.
-    """
-    own, other = np.pad(cavity, 1), ~np.pad(cavity | wall, 1)
-    # The padding is no cavity, so that nothing comes round.
-    ways = [(i, way) for i in range(3) for way in (-1, 1)]
-    voxels = [np.argwhere(own & np.roll(other, -way, i)) for i, way in ways]
-    steps = np.concatenate(
-        [
-            np.tile(way * np.eye(3)[i], (len(there), 1))
-            for (i, way), there in zip(ways, voxels, strict=True)
-        ]
-    )
-    places = np.concatenate(voxels)
-    if not len(places):
-        return np.zeros((0, 3))
-    # Of the larger patch the way out is known; what looks there is the opening.
-    largest = _largest_patch(places, own.shape)
-    ahead = steps @ A[:, :3].T @ axis / np.linalg.norm(steps @ A[:, :3].T, axis=1)
-    ahead *= np.sign(ahead[largest].sum())
-    kept = largest & (ahead > _LOOKS_OUT)
-    places, steps = (places[kept], steps[kept]) if kept.any() else (places, steps)
-    kept = _largest_patch(places, own.shape)
-    faces: Floats = (places - 1.0 + steps / 2.0)[kept] @ A[:, :3].T + A[:, 3]
-    return faces
-
-
-def _largest_patch(places: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Whether each of some voxels, (n, 3), is in the largest patch of voxels that touch."""
-    there = np.zeros(shape, dtype=np.bool_)
-    there[tuple(places.T)] = True
-    patches = scipy.ndimage.label(there, np.ones((3, 3, 3)))[0][tuple(places.T)]
-    largest: NDArray[np.bool_] = patches == np.bincount(patches).argmax()
-    return largest

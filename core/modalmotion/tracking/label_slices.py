@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ShapeError
 from modalmotion.images import Volume
+from modalmotion.tracking.landmarks import Proposed
 from modalmotion.tracking.moving_base import DESCENT, OFF_PATH
 
 Floats = NDArray[np.float64]
@@ -42,30 +43,12 @@ _BELOW: Final = (0.3, 2.5)
 _TIP: Final = (0.25, 0.3)
 _TIP_MOVES: Final = 6.0
 
+# mm: of a level that all frames have said together, how far each may leave it. Softer ones are
+# drawn to the shape of the reference, which has another length.
+_LEVEL: Final = 0.5
+
 # Of the widest section: an end this wide is open.
 _OPEN: Final = 0.5
-
-
-class SliceEnds(NamedTuple):
-    """Ends of a cavity in each frame.
-
-    Parameters
-    ----------
-    apices, bases : (frames, 3) float64, mm
-        NaN in frames that are missing.
-    axes : (frames, 3) float64
-        Unit vectors from apex to base.
-    apex_covariance, base_covariance : (frames, frames) float64, mm^2
-        Of errors along the axis.
-    notes : tuple of str
-    """
-
-    apices: Floats
-    bases: Floats
-    axes: Floats
-    apex_covariance: Floats
-    base_covariance: Floats
-    notes: tuple[str, ...]
 
 
 class _Stack(NamedTuple):
@@ -82,30 +65,35 @@ class _Stack(NamedTuple):
 
 
 def ends_in_slices(
-    frames: Sequence[Volume | None], cavities: Sequence[NDArray[np.bool_] | None]
-) -> SliceEnds:
+    frames: Sequence[Volume | None],
+) -> tuple[dict[str, Proposed], tuple[str, ...]]:
     """Find apex and base of a cavity in volumes of thick slices.
 
     Parameters
     ----------
     frames : sequence of Volume or None
-    cavities : sequence of (i, j, k) bool or None
-        Voxels of the cavity in each.
+        Above 0 in the cavity.
+
+    Returns
+    -------
+    dict of str to Proposed
+        Apex and base, mm.
+    tuple of str
+        Notes for the user.
 
     Raises
     ------
     ShapeError
         If the cavity is in fewer than three slices of a frame.
     """
-    pairs = enumerate(zip(frames, cavities, strict=True))
-    there = {k: (frame, own) for k, (frame, own) in pairs if frame is not None and own is not None}
-    first = next(frame for frame, _ in there.values())
+    there = {k: frame for k, frame in enumerate(frames) if frame is not None}
+    first = next(iter(there.values()))
     across = int(np.argmax(first.spacing))
     i, j = (axis for axis in range(3) if axis != across)
     normal = np.cross(first.affine[:, i], first.affine[:, j]).astype(np.float64)
     normal /= np.linalg.norm(normal)
     step = abs(float(first.affine[:, across] @ normal))
-    stacks = {k: _stack(frame, own, normal, k) for k, (frame, own) in there.items()}
+    stacks = {k: _stack(frame, normal, k) for k, frame in there.items()}
     # A base is cut where the cavity is still wide: the wider end of all frames together.
     taper = sum(np.log(s.areas[-2:].mean() / s.areas[:2].mean()) for s in stacks.values())
     if taper < 0:
@@ -138,10 +126,13 @@ def ends_in_slices(
             f"{own[full].areas[0] / own[full].areas.max():.0%} as large as its largest, so the "
             "apex was extrapolated; volumes depend on it."
         )
-    return SliceEnds(apices, bases, axes, covariances[0], covariances[1], tuple(notes))
+    sd = max(float(max(frame.spacing)) for frame in there.values())
+    places = zip(("apex", "base"), (apices, bases), covariances, strict=True)
+    return {name: Proposed(own, sd, axes, _LEVEL, off) for name, own, off in places}, tuple(notes)
 
 
-def _stack(frame: Volume, cavity: NDArray[np.bool_], normal: Floats, number: int) -> _Stack:
+def _stack(frame: Volume, normal: Floats, number: int) -> _Stack:
+    cavity = frame.values > 0
     across = int(np.argmax(frame.spacing))
     others = [i for i in range(3) if i != across]
     A = frame.affine

@@ -1,4 +1,4 @@
-"""Which values of a label map are the cavity and its wall, where nobody says: by geometry.
+"""Which value of a label map is the cavity, where nobody says: by geometry.
 
 A wall encloses its cavity: the left ventricle borders on its muscle nearly all round, the right one
 along the septum alone. So maps are read alike whether the cavity is 3 (ACDC, TotalSegmentator's
@@ -8,7 +8,7 @@ chambers), 1 (M&Ms) or something else.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 import scipy
@@ -40,21 +40,6 @@ _HOLE: Final = 0.1
 _FRAMES: Final = 4
 
 _MM3_PER_ML: Final = 1000.0
-
-
-class LabelValues(NamedTuple):
-    """Values of a cavity and of its wall.
-
-    Parameters
-    ----------
-    cavity, wall : tuple of int
-    note : str
-        What was decided, and from what.
-    """
-
-    cavity: tuple[int, ...]
-    wall: tuple[int, ...]
-    note: str
 
 
 def is_label_map(images: ImageSequence) -> bool:
@@ -90,8 +75,14 @@ def is_label_map(images: ImageSequence) -> bool:
     return is_map
 
 
-def cavity_and_wall(images: ImageSequence) -> LabelValues:
-    """Decide which values are the cavity and the wall around it.
+def cavity_in(images: ImageSequence) -> tuple[int, str]:
+    """Decide which value is the cavity: that which another, its wall, encloses.
+
+    Returns
+    -------
+    int
+    str
+        What was decided, and from what, for the user.
 
     Raises
     ------
@@ -121,9 +112,9 @@ def cavity_and_wall(images: ImageSequence) -> LabelValues:
     note = (
         f"Label {values[first]} was taken as the cavity, and label {wall}, which makes up "
         f"{shares[first].max():.0%} of its border, as its wall ({named}); if that is wrong, state "
-        "both labels."
+        "the cavity's label."
     )
-    return LabelValues((int(values[first]),), (int(wall),), note)
+    return int(values[first]), note
 
 
 def listed(values: Iterable[int], ml: Iterable[float]) -> str:
@@ -171,7 +162,7 @@ def _borders(volume: Volume, values: NDArray[np.int64]) -> NDArray[np.int64]:
     return both
 
 
-def _of_one(volume: Volume, value: int, named: str) -> LabelValues:
+def _of_one(volume: Volume, value: int, named: str) -> tuple[int, str]:
     """Take a map of one label as that of a cavity, unless it is a ring."""
     own = np.moveaxis(volume.values == value, int(np.argmax(volume.spacing)), 0)
     filled = sum(int(scipy.ndimage.binary_fill_holes(section).sum()) for section in own)
@@ -183,11 +174,11 @@ def _of_one(volume: Volume, value: int, named: str) -> LabelValues:
             details={"labels": [value]},
         )
     note = f"The map has one label ({named}), which was used as the cavity; there is no wall."
-    return LabelValues((value,), (), note)
+    return value, note
 
 
 def _undecided(reason: str, named: str) -> ParameterError:
     return ParameterError(
         f"Which label is the cavity? Of the labels in the map ({named}) {reason}.",
-        remedy="Name the cavity by --label VALUE, and the wall around it by --wall VALUE.",
+        remedy="Name the cavity by --label VALUE.",
     )

@@ -34,13 +34,11 @@ from modalmotion.tracking.iterations import (
     noises_of,
     steady,
 )
-from modalmotion.tracking.label_maps import from_labels
-from modalmotion.tracking.label_values import is_label_map
 from modalmotion.tracking.landmarks import with_landmarks
 from modalmotion.tracking.map_frames import chain_of, map_frames
 from modalmotion.tracking.moving_base import with_assumed_base, with_levels
 from modalmotion.tracking.observation import observed_frames, of_surface
-from modalmotion.tracking.quality_checks import end_notes, notes_on, quality_of
+from modalmotion.tracking.quality_checks import axis_notes, end_notes, notes_on, quality_of
 from modalmotion.tracking.result import Papillary, Track, cavity_in, sample_of
 
 Time: TypeAlias = Literal["cycle", "open"]
@@ -165,12 +163,11 @@ def track(
     frames = found_ends = with_endings(surface, ended, beside, known)
     # 5. Each frame at rest by itself, from the reference on, both ways round the cycle.
     here = both_ways(surface, frames, first, prior, noise, is_closed=is_closed, done=done)
-    gap, start_of = here.gap, here.amplitudes(len(surface))
-    if shown is None:
-        shapes = np.stack([surface.positions(a) for a in start_of])
-        frames, levels = with_assumed_base(frames, template, first, shapes)
-    else:
-        levels = shown.levels
+    start_of = here.amplitudes(len(surface))
+    shapes = np.stack([surface.positions(a) for a in start_of])
+    frames, levels = with_assumed_base(frames, template, first, shapes)
+    if shown is not None:
+        levels = {**levels, **shown.levels}
     # 6. Prior and noise under which these are the most likely, and the frames once more.
     is_exact = pinned is not None
     prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
@@ -217,12 +214,10 @@ def track(
         truncations=truncations,
         deviations=deviations,
         volume_deviations=volume_deviations,
-        harmonic=chain.h0,
         residuals=np.ascontiguousarray(quality[:, :2]),
         inliers=np.ascontiguousarray(quality[:, 2]),
         coverage=np.ascontiguousarray(quality[:, 3]),
         unseen=unseen,
-        gap=gap,
         reference=pinned,
         data=sample_of(stated, found.information),
         notes=(),
@@ -242,7 +237,8 @@ def track(
         is_guessed = start is None and topology is None and not has_marks
         notes = (*notes, *end_notes(result, stated, found_ends, is_guessed=is_guessed))
     result = with_levels(result, levels)
-    return replace(result, notes=(*notes, *notes_on(result))).informed()
+    told = (*notes, *axis_notes(result, stated), *notes_on(result))
+    return replace(result, notes=told).informed()
 
 
 def _require_time(time: str) -> bool:
@@ -344,69 +340,3 @@ def _counted(progress: Progress | None, n_steps: int) -> Callable[[], None]:
             progress(count, n_steps)
 
     return done
-
-
-def segment(
-    images: Images,
-    *,
-    landmarks: Mapping[str, Any] | None = None,
-    labels: Sequence[int] = (),
-    wall: Sequence[int] = (),
-    frame: int = 0,
-    start: Start | None = None,
-    modes: int = 37,
-    papillary: Papillary = "pool",
-    progress: Progress | None = None,
-) -> Track:
-    """Find a surface in one image.
-
-    Parameters
-    ----------
-    images : Volume, PlaneSet or ImageSequence
-        In LPS mm; of a sequence one frame is read.
-    landmarks : mapping of "apex" and "base" to (3,) or (frames, 3) array_like, mm, optional
-        Needed of images that are no label map.
-    labels, wall : sequence of int
-        Of a label map: values of the cavity, and of the wall around it; by geometry where no label
-        is named.
-    frame : int
-    start, modes, papillary, progress : optional
-        As for `track`.
-
-    Returns
-    -------
-    Track
-        Of one frame: its surface with a standard deviation at each vertex, and its volume.
-
-    Raises
-    ------
-    InputError
-        As `track` does, or if there is no such frame.
-    """
-    sequence = images_in(images)
-    if sequence is None:
-        raise ShapeError(
-            f"A {type(images).__name__} is no image.",
-            remedy="Give a Volume, a PlaneSet or an ImageSequence.",
-        )
-    if not 0 <= frame < sequence.n_frames or sequence.frames[frame] is None:
-        raise ParameterError(
-            f"There is no image in frame {frame}: there are {sequence.n_frames} frames.",
-            remedy="Name a frame that has one, counted from 0.",
-            frame=frame,
-        )
-    one, marks = ImageSequence((sequence.frames[frame],), notes=sequence.notes), dict[str, Any]()
-    if labels or is_label_map(one):
-        one, marks = from_labels(one, labels, wall)
-    for name, value in (landmarks or {}).items():
-        places = np.asarray(value, dtype=np.float64)
-        marks[name] = places[frame] if places.shape == (sequence.n_frames, 3) else places
-    return track(
-        one,
-        landmarks=marks,
-        start=start,
-        modes=modes,
-        time="open",
-        papillary=papillary,
-        progress=progress,
-    )

@@ -23,13 +23,9 @@ from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
 from modalmotion.tracking.observation import Frame
 
-# Harmonics that are tried.
-_STIFFEST: Final = 0.25
-_N_TRIED: Final = 24
-
-# Frames from which on there is something to try, and the harmonic of fewer.
-_FEW: Final = 4
-_USUAL: Final = 2.0
+# Harmonic from which on motion is held down; that under which amplitudes are the most likely gives
+# the same surfaces.
+_HARMONIC: Final = 2.0
 
 
 def chain_precision(
@@ -82,49 +78,6 @@ def chain_precision(
     Q *= float((inverse**2).sum()) / (n - 1)
     Q[anchor, anchor] += 1.0 / offset
     return Q
-
-
-def most_likely_h0(
-    trajectories: NDArray[np.float64],
-    shares: NDArray[np.float64],
-    phases: NDArray[np.float64],
-    anchor: int,
-    *,
-    is_closed: bool,
-) -> tuple[float, float]:
-    """Harmonic h0, and variance of trajectories, under which these are the most likely.
-
-    Parameters
-    ----------
-    trajectories : (frames, n) float64
-        Amplitudes over the standard deviations that the prior gives them.
-    shares : (n,) float64
-        How far the data have set each.
-    phases : (frames,) float64
-    anchor : int
-        Row of the frame that the shape is of.
-
-    Returns
-    -------
-    h0 : float
-    variance : float
-        By which the others differ from it, instead of 1.
-    """
-    n = len(phases)
-    free = np.delete(np.arange(n), anchor)
-    x, total = trajectories[free] - trajectories[anchor], float(shares.sum())
-    if not len(free) or not total > 0:
-        return _USUAL, 1.0
-    best, variance, least = _USUAL, 1.0, np.inf
-    # Few frames do not tell.
-    for h0 in np.geomspace(_STIFFEST, n / 4.0, _N_TRIED) if n >= _FEW else [_USUAL]:
-        Q = chain_precision(phases, float(h0), anchor, is_closed=is_closed)[np.ix_(free, free)]
-        logarithm = -2.0 * float(np.log(np.diag(inverse_of_cholesky(Q))).sum())
-        energy = float((shares * (x * (Q @ x)).sum(axis=0)).sum()) / total / len(free)
-        unlikely = len(free) * np.log(max(energy, 1e-300)) - logarithm
-        if unlikely < least:
-            best, variance, least = float(h0), energy, unlikely
-    return best, variance
 
 
 def joined(
@@ -202,10 +155,9 @@ _LEAST_OFFSET: Final = 1e-3
 
 
 class Chain(NamedTuple):
-    """Frames joined by time: their precision (frames, frames), its harmonic, and the prior."""
+    """Frames joined by time: their precision (frames, frames), and the prior."""
 
     Q: NDArray[np.float64]
-    h0: float
     prior: Prior
 
 
@@ -239,7 +191,12 @@ def chain_of(
         seen = sorted({*seen, reference})
         scaled = rest[seen]
     row = seen.index(reference) if reference in seen else 0
-    h0, variance = most_likely_h0(scaled, shares, phases[seen], row, is_closed=is_closed)
+    free, variance = np.delete(np.arange(len(seen)), row), 1.0
+    if len(free) and total > 0:
+        own = chain_precision(phases[seen], _HARMONIC, row, is_closed=is_closed)[np.ix_(free, free)]
+        x = scaled[free] - scaled[row]
+        # By which the others differ from it, instead of 1.
+        variance = float((shares * (x * (own @ x)).sum(axis=0)).sum()) / total / len(free)
     if not is_exact and reference in seen and len(seen) > 1 and total > 0:
         offset = float((shares * scaled[row] ** 2).sum()) / total / max(variance, 1e-300)
     wide, least = float(np.sqrt(variance)), LEAST * surface.size
@@ -247,7 +204,7 @@ def chain_of(
     scale, drift = max(prior.scale * wide, least), max(prior.drift * wide, least)
     along = replace(prior, scale=scale, drift=drift)
     offset = max(offset, _LEAST_OFFSET)
-    return Chain(chain_precision(phases, h0, reference, offset, is_closed=is_closed), h0, along)
+    return Chain(chain_precision(phases, _HARMONIC, reference, offset, is_closed=is_closed), along)
 
 
 class FramesEstimate(NamedTuple):

@@ -44,14 +44,14 @@ def ends_of_cup(template: Template) -> tuple[Floats, Floats]:
 
 
 def base_by_volume(
-    known: Mapping[int, Floats], template: Template, reference: int, shapes: Floats
+    frames: Sequence[Frame], template: Template, reference: int, shapes: Floats
 ) -> tuple[Floats, Floats]:
     """Place the base in frames where it is not known.
 
     Parameters
     ----------
-    known : mapping of int to (3,) float64
-        Where it is known, by frame.
+    frames : sequence of Frame
+        Which may state it.
     template : Template
         A cup: the shape of the reference frame.
     reference : int
@@ -69,6 +69,8 @@ def base_by_volume(
     The base is c E down, E = E0 + g c E being the percentage ejected: c is that of `DESCENT`, and
     what frames show of it where it is known; places are off this path by `OFF_PATH`.
     """
+    ends = [ends_in(frame).get("base") for frame in frames]
+    known = {k: end for k, end in enumerate(ends) if end is not None and k != reference}
     cavity, s = cavity_in(template), template.coordinates[:, 0]
     assert cavity is not None  # noqa: S101
     tip, base = ends_of_cup(template)
@@ -108,9 +110,7 @@ def with_assumed_base(
     is_open = [not own and k != reference for k, own in enumerate(has_base)]
     if template.surface != CUP or not any(is_open) or cavity_in(template) is None:
         return tuple(frames), {}
-    ends = [ends_in(frame).get("base") for frame in frames]
-    known = {k: end for k, end in enumerate(ends) if end is not None and k != reference}
-    places, covariance = base_by_volume(known, template, reference, shapes)
+    places, covariance = base_by_volume(frames, template, reference, shapes)
     tip, base = ends_of_cup(template)
     sd = HELD * float(np.linalg.norm(base - tip)) / _LENGTH
     full = list(frames)

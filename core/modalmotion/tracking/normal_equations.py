@@ -99,9 +99,8 @@ def normal_equations(
     for part in frame:
         end = part.found(surface, x, even, noise) if isinstance(part, Ending) else None
         if isinstance(part, Ending) and part.rim is not None and end is not None:
-            there = part.rim.at(x)
-            variances = end.variances + noise.truncation**2 * there.alike(surface, noise.n_values)
-            marks.add(there.rows(surface), end.beyond, end.shown / variances)
+            rows, alike = part.rim.rows(surface, x, noise.n_values)
+            marks.add(rows, end.beyond, end.shown / (end.variances + noise.truncation**2 * alike))
     matrix = of_points.matrix + marks.matrix
     # (y - x(a)) is what b came from: the target is that much beyond a.
     vector = of_points.vector + marks.vector + (matrix @ amplitudes.reshape(-1, 1))[:, 0]
@@ -228,7 +227,7 @@ def _add_marks(
     total: _Sum, surface: Deformable, x: NDArray[np.float64], part: Observation, noise: Noise
 ) -> None:
     """Add landmarks, or points that the rim of an end passes through."""
-    sides = np.zeros((0, 2), np.int64) if part.end is None else rim_at(surface, part.end)
+    sides = np.zeros((0, 2), np.int64) if part.end is None else rim_at(surface, part.end)[0]
     if part.end is not None and len(sides):
         # Their distance counts across the rim.
         found = closest_points(part.points, x, sides)

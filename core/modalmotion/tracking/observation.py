@@ -212,23 +212,26 @@ def of_surface(vertices: Any, faces: Any) -> Observation:
     used = weights > 0
     if not used.any():
         return Observation(x)
-    sides = open_sides(faces)
+    sides, _ = open_sides(faces)
     if len(sides) > len(faces):
         # Triangles that have their corners for themselves, as in an STL file.
         _, first, same = np.unique(x, axis=0, return_index=True, return_inverse=True)
-        sides = open_sides(first[same.reshape(-1)][faces])
+        sides, _ = open_sides(first[same.reshape(-1)][faces])
     border = x[sides] if len(sides) else None
     return Observation(x[used], weights=weights[used] / weights[used].mean(), border=border)
 
 
-def open_sides(faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Sides of one triangle only, (sides, 2); triangles with a corner twice do not count."""
+def open_sides(faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Sides of one triangle only, (sides, 2), and its third corner, (sides,).
+
+    Triangles with a corner twice do not count.
+    """
     a, b, c = faces.T
     proper = faces[(a != b) & (b != c) & (c != a)]
     sides = np.sort(proper[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    found, counts = np.unique(sides, axis=0, return_counts=True)
-    own: NDArray[np.int64] = found[counts == 1]
-    return own
+    found, first, counts = np.unique(sides, axis=0, return_index=True, return_counts=True)
+    own, opposite = found[counts == 1], proper[first[counts == 1] // 3].sum(axis=1)
+    return own, opposite - own.sum(axis=1)
 
 
 def _rows(points: Any, what: str = "points of an observation") -> NDArray[np.float64]:

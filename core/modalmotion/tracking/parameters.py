@@ -14,7 +14,8 @@ from modalmotion.formats import ReadOptions, read_sequence
 from modalmotion.formats.frame import TRACK
 from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.formats.result import Parser, Reading
-from modalmotion.images.sequence import Images
+from modalmotion.images import ImageSequence
+from modalmotion.images.sequence import Images, images_in
 from modalmotion.mesh import NO_FACTS, UNKNOWN, Facts, facts_patched
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress
@@ -25,7 +26,12 @@ from modalmotion.tracking.label_values import is_label_map
 from modalmotion.tracking.landmarks import Proposed, landmarks_of
 from modalmotion.tracking.making import Start, Time
 from modalmotion.tracking.making import track as track_frames
-from modalmotion.tracking.reading import USUAL_CONTOURS, Recorded, read_observed
+from modalmotion.tracking.reading import (
+    USUAL_CONTOURS,
+    Recorded,
+    read_observed,
+    recorded_images,
+)
 from modalmotion.tracking.result import Papillary, Track
 
 USUAL_MODES: Final = 37
@@ -55,8 +61,6 @@ class TrackParameters:
     labels : tuple of int
         Of label maps: value of the cavity, by default that which another label encloses. Apex and
         base are proposed from it where nobody states them: `label_maps.from_labels`.
-    wall : tuple of int
-        Of label maps: value of the wall around the cavity.
     unit : str, optional
         Length unit: m, cm, mm, um or nm.
     times : tuple of float, or float, s, optional
@@ -73,17 +77,11 @@ class TrackParameters:
     landmarks: Mapping[str, Any] = field(default_factory=dict)
     papillary: Papillary = "pool"
     labels: tuple[int, ...] = ()
-    wall: tuple[int, ...] = ()
     unit: str | None = None
     times: tuple[float, ...] | float | None = None
     facts: Facts = NO_FACTS
 
     def __post_init__(self) -> None:
-        if self.wall and not self.labels:
-            raise ParameterError(
-                "The label of a wall is named, and none of the cavity.",
-                remedy="Name the cavity's label too.",
-            )
         if self.facts.tracking not in ("offset", "unknown"):
             raise ParameterError(
                 f"The fact 'tracking' is {self.facts.tracking!r}: what is tracked follows the "
@@ -161,7 +159,7 @@ class TrackParameters:
                 "A label is named, but there are no images.",
                 remedy="Leave the label out, or give a label map as NIfTI, NRRD or MetaImage.",
             )
-        made = from_labels(images, self.labels, self.wall)
+        made = from_labels(images, self.labels)
         stated = {**recorded.landmarks, **self.landmarks}
         doubts = doubts_of_places(images, stated, self.reference or 0)
         notes = (*made.images.notes, *doubts)
@@ -269,3 +267,53 @@ def track(
         raise ParameterError(
             f"track() cannot be called so: {error}.", remedy=f"Its options are {names}."
         ) from None
+
+
+def segment(
+    images: Images,
+    *,
+    landmarks: Mapping[str, Any] | None = None,
+    frame: int = 0,
+    start: Start | None = None,
+    **options: Any,
+) -> Track:
+    """Find a surface in one image.
+
+    Parameters
+    ----------
+    images : Volume, PlaneSet or ImageSequence
+        In LPS mm; of a sequence one frame is read.
+    landmarks : mapping of "apex" and "base" to (3,) or (frames, 3) array_like, mm, optional
+        Needed of images that are no label map.
+    frame : int
+    start : MeshSequence or Template, optional
+    **options
+        Fields of `TrackParameters`: modes, papillary, labels.
+
+    Returns
+    -------
+    Track
+        Of one frame: its surface with a standard deviation at each vertex, and its volume.
+
+    Raises
+    ------
+    InputError
+        As `track` does, or if there is no such frame.
+    """
+    sequence = images_in(images)
+    if sequence is None:
+        raise ShapeError(
+            f"A {type(images).__name__} is no image.",
+            remedy="Give a Volume, a PlaneSet or an ImageSequence.",
+        )
+    if not 0 <= frame < sequence.n_frames or sequence.frames[frame] is None:
+        raise ParameterError(
+            f"There is no image in frame {frame}: there are {sequence.n_frames} frames.",
+            remedy="Name a frame that has one, counted from 0.",
+            frame=frame,
+        )
+    one = ImageSequence((sequence.frames[frame],), notes=sequence.notes)
+    places = {name: np.asarray(value, np.float64) for name, value in (landmarks or {}).items()}
+    marks = {name: own[frame] if own.ndim == 2 else own for name, own in places.items()}
+    parameters = TrackParameters(landmarks=marks, time="open", **options)
+    return parameters.follow(recorded_images(one), start=start)

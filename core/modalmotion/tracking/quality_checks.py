@@ -33,6 +33,16 @@ _WIDE_BOUND: Final = 5.0
 _LOW_COVERAGE: Final = 0.8
 _LOW_INLIERS: Final = 0.5
 
+# Of the way from apex to base, the middle and half the length of the whole, and of parts near the
+# apex and near the base; fewest vertices in each.
+_PARTS: Final = ((0.5, 0.4), (0.2, 0.1), (0.8, 0.1))
+_FEWEST: Final = 3
+
+# Of the mean radius: how far the middle may be beside the axis; radius near the apex over that near
+# the base, above which the two may be taken for one another.
+_ASIDE: Final = 0.35
+_SWAPPED: Final = 1.05
+
 _OFFSETS: Final = (
     "The motion follows the data along the surface's normals; along the surface it comes from "
     "the prior, with the stated standard deviation: twist and sliding are not measured."
@@ -82,12 +92,11 @@ def notes_on(result: Track) -> list[str]:
     x = result.sequence.vertices.astype(np.float64)
     centres = x.mean(axis=1)
     spreads = np.linalg.svd(x - centres[:, None], compute_uv=False) / np.sqrt(x.shape[1])
-    size = float(np.median(np.linalg.norm(spreads, axis=1)))
+    sizes = np.linalg.norm(spreads, axis=1)
+    size = float(np.median(sizes))
     away = np.zeros(len(x))
     away[1:-1] = np.linalg.norm(centres[1:-1] - (centres[:-2] + centres[2:]) / 2.0, axis=1)
-    extents = _extents(result)
-    ratio = extents / float(np.nanmedian(extents))
-    is_other = (ratio * _OTHER_SIZE < 1.0) | (ratio > _OTHER_SIZE)
+    is_other = (sizes * _OTHER_SIZE < size) | (sizes > _OTHER_SIZE * size)
     # Its neighbours are half as far from theirs.
     is_away = away > max(_JUMP * size, 0.75 * float(away.max()))
     is_low = (result.coverage < _LOW_COVERAGE) & seen
@@ -120,18 +129,6 @@ def notes_on(result: Track) -> list[str]:
             "that determine its volumes were hardly observed."
         )
     return notes
-
-
-def _extents(result: Track) -> NDArray[np.float64]:
-    """RMS spread of the points of each frame, (frames,); NaN of a few."""
-    extents = np.full(result.n_frames, np.nan)
-    for frame in range(result.n_frames if result.data is not None else 0):
-        assert result.data is not None  # noqa: S101
-        rows = result.data.of_frame(frame)
-        points = result.data.points[rows][~result.data.are_landmarks[rows]]
-        if len(points) > 3:
-            extents[frame] = np.linalg.norm(points.std(axis=0))
-    return extents if np.isfinite(extents).any() else np.ones(result.n_frames)
 
 
 def end_notes(
@@ -175,29 +172,39 @@ def end_notes(
             "show where an open surface ends: it was assumed by the volume ejected, as in adult "
             "hearts. Give it if you know it."
         )
-    swapped = [k for k, ends in enumerate(known) if _is_swapped(stated[k], ends)]
-    if swapped:
-        notes.append(
-            f"In {_frames(swapped)} more points are near the landmark base than near apex, but "
-            "the base is the middle of the opening, without a wall. Are the two swapped?"
-        )
     return notes
 
 
-def _is_swapped(frame: Frame, ends: dict[str, NDArray[np.float64]]) -> bool:
-    points = [part.points for part in frame if not part.is_landmark and len(part)]
-    if not points or not {"apex", "base"} <= ends.keys():
-        return False
-    from_apex = np.concatenate(points) - ends["apex"]
+def axis_notes(result: Track, stated: Sequence[Frame]) -> list[str]:
+    """Say what in the first frame with apex and base speaks against them."""
+    known = [ends_in(frame) for frame in stated]
+    k = next((k for k, ends in enumerate(known) if {"apex", "base"} <= ends.keys()), None)
+    if k is None:
+        return []
+    x, ends = result.sequence.vertices[k].astype(np.float64), known[k]
     axis = ends["base"] - ends["apex"]
-    near_apex = np.linalg.norm(from_apex, axis=1).min()
-    if near_apex <= np.linalg.norm(from_apex - axis, axis=1).min():
-        return False
-    height = from_apex @ axis / (axis @ axis)
-    radius = np.linalg.norm(from_apex - np.outer(height, axis), axis=1)
-    low, high = radius[height < 1.0 / 3.0], radius[height > 2.0 / 3.0]
-    # Contours may end far from the apex; they narrow towards it all the same.
-    return not (len(low) and len(high) and np.median(low) < np.median(high))
+    heights = (x - ends["apex"]) @ axis / (axis @ axis)
+    across = x - ends["apex"] - np.outer(heights, axis)
+    parts = [across[np.abs(heights - middle) < half] for middle, half in _PARTS]
+    if min(map(len, parts)) < _FEWEST:
+        return ["Hardly any of the surface is between apex and base: check both."]
+    middles = [part.mean(axis=0) for part in parts]
+    radius, low, high = (
+        float(np.linalg.norm(part - middle, axis=1).mean())
+        for part, middle in zip(parts, middles, strict=True)
+    )
+    notes, aside = [], float(np.linalg.norm(middles[0]))
+    if aside > _ASIDE * radius:
+        notes.append(
+            f"The axis from apex to base is {aside:.3g} beside the middle of the surface, whose "
+            f"radius is {radius:.3g}: check both landmarks."
+        )
+    if low > _SWAPPED * high:
+        notes.append(
+            f"The surface is wider near the apex ({low:.3g}) than near the base ({high:.3g}): are "
+            "the two swapped?"
+        )
+    return notes
 
 
 def _frames(which: Sequence[int] | NDArray[np.int64]) -> str:

@@ -157,7 +157,7 @@ class ImageAnswer:
         object.__setattr__(self, "shifts", tuple(tuple(row) for row in self.shifts))
 
 
-@shown("sequence", "ejection_fraction:%", "modes", "noise", "gap", "unseen")
+@shown("sequence", "ejection_fraction:%", "modes", "noise", "unseen")
 @dataclass(frozen=True, eq=False)
 class Track(FrozenArrays, Recorded):
     """Motion of a surface found from observations, with its uncertainty.
@@ -180,8 +180,6 @@ class Track(FrozenArrays, Recorded):
     deviations : (frames, vertices, 2) float64, length unit
         Standard deviation of each vertex along its normal, and in each direction of the tangent
         plane, what the modes leave included.
-    harmonic : float
-        Harmonic of the cycle, or of an open recording, from which on motion is held down.
     volume_deviations : (frames,) float64, length unit cubed, or None
         Standard deviation of each volume; None of what encloses none.
     residuals : (frames, 2) float64, length unit
@@ -192,9 +190,6 @@ class Track(FrozenArrays, Recorded):
         Share of the surface that points are at, 0 to 1.
     unseen : tuple of int
         Frames without a point: there the chain of time alone speaks.
-    gap : float or None, length unit
-        RMS distance between the shapes that both ways round the cycle end at, before all frames
-        were estimated together; None if time is open.
     reference : int or None
         Frame whose surface the start is, exactly; None if it is none's.
     notes : tuple of str
@@ -219,12 +214,10 @@ class Track(FrozenArrays, Recorded):
     truncations: NDArray[np.float64]
     deviations: NDArray[np.float64]
     volume_deviations: NDArray[np.float64] | None
-    harmonic: float
     residuals: NDArray[np.float64]
     inliers: NDArray[np.float64]
     coverage: NDArray[np.float64]
     unseen: tuple[int, ...]
-    gap: float | None
     reference: int | None
     notes: tuple[str, ...]
     provenance: Mapping[str, Any]

@@ -67,14 +67,9 @@ def has_trabeculae(image: Image, shape: MeshSequence, sight: Sight, reach: float
     sight : Sight
     reach : float, mm
     """
-    return layered_share(image, shape, sight, reach) > _LAYERED
-
-
-def layered_share(image: Image, shape: MeshSequence, sight: Sight, reach: float) -> float:
-    """Share of the edges of a cup that have a layer next to them; none of other surfaces."""
     template = make_template(shape)
     if template.surface != CUP:
-        return 0.0
+        return False
     facets = Facets.of(template.faces, template.vertices, template.weights)
     look = replace(sight.within(reach), has_layers=True)
     view = view_of(image, facets, template.vertices, look, reach, layers="distinct")
@@ -83,7 +78,7 @@ def layered_share(image: Image, shape: MeshSequence, sight: Sight, reach: float)
     k = view.edges.is_found
     counted = view.weights[k]
     layered = counted[view.edges.inside[k] < 1.0].sum()
-    return float(layered) / max(float(counted.sum()), 1e-300)
+    return bool(layered > _LAYERED * counted.sum())
 
 
 def muscle_within(

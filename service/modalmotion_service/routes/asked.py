@@ -116,7 +116,7 @@ class Asked:
         if tag is not None and (known := self.knows(tag)) is not None:
             return known
         self.note(getattr(request.query, "template", None))
-        work = self.state.performance.perform(self.state, self.wait, what, request, file)
+        work = self.state.runner.perform(self.wait, what, request, file)
         done = await self.unless_left(work)
         if not isinstance(done, Outcome):
             return accepted(done)
@@ -131,7 +131,7 @@ class Asked:
     async def unless_left(self, work: Coroutine[Any, Any, Made]) -> Made:
         """Wait for work, and end it when the client leaves.
 
-        Work that others wait for too goes on for them, and so does what has become a job.
+        What has become a job goes on.
 
         Raises
         ------
@@ -164,7 +164,7 @@ class Asked:
         self, what: Operation, request: Request, file: SpoolFile | None = None
     ) -> Response:
         """Answer 202 with a job."""
-        job = await self.state.performance.perform(self.state, 0.0, what, request, file)
+        job = await self.state.runner.perform(0.0, what, request, file)
         assert isinstance(job, Job)  # noqa: S101 (it was asked for)
         return accepted(job)
 

@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import Depends, Response
 
 from modalmotion_service.http.judged_router import JudgedRouter
-from modalmotion_service.http.negotiation import JSON, NDJSON, NPZ, RAW, STREAM, VTKHDF, ZIP
+from modalmotion_service.http.negotiation import JSON, NDJSON, NPZ, RAW, STREAM, VTKHDF
 from modalmotion_service.routes.asked import Asked, AskedAny, answers
 from modalmotion_service.routes.uploads import Sent, receiving
 from modalmotion_service.schemas.queries import DecodingRequest
@@ -29,7 +29,7 @@ router = JudgedRouter(prefix="/v1", tags=["files"])
 
 @router.post(
     "/signature",
-    **answers(*SIGNATURE_TYPES, NDJSON, ZIP, of=SignatureAnswer | SignatureResults),
+    **answers(*SIGNATURE_TYPES, NDJSON, of=SignatureAnswer | SignatureResults),
 )
 async def sign_file(
     sent: Annotated[Sent, Depends(receiving(SIGNATURE_OF_FILE, takes_many=True))], asked: AskedAny
@@ -40,9 +40,8 @@ async def sign_file(
     by frame, mode by mode, three directions), by `Accept`.
 
     Of many files, sent as parts `files` of a form: a result or a problem for each, in their order,
-    as JSON, a line of it each, a table with a row each, a zip with an HDF5 file each, or one HDF5
-    file with the trajectories of all. A part `manifest`, a CSV table with the columns path,
-    subject, label and facts, says those of each.
+    as JSON or a line of it each. A part `manifest`, a CSV table with the columns path, subject,
+    label and facts, says those of each.
     """
     return await _answered(asked, sent, operations.sent_signature, operations.sent_signatures)
 

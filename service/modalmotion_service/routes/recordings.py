@@ -19,8 +19,8 @@ from modalmotion_service.schemas.requests import TRACK, ImagesStatements
 from modalmotion_service.schemas.sequences import ImagesPageAnswer, ImagesSummary, TrackAnswer
 from modalmotion_service.workspace import models
 from modalmotion_service.workspace import recording_operations as operations
-from modalmotion_service.workspace.erasure import erase_images
 from modalmotion_service.workspace.operation import Request
+from modalmotion_service.workspace.recording_operations import erase_images
 from modalmotion_service.workspace.spool import SpoolFile
 
 router = JudgedRouter(prefix="/v1")

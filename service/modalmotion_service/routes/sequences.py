@@ -39,8 +39,8 @@ from modalmotion_service.schemas.signatures import (
     TradeoffAnswer,
 )
 from modalmotion_service.workspace import recording_operations as operations
-from modalmotion_service.workspace.erasure import erase, restate
 from modalmotion_service.workspace.operation import Request
+from modalmotion_service.workspace.recording_operations import erase, restate
 
 router = JudgedRouter(prefix="/v1/sequences", tags=["sequences"])
 
@@ -127,10 +127,11 @@ async def change_sequence(
             asked.store.update_sequence, sequence_id, change=changed_facts, **names
         )
     places = (f"/v1/{kind}/{current}" for kind in ("sequences", "tracks"))
-    if names:
-        await asyncio.to_thread(asked.state.idempotency.forget_names, names, *places)
+    summary = SequenceSummary.of(record)
+    known = summary.model_dump(mode="json", include={"name", "subject", "label", "facts"})
+    await asyncio.to_thread(asked.state.idempotency.restate, known, *places)
     note_facts(asked.http, changed)
-    answer = _summary(asked, SequenceSummary.of(record))
+    answer = _summary(asked, summary)
     answer.headers["Content-Location"] = answer.headers["location"]
     return answer
 

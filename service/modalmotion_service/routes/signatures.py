@@ -58,7 +58,7 @@ from modalmotion_service.schemas.signatures import (
     SignaturePageAnswer,
     SignatureSummary,
 )
-from modalmotion_service.work.tasks import derived
+from modalmotion_service.work.tasks import signatures
 from modalmotion_service.workspace import model_operations as of_models
 from modalmotion_service.workspace import models
 from modalmotion_service.workspace import signature_operations as operations
@@ -224,10 +224,10 @@ async def dicom_of_signature(
 
         async def made() -> Path:
             async with analysis.fitted(sequence_id, key.partition("-")[2] or None) as one:
-                with analysis.output() as output, stage("report"):
+                with analysis.output() as output:
                     limits = asked.state.settings.read_limits
                     await analysis.work(
-                        derived.make_dicom, one, file.path, limits, classified, output
+                        signatures.make_dicom, one, file.path, limits, classified, output
                     )
             return output
 

@@ -99,7 +99,7 @@ class ImagesEstimate(Answer):
 @mirrors(
     Track,
     without=[
-        *("sequence", "template", "amplitudes", "covariances", "prior", "deviations", "harmonic"),
+        *("sequence", "template", "amplitudes", "covariances", "prior", "deviations"),
         *("residuals", "provenance", "data"),
     ],
 )

@@ -7,8 +7,9 @@ its port among your own machines, or use TLS with certificates of your own.
 from __future__ import annotations
 
 import contextlib
+import pickle
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future, InvalidStateError
 from importlib.metadata import version
 from pathlib import Path
@@ -18,21 +19,18 @@ from modalmotion.errors import needs_extra
 from modalmotion.store.disk import make_folder
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.settings import Settings
-from modalmotion_service.work.answers import AnswerError, error_to_bytes, from_bytes, result_type
-from modalmotion_service.work.engine import READY_SECONDS, Engine, Terms, payload_of, run_payload
-from modalmotion_service.work.pool import WorkerPool, unreadable_answer
+from modalmotion_service.work.answers import answer_of, from_bytes, result_type
+from modalmotion_service.work.engine import READY_SECONDS, Engine, Terms
+from modalmotion_service.work.pool import WorkerPool
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
-Limits = tuple[float, int]
-
-_MARK: Final = "cluster"
-# Dask workers that may be lost with a task.
-_ATTEMPTS: Final = 3
+# Dask workers that may be lost with a task, but for the last.
+_RETRIES: Final = 2
 
 # Of a Dask worker: its pools, by their limits.
-_pools: Final[dict[Limits, WorkerPool]] = {}
+_pools: Final[dict[tuple[float, int], WorkerPool]] = {}
 _making: Final = threading.Lock()
 
 
@@ -50,23 +48,20 @@ class DaskEngine(Engine):
     Raises
     ------
     ClusterError
-        If there is no scheduler, it has no worker, or one cannot do the work.
+        If there is no scheduler, or it has no worker.
     """
 
     def __init__(self, settings: Settings) -> None:
         with needs_extra("cluster"):
-            import distributed
+            from distributed import Client
 
-        self._distributed = distributed
+        self._open = Client
         self._scheduler = settings.scheduler or ""
-        self._seconds = settings.cluster_seconds
         self._limits = (settings.task_seconds, settings.task_memory_bytes)
-        self._mark = settings.data_dir.absolute() / _MARK
+        self._mark = settings.data_dir.absolute() / "cluster" / version("modalmotion")
         make_folder(self._mark)
         self._lock = threading.Lock()
-        self._under_way: set[Future[Any]] = set()
-        self._is_open = True
-        self._client = self._connected()
+        self._connect(settings.cluster_seconds)
 
     @property
     def n_workers(self) -> int:
@@ -74,38 +69,22 @@ class DaskEngine(Engine):
         workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
         return max(1, sum(int(one["nthreads"]) for one in workers))
 
-    @property
-    def n_waiting(self) -> Mapping[str, int]:
-        """Tasks beyond those that all workers do at once."""
-        return {"short": 0, "long": max(0, len(self._under_way) - self.n_workers)}
-
-    @property
-    def are_parsers_confined(self) -> None:
-        """Workers on other machines know it of themselves."""
-        return
-
     def require_ready(self) -> None:
-        """Raise ClusterError while there is no scheduler, or no worker that can do the work."""
-        self._require_workers(self._reached(), READY_SECONDS)
+        """Raise ClusterError while there is no scheduler, or no worker."""
+        self._executor_now()
+        self._require_workers(READY_SECONDS)
 
     def submit_for(
         self, terms: Terms, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs
     ) -> Future[T]:
         """Run a task on some worker."""
-        if not self._is_open:
-            raise RuntimeError("The executor takes no more tasks.")
         future: Future[T] = Future()
+        payload = pickle.dumps((fn, args, kwargs))
         try:
-            executor = self._reached().get_executor(pure=False, retries=_ATTEMPTS - 1)
-            work = executor.submit(
-                work_here,
-                *(payload_of(terms, fn, args, kwargs), terms),
-                *(self._limits, self._mark, version("modalmotion")),
-            )
+            work = self._executor_now().submit(work_here, payload, terms, self._limits, self._mark)
         except ClusterError as error:
             future.set_exception(error)
             return future
-        self._under_way.add(future)
 
         def settle(done: Future[bytes]) -> None:
             with contextlib.suppress(InvalidStateError):
@@ -115,102 +94,64 @@ class DaskEngine(Engine):
                     return
                 try:
                     future.set_result(from_bytes(done.result(), result_type(fn)))
-                except AnswerError:
-                    future.set_exception(unreadable_answer())
                 except BaseException as error:  # noqa: BLE001 (it is the task's)
                     future.set_exception(error)
 
-        def forget(_: Future[T]) -> None:
-            self._under_way.discard(future)
-            if future.cancelled():
-                work.cancel()
-
-        future.add_done_callback(forget)
+        future.add_done_callback(lambda _: future.cancelled() and work.cancel())
         work.add_done_callback(settle)
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Take no more tasks; finish those under way, or give them up if asked to."""
-        self._is_open = False
-        for future in list(self._under_way):
-            if cancel_futures or not wait:
-                future.cancel()
-            else:
-                with contextlib.suppress(BaseException):
-                    future.result()
+        self._executor.shutdown(wait=wait and not cancel_futures)
         self._client.close()
 
-    def _reached(self) -> Any:
-        """Give the client, a new one where the scheduler was lost and is back."""
+    def _executor_now(self) -> Any:
+        """Give the executor, of a new client where the scheduler was lost and is back."""
         with self._lock:
             if self._client.status != "running":
-                with contextlib.suppress(TimeoutError, OSError):
-                    self._client.close(timeout=1)
-                self._client = self._connected(READY_SECONDS)
-            return self._client
+                self._connect(READY_SECONDS)
+            return self._executor
 
-    def _connected(self, seconds: float | None = None) -> Any:
-        seconds = self._seconds if seconds is None else seconds
+    def _connect(self, seconds: float) -> None:
         try:
-            client = self._distributed.Client(
-                self._scheduler, set_as_default=False, timeout=seconds
-            )
+            self._client = self._open(self._scheduler, set_as_default=False, timeout=seconds)
         except (OSError, ValueError) as error:
-            raise ClusterError(
-                f"There is no scheduler at '{self._scheduler}': {error}.",
-                remedy="Start it, or correct MODALMOTION_SCHEDULER.",
-            ) from error
-        try:
-            self._require_workers(client, seconds)
-        except BaseException:
-            client.close()
-            raise
-        return client
+            raise self._is_lost() from error
+        self._executor = self._client.get_executor(pure=False, retries=_RETRIES)
+        self._require_workers(seconds)
 
-    def _require_workers(self, client: Any, seconds: float) -> None:
+    def _require_workers(self, seconds: float) -> None:
         try:
-            client.wait_for_workers(1, timeout=seconds)
+            self._client.wait_for_workers(1, timeout=seconds)
         except (OSError, ValueError) as error:
-            raise ClusterError(
-                f"The scheduler at '{self._scheduler}' has no workers.",
-                remedy="Start workers at this address, as docs/operations.md has it.",
-            ) from error
+            raise self._is_lost() from error
 
     def _is_lost(self) -> ClusterError:
         return ClusterError(
-            f"The scheduler at '{self._scheduler}' cannot be reached, or gave the work up.",
-            remedy="Try again soon; an operator should look after the scheduler and its workers.",
+            f"The scheduler at '{self._scheduler}' cannot be reached, has no workers, or gave the "
+            "work up.",
+            remedy="Try again soon; an operator should look after the scheduler, its workers and "
+            "MODALMOTION_SCHEDULER.",
         )
 
 
-def work_here(payload: bytes, terms: Terms, limits: Limits, mark: Path, expected: str) -> bytes:
+def work_here(payload: bytes, terms: Terms, limits: tuple[float, int], mark: Path) -> bytes:
     """Do a task in a pool of this Dask worker; gives its answer, be it an error."""
-    try:
-        _require_here(mark, expected)
-        return _pool(*limits).submit_for(terms, run_payload, payload).result()
-    except BaseException as error:  # noqa: BLE001 (whatever it is, whoever waits is told)
-        return error_to_bytes(error)
+    return answer_of(_in_pool, (payload, terms, limits, mark), {})
 
 
-def _require_here(mark: Path, expected: str) -> None:
-    """Raise ClusterError on a machine where work could not be done rightly."""
-    if (here := version("modalmotion")) != expected:
-        raise ClusterError(
-            f"A worker runs modalmotion {here}, and {expected} sends work.",
-            remedy="Run the same version (image) everywhere: results could differ.",
-        )
-    if not mark.is_dir():
-        raise ClusterError(
-            f"A worker does not see the data folder '{mark.parent}'.",
-            remedy="Mount the same volume under the same path for the service and each worker.",
-        )
-
-
-def _pool(seconds: float, memory_bytes: int) -> WorkerPool:
+def _in_pool(payload: bytes, terms: Terms, limits: tuple[float, int], mark: Path) -> Any:
     from distributed import get_worker
 
+    if not (mark.is_dir() and mark.name == version("modalmotion")):
+        raise ClusterError(
+            f"A worker does not see the data folder '{mark.parents[1]}', or does not run "
+            f"modalmotion {mark.name}.",
+            remedy="Run the same image everywhere, with the same volume under the same path.",
+        )
     with _making:
-        if (seconds, memory_bytes) not in _pools:
-            n_threads = get_worker().state.nthreads
-            _pools[seconds, memory_bytes] = WorkerPool(n_threads, seconds, memory_bytes)
-        return _pools[seconds, memory_bytes]
+        if limits not in _pools:
+            _pools[limits] = WorkerPool(get_worker().state.nthreads, *limits)
+    function, args, kwargs = pickle.loads(payload)  # noqa: S301 (sent by our own service)
+    return _pools[limits].submit_for(terms, function, *args, **kwargs).result()

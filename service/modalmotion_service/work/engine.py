@@ -1,25 +1,25 @@
-"""Where work is done, behind the standard `Executor`, and whose work it is.
+"""Where work is done, behind the standard `Executor`, and whose turn it is.
 
-Workers serve all owners, and what is computed once for one would be there sooner for the next: from
-the time of an answer one could tell whether another had sent the same surface.
+Tasks wait for a process in two lanes, short work and all other, and owners take turns.
 """
 
 from __future__ import annotations
 
-import inspect
 import math
-import pickle
-import sys
+import threading
+import time
 from abc import abstractmethod
+from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass
-from typing import Any, Final, ParamSpec, TypeVar
-
-from modalmotion_service.work.answers import to_bytes
+from dataclasses import dataclass, replace
+from typing import Any, Final, Generic, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 T = TypeVar("T")
+
+PREFIX: Final = 8
+"""Bytes of the length before a request and an answer, little-endian."""
 
 READY_SECONDS: Final = 2.0
 """In which a process that does nothing must say that it is there."""
@@ -72,14 +72,12 @@ class Engine(Executor):
         """Tasks that run at the same time."""
 
     @property
-    @abstractmethod
     def n_waiting(self) -> Mapping[str, int]:
-        """Tasks that wait for a process, by lane: `short` and `long`."""
+        """Tasks that wait for a process, by lane: `short` and `long`; none where others know."""
+        return {}
 
-    @property
-    @abstractmethod
-    def are_parsers_confined(self) -> bool | None:
-        """Whether its workers confine what parses HDF5 and VTK; None if only they know."""
+    are_parsers_confined: bool | None = None
+    """Whether its workers confine what parses HDF5 and VTK; None if only they know."""
 
     @abstractmethod
     def require_ready(self) -> None:
@@ -96,52 +94,188 @@ class Engine(Executor):
         return self.submit_for(NO_TERMS, fn, *args, **kwargs)
 
 
-# Of the program itself, or by paths, which are in one owner's folder.
-_OF_NOBODY: Final = frozenset({"_load_shipped", "_reader", "result_type"})
+SHORT_SECONDS: Final = 0.1
+"""Price of the dearest task that is short work."""
 
-_served: list[str] = []
+LANE_SECONDS: Final = 0.5
+"""What the process that is there for short work spends on a task before it gives it up."""
 
-
-def serve(owner: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
-    """Do a task for an owner, in a worker, which first forgets what it knows of others."""
-    # All formats, which the processes that only hand tasks on do without.
-    from modalmotion_service.work.upload import end_parser
-
-    if _served and _served[-1] != owner:
-        for cache in remembering():
-            cache.cache_clear()
-        end_parser()
-    _served[:] = [owner]
-    return function(*args, **kwargs)
+DISTRUST_SECONDS: Final = 60.0
+"""After a task that has outlived the lane, its owner's next ones are all long work for so long."""
 
 
-def remembering() -> list[Any]:
-    """List the caches of our modules whose keys a user's data may have a part in."""
-    ours = ("modalmotion", "modalmotion_service")
-    modules = [one for name, one in list(sys.modules.items()) if name.partition(".")[0] in ours]
-    values = [value for module in modules for value in list(vars(module).values())]
-    return [value for value in values if hasattr(value, "cache_clear") and _depends(value)]
+@dataclass(eq=False)
+class Task:
+    """A task on its way through a pool.
 
-
-def _depends(cache: Any) -> bool:
-    function = cache.__wrapped__
-    return bool(inspect.signature(function).parameters) and function.__name__ not in _OF_NOBODY
-
-
-def payload_of(terms: Terms, function: Callable[..., Any], args: Any, kwargs: Any) -> bytes:
-    """Write a task, as one that says whose work it is where it is somebody's."""
-    if terms.owner:
-        function, args = serve, (terms.owner, function, *args)
-    return pickle.dumps((function, args, kwargs))
-
-
-def run_payload(payload: bytes) -> bytes:
-    """Run a task in a disposable process, which imports no more than the task needs.
-
-    Returns
-    -------
-    bytes
-        The result, as `modalmotion_service.work.answers` writes it.
+    Parameters
+    ----------
+    future : Future
+    function : callable
+    request : callable
+        Makes what its process is sent.
+    attempts : int
+        How often it may still be tried.
+    seconds : float
+        After which it is ended.
+    terms : Terms
     """
-    function, args, kwargs = pickle.loads(payload)  # noqa: S301 (sent by our own service)
-    return to_bytes(function(*args, **kwargs))
+
+    future: Future[Any]
+    function: Callable[..., Any]
+    request: Callable[[], bytes]
+    attempts: int
+    seconds: float
+    terms: Terms = NO_TERMS
+
+    @property
+    def looks_short(self) -> bool:
+        """Whether it has a price; the rest is not for the lane to give up."""
+        return self.terms.price < math.inf
+
+
+class Lanes:
+    """Tasks that wait, for any number of threads that take them.
+
+    A worker takes whatever waits, long work first; the lane's own process takes short work alone.
+    So short work never waits for long work to end, and where nothing long waits all processes
+    do short work.
+    """
+
+    def __init__(self) -> None:
+        lock = threading.Lock()
+        self._queues = {name: FairQueue[Task](_is_wanted) for name in ("short", "long")}
+        # Who waits for what: a task wakes one thread, and one that may take it.
+        self._of_workers = threading.Condition(lock)
+        self._of_lane = threading.Condition(lock)
+        self._idle = {False: 0, True: 0}
+        self._distrusted: dict[str, float] = {}
+        self._is_open = True
+
+    def put(self, task: Task) -> bool:
+        """Append a task; False if no more are taken."""
+        with self._of_workers:
+            if self._is_open:
+                self._append(task)
+            return self._is_open
+
+    def put_back(self, task: Task) -> None:
+        """Append a task that has outlived the lane to the long ones, or give it up at the end."""
+        terms = replace(task.terms, price=10 * LANE_SECONDS)
+        self._distrusted[terms.owner] = time.monotonic() + DISTRUST_SECONDS
+        if not self.put(replace(task, terms=terms)):
+            task.future.cancel()
+
+    def take(self, *, is_lane: bool) -> Task | None:
+        """Wait for a task; None when there will be no more."""
+        condition = self._of_lane if is_lane else self._of_workers
+        queues = ("short",) if is_lane else ("long", "short")
+        with condition:
+            while True:
+                for name in queues:
+                    if (task := self._queues[name].take()) is not None:
+                        return task
+                if not self._is_open:
+                    return None
+                self._idle[is_lane] += 1
+                condition.wait()
+
+    def close(self, *, give_up: bool) -> list[Task]:
+        """Take no more tasks; gives those that wait, if they are given up."""
+        left: list[Task] = []
+        with self._of_workers:
+            self._is_open = False
+            for queue in self._queues.values() if give_up else ():
+                left += queue.clear()
+            self._of_workers.notify_all()
+            self._of_lane.notify_all()
+        return left
+
+    @property
+    def lengths(self) -> Mapping[str, int]:
+        """Tasks that wait, by lane."""
+        with self._of_workers:
+            return {name: len(queue) for name, queue in self._queues.items()}
+
+    def _append(self, task: Task) -> None:
+        owner, price = task.terms.owner, task.terms.price
+        is_trusted = self._distrusted.get(owner, 0.0) <= time.monotonic()
+        is_short = is_trusted and price <= SHORT_SECONDS
+        self._queues["short" if is_short else "long"].put(task, owner, price)
+        # A worker that is idle before the lane, which can leave long work where it is.
+        if self._idle[False]:
+            self._idle[False] -= 1
+            self._of_workers.notify()
+        elif is_short and self._idle[True]:
+            self._idle[True] -= 1
+            self._of_lane.notify()
+
+
+def _is_wanted(task: Task) -> bool:
+    return not task.future.cancelled()
+
+
+# A task costs a turn however short it is, and no more than the longest that there may be.
+_LEAST: Final = 1e-3
+_MOST: Final = 300.0
+
+
+class FairQueue(Generic[T]):
+    """First come, first served for each owner; between owners, whoever has had least.
+
+    Each owner has a clock, which their tasks advance by their prices as they are taken, and the
+    owner whose clock is furthest behind is next (start-time fair queueing: Goyal, Vin and Cheng,
+    1996). With equal prices this is round robin. Whoever was away starts with the others' time:
+    nobody saves turns up.
+
+    Parameters
+    ----------
+    is_wanted : callable
+        Of an item whose turn has come: one that is not is dropped, and costs its owner nothing.
+    """
+
+    def __init__(self, is_wanted: Callable[[T], bool]) -> None:
+        self._is_wanted = is_wanted
+        self._waiting: dict[str, deque[tuple[float, T]]] = {}
+        self._clocks: dict[str, float] = {}
+        self._now = 0.0
+
+    def put(self, item: T, owner: str, price: float) -> None:
+        """Append an item to those of its owner; `price` in s."""
+        if owner not in self._waiting:
+            self._waiting[owner] = deque()
+            self._clocks[owner] = max(self._clocks.get(owner, 0.0), self._now)
+        self._waiting[owner].append((min(max(price, _LEAST), _MOST), item))
+
+    def take(self) -> T | None:
+        """Take the next item that is wanted; None if there is none."""
+        while self._waiting:
+            owner = min(self._waiting, key=self._clocks.__getitem__)
+            price, item = self._waiting[owner].popleft()
+            is_wanted = self._is_wanted(item)
+            if is_wanted:
+                self._now = self._clocks[owner]
+                self._clocks[owner] += price
+            if not self._waiting[owner]:
+                del self._waiting[owner]
+                self._forget()
+            if is_wanted:
+                return item
+        return None
+
+    def clear(self) -> list[T]:
+        """Take all that is left, wanted or not."""
+        left = [item for queue in self._waiting.values() for _, item in queue]
+        self._waiting.clear()
+        return left
+
+    def __len__(self) -> int:
+        return sum(map(len, self._waiting.values()))
+
+    def _forget(self) -> None:
+        # Those who have nothing here and are not ahead start anew as anybody does.
+        self._clocks = {
+            owner: clock
+            for owner, clock in self._clocks.items()
+            if owner in self._waiting or clock > self._now
+        }

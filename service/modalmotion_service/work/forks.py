@@ -3,6 +3,11 @@
 A worker starts at once, and inherits no lock, socket or database connection. Nothing is believed of
 this process: it has a deadline for every answer, and one that is stopped or gone is begun anew.
 A server that starts imports what both need and forks it, before it opens anything itself.
+
+Of a worker nothing is believed but its end of a socket: it is alive while that is open. No wait for
+it is without end: the answer ends it, the end of the process, or a look at it twice a second, which
+knows the task's deadline and means, whether a signal has stopped the process, and whether anybody
+still wants the task.
 """
 
 from __future__ import annotations
@@ -10,15 +15,20 @@ from __future__ import annotations
 import contextlib
 import gc
 import json
+import math
 import os
+import select
 import signal
 import socket
 import sys
 import threading
 import time
+from collections.abc import Callable
 from importlib import import_module
 from multiprocessing import util
 from typing import Any, Final
+
+from modalmotion_service.work.engine import PREFIX
 
 # Of SciPy what the tasks use, which they import where they use it: a parser that is confined can
 # open no file any more, and the first task is to be as quick as the next.
@@ -27,7 +37,7 @@ PRELOADED: Final = [
     *("scipy.sparse.csgraph", "scipy.sparse.linalg", "scipy.spatial.transform", "scipy.special"),
     *(
         f"modalmotion_service.work.tasks.{name}"
-        for name in ("sequences", "signatures", "derived", "classification", "tracks")
+        for name in ("sequences", "signatures", "classification", "tracks")
     ),
     "modalmotion_service.work.worker",
 ]
@@ -166,6 +176,201 @@ def told(pid: int, name: str) -> bytes:
             os.close(file)
     except OSError:
         return b""
+
+
+# For a process to say that it is there.
+_START_SECONDS: Final = 60.0
+
+# Between two looks at a process that is waited for, and between two when it has little left.
+_LOOK_SECONDS: Final = 0.5
+_LEAST_LOOK_SECONDS: Final = 0.02
+
+# Of a long answer at a time.
+_PIECE: Final = 1 << 20
+
+
+class ProcessLostError(Exception):
+    """A process ended, or could not be begun."""
+
+
+class DeadlineError(Exception):
+    """A process was not done in time."""
+
+
+class SpentError(Exception):
+    """A process has taken the processor time that it may take."""
+
+
+class UnwantedError(Exception):
+    """Nobody waits for the answer any more."""
+
+
+class WorkerProcess:
+    """One worker process, and the socket that leads to it.
+
+    Parameters
+    ----------
+    memory_bytes : int
+        Its address space.
+    is_batch : bool
+        Whether it leaves a core to what wakes up.
+
+    Raises
+    ------
+    ProcessLostError
+        If it cannot be begun.
+    """
+
+    def __init__(self, memory_bytes: int, *, is_batch: bool = False) -> None:
+        self._limit(_START_SECONDS)
+        self._socket, theirs = socket.socketpair()
+        self.pid = 0
+        try:
+            with theirs:
+                self.pid = FORKS.fork(theirs, memory_bytes, is_batch)
+            self._socket.setblocking(False)
+            self._receive(self._receive_length())
+        except (OSError, ValueError, DeadlineError, ProcessLostError) as error:
+            self.end()
+            raise ProcessLostError(f"no process: {type(error).__name__}: {error}") from error
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether its end of the socket is open."""
+        return self._said() != b""
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether it is alive and has said nothing that would be taken for the next answer."""
+        return self._said() is None
+
+    @property
+    def is_stopped(self) -> bool:
+        """Whether a signal has stopped it or its parser: it will do nothing until another one."""
+        forks, parsers = self._children()
+        return any(map(is_stopped, (self.pid, *forks, *parsers)))
+
+    def exchange(
+        self,
+        request: bytes,
+        seconds: float,
+        processor_seconds: float = math.inf,
+        is_wanted: Callable[[], bool] = lambda: True,
+    ) -> bytes:
+        """Send a request and wait for the answer.
+
+        Raises
+        ------
+        ProcessLostError
+            If the process ends before it has answered, or is stopped.
+        DeadlineError
+            If it has not answered in time.
+        SpentError
+            If it has taken so much processor time before it has answered.
+        UnwantedError
+            If nobody wants the answer any more.
+        """
+        self._limit(seconds, self._spent() + processor_seconds, is_wanted)
+        left = memoryview(len(request).to_bytes(PREFIX, "little") + request)
+        try:
+            while left:
+                self._wait(select.POLLOUT)
+                left = left[self._socket.send(left) :]
+            return self._receive(self._receive_length())
+        except OSError as error:
+            raise ProcessLostError("its connection broke") from error
+
+    def end(self) -> None:
+        """End it, whatever it does."""
+        self.kill()
+        self._socket.close()
+
+    def kill(self) -> None:
+        """Have the system end it."""
+        # While its end of the socket is open the number is its own and nobody else's.
+        if self.pid and self.is_alive:
+            with contextlib.suppress(OSError):
+                os.kill(self.pid, signal.SIGKILL)
+
+    def _said(self) -> bytes | None:
+        """Give the next byte, and leave it there; None if there is none yet, b"" if none comes."""
+        try:
+            return self._socket.recv(1, socket.MSG_PEEK)
+        except BlockingIOError:
+            return None
+        except OSError:
+            return b""
+
+    def _children(self) -> tuple[list[int], list[int]]:
+        """Give the process that forks its parsers, and the one parser that lives."""
+        forks = _children(self.pid)
+        return forks, [parser for fork in forks for parser in _children(fork)]
+
+    def _spent(self) -> float:
+        """Processor time that it and its parsers have taken so far, in s."""
+        forks, parsers = self._children()
+        living = sum(map(_processor_clock, (self.pid, *forks, *parsers)))
+        return living + sum(map(_spent_by_children, forks))
+
+    def _limit(
+        self,
+        seconds: float,
+        most_clock: float = math.inf,
+        is_wanted: Callable[[], bool] = lambda: True,
+    ) -> None:
+        self._deadline = time.monotonic() + seconds
+        self._most_clock, self._is_wanted = most_clock, is_wanted
+
+    def _receive_length(self) -> int:
+        return int.from_bytes(self._receive(PREFIX), "little")
+
+    def _receive(self, length: int) -> bytes:
+        data = bytearray()
+        while len(data) < length:
+            self._wait(select.POLLIN)
+            piece = self._socket.recv(min(_PIECE, length - len(data)))
+            if not piece:
+                raise ProcessLostError("it ended")
+            data += piece
+        return bytes(data)
+
+    def _wait(self, event: int) -> None:
+        poll = select.poll()
+        poll.register(self._socket, event)
+        was_stopped, next_look = False, _LOOK_SECONDS
+        while (left := self._deadline - time.monotonic()) > 0:
+            if poll.poll(1e3 * min(left, next_look)):
+                return
+            if not self._is_wanted():
+                raise UnwantedError
+            # Seen twice: whoever stops a process for a moment only looks at it.
+            if (is_stopped_now := self.is_stopped) and was_stopped:
+                raise ProcessLostError("it was stopped")
+            was_stopped = is_stopped_now
+            if self._most_clock < math.inf:
+                if (means := self._most_clock - self._spent()) <= 0:
+                    raise SpentError
+                next_look = min(_LOOK_SECONDS, max(means, _LEAST_LOOK_SECONDS))
+        raise DeadlineError
+
+
+def _children(pid: int) -> list[int]:
+    return [*map(int, told(pid, f"task/{pid}/children").split())] if pid else []
+
+
+def _spent_by_children(pid: int) -> float:
+    """Processor time of the children of a process that have ended, in s."""
+    fields = told(pid, "stat").rpartition(b")")[2].split()
+    return (int(fields[13]) + int(fields[14])) / os.sysconf("SC_CLK_TCK") if fields else 0.0
+
+
+def _processor_clock(pid: int) -> float:
+    """Processor time of a process so far, in s; 0 where the system does not tell."""
+    try:
+        # As clock_getcpuclockid(3) of Linux makes the number of a process's clock.
+        return time.clock_gettime((~pid << 3) | 2)
+    except OSError:
+        return 0.0
 
 
 def serve(place: int) -> None:

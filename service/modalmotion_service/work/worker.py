@@ -1,6 +1,7 @@
 """What runs in a worker: it answers requests until its socket closes.
 
-An empty request asks whether it is there.
+Workers serve all owners, and what is computed once for one would be there sooner for the next: from
+the time of an answer one could tell whether another had sent the same surface.
 """
 
 from __future__ import annotations
@@ -8,16 +9,20 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import gc
+import inspect
 import os
 import pickle
 import resource
 import select
 import socket
+import sys
 import threading
-from typing import Final
+from collections.abc import Callable
+from typing import Any, Final
 
 from modalmotion_service.work.answers import answer_of
-from modalmotion_service.work.upload import begin_parsers
+from modalmotion_service.work.engine import PREFIX, Terms
+from modalmotion_service.work.upload import begin_parsers, end_parser
 
 # Of mallopt(3). The C library of the GNU project gives freed memory back to the system above
 # 128 KiB, and takes it back page by page: 900 page faults for each signature of 1 MB in a worker,
@@ -51,11 +56,6 @@ def keep_freed_memory(kept_bytes: int, *, in_one: bool = False) -> None:
     gc.freeze()
 
 
-PREFIX: Final = 8
-"""Bytes of the length before a request and an answer, little-endian."""
-FIRST_PIECE: Final = 1 << 16
-"""Of an answer at a time: most are whole in the first piece."""
-
 # Freed memory that a worker keeps: a signature of 1 MB needs 4 MB for a moment.
 _KEPT_BYTES: Final = 8 << 20
 
@@ -83,27 +83,22 @@ def work(ours: socket.socket, memory_bytes: int, is_batch: bool) -> None:
     answer(ours, b"")
     is_begun = False
     while prefix := ours.recv(PREFIX, socket.MSG_WAITALL):
-        if not (length := int.from_bytes(prefix, "little")):
-            answer(ours, answer_of(os.getpid, (), {}))
-            continue
         if not is_begun:
             # With the first task, before anything of it is read, and before there are threads.
             begin_parsers()
             threading.Thread(target=_end_with_server, args=[ours], daemon=True).start()
             is_begun = True
         # From our own server: only answers come from where strangers' files are read.
-        function, args, kwargs = pickle.loads(ours.recv(length, socket.MSG_WAITALL))  # noqa: S301
+        request = ours.recv(int.from_bytes(prefix, "little"), socket.MSG_WAITALL)
+        function, args, kwargs = pickle.loads(request)  # noqa: S301
         answer(ours, answer_of(function, args, kwargs))
-        del function, args, kwargs
+        del request, function, args, kwargs
     os._exit(0)
 
 
 def answer(ours: socket.socket, data: bytes) -> None:
     """Send an answer."""
-    # Whoever waits wakes up for each piece.
-    ours.sendall(len(data).to_bytes(PREFIX, "little") + data[:FIRST_PIECE])
-    if rest := memoryview(data)[FIRST_PIECE:]:
-        ours.sendall(rest)
+    ours.sendall(len(data).to_bytes(PREFIX, "little") + data)
 
 
 def _end_with_server(ours: socket.socket) -> None:
@@ -113,3 +108,39 @@ def _end_with_server(ours: socket.socket) -> None:
     poll.register(ours, select.POLLRDHUP)
     poll.poll()
     os._exit(1)
+
+
+# Of the program itself, or by paths, which are in one owner's folder.
+_OF_NOBODY: Final = frozenset({"_load_shipped", "_reader", "result_type"})
+
+_served: list[str] = []
+
+
+def serve(owner: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+    """Do a task for an owner, in a worker, which first forgets what it knows of others."""
+    if _served and _served[-1] != owner:
+        for cache in remembering():
+            cache.cache_clear()
+        end_parser()
+    _served[:] = [owner]
+    return function(*args, **kwargs)
+
+
+def remembering() -> list[Any]:
+    """List the caches of our modules whose keys a user's data may have a part in."""
+    ours = ("modalmotion", "modalmotion_service")
+    modules = [one for name, one in list(sys.modules.items()) if name.partition(".")[0] in ours]
+    values = [value for module in modules for value in list(vars(module).values())]
+    return [value for value in values if hasattr(value, "cache_clear") and _depends(value)]
+
+
+def _depends(cache: Any) -> bool:
+    function = cache.__wrapped__
+    return bool(inspect.signature(function).parameters) and function.__name__ not in _OF_NOBODY
+
+
+def payload_of(terms: Terms, function: Callable[..., Any], args: Any, kwargs: Any) -> bytes:
+    """Write a task, as one that says whose work it is where it is somebody's."""
+    if terms.owner:
+        function, args = serve, (terms.owner, function, *args)
+    return pickle.dumps((function, args, kwargs))

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable, Hashable, Iterator, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager, contextmanager
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
 
@@ -15,7 +14,6 @@ from pydantic_core import from_json
 
 from modalmotion.errors import (
     LostFileError,
-    ModalMotionError,
     ModeCountError,
     NotFoundError,
     ParameterError,
@@ -40,73 +38,25 @@ T = TypeVar("T")
 A = TypeVar("A")
 
 
+def split_stage(milliseconds: Mapping[str, float]) -> None:
+    """Name parts of the time that a request has waited for a worker."""
+    add_milliseconds({**milliseconds, "worker": -sum(milliseconds.values())})
+
+
 def unheard(_share: float, _text: str = "") -> None:
     """Report progress to nobody."""
-
-
-class SharedWork:
-    """Work under way, by what it makes.
-
-    A request for a result that is being made waits for it. Work whose last waiter has gone
-    is cancelled.
-    """
-
-    def __init__(self) -> None:
-        self._under_way: dict[Hashable, tuple[asyncio.Task[Any], list[StageReport]]] = {}
-
-    async def join(
-        self,
-        key: Hashable,
-        make: Callable[[StageReport], Awaitable[T]],
-        report: StageReport = unheard,
-    ) -> T:
-        """Wait for the work of that key, begun now if nobody has.
-
-        Parameters
-        ----------
-        key : hashable
-        make : async function
-            Does the work; called with a function that tells all who wait how far it is.
-        report : callable
-            Called with the share that is done, and with what is done now.
-        """
-        if key not in self._under_way:
-            heard: list[StageReport] = []
-
-            def tell(share: float, text: str = "") -> None:
-                for waiter in heard:
-                    waiter(share, text)
-
-            begun = asyncio.ensure_future(make(tell))
-            self._under_way[key] = begun, heard
-            # From then on the result is in the store: the next request finds it there.
-            begun.add_done_callback(partial(self._forget, key))
-        task, waiters = self._under_way[key]
-        waiters.append(report)
-        try:
-            # The shield lets one waiter go without taking the work from the others.
-            return await asyncio.shield(task)
-        except asyncio.CancelledError:
-            if len(waiters) == 1 and not task.done():
-                # Whoever asks now begins anew.
-                self._forget(key, task)
-                task.cancel()
-                await asyncio.wait([task])
-            raise
-        finally:
-            waiters.remove(report)
-
-    def _forget(self, key: Hashable, task: asyncio.Task[Any]) -> None:
-        if key in self._under_way and self._under_way[key][0] is task:
-            del self._under_way[key]
 
 
 P = ParamSpec("P")
 
 
+USUAL: Final = SignatureParameters()
+"""Parameters of the signature that a sequence has unasked."""
+
+
 @dataclass(eq=False)
-class OwnerWork:
-    """Has workers do tasks of one owner, each within its tariff.
+class Analysis:
+    """Has workers do tasks of one owner, each within its tariff, and stores what they write.
 
     Parameters
     ----------
@@ -126,13 +76,18 @@ class OwnerWork:
     spool: Spool
     tariff: Tariff
     quota: Quota
-    shared_work: SharedWork = field(default_factory=SharedWork)
 
     async def work(self, task: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         """Have a worker do a task."""
         terms = self.tariff.terms(task, args)
-        # Cancelling the wait cancels the future, and with it ends the worker's process.
-        return await asyncio.wrap_future(self.engine.run(terms, task, *args, **kwargs))
+        with stage("worker"):
+            # Cancelling the wait cancels the future, and with it ends the worker's process.
+            return await asyncio.wrap_future(self.engine.run(terms, task, *args, **kwargs))
+
+    async def stored(self, put: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+        """Have the store do something."""
+        with stage("store"):
+            return await asyncio.to_thread(put, *args, **kwargs)
 
     async def followed(self, report: StageReport, task: Callable[..., T], *args: Any) -> T:
         """Have a worker do a task whose last argument is a `ProgressFile`; report what it tells."""
@@ -142,9 +97,9 @@ class OwnerWork:
         finally:
             remove_with_beside(progress)
 
-    async def written(self, what: str, task: Callable[..., object], *args: Any) -> Path:
-        """Have a worker write a file, which a task names last; gives it. `what` is the stage."""
-        with self.output() as output, stage(what):
+    async def written(self, task: Callable[..., object], *args: Any) -> Path:
+        """Have a worker write a file, which a task names last; gives it."""
+        with self.output() as output:
             await self.work(task, *args, output)
         return output
 
@@ -155,9 +110,8 @@ class OwnerWork:
 
         They are those of the request; the rest is given.
         """
-        with stage("worker"):
-            *found, milliseconds = await self.followed(report, task, *args)
-            add_milliseconds(milliseconds)
+        *found, milliseconds = await self.followed(report, task, *args)
+        split_stage(milliseconds)
         return found
 
     async def each(
@@ -172,33 +126,24 @@ class OwnerWork:
         ----------
         items : sequence
         work : async function
-            What fails with an error of ours lets none begin after it; those under way are finished.
+            The first that fails ends the others.
         told : callable
             Called with the number that is done, and that of all.
         """
         done: dict[int, T] = {}
-        failures: list[ModalMotionError] = []
         waiting = iter(enumerate(items))
 
         async def take() -> None:
             for number, item in waiting:
-                try:
-                    done[number] = await work(item)
-                except ModalMotionError as error:
-                    failures.append(error)
-                if failures:
-                    return
+                done[number] = await work(item)
                 told(len(done), len(items))
 
-        takers = [asyncio.ensure_future(take()) for _ in range(self.engine.n_workers)]
         try:
-            await asyncio.gather(*takers)
-        finally:
-            for taker in takers:
-                taker.cancel()
-            await asyncio.wait(takers)
-        if failures:
-            raise failures[0]
+            async with asyncio.TaskGroup() as takers:
+                for _ in range(self.engine.n_workers):
+                    takers.create_task(take())
+        except BaseExceptionGroup as failed:
+            raise failed.exceptions[0] from None
         return [done[number] for number in range(len(items))]
 
     @contextmanager
@@ -240,14 +185,6 @@ class OwnerWork:
             return None
         return self.store.template_path(parameters.template)
 
-
-USUAL: Final = SignatureParameters()
-"""Parameters of the signature that a sequence has unasked."""
-
-
-class Analysis(OwnerWork):
-    """Makes each signature once, however many requests want it at the same time."""
-
     def resolved(
         self, sequence_id: str, parameters: SignatureParameters
     ) -> tuple[SignatureParameters, Facts]:
@@ -271,18 +208,14 @@ class Analysis(OwnerWork):
         """
         parameters, _ = self.resolved(sequence_id, parameters)
 
-        async def make(tell: StageReport) -> Path:
-            with self.image() as image:
-                await self._sign(sequence_id, parameters, image, tell)
-                with stage("store"):
-                    return await asyncio.to_thread(
-                        self.store.put_signature_image, image, sequence_id, parameters.key
-                    )
-
         path = await asyncio.to_thread(self.store.sound_signature_path, sequence_id, parameters.key)
-        if path is not None:
-            return path
-        return await self.shared_work.join((sequence_id, parameters.key), make, report)
+        if path is None:
+            with self.image() as image:
+                await self._sign(sequence_id, parameters, image, report)
+                path = await self.stored(
+                    self.store.put_signature_image, image, sequence_id, parameters.key
+                )
+        return path
 
     @asynccontextmanager
     async def fitted(
@@ -334,8 +267,7 @@ class Analysis(OwnerWork):
         if path is None:
             raise _lost(sequence_id)
         file = path.relative_to(self.store.root).as_posix()
-        with stage("render"):
-            text = await self.work(signatures.render, path, f"{sequence_id}-{key}", file)
+        text = await self.work(signatures.render, path, f"{sequence_id}-{key}", file)
         await asyncio.to_thread(self.store.keep_rendered, sequence_id, key, text)
         return text
 

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final, Protocol
 
 from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
@@ -151,31 +150,21 @@ class Report(Protocol):
         """Note the share that is done, 0 to 1, and in words what is done now."""
 
 
-Do = Callable[[Job, Report], Awaitable[Any]]
-Settle = Callable[[Job, Any], Awaitable[None]]
+Ending = Callable[[Any], Awaitable[None]]
 
 
 class JobRunner:
-    """Runs the jobs of one owner.
+    """Runs the jobs of one owner; what they do is said by the class below it.
 
     Parameters
     ----------
     jobs : Jobs
-    do : async function
-        Of a job and of a function that reports progress; it gives the result, a JSON value.
-    clean_up : callable
-        Removes what is stored for a job's work, by its request, once the job is finished.
     n_at_once : int
     most_unfinished : int
         Queued and running jobs beyond so many are refused.
     apart : dict
         Number at once of kinds that run in places of their own: hours of one kind should not
         keep the others waiting.
-    settle : dict
-        For kinds that begin with something which goes in the end: an async function of job and
-        result. The result is noted before, and a job that is taken up again goes on from it.
-    require_store : callable
-        Raises StoreError while nothing can be written where the jobs' files are.
     retry_seconds : float
         How long a job is tried again and again after faults that may pass.
     """
@@ -183,26 +172,35 @@ class JobRunner:
     def __init__(
         self,
         jobs: Jobs,
-        do: Do,
-        clean_up: Callable[[Any], None],
         n_at_once: int,
         most_unfinished: int,
-        apart: Mapping[str, int] = MappingProxyType({}),
-        settle: Mapping[str, Settle] = MappingProxyType({}),
-        require_store: Callable[[], None] = lambda: None,
+        apart: Mapping[str, int],
         retry_seconds: float = math.inf,
     ) -> None:
         self._jobs = jobs
-        self._do = do
-        self._clean_up = clean_up
         self._places = asyncio.Semaphore(n_at_once)
         self._apart = {kind: asyncio.Semaphore(n) for kind, n in apart.items()}
-        self._settle = settle
         self._texts: dict[str, str] = {}
         self._most = most_unfinished
-        self._require_store = require_store
         self._retry_seconds = retry_seconds
         self._tasks: dict[str, asyncio.Task[None]] = {}
+
+    async def do(self, job: Job, report: Report) -> Any:
+        """Do a job; gives its result, a JSON value."""
+        raise NotImplementedError
+
+    def ending(self, job: Job) -> Ending | None:  # noqa: ARG002 (for the class below it)
+        """Give what ends that which a job began with, called with its result.
+
+        The result is noted before, and a job that is taken up again goes on from it.
+        """
+        return None
+
+    def clean_up(self, request: Any) -> None:
+        """Remove what is stored for a job's work, by its request, once the job is finished."""
+
+    def require_store(self) -> None:
+        """Raise StoreError while nothing can be written where the jobs' files are."""
 
     async def resume(self) -> None:
         """Take up jobs that an earlier process left unfinished, or that this one lost track of."""
@@ -326,7 +324,7 @@ class JobRunner:
             return None
         # Cancelled by the client, and noted so; or by shutdown, to be taken up again.
         try:
-            await asyncio.to_thread(self._require_store)
+            await asyncio.to_thread(self.require_store)
             result = await self._result(job)
         except Exception as error:
             if not is_last and await self._may_pass(error):
@@ -355,7 +353,7 @@ class JobRunner:
             return False
         # While the store is away its files are missing, and a full disk may end a process.
         try:
-            await asyncio.to_thread(self._require_store)
+            await asyncio.to_thread(self.require_store)
         except StoreError:
             return True
         return False
@@ -378,19 +376,19 @@ class JobRunner:
 
     async def _result(self, job: Job) -> Any:
         """Do the work of a job, all but what an earlier try has done."""
-        if job.kind not in self._settle:
-            return await self._do(job, self._reporter(job))
+        if (end := self.ending(job)) is None:
+            return await self.do(job, self._reporter(job))
         result = (await asyncio.to_thread(self._jobs.get, job.id)).result
         if result is None:
-            result = await self._do(job, self._reporter(job))
+            result = await self.do(job, self._reporter(job))
             await self._note(job, result=result)
-        await self._settle[job.kind](job, result)
+        await end(result)
         return result
 
     def _remove_files(self, job: Job) -> None:
         """Remove what a finished job was kept for; what stays is removed at the next start."""
         try:
-            self._clean_up(job.request)
+            self.clean_up(job.request)
         except (StoreError, OSError) as error:
             logger.warning(
                 "a job's files stay", extra={"job": job.id, "error": type(error).__name__}

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import hmac
+import hashlib
 import json
-import secrets
 import threading
 import uuid
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -261,7 +260,6 @@ def _job(row: tuple[Any, ...]) -> Job:
 
 
 _TABLES_OF_KEYS: Final = (
-    "CREATE TABLE IF NOT EXISTS idempotency_secret (secret BLOB NOT NULL)",
     """CREATE TABLE IF NOT EXISTS idempotency (
         key TEXT PRIMARY KEY, fingerprint TEXT NOT NULL, status INTEGER, response TEXT,
         created TEXT NOT NULL
@@ -276,7 +274,6 @@ _TABLES_OF_KEYS: Final = (
 
 
 _PLACE: Final = "json_extract(response, '$.headers.location')"
-_KNOWN: Final = "SELECT fingerprint, status, response FROM idempotency WHERE key = ?"
 
 
 @dataclass(frozen=True)
@@ -313,7 +310,6 @@ class IdempotencyKeys:
         # What could not be written: an answer, or None for a key that is free again.
         self._late: dict[str, tuple[int, str] | None] = {}
         database.extend(_TABLES_OF_KEYS)
-        self._secret = self._secret_of_file()
 
     def claim(self, key: str, fingerprint: str) -> IdempotentRequest | None:
         """Take a key for a request that is about to be done.
@@ -323,7 +319,7 @@ class IdempotencyKeys:
         IdempotentRequest or None
             None if the key was free and is taken now; else the request that took it.
         """
-        name = self._digest(key)
+        name = _digest(key)
         self.settle()
         with self._database.write() as connection:
             done = connection.execute(
@@ -332,13 +328,11 @@ class IdempotencyKeys:
             )
             if done.rowcount == 1:
                 return None
-            return _request(connection.execute(_KNOWN, (name,)).fetchone())
-
-    def get(self, key: str) -> IdempotentRequest | None:
-        """Request that a key was taken with, None if it is free."""
-        name = self._digest(key)
-        rows = self._database.read(_KNOWN, (name,))
-        return _request(rows[0]) if rows else None
+            fingerprint, status, response = connection.execute(
+                "SELECT fingerprint, status, response FROM idempotency WHERE key = ?", (name,)
+            ).fetchone()
+        response = None if response is None else json.loads(response)
+        return IdempotentRequest(fingerprint, status, response)
 
     def complete(self, key: str, status: int, response: Any) -> None:
         """Store the answer, to be repeated.
@@ -349,13 +343,13 @@ class IdempotencyKeys:
             If it cannot be written now: it will be before anybody claims a key again.
         """
         with self._lock:
-            self._late[self._digest(key)] = (status, json.dumps(response))
+            self._late[_digest(key)] = (status, json.dumps(response))
         self.settle()
 
     def release(self, key: str) -> None:
         """Free a key whose request had no effect; StoreError as `complete`."""
         with self._lock:
-            self._late[self._digest(key)] = None
+            self._late[_digest(key)] = None
         self.settle()
 
     def settle(self) -> None:
@@ -412,45 +406,31 @@ class IdempotencyKeys:
                 (status, json.dumps(response), place, *below),
             ).rowcount
 
-    def forget_names(self, changed: Collection[str], *places: str) -> None:
-        """Have the answers of requests whose result is at these places have no old names.
+    def restate(self, values: Mapping[str, Any], *places: str) -> None:
+        """Have the answers of requests whose result is at these places state what is known now.
 
         Parameters
         ----------
-        changed : collection of str
-            Which of name, subject and label.
+        values : mapping of str to JSON value
+            Of name, subject, label and facts.
         *places : str
         """
-        kept = "json_extract(response, '$.body')"
-        names = "".join(f", '$.{of}{name}', NULL" for of in ("", "sequence.") for name in changed)
+        members = "".join(
+            f", '$.{of}{name}', json(?)" for of in ("", "sequence.") for name in values
+        )
         # As text again, for a value of SQLite's functions would be put in as an object.
         statement = (
-            f"UPDATE idempotency SET response = json_replace(response, '$.body', "  # noqa: S608
-            f"json_replace({kept}{names}) || '') WHERE {_PLACE} = ?"
+            "UPDATE idempotency SET response = json_replace(response, '$.body', "  # noqa: S608
+            f"json_replace(json_extract(response, '$.body'){members}) || '') WHERE {_PLACE} = ?"
         )
+        texts = [*map(json.dumps, values.values())] * 2
         with self._database.write(erases=True) as connection:
-            connection.executemany(statement, [(place,) for place in places])
-
-    def _secret_of_file(self) -> bytes:
-        """Give the secret that digests are keyed with, made where it is missing."""
-        rows = self._database.read("SELECT secret FROM idempotency_secret")
-        if rows:
-            return bytes(rows[0][0])
-        secret = secrets.token_bytes(32)
-        with self._database.write(erases=True) as connection:
-            connection.execute("INSERT INTO idempotency_secret VALUES (?)", (secret,))
-        return secret
-
-    def _digest(self, key: str) -> str:
-        # What the client chose may name a person.
-        return hmac.digest(self._secret, key.encode(), "sha256").hex()
+            connection.executemany(statement, [(*texts, place) for place in places])
 
 
-def _request(row: tuple[Any, ...]) -> IdempotentRequest:
-    fingerprint, status, response = row
-    return IdempotentRequest(
-        fingerprint, status, None if response is None else json.loads(response)
-    )
+def _digest(key: str) -> str:
+    # What the client chose may name a person.
+    return hashlib.sha256(key.encode()).hexdigest()
 
 
 def gone() -> tuple[int, dict[str, object]]:

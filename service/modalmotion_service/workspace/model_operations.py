@@ -13,26 +13,18 @@ from modalmotion.classification import TrainingOptions
 from modalmotion.classification.cases import LeftOut
 from modalmotion.classification.evaluation import CaseAnswer
 from modalmotion.errors import (
-    ModeCountError,
     NotFoundError,
     ParameterError,
     TopologyError,
     UnlikeCasesError,
 )
 from modalmotion.mesh.facts import Facts
-from modalmotion.modes.topology import MESH
 from modalmotion.norm import Norm, norm_from_hdf5
 from modalmotion.norm.training import parameters_of_controls
 from modalmotion.signature.making import SignatureParameters
 from modalmotion_service.errors import ConflictError
 from modalmotion_service.http.negotiation import CSV, JSON, PNG, attachment
-from modalmotion_service.schemas.queries import (
-    TRAINING,
-    DeviationOptions,
-    EvaluationOptions,
-    FeatureOptions,
-    NormOptions,
-)
+from modalmotion_service.schemas import queries
 from modalmotion_service.work.tasks import classification
 from modalmotion_service.work.tasks.classification import KeptRecording
 from modalmotion_service.workspace import models
@@ -46,7 +38,7 @@ _CLASSIFYING: Final = 0.95
 _FITTING: Final = 0.8
 
 
-@operation(query=TRAINING, is_apart=True)
+@operation(query=queries.TRAINING, is_apart=True)
 async def training(state: State, request: Request, report: Report) -> Outcome:
     """Train a model on the cases of a file."""
     cases = await asyncio.to_thread(read_cases, state.spool.at(request.file))
@@ -105,7 +97,7 @@ def require_known_classes(cases: Sequence[Case], model: models.ChosenModel) -> N
         )
 
 
-@operation(JSON, CSV, PNG, query=EvaluationOptions)
+@operation(JSON, CSV, PNG, query=queries.EvaluationOptions)
 async def evaluation(state: State, request: Request, report: Report) -> Outcome:
     """Test a model, or two beside each other, on labelled sequences.
 
@@ -163,7 +155,7 @@ def require_free_norm(state: State, name: str) -> None:
         )
 
 
-@operation(query=NormOptions)
+@operation(query=queries.NormOptions)
 async def norm(state: State, request: Request, report: Report) -> Outcome:
     """Make a norm of stored controls, and keep it."""
     query, cases, analysis = request.query, request.cases, state.analysis
@@ -193,7 +185,7 @@ async def norm(state: State, request: Request, report: Report) -> Outcome:
     return Outcome(b"", link=f"/v1/norms/{made.name}")
 
 
-@operation(query=DeviationOptions)
+@operation(query=queries.DeviationOptions)
 async def deviations(state: State, request: Request, report: Report) -> Outcome:
     """Compare stored sequences with a norm, each, and from five on together."""
     cases, store = request.cases, state.store
@@ -237,45 +229,31 @@ async def _recordings(
     return recordings
 
 
-@operation(JSON, CSV, query=FeatureOptions)
+@operation(JSON, CSV, query=queries.FeatureOptions)
 async def features(state: State, request: Request, report: Report) -> Outcome:
     """Write the features of many sequences as a table."""
-    options = request.query.options()
+    options, kind = request.query.options(), request.media_type
     leaves_out = request.query.on_error == "leave out"
     own = TrainingOptions(modes=options["modes"], topology=options["topology"]).signature_parameters
-    # As `feature_table` does it where the sequences are at hand.
-    attempts = [(own, False)]
-    if own.topology is None:
-        attempts.append((replace(own, topology=MESH), False))
-    if leaves_out:
-        attempts.append((own, True))
-    unlike: UnlikeCasesError | None = None
-    for number, (parameters, drops_unlike) in enumerate(attempts):
-        try:
-            paths = await fit_each(
-                *(state, request.cases, parameters, report, _FITTING),
-                leaves_out=leaves_out and number != 1,
-            )
-            report(_FITTING, "features")
-            pairs = zip(request.cases, paths, strict=True)
-            files = [case_file(case, path) for case, path in pairs if isinstance(path, Path)]
-            left_out = [path for path in paths if isinstance(path, LeftOut)]
-            on_error = "leave out" if drops_unlike else "raise"
-            with state.analysis.output() as output:
-                n_left_out = await state.analysis.work(
-                    classification.tabulate_features,
-                    files,
-                    options,
-                    on_error,
-                    left_out,
-                    request.media_type,
-                    output,
-                )
-            headers = {"Cases-Left-Out": str(n_left_out)}
-            return Outcome(output, request.media_type, headers=headers)
-        except UnlikeCasesError as error:
-            unlike = unlike or error
-        except (TopologyError, ModeCountError):
-            if unlike is None:
-                raise
-    raise unlike or UnlikeCasesError("The sequences do not compare.")
+
+    async def make(asked: SignatureParameters, on_error: str = "raise") -> Outcome:
+        # Spring modes are those of all, or of none.
+        is_own = asked.topology == own.topology
+        paths = await fit_each(
+            *(state, request.cases, asked, report, _FITTING), leaves_out=leaves_out and is_own
+        )
+        report(_FITTING, "features")
+        pairs = zip(request.cases, paths, strict=True)
+        files = [case_file(case, path) for case, path in pairs if isinstance(path, Path)]
+        left_out = [path for path in paths if isinstance(path, LeftOut)]
+        task = classification.tabulate_features
+        with state.analysis.output() as output:
+            n = await state.analysis.work(task, files, options, on_error, left_out, kind, output)
+        return Outcome(output, kind, headers={"Cases-Left-Out": str(n)})
+
+    try:
+        return await in_one_basis(make, own)
+    except UnlikeCasesError:
+        if not leaves_out:
+            raise
+        return await make(own, "leave out")

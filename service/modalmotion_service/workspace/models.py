@@ -28,7 +28,6 @@ from modalmotion.store import (
     parse_reference,
 )
 from modalmotion_service.errors import ConflictError
-from modalmotion_service.http.observation import stage
 from modalmotion_service.schemas.requests import ClassificationRequest
 from modalmotion_service.work.tasks.classification import name_class
 from modalmotion_service.workspace.analysis import unheard
@@ -170,32 +169,16 @@ async def classification(
     tracking = facts.tracking if model.name == OFFSET_MODEL else UNKNOWN
     key = classification_key(parameters, coverage, tracking, facts.handedness, facts.cavity)
 
-    async def named(asked: SignatureParameters, tell: StageReport) -> tuple[bytes, str | None]:
-        def tell_of_signature(share: float, text: str) -> None:
-            tell(_SIGNING * share, text)
+    def tell(share: float, text: str) -> None:
+        report(_SIGNING * share, text)
 
-        signature = await analysis.signature(sequence_id, asked, tell_of_signature)
-        tell(_SIGNING, "class")
+    async def named(asked: SignatureParameters) -> tuple[bytes, str | None]:
+        signature = await analysis.signature(sequence_id, asked, tell)
+        report(_SIGNING, "class")
         topology = store.sequence_record(sequence_id).topology
-        with stage("worker"):
-            return await analysis.work(
-                name_class, signature, model.source, coverage, topology, facts, key
-            )
-
-    async def make(tell: StageReport) -> None:
-        analysis.quota.require()
-        # As `fitted_in` does it where a sequence is at hand.
-        try:
-            image, imposed = await named(parameters, tell)
-        except TopologyError:
-            image, imposed = await named(replace(parameters, topology=None), tell)
-        if imposed is not None:
-            with contextlib.suppress(TopologyError):
-                image, _ = await named(replace(parameters, topology=imposed), unheard)
-        with stage("store"):
-            await asyncio.to_thread(
-                store.put_classification_image, image, sequence_id, model.id, key
-            )
+        return await analysis.work(
+            name_class, signature, model.source, coverage, topology, facts, key
+        )
 
     def is_missing() -> bool:
         if (model.id, key) not in store.classifications(sequence_id):
@@ -205,7 +188,16 @@ async def classification(
 
     is_new = await asyncio.to_thread(is_missing)
     if is_new:
-        await analysis.shared_work.join((sequence_id, model.id, key), make, report)
+        analysis.quota.require()
+        # As `fitted_in` does it where a sequence is at hand.
+        try:
+            image, imposed = await named(parameters)
+        except TopologyError:
+            image, imposed = await named(replace(parameters, topology=None))
+        if imposed is not None:
+            with contextlib.suppress(TopologyError):
+                image, _ = await named(replace(parameters, topology=imposed))
+        await analysis.stored(store.put_classification_image, image, sequence_id, model.id, key)
     kept = await asyncio.to_thread(_kept, state, sequence_id, model.id, key)
     return replace(kept, version=model.version), is_new
 

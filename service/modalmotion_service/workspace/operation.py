@@ -25,9 +25,9 @@ from modalmotion_service.settings import Settings
 from modalmotion_service.work.engine import Engine
 from modalmotion_service.work.upload import FactsAsJson, Part
 from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.job_runner import JobRunner, Report
+from modalmotion_service.workspace.job_runner import Ending, JobRunner, Report
 from modalmotion_service.workspace.jobs import IdempotencyKeys, Job, Jobs
-from modalmotion_service.workspace.spool import Spool, SpoolFile
+from modalmotion_service.workspace.spool import Spool, SpoolFile, require_room
 
 
 @dataclass(frozen=True)
@@ -163,9 +163,8 @@ class State:
     training_engine : Engine
         Where models are trained, apart from the short work of other requests.
     jobs : Jobs
-    runner : JobRunner
-    performance : Performance
     idempotency : IdempotencyKeys
+    runner : Performance
     """
 
     settings: Settings
@@ -174,9 +173,8 @@ class State:
     analysis: Analysis
     training_engine: Engine
     jobs: Jobs
-    runner: JobRunner
-    performance: Performance
     idempotency: IdempotencyKeys
+    runner: Performance
 
 
 Work = Callable[[State, Request, Report], Awaitable[Outcome]]
@@ -225,17 +223,39 @@ def operation(
     return made
 
 
-class Performance:
-    """Operations of one owner under way: for a client who waits, then for the job, if any."""
+class Performance(JobRunner):
+    """Operations of one owner under way: for a client who waits, then as a job, if any.
 
-    def __init__(self, spool: Spool) -> None:
-        self._spool = spool
+    Parameters
+    ----------
+    operations : mapping of str to Operation
+    settings : Settings
+    jobs : Jobs
+    n_workers : int
+    n_apart : int
+        Jobs at once of a kind that runs in places of its own.
+    """
+
+    state: State
+    """Of the owner; set once it is there."""
+
+    def __init__(
+        self,
+        operations: Mapping[str, Operation],
+        settings: Settings,
+        jobs: Jobs,
+        n_workers: int,
+        n_apart: int,
+    ) -> None:
+        apart = {name: n_apart for name, what in operations.items() if what.is_apart}
+        retry_seconds = 3600.0 * settings.retry_hours
+        super().__init__(jobs, 2 * n_workers, settings.max_unfinished_jobs, apart, retry_seconds)
+        self._operations = operations
         self._left: dict[str, asyncio.Task[Outcome]] = {}
         self._listeners: dict[str, Report] = {}
 
     async def perform(
         self,
-        state: State,
         wait: float | None,
         what: Operation,
         request: Request,
@@ -247,7 +267,6 @@ class Performance:
 
         Parameters
         ----------
-        state : State
         wait : float or None, s
             For which the client would; 0 for a job at once.
         what : Operation
@@ -255,7 +274,8 @@ class Performance:
         file : SpoolFile, optional
             The upload, which is the job's from then on where there is one.
         """
-        request = replace(request, name=self._spool.new_path().name)
+        state = self.state
+        request = replace(request, name=state.spool.new_path().name)
         if file is not None:
             request = replace(request, file=file.path.name, facts=file.facts, parts=file.parts)
         work = what.work(state, request, partial(self._tell, request.name))
@@ -271,7 +291,8 @@ class Performance:
                 await asyncio.wait([task], timeout=most if wait is None else min(wait, most))
                 if task.done():
                     outcome = task.result()
-                    await settled(state, what, request, outcome.link)
+                    if what.settle is not None and outcome.link is not None:
+                        await what.settle(state, request, outcome.link)
                     return outcome
                 self._left[request.name] = task
             # The file of its result is kept for hours, whoever asked.
@@ -279,7 +300,7 @@ class Performance:
             if file is not None:
                 # Acknowledged before it is read, it must outlive a crash.
                 await asyncio.to_thread(file.make_durable)
-            job: Job = await state.runner.start(what.name, request.as_json(), instead_of=task)
+            job = await self.start(what.name, request.as_json(), instead_of=task)
         except BaseException:
             self._left.pop(request.name, None)
             if task is not None:
@@ -289,13 +310,12 @@ class Performance:
             file.is_left = True
         return job
 
-    async def as_job(
-        self, state: State, what: Operation, job: Job, report: Report
-    ) -> dict[str, Any]:
+    async def do(self, job: Job, report: Report) -> dict[str, Any]:
         """Do an operation as a job, or wait for the work that was left to it; gives its result."""
+        what, state = self._operations[job.kind], self.state
         request = Request.from_json(job.request, what.query)
         if request.file:
-            require_spooled(self._spool, request.file)
+            require_spooled(state.spool, request.file)
         self._listeners[request.name] = report
         task = self._left.pop(request.name, None)
         if task is None:
@@ -309,21 +329,30 @@ class Performance:
         if outcome.link is None or isinstance(outcome.content, Path):
             path = outcome.content
             if isinstance(path, bytes):
-                data, path = path, self._spool.new_path()
+                data, path = path, state.spool.new_path()
                 await asyncio.to_thread(path.write_bytes, data)
             headers = dict(outcome.headers)
             result |= {"file": path.name, "media_type": outcome.media_type, "headers": headers}
         return result
 
+    def ending(self, job: Job) -> Ending | None:
+        """Give what the operation of a job ends with, if anything."""
+        what = self._operations[job.kind]
+        settle, request = what.settle, Request.from_json(job.request, what.query)
+        return settle and (lambda result: settle(self.state, request, result["link"]))
+
+    def clean_up(self, request: Any) -> None:
+        """Remove the upload of a job."""
+        if "file" in request:
+            self.state.spool.remove(request["file"])
+
+    def require_store(self) -> None:
+        """Raise StoreError while the spool has no room."""
+        require_room(self.state.spool.folder)
+
     def _tell(self, name: str, share: float, text: str = "", /) -> None:
         if (listener := self._listeners.get(name)) is not None:
             listener(share, text)
-
-
-async def settled(state: State, what: Operation, request: Request, link: str | None) -> None:
-    """End what an operation began with, once what it has made is noted."""
-    if what.settle is not None and link is not None:
-        await what.settle(state, request, link)
 
 
 def require_spooled(spool: Spool, name: str) -> Path:

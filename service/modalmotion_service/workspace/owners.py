@@ -12,7 +12,7 @@ import shutil
 from datetime import timedelta
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from modalmotion.errors import ModalMotionError, StoreError
 from modalmotion.store import ResultStore, backup_time
@@ -27,16 +27,10 @@ from modalmotion_service.workspace import (
     signature_operations,
 )
 from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.job_runner import (
-    JobRunner,
-    Report,
-    Retention,
-    for_ever,
-    sweep_for_ever,
-)
-from modalmotion_service.workspace.jobs import IdempotencyKeys, Job, Jobs
-from modalmotion_service.workspace.operation import Operation, Performance, Request, State, settled
-from modalmotion_service.workspace.spool import Quota, Spool, require_room
+from modalmotion_service.workspace.job_runner import Retention, for_ever, sweep_for_ever
+from modalmotion_service.workspace.jobs import IdempotencyKeys, Jobs
+from modalmotion_service.workspace.operation import Operation, Performance, State
+from modalmotion_service.workspace.spool import Quota, Spool
 
 _SERVED: Final = ("models", "templates")
 
@@ -55,15 +49,15 @@ def lay_out(source: Path, root: Path) -> None:
     StoreError
         If the folder cannot be read.
     """
+
+    def link(file: str, place: str) -> None:
+        if not Path(place).is_symlink():
+            Path(place).symlink_to(file)
+
     try:
         for name in _SERVED:
-            for file in (source / name).rglob("*") if (source / name).is_dir() else ():
-                if not file.is_file():
-                    continue
-                link = root / file.relative_to(source)
-                link.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-                if not link.is_symlink():
-                    link.symlink_to(file.absolute())
+            if (folder := source.absolute() / name).is_dir():
+                shutil.copytree(folder, root / name, copy_function=link, dirs_exist_ok=True)
     except OSError as error:
         raise StoreError(
             f"Models and templates of '{source.name}' cannot be read: {error.strerror}.",
@@ -236,39 +230,11 @@ class Owners:
             tariff = Tariff(str(root), settings.task_cost_factor, settings.task_cost_seconds)
             quota = Quota(root, settings.max_owner_bytes)
             analysis = Analysis(store, self._engine, spool, tariff, quota)
-            performance = Performance(spool)
-
-            async def do(job: Job, report: Report) -> dict[str, Any]:
-                return await performance.as_job(state, OPERATIONS[job.kind], job, report)
-
-            async def settle(job: Job, result: Any) -> None:
-                what = OPERATIONS[job.kind]
-                request = Request.from_json(job.request, what.query)
-                await settled(state, what, request, result["link"])
-
-            def clean_up(request: Any) -> None:
-                if "file" in request:
-                    spool.remove(request["file"])
-
-            runner = JobRunner(
-                *(jobs, do, clean_up),
-                n_at_once=2 * self._engine.n_workers,
-                most_unfinished=settings.max_unfinished_jobs,
-                apart={
-                    name: trainings_at_once(settings)
-                    for name, what in OPERATIONS.items()
-                    if what.is_apart
-                },
-                settle={
-                    name: settle for name, what in OPERATIONS.items() if what.settle is not None
-                },
-                require_store=lambda: require_room(spool.folder),
-                retry_seconds=3600.0 * settings.retry_hours,
-            )
-            state = State(
-                *(settings, store, spool, analysis, self._training_engine),
-                *(jobs, runner, performance, keys),
-            )
+            n_workers, n_apart = self._engine.n_workers, trainings_at_once(settings)
+            runner = Performance(OPERATIONS, settings, jobs, n_workers, n_apart)
+            training = self._training_engine
+            state = State(settings, store, spool, analysis, training, jobs, keys, runner)
+            runner.state = state
             await runner.resume()
         except BaseException:
             await asyncio.to_thread(store.close)

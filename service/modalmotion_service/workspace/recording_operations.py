@@ -1,35 +1,30 @@
-"""Operations that store sequences, templates, images and tracks, and those on what is stored."""
+"""Sequences, templates, images and tracks: stored, shown, replaced, deleted with all mentions."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from modalmotion.errors import NotFoundError
+from modalmotion.store import SequenceRecord
 from modalmotion.store.index import to_text
+from modalmotion_service.errors import ConflictError
 from modalmotion_service.http import negotiation as media
 from modalmotion_service.http.negotiation import attachment, tag_of
-from modalmotion_service.http.observation import stage
+from modalmotion_service.schemas import requests
 from modalmotion_service.schemas.queries import ImagesView, ModesRequest, TrackView
-from modalmotion_service.schemas.requests import (
-    SEQUENCE,
-    SIGNATURE_OF_FILE,
-    TRACK,
-    TRADE,
-    ClassificationRequest,
-    EncodingTarget,
-)
 from modalmotion_service.schemas.sequences import ImagesSummary, SequenceSummary, TrackAnswer
-from modalmotion_service.work.tasks import derived, sequences, tracks
+from modalmotion_service.work.tasks import sequences, signatures, tracks
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace import models
-from modalmotion_service.workspace.erasure import forget_images, link_of_images
 from modalmotion_service.workspace.job_runner import Report
+from modalmotion_service.workspace.jobs import Job, gone, results_of
 from modalmotion_service.workspace.operation import Outcome, Request, State, made, operation
 from modalmotion_service.workspace.spool import SpoolFile, remove_with_beside
 
@@ -43,7 +38,7 @@ def sent(state: State, request: Request) -> Upload:
     return Upload(state.spool.at(request.file), options)
 
 
-@operation(query=SEQUENCE)
+@operation(query=requests.SEQUENCE)
 async def upload(state: State, request: Request, report: Report) -> Outcome:
     """Read an upload and store its sequence.
 
@@ -53,10 +48,9 @@ async def upload(state: State, request: Request, report: Report) -> Outcome:
     subject, label = request.query.subject, request.query.label
     with analysis.image() as image:
         read, reading = await analysis.staged(report, sequences.ingest, file, image)
-        with stage("store"):
-            record, is_new = await asyncio.to_thread(
-                state.store.put_sequence_image, image, read, subject=subject, label=label
-            )
+        record, is_new = await analysis.stored(
+            state.store.put_sequence_image, image, read, subject=subject, label=label
+        )
     filled: tuple[str, ...] = ()
     if not is_new:
         record, filled = await asyncio.to_thread(
@@ -77,15 +71,17 @@ async def upload(state: State, request: Request, report: Report) -> Outcome:
 
 async def sample(state: State) -> SequenceSummary:
     """Store a simulated heart, for who has none at hand."""
-    with state.analysis.image() as image, stage("worker"):
+    with state.analysis.image() as image:
         simulated = await state.analysis.work(sequences.sample, image)
-        record, is_new = await asyncio.to_thread(state.store.put_sequence_image, image, simulated)
+        record, is_new = await state.analysis.stored(
+            state.store.put_sequence_image, image, simulated
+        )
     if is_new:
         record = await asyncio.to_thread(state.store.update_sequence, record.id, name=SAMPLE)
     return SequenceSummary.of(record)
 
 
-@operation(media.STREAM, query=EncodingTarget)
+@operation(media.STREAM, query=requests.EncodingTarget)
 async def encoding(state: State, request: Request, report: Report) -> Outcome:
     """Encode a stored sequence."""
     path = await asyncio.to_thread(state.store.sequence_path, request.sequence_id)
@@ -93,17 +89,17 @@ async def encoding(state: State, request: Request, report: Report) -> Outcome:
 
 
 async def encoded(
-    state: State, source: Upload | Path, target: EncodingTarget, report: Report
+    state: State, source: Upload | Path, target: requests.EncodingTarget, report: Report
 ) -> Outcome:
     """Have a worker encode a sequence."""
-    with state.analysis.output() as output, stage("encode"):
+    with state.analysis.output() as output:
         answer = await state.analysis.followed(
             report, sequences.encode_sequence, source, target, output
         )
     return Outcome(output, media.STREAM, headers=answer.headers)
 
 
-@operation(media.JSON, media.PNG, query=TRADE)
+@operation(media.JSON, media.PNG, query=requests.TRADE)
 async def tradeoff(state: State, request: Request, report: Report) -> Outcome:
     """Measure a trade of modes for accuracy on a stored sequence."""
     analysis, query, sequence_id = state.analysis, request.query, request.sequence_id
@@ -111,14 +107,21 @@ async def tradeoff(state: State, request: Request, report: Report) -> Outcome:
     parameters = query.parameters()
     with analysis.output() as output:
         await analysis.staged(
-            *(report, derived.measure_trade, sequence, parameters, query.front_modes, query.only),
+            *(
+                report,
+                signatures.measure_trade,
+                sequence,
+                parameters,
+                query.front_modes,
+                query.only,
+            ),
             *(analysis.template_path(parameters), request.media_type, output),
             state.store.sequence_record(sequence_id).facts,
         )
     return Outcome(output, request.media_type)
 
 
-@operation(query=SIGNATURE_OF_FILE)
+@operation(query=requests.SIGNATURE_OF_FILE)
 async def template(state: State, request: Request, report: Report) -> Outcome:
     """Make and store the template of an upload."""
     parameters = request.query.parameters()
@@ -126,8 +129,7 @@ async def template(state: State, request: Request, report: Report) -> Outcome:
         (answer,) = await state.analysis.staged(
             report, sequences.make_template, sent(state, request), parameters, image
         )
-        with stage("store"):
-            is_new = await asyncio.to_thread(state.store.put_template_image, image, answer.id)
+        is_new = await state.analysis.stored(state.store.put_template_image, image, answer.id)
     return made(
         answer, answer.links["self"], is_new, headers={"ETag": tag_of(answer.id, media.JSON)}
     )
@@ -145,10 +147,9 @@ async def template_view(state: State, request: Request, _: Report) -> Outcome:
 async def template_modes(state: State, request: Request, _: Report) -> Outcome:
     """Give the vibration modes of a stored template."""
     path = await asyncio.to_thread(state.store.template_path, request.reference)
-    with stage("modes"):
-        body = await state.analysis.work(
-            sequences.modes_of_template, path, request.query, request.media_type
-        )
+    body = await state.analysis.work(
+        sequences.modes_of_template, path, request.query, request.media_type
+    )
     return Outcome(body, request.media_type)
 
 
@@ -166,9 +167,8 @@ async def images(state: State, request: Request, report: Report) -> Outcome:
     upload = Upload.at(state.spool.at(request.file), state.settings.image_limits)
     with state.analysis.image() as file:
         (read,) = await state.analysis.staged(report, tracks.ingest_images, upload, file)
-        with stage("store"):
-            await asyncio.to_thread(SpoolFile(file).make_durable)
-            record, is_new = await asyncio.to_thread(state.store.put_images, file, read)
+        await asyncio.to_thread(SpoolFile(file).make_durable)
+        record, is_new = await state.analysis.stored(state.store.put_images, file, read)
     return made(ImagesSummary.of(record), link_of_images(record.id), is_new)
 
 
@@ -179,8 +179,7 @@ async def slices(state: State, request: Request, _: Report) -> Outcome:
     path = await asyncio.to_thread(state.store.images_path, images_id)
     if query.track is not None:
         track = await asyncio.to_thread(state.store.track_path, query.track)
-    with stage("view"):
-        body = await state.analysis.work(tracks.show_slices, path, query.frame, track)
+    body = await state.analysis.work(tracks.show_slices, path, query.frame, track)
     return Outcome(body, media.VIEW)
 
 
@@ -226,7 +225,7 @@ async def settle(state: State, request: Request, link: str) -> None:
         await asyncio.to_thread(end)
 
 
-@operation(query=TRACK, settle=settle)
+@operation(query=requests.TRACK, settle=settle)
 async def track(state: State, request: Request, report: Report) -> Outcome:
     """Track a surface through an upload or stored images, and store what is found."""
     query, analysis, store = request.query, state.analysis, state.store
@@ -242,10 +241,9 @@ async def track(state: State, request: Request, report: Report) -> Outcome:
             *(report, tracks.follow, source, parameters, surface, sequence, image)
         )
         subject, label = query.subject, query.label
-        with stage("store"):
-            record, is_new = await asyncio.to_thread(
-                store.put_track_images, sequence, image, found, subject=subject, label=label
-            )
+        record, is_new = await analysis.stored(
+            store.put_track_images, sequence, image, found, subject=subject, label=label
+        )
     # Of a sequence that was there before, by itself or with this track.
     record, filled = await asyncio.to_thread(
         analysis.completed, record.id, subject, label, parameters.facts, found.facts
@@ -263,14 +261,13 @@ async def track_view(state: State, request: Request, _: Report) -> Outcome:
     if kind == media.PNG and request.query.picture == "overlay":
         shown = await asyncio.to_thread(store.images_of_track, track_id)
     record = store.track_record(track_id)
-    with stage("draw"):
-        body = await state.analysis.work(
-            tracks.show_track, path, record, images_id, shown, request.query, kind
-        )
+    body = await state.analysis.work(
+        tracks.show_track, path, record, images_id, shown, request.query, kind
+    )
     return Outcome(body, kind)
 
 
-@operation(media.ZIP, query=TRACK, settle=settle)
+@operation(media.ZIP, query=requests.TRACK, settle=settle)
 async def tracked_report(state: State, request: Request, report: Report) -> Outcome:
     """Track a surface, name the class of its motion, and write each form of a report to a zip."""
     done = await track.work(state, request, lambda share, text="": report(_TRACKING * share, text))
@@ -286,7 +283,7 @@ async def _whole_report(state: State, sequence_id: str, model: str | None) -> Pa
     known = None
     if model is not None:
         chosen = await asyncio.to_thread(models.choose_for, state, model, sequence_id)
-        coverage = ClassificationRequest().coverage
+        coverage = requests.ClassificationRequest().coverage
         known, _ = await models.classification(state, sequence_id, chosen, coverage)
     kept = None if known is None else known.path
     analysis, page = state.analysis, state.spool.new_path()
@@ -294,10 +291,10 @@ async def _whole_report(state: State, sequence_id: str, model: str | None) -> Pa
         with analysis.output() as output:
             async with analysis.fitted(sequence_id, None) as one:
                 forms = {
-                    name: await analysis.work(derived.make_report, one, media_type, kept)
+                    name: await analysis.work(signatures.make_report, one, media_type, kept)
                     for name, media_type in _FORMS.items()
                 }
-                await analysis.work(derived.make_view, one, True, page)
+                await analysis.work(signatures.make_view, one, True, page)
             await asyncio.to_thread(_zip, output, forms, page)
     finally:
         remove_with_beside(page)
@@ -310,3 +307,136 @@ def _zip(output: Path, forms: dict[str, bytes], page: Path) -> None:
             archive.writestr(
                 zipfile.ZipInfo(name, _NO_DATE), data, compress_type=zipfile.ZIP_DEFLATED
             )
+
+
+async def erase(state: State, sequence_id: str) -> None:
+    """Delete a sequence with all that derives from it, and every mention of it elsewhere.
+
+    Jobs about it are ended and forgotten, with the files that they have made: an encoded
+    sequence is the sequence. So is a job of many sequences, for its file has this one too.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such sequence.
+    StoreError
+        If it cannot be deleted, or not wholly; then it can be deleted again.
+    """
+    await asyncio.to_thread(state.store.sequence_record, sequence_id)
+    # Before the sequence itself: what fails here, or is cut short, is done by the next call.
+    await forget(state, sequence_id)
+    await asyncio.to_thread(state.store.delete_sequence, sequence_id)
+    # Again, for jobs that were made meanwhile.
+    await forget(state, sequence_id)
+
+
+async def erase_images(state: State, images_id: str) -> None:
+    """Delete images and every mention of them; jobs that read them end.
+
+    Raises
+    ------
+    NotFoundError
+        If there are none of that id.
+    StoreError
+        If they cannot be deleted, or not wholly; then they can be deleted again.
+    """
+    about = partial(state.jobs.about, images_id, link_of_images(images_id))
+    await _end(state, await asyncio.to_thread(about))
+    await asyncio.to_thread(forget_images, state, images_id)
+
+
+def link_of_images(images_id: str) -> str:
+    """Path of images."""
+    return f"/v1/images/{images_id}"
+
+
+def forget_images(state: State, images_id: str) -> None:
+    """Delete images, with every mention of them by jobs that are finished and stored answers.
+
+    Raises
+    ------
+    NotFoundError
+        If there are none of that id.
+    StoreError
+        If they cannot be deleted, or not wholly; then they can be deleted again.
+    """
+    link = link_of_images(images_id)
+    state.idempotency.replace_answers(link, *gone())
+    # Not the one that was begun with them and is about to succeed: its result is its own. Slices
+    # that nobody has fetched are the images as well.
+    _forget_jobs(state, [job for job in state.jobs.about(images_id, link) if job.is_finished])
+    state.store.delete_images(images_id)
+
+
+async def _end(state: State, jobs: Iterable[Job]) -> None:
+    for job in jobs:
+        # One that ends by itself just now is as good.
+        with contextlib.suppress(ConflictError, NotFoundError):
+            await state.runner.cancel(job.id)
+
+
+def _forget_jobs(state: State, jobs: Sequence[Job]) -> None:
+    for name in results_of(jobs):
+        state.spool.remove(name)
+    state.jobs.forget(*(job.id for job in jobs))
+
+
+async def forget(state: State, sequence_id: str) -> None:
+    """End and forget jobs about a sequence, with their files, and stored answers about it."""
+    # A track has the id of its sequence.
+    for kind in ("sequences", "tracks", "signatures"):
+        link = f"/v1/{kind}/{sequence_id}"
+        about = partial(state.jobs.about, sequence_id, link)
+        await _end(state, await asyncio.to_thread(about))
+        await asyncio.to_thread(_forget_jobs, state, await asyncio.to_thread(about))
+        await asyncio.to_thread(state.idempotency.replace_answers, link, *gone())
+
+
+async def restate(
+    state: State,
+    sequence_id: str,
+    stated: requests.SequenceChange,
+    change: Callable[[SequenceRecord], SequenceRecord],
+) -> SequenceRecord:
+    """Put a sequence with what is stated in the place of another, its track with it.
+
+    Images that were kept for it stay, and jobs and answers about the old one go.
+
+    Parameters
+    ----------
+    state : State
+    sequence_id : str
+    stated : requests.SequenceChange
+        Unit and times that it does not state stay.
+    change : callable
+        Makes of its record that of the new one: name, subject, label and facts.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such sequence, or its vertices were not kept.
+    InputError
+        If the times are not those of its frames, or contradict its facts.
+    """
+    store = state.store
+    known = await asyncio.to_thread(store.sequence_record, sequence_id)
+    path = await asyncio.to_thread(store.sequence_path, sequence_id)
+    track = state.analysis.track_path(sequence_id)
+    facts = change(known).facts
+    what: dict[str, Any] = {
+        name: getattr(stated, name) for name in ("unit", "times") if name in stated.model_fields_set
+    }
+    with state.analysis.image() as sequence, state.analysis.image() as tracked:
+        record = await state.analysis.work(
+            sequences.restated, path, track, what, facts, sequence, tracked
+        )
+        if record.id == sequence_id:
+            return known
+        made = None if track is None else tracked
+        await forget(state, sequence_id)
+        record = await state.analysis.stored(
+            store.replace_sequence, sequence_id, sequence, record, change, made
+        )
+        # Again, for jobs that were made meanwhile.
+        await forget(state, sequence_id)
+    return record

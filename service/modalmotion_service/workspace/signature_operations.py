@@ -11,17 +11,11 @@ from modalmotion.modes.topology import MESH
 from modalmotion.progress import StageReport
 from modalmotion_service.http import negotiation as media
 from modalmotion_service.http.negotiation import attachment
-from modalmotion_service.http.observation import stage
-from modalmotion_service.schemas.queries import (
-    DistanceRequest,
-    Reconstruction,
-    ReportRequest,
-    ViewRequest,
-)
+from modalmotion_service.schemas import queries
 from modalmotion_service.schemas.requests import MANY_SIGNATURES, SIGNATURE, ClassificationRequest
 from modalmotion_service.schemas.results import ClassificationAnswer
 from modalmotion_service.schemas.signatures import DistanceAnswer
-from modalmotion_service.work.tasks import derived, signatures
+from modalmotion_service.work.tasks import signatures
 from modalmotion_service.workspace import models
 from modalmotion_service.workspace.analysis import USUAL, unheard, with_facts
 from modalmotion_service.workspace.job_runner import Report
@@ -86,8 +80,7 @@ async def shown(
             return with_facts(
                 await analysis.work(signatures.render, one.signature, None, None), one.facts
             )
-        with stage("render"):
-            return await analysis.work(signatures.signature_as, one, media_type)
+        return await analysis.work(signatures.signature_as, one, media_type)
 
 
 @operation(media.JSON, media.PNG, media.CSV)
@@ -99,64 +92,60 @@ async def readouts(state: State, request: Request, report: Report) -> Outcome:
 @operation(media.JSON)
 async def strain(state: State, request: Request, report: Report) -> Outcome:
     """Read the strain of the wall from a signature."""
-    return await _read_out(state, request, report, derived.STRAIN)
+    return await _read_out(state, request, report, signatures.STRAIN)
 
 
 async def _read_out(state: State, request: Request, report: Report, how: str) -> Outcome:
     async with state.analysis.fitted(request.sequence_id, request.key, report) as one:
-        with stage("readouts"):
-            body = await state.analysis.work(derived.read_out, one, how)
+        body = await state.analysis.work(signatures.read_out, one, how)
     return Outcome(body, request.media_type)
 
 
-@operation(*SURFACES, query=Reconstruction)
+@operation(*SURFACES, query=queries.Reconstruction)
 async def reconstruction(state: State, request: Request, report: Report) -> Outcome:
     """Superpose a signature's surfaces."""
     surface_format, suffix = SURFACES[request.media_type]
     times, phases = request.query.instants()
     async with state.analysis.fitted(request.sequence_id, request.key, report) as one:
         output = await state.analysis.written(
-            *("superpose", derived.superpose, one, surface_format),
+            *(signatures.superpose, one, surface_format),
             *(times, phases, request.query.max_targets),
         )
     headers = attachment(f"{one.record.id[:12]}-reconstruction{suffix}")
     return Outcome(output, request.media_type, headers=headers)
 
 
-@operation(media.FHIR, media.PDF, media.CSV, query=ReportRequest)
+@operation(media.FHIR, media.PDF, media.CSV, query=queries.ReportRequest)
 async def report(state: State, request: Request, tell: Report) -> Outcome:
     """Report on a signature, for systems, people or statistics."""
     known = await asyncio.to_thread(
         models.known_classification, state, request.sequence_id, request.query.model
     )
     async with state.analysis.fitted(request.sequence_id, request.key, tell) as one:
-        with stage("report"):
-            body = await state.analysis.work(
-                derived.make_report,
-                one,
-                request.media_type,
-                None if known is None else known.path,
-            )
+        classified = None if known is None else known.path
+        body = await state.analysis.work(
+            signatures.make_report, one, request.media_type, classified
+        )
     kind = request.media_type
     return Outcome(body, f"{kind}; fhirVersion=4.0" if kind == media.FHIR else kind)
 
 
-@operation(media.VIEW, media.HTML, query=ViewRequest)
+@operation(media.VIEW, media.HTML, query=queries.ViewRequest)
 async def view(state: State, request: Request, report: Report) -> Outcome:
     """Write what a page shows of a signature, or its frames as they were sent."""
     query, as_page = request.query, request.media_type == media.HTML
     async with state.analysis.fitted(request.sequence_id, request.key, report) as one:
         if query.first is None and query.stop is None:
-            output = await state.analysis.written("view", derived.make_view, one, as_page)
+            output = await state.analysis.written(signatures.make_view, one, as_page)
         else:
             output = await state.analysis.written(
-                "view", derived.make_frames, one, query.first or 0, query.stop
+                signatures.make_frames, one, query.first or 0, query.stop
             )
     headers = attachment(f"{one.record.id[:12]}.html") if as_page else {}
     return Outcome(output, request.media_type, headers=headers)
 
 
-@operation(query=DistanceRequest)
+@operation(query=queries.DistanceRequest)
 async def distance(state: State, request: Request, report: Report) -> Outcome:
     """Compare two signatures."""
     other_id, _, other_key = request.query.to.partition("-")
@@ -209,12 +198,10 @@ async def signatures_query(state: State, request: Request, report: Report) -> Ou
     if request.media_type == media.CSV:
         kept = [state.store.sequence_path(r.id) if r.has_upload else None for r in records]
         template = analysis.template_path(parameters)
-        output = await analysis.written(
-            "worker", signatures.tabulate, paths, records, kept, template
-        )
+        output = await analysis.written(signatures.tabulate, paths, records, kept, template)
     else:
         task = signatures.pack_hdf5 if request.media_type == media.HDF5 else signatures.pack_npz
-        output = await analysis.written("worker", task, paths, records)
+        output = await analysis.written(task, paths, records)
     suffix = {media.HDF5: "h5", media.NPZ: "npz", media.CSV: "csv"}[request.media_type]
     headers = attachment(f"signatures.{suffix}")
     return Outcome(output, request.media_type, headers=headers)

@@ -203,19 +203,14 @@ class Spool:
         StoreError
             If not.
         """
-        if self._reserve_bytes == 0:
-            return
         try:
-            require_room(self.folder, self._reserve_bytes)
+            if self._reserve_bytes:
+                require_room(self.folder, self._reserve_bytes)
         except StoreError as error:
-            if error.details.get("errno") != "ENOSPC":
-                raise
-            raise StoreError(
-                f"The disk is full but for the {self._reserve_bytes} bytes or less that uploads "
-                "leave free.",
-                remedy="Delete sequences, or have room made on the disk of the data folder.",
-                details={"errno": "ENOSPC", "reserve_bytes": self._reserve_bytes},
-            ) from error
+            if error.details.get("errno") == "ENOSPC":
+                error.message += f" Uploads leave {self._reserve_bytes} bytes free."
+                error.details["reserve_bytes"] = self._reserve_bytes
+            raise
 
     def at(self, name: str) -> Path:
         """Give the path of a file by its name, as jobs remember it."""

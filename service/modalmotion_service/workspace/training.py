@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 from collections import Counter
 from collections.abc import Sequence
-from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -33,8 +32,6 @@ from modalmotion.store.disk import cannot_write
 from modalmotion.store.folder import require_name
 from modalmotion_service.errors import CostError
 from modalmotion_service.schemas.queries import LabelledSequence
-from modalmotion_service.work.engine import Terms
-from modalmotion_service.work.tasks.files import followed
 from modalmotion_service.work.tasks.training import Cases, Unfitted, train_model
 from modalmotion_service.workspace.analysis import in_one_basis
 from modalmotion_service.workspace.job_runner import Report
@@ -67,15 +64,14 @@ def look_up(store: ResultStore, sequences: Sequence[LabelledSequence], most: int
             remedy="Name sequences of two or more classes.",
             details={"classes": dict(per_class)},
         )
-    few = sorted(label for label, n in per_class.items() if n < LEAST_PER_CLASS)
+    few = [case.id for case in cases if per_class[case.label] < LEAST_PER_CLASS]
     if few:
-        ids = [case.id for case in cases if case.label in few]
-        raise ParameterError(
-            f"Of {_short([*map(repr, few)])} there {'is' if len(ids) == 1 else 'are'} fewer than "
-            f"{LEAST_PER_CLASS} sequences: {_short(ids)}.",
-            remedy=f"Name {LEAST_PER_CLASS} or more of each class, ten or more for class sets "
-            "that rule anything out; or leave the class out.",
-            details={"classes": dict(per_class), "least": LEAST_PER_CLASS, **_ids(ids)},
+        raise _about_ids(
+            *(ParameterError, few, f"of a class with fewer than {LEAST_PER_CLASS}"),
+            f"Name {LEAST_PER_CLASS} or more of each class, ten or more for class sets that rule "
+            "anything out; or leave the class out.",
+            classes=dict(per_class),
+            least=LEAST_PER_CLASS,
         )
     return cases
 
@@ -93,10 +89,9 @@ def labelled_cases(
     cases = find_cases(store, sequences, most, limit)
     unlabelled = [case.id for case in cases if not case.label]
     if unlabelled:
-        raise ParameterError(
-            f"{_count(unlabelled)} without a label: {_short(unlabelled)}.",
-            remedy='State it here, as {"id": ..., "label": ...}, or with PATCH /v1/sequences/{id}.',
-            details=_ids(unlabelled),
+        raise _about_ids(
+            *(ParameterError, unlabelled, "without a label"),
+            'State it here, as {"id": ..., "label": ...}, or with PATCH /v1/sequences/{id}.',
         )
     return cases
 
@@ -133,27 +128,20 @@ def find_cases(
         )
     repeated = [name for name, n in Counter(case.id for case in sequences).items() if n > 1]
     if repeated:
-        raise ParameterError(
-            f"{_count(repeated)} named more than once: {_short(repeated)}.",
-            remedy="Name each sequence once: repeated, it would be on both sides of a split.",
-            details=_ids(repeated),
-        )
+        remedy = "Name each sequence once: repeated, it would be on both sides of a split."
+        raise _about_ids(ParameterError, repeated, "named more than once", remedy)
     cases, records = [], store.sequence_records(case.id for case in sequences)
     unknown = [case.id for case in sequences if case.id not in records]
+    if unknown:
+        remedy = "Send them first, or leave them out."
+        raise _about_ids(NotFoundError, unknown, "not kept here", remedy)
     for case in sequences:
-        if (record := records.get(case.id)) is None:
-            continue
+        record = records[case.id]
         label, subject = case.label or record.label or "", case.subject or record.subject
         stated = Facts(covariates=case.covariates or {}).over(record.facts)
         cases.append(Case(case.id, label, subject, dict(stated.covariates)))
         require_name("label", label or None)
         require_name("subject", subject)
-    if unknown:
-        raise NotFoundError(
-            f"{_count(unknown)} not kept here: {_short(unknown)}.",
-            remedy="Send them first, or leave them out.",
-            details=_ids(unknown),
-        )
     return cases
 
 
@@ -177,18 +165,15 @@ def read_cases(file: Path) -> list[Case]:
     return _CASES.validate_json(file.read_bytes())
 
 
-def _count(ids: list[str]) -> str:
-    return "1 sequence is" if len(ids) == 1 else f"{len(ids)} sequences are"
-
-
-def _short(words: list[str]) -> str:
-    more = f" and {len(words) - 3} more" if len(words) > 3 else ""
-    # Of an id the beginning.
-    return ", ".join(word[:12] if len(word) == 64 else word for word in words[:3]) + more
-
-
-def _ids(ids: list[str]) -> dict[str, object]:
-    return {"sequence_ids": ids[:_NAMED], "n_sequences": len(ids)}
+def _about_ids(
+    kind: type[ModalMotionError], ids: list[str], what: str, remedy: str, **details: object
+) -> ModalMotionError:
+    """Make an error about sequences, of which it names the first."""
+    count = "1 sequence is" if len(ids) == 1 else f"{len(ids)} sequences are"
+    more = f" and {len(ids) - 3} more" if len(ids) > 3 else ""
+    some = ", ".join(one[:12] for one in ids[:3]) + more
+    details |= {"sequence_ids": ids[:_NAMED], "n_sequences": len(ids)}
+    return kind(f"{count} {what}: {some}.", remedy=remedy, details=details)
 
 
 # Share of a training's progress that fitting the signatures is counted as.
@@ -224,7 +209,8 @@ async def train(
     if known is not None:
         return known
     parameters = options.signature_parameters
-    image, other, progress = (state.spool.new_path() for _ in range(3))
+    image, other = state.spool.new_path(), state.spool.new_path()
+    trainer = replace(state.analysis, engine=state.training_engine)
     leaves_out = options.on_error == OnError.LEAVE_OUT
     weighs_kinds = options.kind is None and await asyncio.to_thread(_may_slide, state, cases)
 
@@ -241,34 +227,16 @@ async def train(
                 paths = [two if isinstance(two, LeftOut) else one for one, two in both]
                 offsets = [one if isinstance(one, LeftOut) else two for one, two in both]
 
-        def begin() -> Future[int]:
-            return state.training_engine.run(
-                Terms(str(state.store.root)),
-                train_model,
-                _cases(cases, paths),
-                None if offsets is None else _cases(cases, offsets),
-                name,
-                options.as_json(),
-                training,
-                image,
-                progress,
-                state.settings.scheduler,
-                state.settings.workers,
-            )
-
-        # A hundred thousand cases take seconds to write: others are answered meanwhile.
-        begun = asyncio.ensure_future(asyncio.to_thread(begin))
-        try:
-            future = await asyncio.shield(begun)
-        except asyncio.CancelledError:
-            begun.add_done_callback(lambda one: one.exception() or one.result().cancel())
-            raise
-
         def report_training(share: float, text: str) -> None:
             report(_FITTING + (1 - _FITTING) * share, text)
 
+        own = _cases(cases, paths), None if offsets is None else _cases(cases, offsets)
+        settings = state.settings
         try:
-            return await followed(asyncio.wrap_future(future), progress, report_training)
+            return await trainer.followed(
+                *(report_training, train_model, *own, name, options.as_json(), training, image),
+                *(settings.scheduler, settings.workers),
+            )
         except ModalMotionError as error:
             raise _about(state, error, error.details.get("sequence_id")) from error
 
@@ -292,7 +260,7 @@ async def train(
         model, _ = await asyncio.to_thread(read_kept_model, image)
         return await asyncio.to_thread(state.store.put_model, model)
     finally:
-        for path in (image, other, progress):
+        for path in (image, other):
             remove_with_beside(path)
 
 

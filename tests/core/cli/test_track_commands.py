@@ -59,7 +59,6 @@ def test_the_whole_track_and_its_figures(tmp_path: Path) -> None:
     words = (source, "-o", output, "--modes", 7, "--json", "--frame-interval", 0.1)
     numbers = json.loads(run(*words, "--time", "open"))
     assert numbers["frames"] == 3
-    assert numbers["gap"] is None
     track = track_from_hdf5(output.read_bytes())
     assert track.sequence.id == numbers["sequence_id"]
     assert track.sequence.times is not None
@@ -150,7 +149,7 @@ def test_a_label_map_is_tracked_with_no_landmark(tmp_path: Path) -> None:
     pytest.importorskip("nibabel")
     source = tmp_path / "labels.nii.gz"
     source.write_bytes(write_nifti(ImageSequence((labels(), labels(18.0)))))
-    text = run(source, "-o", tmp_path / "b.npz", "--label", 3, "--wall", 2, "--modes", 7)
+    text = run(source, "-o", tmp_path / "b.npz", "--label", 3, "--modes", 7)
     assert "Apex and base were proposed" in text
     assert "topology                   cup" in text
     words = [str(clouds_in(tmp_path)), "-o", str(tmp_path / "c.npz"), "--label", "3"]
@@ -186,7 +185,7 @@ def segmented(*words: object) -> str:
 
 def test_a_surface_is_written_with_its_error(source: Path, tmp_path: Path) -> None:
     output, plot = tmp_path / "lv.ply", tmp_path / "lv.png"
-    words = ("--label", 3, "--wall", 2, "--frame", 1, "--modes", 7)
+    words = ("--label", 3, "--frame", 1, "--modes", 7)
     numbers = json.loads(segmented(source, "-o", output, *words, "--plot", plot, "--json"))
     assert numbers["volume_ml"] == pytest.approx(enclosed() / 1000.0, rel=0.06)
     assert plot.read_bytes().startswith(b"\x89PNG")

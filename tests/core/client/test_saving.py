@@ -1,4 +1,4 @@
-"""Where a file cannot be written is said before anything is asked for."""
+"""What cannot be saved is refused before anything is asked for."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from modalmotion.client import Client, Retries
-from modalmotion.client.values import SAVED
-from modalmotion.errors import ParameterError, StoreError
+from modalmotion.errors import ParameterError
 
 
 @pytest.fixture
@@ -17,27 +16,6 @@ def unreached() -> Iterator[Client]:
     # Nobody listens there: what asks for anything fails by another name.
     with Client("http://127.0.0.1:9", retries=Retries(attempts=1)) as client:
         yield client
-
-
-@pytest.mark.parametrize(
-    ("what", "suffix"), [(k, s) for k, (_, suffixes) in SAVED.items() for s in suffixes]
-)
-def test_a_place_that_cannot_be_written_costs_no_request(
-    what: str, suffix: str, unreached: Client, tmp_path: Path
-) -> None:
-    with pytest.raises(StoreError, match="there is no folder"):
-        unreached.save(what, tmp_path / "missing" / f"a{suffix}", "a" * 64)
-    (tmp_path / f"a{suffix}").mkdir()
-    with pytest.raises(StoreError, match="it is a folder"):
-        unreached.save(what, tmp_path / f"a{suffix}", "a" * 64)
-
-
-def test_reports_of_what_is_sent_are_no_exception(unreached: Client, tmp_path: Path) -> None:
-    path = tmp_path / "missing" / "a.zip"
-    with pytest.raises(StoreError, match="there is no folder"):
-        unreached.save_dicom("a" * 64, b"", path)
-    with pytest.raises(StoreError, match="there is no folder"):
-        unreached.save_tracked_report(b"", path)
 
 
 def test_what_is_not_there_names_what_is(unreached: Client, tmp_path: Path) -> None:

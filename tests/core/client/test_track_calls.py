@@ -21,14 +21,14 @@ def test_clouds_and_missing_frames_are_read_as_they_were_sent() -> None:
     call = track_call(clouds, {"modes": 9})
     assert call.body is not None
     assert call.is_keyed
-    frames = read_observed(b"".join(call.body.pieces())).frames
+    frames = read_observed(b"".join(call.body.sent(None))).frames
     assert [len(frame[0]) for frame in frames] == [4, 0, 2]
     assert np.array_equal(frames[0][0].points, clouds[0])  # type: ignore[arg-type]
     buffer = io.BytesIO()
     np.savez(buffer, points=np.ones((3, 3)), offsets=[0, 3])
     body = track_call(buffer.getvalue(), {}).body
     assert body is not None
-    assert b"".join(body.pieces()) == buffer.getvalue()
+    assert b"".join(body.sent(None)) == buffer.getvalue()
 
 
 def test_landmarks_are_read_as_they_were_stated() -> None:

@@ -27,6 +27,7 @@ from modalmotion.store import ResultStore, backup, rebuild, template_to_hdf5, ve
 from modalmotion.store import backups as backup_module
 from modalmotion.store.deletion import TOMBSTONE_DAYS, buried, was_deleted
 from modalmotion.store.disk import sync_paths
+from modalmotion.store.folder import FORM
 from modalmotion.template import make_template
 
 
@@ -89,7 +90,7 @@ def test_a_second_backup_copies_what_is_new_and_forgets_what_was_deleted(tmp_pat
         store.update_sequence(stays, label="rest")
         store.delete_sequence(gone)
         report = backup(root, copy)
-    # The databases, the record that was replaced, and the tombstone.
+    # The database, the record that was replaced, and the tombstone.
     assert (report.n_copied, report.n_removed, report.n_files) == (3, 3, 5)
     assert report.missing == ()
     assert not [path for path in copy.rglob("*") if gone in path.name]
@@ -99,24 +100,30 @@ def test_a_second_backup_copies_what_is_new_and_forgets_what_was_deleted(tmp_pat
             restored.sequence_record(gone)
 
 
-def test_a_database_is_copied_again_when_it_has_changed(tmp_path: Path) -> None:
+def test_what_is_unchanged_is_known_by_its_content_and_not_by_its_time(tmp_path: Path) -> None:
     root, copy = tmp_path / "store", tmp_path / "copy"
     with ResultStore(root) as store:
         put(store, 1)
-    other = root / "access" / "closed.sqlite"
-    other.parent.mkdir()
-    with contextlib.closing(sqlite3.connect(other, isolation_level=None)) as file:
-        file.execute("CREATE TABLE t (x)")
+    note = root / "access" / "note"
+    note.parent.mkdir()
+    note.write_bytes(b"a" * 1000)
     backup(root, copy)
-    assert backup(root, copy).n_copied == 0
-    with contextlib.closing(sqlite3.connect(other, isolation_level=None)) as file:
-        for number in range(4):
-            # In its log what is new changes neither the file's size nor its time.
-            file.execute(f"PRAGMA journal_mode = {'WAL' if number > 1 else 'DELETE'}")
-            file.execute("INSERT INTO t VALUES (?)", (number,))
-            assert backup(root, copy).n_copied == 1
-            with contextlib.closing(sqlite3.connect(copy / "access" / "closed.sqlite")) as copied:
-                assert copied.execute("SELECT count(*) FROM t").fetchone() == (number + 1,)
+    for path in root.rglob("*"):
+        os.utime(path, (1, 1))
+    # The database alone, which is always copied.
+    assert backup(root, copy).n_copied == 1
+    assert all(path.stat().st_mtime == 1 for path in copy.rglob("*.h5"))
+    # The same size, time and last bytes.
+    note.write_bytes(b"b" + b"a" * 999)
+    os.utime(note, (1, 1))
+    record = next(root.glob("sequences/*/*.json"))
+    replaced = FORM.write(FORM.read(record) | {"subject": "P 2"})
+    assert len(replaced) == record.stat().st_size
+    record.write_bytes(replaced)
+    os.utime(record, (1, 1))
+    assert backup(root, copy).n_copied == 3
+    assert (copy / "access" / "note").read_bytes() == note.read_bytes()
+    assert (copy / record.relative_to(root)).read_bytes() == replaced
 
 
 def test_a_backup_into_itself_or_over_other_files_is_refused(tmp_path: Path) -> None:
@@ -165,7 +172,7 @@ def command(*words: object) -> Result:
 def test_a_backup_keeps_what_its_source_has_lost(root: Path, tmp_path: Path, lost: str) -> None:
     copy = tmp_path / "copy"
     backup(root, copy)
-    before, index = files(copy), (copy / "index.sqlite").read_bytes()
+    before = files(copy)
     for path in root.iterdir() if lost == "all" else [root / lost]:
         path.rename(tmp_path / f"lost {path.name}")
     if lost != "index.sqlite":
@@ -180,9 +187,6 @@ def test_a_backup_keeps_what_its_source_has_lost(root: Path, tmp_path: Path, los
             re.findall(r"^missing +(.*)$", done.output, re.MULTILINE)[0].split(", ")
         )
         assert files(copy) >= before
-    if lost in ("index.sqlite", "all"):
-        # An index that has forgotten what was lost does not take the place of one that knows it.
-        assert (copy / "index.sqlite").read_bytes() == index
     # The remedy that the message names.
     done = command("restore", copy, root)
     assert done.exit_code == 0
@@ -371,8 +375,12 @@ def test_a_store_in_use_is_not_a_backups_place(root: Path, tmp_path: Path) -> No
     other = tmp_path / "other"
     with ResultStore(other) as store:
         put(store, 7)
-        with pytest.raises(StoreError, match="in use by process"):
+        with pytest.raises(ParameterError, match="other files"):
             backup(root, other)
-    # And when it is closed, what it has is not removed.
-    assert len(backup(root, other).missing) == 3
+    # And when it is closed.
+    with pytest.raises(ParameterError, match="other files"):
+        backup(root, other)
     assert ids(other) == {a_sequence(7).id}
+    backup(root, tmp_path / "copy")
+    with ResultStore(tmp_path / "copy"), pytest.raises(StoreError, match="in use by process"):
+        backup(root, tmp_path / "copy")

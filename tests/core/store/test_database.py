@@ -1,4 +1,4 @@
-"""The file of the index: transactions, durability, what is not an index, and guests."""
+"""The file of the index: transactions, durability, what is no index, and tables of a service."""
 
 from __future__ import annotations
 
@@ -88,21 +88,23 @@ def test_a_foreign_sqlite_file_is_not_taken_for_an_index(tmp_path: Path) -> None
         ResultStore(tmp_path).open()
 
 
-def test_guests_are_read_and_put_into_another_index_with_every_value(tmp_path: Path) -> None:
+def test_service_tables_are_read_and_put_into_another_index_with_every_value(
+    tmp_path: Path,
+) -> None:
     here, there = Database(tmp_path / "a.sqlite"), Database(tmp_path / "b.sqlite")
-    assert here.guests() == []
+    assert here.service_tables() == []
     rows = [(1, "Zoë"), (2, None), (3, "'; DROP TABLE visits--")]
     here.extend([STATEMENT, "CREATE INDEX IF NOT EXISTS by_name ON visits (name)"])
     with here.write() as connection:
         connection.executemany("INSERT INTO visits VALUES (?, ?)", rows)
     here.extend([STATEMENT])
-    (guest,) = here.guests()
-    assert (guest[0], guest[2]) == ("visits", rows)
-    there.receive([guest])
-    assert there.guests() == [guest]
+    (table,) = here.service_tables()
+    assert (table[0], table[2]) == ("visits", rows)
+    there.receive([table])
+    assert there.service_tables() == [table]
     there.extend([STATEMENT.replace("visits", "empty")])
-    here.receive([guest for guest in there.guests() if guest[0] == "empty"])
-    assert [name for name, _, _ in here.guests()] == ["visits", "empty"]
+    here.receive([table for table in there.service_tables() if table[0] == "empty"])
+    assert [name for name, _, _ in here.service_tables()] == ["visits", "empty"]
     for database in (here, there):
         assert database.faults() == []
         database.close()

@@ -146,7 +146,7 @@ def test_damage_is_found(store: ResultStore) -> None:
     with pytest.raises(CorruptFileError):
         read_images_file(path)
     report = verify_closed(store)
-    assert [fault.file for fault in report.faults] == [f"images/{record.id[:2]}/{record.id}.json"]
+    assert [fault.file for fault in report.faults] == [f"images/{record.id[:2]}/{record.id}.h5"]
 
 
 def test_samples_without_a_record_are_a_crash_that_the_next_start_clears(

@@ -20,7 +20,7 @@ from sealed_files import changed
 from store_samples import KEY, assert_same, sample_sequence, sample_signature, tree
 
 from modalmotion.cli.store_commands import store as commands
-from modalmotion.errors import CorruptFileError, OlderFileError
+from modalmotion.errors import CorruptFileError, NotFoundError
 from modalmotion.exports.signature_pack import export
 from modalmotion.store import ResultStore, rebuild, template_to_hdf5, verify
 from modalmotion.store.folder import FORM, Folder, ResultName, read_record, record_values
@@ -50,13 +50,13 @@ def test_a_rebuilt_index_is_the_old_one(root: Path) -> None:
     found = rebuild(root, progress=lambda done, total: seen.append((done, total)))
     assert (found.n_sequences, found.n_results) == (N, 3 * N)
     assert (found.restored, found.damaged, found.orphans) == ((), (), ())
-    assert not found.guests_lost
+    assert not found.service_tables_lost
     assert index_of(root) == before
     assert tree(root) == files
     assert seen == [(i + 1, 4 * N) for i in range(4 * N)]
 
 
-def test_files_of_an_older_version_are_refused_and_left_alone(root: Path) -> None:
+def test_files_of_another_version_are_left_alone_and_not_listed(root: Path) -> None:
     path = Folder(root).result(ResultName("signature", sample_sequence(1).id, "", KEY))
 
     def older(file: h5py.File) -> None:
@@ -65,14 +65,14 @@ def test_files_of_an_older_version_are_refused_and_left_alone(root: Path) -> Non
     path.write_bytes(changed(path.read_bytes(), older))
     (root / "index.sqlite").unlink()
     before = tree(root)
-    with pytest.raises(OlderFileError, match="version 1"):
-        ResultStore(root).open()
+    with ResultStore(root) as store, pytest.raises(NotFoundError):
+        store.signature_path(sample_sequence(1).id, KEY)
     assert tree(root)[str(path.relative_to(root))] == before[str(path.relative_to(root))]
     assert rebuild(root).damaged == (Folder(root).short(path),)
     assert path.read_bytes() == before[str(path.relative_to(root))]
 
 
-def test_an_index_that_is_lost_comes_back_without_its_guests(root: Path) -> None:
+def test_an_index_that_is_lost_comes_back_without_tables_of_a_service(root: Path) -> None:
     before = index_of(root)
     (root / "index.sqlite").unlink()
     rebuild(root)
@@ -88,7 +88,7 @@ def test_a_lost_index_is_built_anew_by_opening_too(root: Path) -> None:
 
 
 @pytest.mark.parametrize("place", [0, 50, 99])
-def test_a_damaged_index_is_built_anew_and_says_whether_guests_are_lost(
+def test_a_damaged_index_is_built_anew_and_says_whether_service_tables_are_lost(
     place: int, root: Path
 ) -> None:
     before = index_of(root)
@@ -101,11 +101,11 @@ def test_a_damaged_index_is_built_anew_and_says_whether_guests_are_lost(
     found = rebuild(root)
     after = index_of(root)
     assert (after["sequences"], after["results"]) == (before["sequences"], before["results"])
-    assert found.guests_lost is (after["visits"] == [])
+    assert found.service_tables_lost is (after["visits"] == [])
     assert verify(root).is_sound
 
 
-def test_guests_survive_a_damaged_index_where_they_can_be_read(root: Path) -> None:
+def test_service_tables_survive_a_damaged_index_where_they_can_be_read(root: Path) -> None:
     before = index_of(root)
     connection = sqlite3.connect(root / "index.sqlite")
     (page,) = connection.execute(
@@ -116,7 +116,7 @@ def test_guests_survive_a_damaged_index_where_they_can_be_read(root: Path) -> No
     content[(page - 1) * 4096 : page * 4096] = b"\xa5" * 4096
     (root / "index.sqlite").write_bytes(content)
     assert any(fault.file == "index.sqlite" for fault in verify(root).faults)
-    assert not rebuild(root).guests_lost
+    assert not rebuild(root).service_tables_lost
     assert index_of(root) == before
 
 

@@ -49,7 +49,7 @@ def tracked(*, by_points: bool) -> tuple[Floats, Track]:
 
 def rim_distance(x: Floats, found: Track, frame: int) -> float:
     own = found.template
-    rim = rim_at(Deformable.of(own, 2), "base")
+    rim, _ = rim_at(Deformable.of(own, 2), "base")
     return rms_distance(x[frame][RIM], found.sequence.vertices[frame].astype(np.float64), rim)
 
 

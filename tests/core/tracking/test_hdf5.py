@@ -33,7 +33,7 @@ def test_a_track_reads_as_it_was_written(result: Track) -> None:
     assert again.sequence.facts == result.sequence.facts
     assert again.template.id == result.template.id
     assert again.modes == result.modes
-    for name in ("prior", "noise", "unseen", "gap", "reference", "notes", "harmonic"):
+    for name in ("prior", "noise", "unseen", "reference", "notes"):
         assert getattr(again, name) == getattr(result, name)
     assert again.data is not None
     assert result.data is not None

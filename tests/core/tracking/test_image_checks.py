@@ -161,4 +161,3 @@ def test_frames_that_are_repeated_or_come_at_other_times_are_what_they_are() -> 
         assert bound is not None
         assert result.ejection_fraction == pytest.approx(true, abs=bound)
         assert bound < 8.0
-    assert part.gap is None

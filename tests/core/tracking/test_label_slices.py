@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from modalmotion.errors import ShapeError
 from modalmotion.images import Volume
-from modalmotion.tracking.label_slices import SliceEnds, ends_in_slices
+from modalmotion.tracking.label_slices import Floats, ends_in_slices
 
 STEP, PIXEL = 8.0, 1.5
 LENGTH, CUT = 50.0, 25.0
@@ -39,8 +40,24 @@ def stack(
     return Volume(values, affine)
 
 
-def found(*volumes: Volume | None) -> SliceEnds:
-    return ends_in_slices(volumes, [None if v is None else v.values == 3 for v in volumes])
+class Ends(NamedTuple):
+    """What is proposed, by name."""
+
+    apices: Floats
+    bases: Floats
+    axes: Floats
+    apex_covariance: Floats
+    base_covariance: Floats
+    notes: tuple[str, ...]
+
+
+def found(*volumes: Volume | None) -> Ends:
+    marks, notes = ends_in_slices(volumes)
+    apex, base = marks["apex"], marks["base"]
+    assert apex.normals is not None
+    assert apex.covariance is not None
+    assert base.covariance is not None
+    return Ends(apex.places, base.places, apex.normals, apex.covariance, base.covariance, notes)
 
 
 def test_levels_lie_within_their_deviations_wherever_slices_begin() -> None:
@@ -98,7 +115,7 @@ def test_the_base_descends_with_the_volume_that_is_ejected(radius: float) -> Non
 
 
 def test_errors_of_levels_are_shared_and_less_so_where_frames_differ() -> None:
-    def correlation(ends: SliceEnds) -> float:
+    def correlation(ends: Ends) -> float:
         own = ends.base_covariance
         return float(own[0, 1] / np.sqrt(own[0, 0] * own[1, 1]))
 

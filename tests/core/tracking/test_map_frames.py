@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from clouds import Floats
 
-from modalmotion.tracking.map_frames import chain_precision, joined, most_likely_h0
+from modalmotion.tracking.map_frames import chain_precision, joined
 
 
 def inverse(matrix: Floats) -> Floats:
@@ -73,17 +73,3 @@ def test_frames_together_are_one_dense_system(
     assert a.ravel() == pytest.approx(dense @ b.ravel(), abs=1e-10)
     for k in range(n_frames):
         assert C[k] == pytest.approx(dense[k * n : (k + 1) * n, k * n : (k + 1) * n], abs=1e-10)
-
-
-@pytest.mark.parametrize("true", [0.8, 2.0])
-def test_trajectories_tell_their_harmonic_and_variance(
-    true: float, rng: np.random.Generator
-) -> None:
-    n = 24
-    phases = np.arange(n) / n
-    C = inverse(chain_precision(phases, true, 5, is_closed=True))
-    # What all have in common says nothing of the motion.
-    x = 3.0 * np.linalg.cholesky(C) @ rng.normal(size=(n, 200)) + 20.0 * rng.normal(size=200)
-    h0, variance = most_likely_h0(x, np.ones(200), phases, 5, is_closed=True)
-    assert h0 == pytest.approx(true, rel=0.25)
-    assert variance == pytest.approx(9.0, rel=0.25)

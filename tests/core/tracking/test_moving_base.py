@@ -9,8 +9,9 @@ from ellipsoid_images import AXES, BASE, CUT, LANDMARKS, LENGTH, MIDDLE, enclose
 from modalmotion.images import ImageSequence
 from modalmotion.images.edges import Levels
 from modalmotion.tracking import Observation, track
-from modalmotion.tracking.image_frames import below_base, with_base, with_descent
+from modalmotion.tracking.image_frames import below_base, with_base
 from modalmotion.tracking.image_view import Sight
+from modalmotion.tracking.moving_base import base_by_volume
 
 TEMPLATE = spheroid()
 HEIGHT = CUT + LENGTH
@@ -28,26 +29,29 @@ def height_of(frame: tuple[Observation, ...]) -> float:
 
 def test_what_is_stated_stays_and_the_rest_is_where_valves_go_by_the_volume_ejected() -> None:
     stated = ((landmark(CUT),), (landmark(CUT - 9.0),), (), ())
-    rough = with_base(stated, TEMPLATE, 0)
+    rough = with_base(stated, TEMPLATE, 0, MIDDLE)
     assert rough[:2] == stated[:2]
-    assert height_of(rough[2]) == pytest.approx(CUT - 0.1 * HEIGHT, abs=1.0)
+    assert height_of(rough[2]) == pytest.approx(0.0)
     x = TEMPLATE.vertices
     small = MIDDLE + ((x - MIDDLE) @ AXES * [0.8, 0.8, 1.0]) @ AXES.T
-    once = with_descent(((landmark(CUT),), (), ()), TEMPLATE, 0, np.stack([x, x, small]))
+    places, covariance = base_by_volume(
+        ((landmark(CUT),), (), ()), TEMPLATE, 0, np.stack([x, x, small])
+    )
     # Of 36 %, before the base moves, it is 0.185 mm per percent down in 90, and of none none.
-    assert height_of(once[0][1]) == pytest.approx(height_of(stated[0]), abs=1.0)
-    down = CUT - height_of(once[0][2])
+    height = (places - MIDDLE) @ AXES[:, 2]
+    assert height[1] == pytest.approx(CUT, abs=1.0)
+    down = CUT - height[2]
     assert 36.0 < down * 90.0 / HEIGHT / 0.185 < 55.0
-    sd = np.sqrt(np.diag(once[1]))
+    sd = np.sqrt(np.diag(covariance))
     assert sd[0] == 0.0
     assert 1.5 * HEIGHT / 90.0 <= sd[1] < sd[2] < 0.5 * down
     # A frame that states it tells how far it goes in others.
-    twice = with_descent(
+    twice = base_by_volume(
         ((landmark(CUT),), (landmark(CUT - 3.0),), ()), TEMPLATE, 0, np.stack([x, small, small])
     )
-    assert CUT - height_of(twice[0][2]) < down - 1.0
+    assert CUT - (twice[0][2] - MIDDLE) @ AXES[:, 2] < down - 1.0
     assert np.diag(twice[1])[:2].tolist() == [0.0, 0.0]
-    assert twice[1][2, 2] < once[1][2, 2]
+    assert twice[1][2, 2] < covariance[2, 2]
 
 
 def test_edges_beyond_the_base_do_not_count() -> None:

@@ -24,7 +24,7 @@ def test_one_image_becomes_a_surface_with_an_error_that_holds() -> None:
 
 
 def test_a_label_map_needs_no_landmark() -> None:
-    result = segment(labels(), labels=[3], wall=[2], modes=7)
+    result = segment(labels(), labels=(3,), modes=7)
     assert off_surface(result.sequence.vertices[0]) < 0.8
 
 

@@ -221,7 +221,7 @@ def test_a_job_takes_images_in_and_another_tracks_them(client: TestClient) -> No
 
 def test_labels_are_tracked_without_a_landmark(client: TestClient) -> None:
     images = sent(client, write_nifti(ImageSequence((labels(), labels(18.0)))))
-    asked = {"images": images, "modes": "4", "labels": "3", "wall": "2"}
+    asked = {"images": images, "modes": "4", "labels": "3"}
     answer = client.post(TRACKS, params=asked)
     assert answer.status_code == 201, answer.text
     assert any("Apex and base were proposed" in note for note in answer.json()["notes"])
@@ -245,7 +245,6 @@ def test_images_in_the_body_of_a_track_are_not_stored(client: TestClient, file: 
     [
         ({"images": "0" * 64}, b"", "no images"),
         ({"keep": "true"}, b"x", "none are named"),
-        ({"wall": "2"}, b"x", "none of the cavity"),
         ({"labels": "three"}, b"x", "labels"),
     ],
 )

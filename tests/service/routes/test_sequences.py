@@ -134,20 +134,24 @@ def test_a_request_sent_again_is_answered_as_the_first_time(
     assert differently.json()["code"] == "idempotency_mismatch"
 
 
-def test_a_kept_answer_loses_the_names_that_a_change_replaces_and_no_others(
+def test_a_kept_answer_states_names_and_facts_as_they_are_now(
     fresh_client: TestClient, beat: bytes
 ) -> None:
     send = partial(
         fresh_client.post,
-        "/v1/sequences?subject=P7&label=rest",
+        "/v1/sequences?subject=P7&label=rest&modality=mri",
         content=beat,
         headers={"Idempotency-Key": "named"},
     )
-    here = send().headers["location"]
-    assert fresh_client.patch(here, json={"facts": {"modality": "cine"}}).status_code == 200
-    assert (send().json()["subject"], send().json()["label"]) == ("P7", "rest")
-    assert fresh_client.patch(here, json={"subject": "P8"}).status_code == 200
-    assert (send().json()["subject"], send().json()["label"]) == (None, "rest")
+    first = send().json()
+    here = first["links"]["self"]
+    change = {"subject": "P8", "label": None, "facts": {"modality": "cine", "cavity": "lv"}}
+    changed = fresh_client.patch(here, json=change)
+    assert changed.status_code == 200, changed.text
+    now = {name: changed.json()[name] for name in ("name", "subject", "label", "facts")}
+    assert now["facts"]["modality"] == "cine"
+    # The rest is as it was answered, with what was read beside the sequence.
+    assert send().json() == {**first, **now}
 
 
 def test_a_refused_request_does_not_use_up_its_key(fresh_client: TestClient, beat: bytes) -> None:

@@ -15,7 +15,7 @@ from signing import signed
 from modalmotion.viewer.container import read_container
 from modalmotion.viewer.page import script, source_hash, style
 from modalmotion_service.http.negotiation import VIEW
-from modalmotion_service.work.tasks import derived
+from modalmotion_service.work.tasks import signatures
 from modalmotion_service.work.tasks.files import Fitted
 
 
@@ -97,7 +97,7 @@ def test_a_page_of_one_file_is_an_attachment(client: TestClient, here: str) -> N
 def test_more_frames_than_an_answer_holds_are_refused(
     client: TestClient, here: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Any
 ) -> None:
-    monkeypatch.setattr(derived, "MOST_FRAME_BYTES", 1_000)
+    monkeypatch.setattr(signatures, "MOST_FRAME_BYTES", 1_000)
     from modalmotion.errors import LimitError
 
     store = client.app.state.owners.local.store  # type: ignore[attr-defined]
@@ -106,7 +106,7 @@ def test_more_frames_than_an_answer_holds_are_refused(
     record = store.sequence_record(sequence_id)
     one = Fitted(signature, store.sequence_path(sequence_id), None, None, record)
     with pytest.raises(LimitError, match="first and stop") as caught:
-        derived.make_frames(one, 0, None, tmp_path / "frames")
+        signatures.make_frames(one, 0, None, tmp_path / "frames")
     assert caught.value.limit == "view_frame_bytes"
 
 

@@ -227,7 +227,7 @@ def test_a_hostile_worker_runs_nothing_here(
         return 0
 
     monkeypatch.setattr(FORKS, "fork", fork)
-    unread = pytest.raises(WorkerDiedError, match="cannot be read")
+    unread = pytest.raises(WorkerDiedError, match="unreadable answer")
     with WorkerPool(1, 5.0, 10**9) as pool, unread:
         pool.submit(os.getpid).result(timeout=30)
     assert worker.n_answers

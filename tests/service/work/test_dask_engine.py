@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -53,7 +54,7 @@ def test_an_engine_of_no_such_name_is_refused() -> None:
 
 def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
     address = f"tcp://127.0.0.1:{free_port()}"
-    with pytest.raises(ClusterError, match="no scheduler") as caught:
+    with pytest.raises(ClusterError, match="cannot be reached") as caught:
         DaskEngine(settings_for(address, tmp_path, cluster_seconds=0.5))
     assert address in caught.value.message
 
@@ -83,7 +84,7 @@ def test_answers_errors_and_limits_are_those_of_one_machine(
 @pytest.mark.thorough
 def test_a_worker_elsewhere_does_no_work(dask_cluster: DaskCluster, tmp_path: Path) -> None:
     with DaskEngine(settings_for(dask_cluster.address, tmp_path)) as engine:
-        (tmp_path / "cluster").rmdir()
+        shutil.rmtree(tmp_path / "cluster")
         with pytest.raises(ClusterError, match="does not see the data folder"):
             engine.submit(abs, -1).result(60)
 

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, wait
 from pathlib import Path
+from typing import Any
 
 import pytest
 from project import ROOT
@@ -30,8 +31,7 @@ from modalmotion_service.errors import ClusterError, CostError, WorkerDiedError
 from modalmotion_service.http.problems import problem_body
 from modalmotion_service.work.engine import Engine, Terms
 from modalmotion_service.work.forks import FORKS
-from modalmotion_service.work.keeper import MOST_STARTS
-from modalmotion_service.work.pool import WorkerPool
+from modalmotion_service.work.pool import MOST_STARTS, WorkerPool
 
 MEMORY = 3_000_000_000
 OpenEngine = Callable[[float], Engine]
@@ -54,6 +54,22 @@ def test_it_is_an_executor_and_gives_results(pool: Engine) -> None:
     assert list(pool.map(abs, [-1, 2, -3])) == [1, 2, 3]
     pool.require_ready()
     assert pool.submit(os.getpid).result() != os.getpid()
+
+
+def test_whoever_hands_a_task_on_does_not_wait_until_it_is_written(pool: Engine) -> None:
+    gate = threading.Event()
+
+    class Many:
+        def __reduce__(self) -> tuple[type[int], tuple[int]]:
+            assert gate.wait(20)
+            return int, (-3,)
+
+    many: Any = Many()
+    futures = [pool.submit(abs, many) for _ in range(2)]
+    assert futures[1].cancel()
+    gate.set()
+    assert futures[0].result(timeout=20) == 3
+    assert pool.submit(abs, -1).result(timeout=20) == 1
 
 
 def test_our_errors_cross_with_everything_they_say(pool: Engine) -> None:

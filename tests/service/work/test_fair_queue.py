@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modalmotion_service.work.lanes import FairQueue
+from modalmotion_service.work.engine import FairQueue
 
 
 def queue() -> FairQueue[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import time
 from collections.abc import Iterator
@@ -12,8 +11,7 @@ from pathlib import Path
 import pytest
 from worker_tasks import hang, note, slow_mark, wait_for
 
-from modalmotion_service.work.engine import Terms
-from modalmotion_service.work.lanes import SHORT_SECONDS, Lanes, Task
+from modalmotion_service.work.engine import DISTRUST_SECONDS, SHORT_SECONDS, Lanes, Task, Terms
 from modalmotion_service.work.pool import WorkerPool
 
 MEMORY = 3_000_000_000
@@ -50,7 +48,7 @@ def test_the_lane_takes_no_long_work(pool: WorkerPool) -> None:
 
 
 def task(owner: str, price: float) -> Task:
-    return Task(Future(), abs, b"", 1, 1.0, Terms(owner, price))
+    return Task(Future(), abs, bytes, 1, 1.0, Terms(owner, price))
 
 
 def test_workers_do_short_work_when_nothing_long_waits() -> None:
@@ -63,14 +61,15 @@ def test_workers_do_short_work_when_nothing_long_waits() -> None:
     assert order == [tasks[1], tasks[0], tasks[2]]
     assert lanes.close(give_up=False) == []
     assert not lanes.put(tasks[0])
-    assert not lanes.put_back(tasks[0])
+    lanes.put_back(tasks[0])
+    assert tasks[0].future.cancelled()
     assert lanes.take(is_lane=False) is None
 
 
 def test_what_outlives_the_lane_is_done_in_the_long_queue(
     pool: WorkerPool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("modalmotion_service.work.keeper.LANE_SECONDS", 0.2)
+    monkeypatch.setattr("modalmotion_service.work.pool.LANE_SECONDS", 0.2)
     under_way(pool, tmp_path / "mark", LONG, 1.0)
     # Dearer than it looks: the lane gives it up, and the worker does it when it is free.
     looks_short = pool.submit_for(SHORT, slow_mark, tmp_path / "other", 0.6)
@@ -101,22 +100,19 @@ def test_the_long_queue_of_an_owner_holds_up_nobody_else(tmp_path: Path) -> None
 
 def test_an_owner_is_believed_again_after_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 0.0
-    monkeypatch.setattr("modalmotion_service.work.lanes.time.monotonic", lambda: now)
+    monkeypatch.setattr("modalmotion_service.work.engine.time.monotonic", lambda: now)
+
+    lanes = Lanes()
 
     def lane_of(owner: str) -> str:
-        lanes = Lanes()
-        lanes._distrust = distrust
-        lanes.put(task(owner, SHORT_SECONDS / 2))
+        for one in lanes.close(give_up=True):
+            one.future.cancel()
+        lanes._is_open = True
+        assert lanes.put(task(owner, SHORT_SECONDS / 2))
         return next(name for name, length in lanes.lengths.items() if length)
 
-    first = Lanes()
-    distrust = first._distrust
     assert lane_of("a") == "short"
-    first.put_back(task("a", SHORT_SECONDS / 2))
+    lanes.put_back(task("a", SHORT_SECONDS / 2))
     assert (lane_of("a"), lane_of("b")) == ("long", "short")
-    now = 200.0
+    now = DISTRUST_SECONDS + 1.0
     assert lane_of("a") == "short"
-    assert distrust.factor("a") == 1.0
-    for _ in range(10_000):
-        first.put_back(task("a", SHORT_SECONDS / 2))
-    assert math.isfinite(distrust.factor("a"))

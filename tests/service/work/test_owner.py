@@ -18,7 +18,7 @@ from modalmotion.formats import write_npz
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import Scope
-from modalmotion_service.work.engine import serve
+from modalmotion_service.work.worker import serve
 
 
 def a_surface(seed: int) -> bytes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 import random
 import signal
@@ -17,12 +16,11 @@ from typing import Any
 
 import pytest
 from busy_machine import busy_processes
-from worker_tasks import hang, is_running, short, slow_mark
+from worker_tasks import answer_twice, hang, is_running, short, slow_mark
 
 from modalmotion.errors import LimitError
 from modalmotion_service.errors import ClusterError, NoWorkerError, WorkerDiedError
-from modalmotion_service.work.forks import FORKS, is_stopped
-from modalmotion_service.work.keeper import ProcessLostError, WorkerProcess
+from modalmotion_service.work.forks import FORKS, WorkerProcess, is_stopped
 from modalmotion_service.work.pool import WorkerPool
 from modalmotion_service.work.worker import answer as send_answer
 
@@ -174,23 +172,24 @@ def test_a_task_of_a_stopped_worker_is_done_by_another_one(tmp_path: Path) -> No
 
 def test_a_process_that_says_more_than_it_is_asked_is_not_believed() -> None:
     ours, theirs = socket.socketpair()
-    waker, wake = os.pipe()
     process = WorkerProcess.__new__(WorkerProcess)
-    process._socket, process._waker, process._polls = ours, waker, {}
-    process.pid, process._most_clock = 0, math.inf
+    process._socket, process.pid = ours, 0
     ours.setblocking(False)
-    long = bytes(300_000)
-    answers = [b"", b"one", long]
-    for answer in answers:
-        sender = threading.Thread(target=send_answer, args=(theirs, answer))
-        sender.start()
-        assert process._receive(time.monotonic() + 5.0) == answer
-        sender.join()
-    # What it adds would be taken for the answer to the next question.
-    theirs.sendall((3).to_bytes(8, "little") + b"one" + (3).to_bytes(8, "little") + b"two")
-    with pytest.raises(ProcessLostError, match="more than it was asked"):
-        process._receive(time.monotonic() + 5.0)
-    for one in (ours, theirs):
-        one.close()
-    os.close(waker)
-    os.close(wake)
+    with ours, theirs:
+        for answer in (b"", b"one", bytes(300_000)):
+            assert process.is_idle
+            sender = threading.Thread(target=send_answer, args=(theirs, answer))
+            sender.start()
+            assert process.exchange(b"", 5.0) == answer
+            sender.join()
+        # What it adds would be taken for the answer to the next question.
+        send_answer(theirs, b"two")
+        assert not process.is_idle
+        assert process.is_alive
+
+
+def test_a_worker_that_adds_to_its_answer_is_replaced() -> None:
+    with WorkerPool(1, 20.0, MEMORY) as pool:
+        pid = pool.submit(os.getpid).result(timeout=60)
+        assert pool.submit(answer_twice).result(timeout=60) == 2
+        assert pool.submit(os.getpid).result(timeout=60) != pid

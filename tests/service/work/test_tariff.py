@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 import time
 from collections.abc import Callable
@@ -22,10 +21,9 @@ from modalmotion.store import SequenceRecord
 from modalmotion_service.http.negotiation import JSON, NPZ, PNG
 from modalmotion_service.schemas.queries import ModesRequest
 from modalmotion_service.schemas.requests import EncodingTarget
-from modalmotion_service.work import tasks
-from modalmotion_service.work.lanes import SHORT_SECONDS
-from modalmotion_service.work.tariff import _RULES, Tariff
-from modalmotion_service.work.tasks import derived, sequences, signatures
+from modalmotion_service.work.engine import SHORT_SECONDS
+from modalmotion_service.work.tariff import Tariff
+from modalmotion_service.work.tasks import sequences, signatures
 from modalmotion_service.work.tasks.files import Fitted
 from modalmotion_service.work.upload import Upload
 
@@ -46,17 +44,6 @@ def price(task: Callable[..., Any], *args: Any) -> float:
 
 def upload(folder: Path, n_bytes: int, kind: Format | None = Format.RAW) -> Upload:
     return Upload(file_of(folder, n_bytes), ReadOptions(format=kind))
-
-
-def test_every_task_of_requests_has_a_price() -> None:
-    modules = [sequences, signatures, derived, tasks.classification, tasks.tracks]
-    public = {
-        function
-        for module in modules
-        for name, function in inspect.getmembers(module, inspect.isfunction)
-        if function.__module__ == module.__name__ and not name.startswith("_")
-    }
-    assert set(_RULES) == public
 
 
 def test_what_nobody_knows_is_long_work_without_end() -> None:
@@ -89,7 +76,7 @@ def test_prices_rise_with_the_size_of_the_file(tmp_path: Path) -> None:
             sequences.encode_sequence, upload(tmp_path, n), EncodingTarget(rms=1), out, out
         ),
         lambda n: price(sequences.decode_upload, file_of(tmp_path, n), None, None, None, NPZ, out),
-        lambda n: price(derived.read_out, file_of(tmp_path, n), NOWHERE, None, JSON),
+        lambda n: price(signatures.read_out, file_of(tmp_path, n), NOWHERE, None, JSON),
     ]
     for make in makers:
         prices = [make(n) for n in sizes]
@@ -130,10 +117,12 @@ def test_modes_surfaces_and_pictures_cost_what_they_take(tmp_path: Path) -> None
     assert many > 10 * few
     kept = Fitted(file, file, None, None, cast("SequenceRecord", None))
     usual = (kept, SurfaceFormat.NPZ)
-    own, more = (price(derived.superpose, *usual, t, None, NOWHERE) for t in (None, [0.0] * 5000))
+    own, more = (
+        price(signatures.superpose, *usual, t, None, NOWHERE) for t in (None, [0.0] * 5000)
+    )
     assert more > 2 * own
     trade = (file, USUAL, 111, None, None)
-    assert price(derived.measure_trade, *trade, JSON, NOWHERE, NO_FACTS) > 10 * price(
+    assert price(signatures.measure_trade, *trade, JSON, NOWHERE, NO_FACTS) > 10 * price(
         signatures.sign, file, USUAL, None, None, NOWHERE
     )
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
@@ -19,7 +16,6 @@ from job_requests import finished
 
 from modalmotion.errors import StoreError
 from modalmotion.formats import read_npz
-from modalmotion.store import signature_from_hdf5
 from modalmotion_service.errors import WorkerDiedError
 from modalmotion_service.workspace import file_operations
 
@@ -91,46 +87,8 @@ def test_each_has_the_answer_that_it_has_alone(
     assert not in_spool(shared_data_dir)
 
 
-def test_as_files_they_are_the_files_that_each_has_alone(
-    shared_client: TestClient, files: list[tuple[str, bytes]]
-) -> None:
-    answer = sent(shared_client, files, accept="application/zip")
-    with zipfile.ZipFile(io.BytesIO(answer.content)) as archive:
-        told = json.loads(archive.read("results.json"))
-        assert [one["file"] for one in told["results"]] == ["000000.h5", None, "000002.h5"]
-        assert told["results"][1]["error"]["code"] == "malformed_file"
-        kept = signature_from_hdf5(archive.read("000002.h5"))
-    own = shared_client.post(
-        f"/v1/signature?{MODES}", content=files[2][1], headers={"Accept": "application/x-hdf5"}
-    )
-    assert np.array_equal(kept.amplitudes, signature_from_hdf5(own.content).amplitudes)
-
-
-def test_in_one_file_each_is_found_by_its_name(
-    shared_client: TestClient, files: list[tuple[str, bytes]]
-) -> None:
-    answer = sent(shared_client, files, accept="application/x-hdf5", label="none")
-    assert answer.status_code == 422
-    answer = sent(shared_client, files, accept="application/x-hdf5")
-    with h5py.File(io.BytesIO(answer.content), "r") as file:
-        names = list(file["files/name"].asstr())
-        problems = list(file["files/problem"].asstr())
-        (group,) = [group for name, group in file.items() if name != "files"]
-        assert list(group["sequence_id"].asstr()) == [
-            one for one in file["files/sequence_id"].asstr() if one
-        ]
-    assert names == ["a.npz", "broken.npz", "b.npz"]
-    assert [bool(one) for one in problems] == [False, True, False]
-    table = sent(shared_client, files, accept="text/csv")
-    rows = list(csv.DictReader(io.StringIO(table.text)))
-    assert [row["recording"] for row in rows] == ["a.npz", "b.npz", "broken.npz"]
-    assert [row["frames"] for row in rows] == ["25", "24", ""]
-    assert [bool(row["error"]) for row in rows] == [False, False, True]
-
-
-@pytest.mark.parametrize("accept", ["text/csv", "application/x-hdf5"])
-def test_where_all_fail_all_are_named(shared_client: TestClient, accept: str) -> None:
-    answer = sent(shared_client, [("x", b"1"), ("y", b"2")], accept=accept)
+def test_where_all_fail_all_are_named(shared_client: TestClient) -> None:
+    answer = sent(shared_client, [("x", b"1"), ("y", b"2")])
     assert (answer.status_code, answer.headers["batch-failed"]) == (200, "2")
 
 

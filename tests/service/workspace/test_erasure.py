@@ -16,7 +16,7 @@ from job_requests import ASYNC, finished
 
 from modalmotion_service.app import create_app
 from modalmotion_service.settings import Settings
-from modalmotion_service.workspace.erasure import erase
+from modalmotion_service.workspace.recording_operations import erase
 
 NAME = "Mustermann, Erika"
 

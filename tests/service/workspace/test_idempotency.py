@@ -20,7 +20,6 @@ def keys(tmp_path: Path) -> Iterator[IdempotencyKeys]:
 
 
 def test_a_key_is_claimed_once_and_answers_again_what_was_answered(keys: IdempotencyKeys) -> None:
-    assert keys.get("k") is None
     assert keys.claim("k", "sent") is None
     under_way = keys.claim("k", "sent")
     assert under_way is not None
@@ -29,7 +28,7 @@ def test_a_key_is_claimed_once_and_answers_again_what_was_answered(keys: Idempot
     again = keys.claim("k", "otherwise")
     assert again is not None
     assert (again.fingerprint, again.status, again.response) == ("sent", 201, {"id": "a"})
-    assert keys.get("k") == again
+    assert keys.claim("k", "sent") == again
     keys.release("k")
     assert keys.claim("k", "otherwise") is None
 
@@ -45,7 +44,7 @@ def test_what_clients_chose_is_kept_as_a_digest_and_known_again(tmp_path: Path) 
         for path in tmp_path.glob("index.sqlite*"):
             assert b"Mustermann" not in path.read_bytes()
     with ResultStore(tmp_path) as store:
-        assert IdempotencyKeys(store.database).get("Mustermann 1") is not None
+        assert IdempotencyKeys(store.database).claim("Mustermann 1", "sent") is not None
 
 
 def test_of_many_requests_at_once_one_has_the_key(keys: IdempotencyKeys) -> None:
@@ -63,10 +62,10 @@ def test_keys_of_requests_that_died_and_of_long_ago_are_freed(tmp_path: Path) ->
     with ResultStore(tmp_path) as store:
         keys = IdempotencyKeys(store.database)
         assert keys.release_unfinished() == 1
-        assert keys.get("dead") is None
+        assert keys.claim("dead", "a") is None
         assert keys.forget_before("2020") == 0
-        assert keys.forget_before("9999") == 1
-        assert keys.get("done") is None
+        assert keys.forget_before("9999") == 2
+        assert keys.claim("done", "a") is None
 
 
 def test_kept_answers_are_replaced_at_and_below_a_place_alone(keys: IdempotencyKeys) -> None:
@@ -77,7 +76,7 @@ def test_kept_answers_are_replaced_at_and_below_a_place_alone(keys: IdempotencyK
         keys.complete(str(number), 201, {"body": "", "headers": headers})
     keys.claim("under way", "request")
     assert keys.replace_answers("/v1/sequences/ab", 404, {"body": "gone"}) == 2
-    found = [keys.get(str(number)) for number in range(4)]
+    found = [keys.claim(str(number), "request") for number in range(4)]
     assert [answer and answer.status for answer in found] == [404, 404, 201, 201]
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import math
 import sqlite3
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ from modalmotion.store import ResultStore
 from modalmotion_service.errors import ClusterError, WorkerDiedError
 from modalmotion_service.schemas.general import JobState
 from modalmotion_service.workspace import job_runner
-from modalmotion_service.workspace.job_runner import JobRunner, Report
+from modalmotion_service.workspace.job_runner import Ending, JobRunner, Report
 from modalmotion_service.workspace.jobs import Job, Jobs
 
 PASSING = (
@@ -76,13 +78,31 @@ async def ended(runner: JobRunner, jobs: Jobs, file: Path) -> Job:
         await asyncio.sleep(0.001)
 
 
-def runner_of(jobs: Jobs, handler: Callable[[Any, Report], Any], **options: Any) -> JobRunner:
-    def clean(request: Any) -> None:
+class Runner(JobRunner):
+    """Does jobs by a function, one at a time; each has a file until its end."""
+
+    def __init__(
+        self,
+        jobs: Jobs,
+        handler: Callable[[Any, Report], Any],
+        settle: Callable[[Any, Any], Any] | None = None,
+        require_store: Callable[[], None] = lambda: None,
+        retry_seconds: float = math.inf,
+    ) -> None:
+        super().__init__(jobs, 1, 100, {}, retry_seconds)
+        self.handler, self.settle, self.required = handler, settle, require_store
+
+    async def do(self, job: Job, report: Report) -> Any:
+        return await self.handler(job.request, report)
+
+    def ending(self, job: Job) -> Ending | None:
+        return self.settle and partial(self.settle, job)
+
+    def clean_up(self, request: Any) -> None:
         Path(request["file"]).unlink()
 
-    return JobRunner(
-        jobs, lambda job, report: handler(job.request, report), clean, 1, 100, **options
-    )
+    def require_store(self) -> None:
+        self.required()
 
 
 async def done(_request: Any, _report: Report) -> Any:
@@ -106,7 +126,7 @@ def test_a_state_that_cannot_be_noted_is_noted_later(
         report(0.5, "half")
         return {"link": "there"}
 
-    job = asyncio.run(ended(runner_of(jobs, handler), jobs, tmp_path / "file"))
+    job = asyncio.run(ended(Runner(jobs, handler), jobs, tmp_path / "file"))
     assert (job.state, job.result) == (JobState.SUCCEEDED, {"link": "there"})
     # Done once: only its end was noted again.
     assert n_tries == 1
@@ -125,7 +145,7 @@ def test_a_fault_that_passes_leads_to_another_try(
         report(0.9 - 0.1 * tries.n_left)
         return tries()
 
-    runner = runner_of(jobs, handler)
+    runner = Runner(jobs, handler)
     job = asyncio.run(ended(runner, jobs, tmp_path / "file"))
     assert (job.state, tries.n_left) == (JobState.SUCCEEDED, 0)
     # Who asks is told why it waits, but for what is inside.
@@ -140,7 +160,7 @@ def test_any_other_fault_fails_it_by_name(jobs: Jobs, tmp_path: Path, error: Exc
     async def handler(_request: Any, _report: Report) -> Any:
         return tries()
 
-    job = asyncio.run(ended(runner_of(jobs, handler), jobs, tmp_path / "file"))
+    job = asyncio.run(ended(Runner(jobs, handler), jobs, tmp_path / "file"))
     assert (job.state, tries.n_left) == (JobState.FAILED, 99)
     assert job.error["code"] == getattr(error, "code", "internal_error")
 
@@ -164,7 +184,7 @@ def test_what_is_missing_while_the_store_is_away_is_no_fault_of_the_job(
         return {}
 
     away.n_left = 2
-    runner = runner_of(jobs, handler, require_store=away)
+    runner = Runner(jobs, handler, require_store=away)
     job = asyncio.run(ended(runner, jobs, tmp_path / "file"))
     assert (job.state, n_tries, away.n_left) == (JobState.SUCCEEDED, 2, 0)
 
@@ -173,7 +193,7 @@ def test_what_does_not_pass_for_long_fails_by_name(jobs: Jobs, tmp_path: Path) -
     async def handler(_request: Any, _report: Report) -> Any:
         raise OSError(errno.ENOSPC, "No space left on device", "/secret/file")
 
-    runner = runner_of(jobs, handler, retry_seconds=0.05)
+    runner = Runner(jobs, handler, retry_seconds=0.05)
     job = asyncio.run(ended(runner, jobs, tmp_path / "file"))
     assert job.state is JobState.FAILED
     assert (job.error["status"], job.error["errno"]) == (507, "ENOSPC")
@@ -188,7 +208,7 @@ def test_a_job_that_waits_for_another_try_keeps_no_other_one_waiting(
         return {}
 
     async def both() -> Job:
-        runner = runner_of(jobs, handler)
+        runner = Runner(jobs, handler)
         (tmp_path / "large").touch()
         large = await runner.start("kind", {"file": str(tmp_path / "large")})
         await ended_beside(runner, jobs, tmp_path / "small")
@@ -212,7 +232,7 @@ def test_a_job_that_nobody_does_is_taken_up(jobs: Jobs, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
 
     async def taken_up() -> None:
-        runner = runner_of(jobs, done)
+        runner = Runner(jobs, done)
         # Twice at once: it is done once.
         await asyncio.gather(runner.resume(), runner.resume())
         await runner.close(10.0)
@@ -235,7 +255,7 @@ def test_whoever_leaves_while_a_job_is_noted_leaves_none_behind(
     monkeypatch.setattr(jobs, "create", slow)
 
     async def leave() -> None:
-        runner = runner_of(jobs, done)
+        runner = Runner(jobs, done)
         starting = asyncio.ensure_future(runner.start("kind", {"file": str(tmp_path / "file")}))
         left.append(starting)
         with pytest.raises(asyncio.CancelledError):
@@ -280,7 +300,7 @@ def test_what_goes_in_the_end_goes_once_the_result_is_noted(jobs: Jobs, tmp_path
             await asyncio.sleep(0.01)
 
     async def killed() -> str:
-        runner = runner_of(jobs, handler, settle={"kind": settle})
+        runner = Runner(jobs, handler, settle=settle)
         (tmp_path / "file").touch()
         job = await runner.start("kind", {"file": str(tmp_path / "file")})
         while "settled" not in steps:
@@ -289,7 +309,7 @@ def test_what_goes_in_the_end_goes_once_the_result_is_noted(jobs: Jobs, tmp_path
         return job.id
 
     async def resumed(job_id: str) -> Job:
-        runner = runner_of(jobs, handler, settle={"kind": settle})
+        runner = Runner(jobs, handler, settle=settle)
         await runner.resume()
         await runner.close(10.0)
         return jobs.get(job_id)
@@ -318,6 +338,6 @@ def test_a_fault_at_the_end_leads_to_another_try_of_the_end(
     async def settle(request: Any, result: Any) -> None:
         ends(request, result)
 
-    runner = runner_of(jobs, handler, settle={"kind": settle})
+    runner = Runner(jobs, handler, settle=settle)
     job = asyncio.run(ended(runner, jobs, tmp_path / "file"))
     assert (job.state, steps) == (JobState.SUCCEEDED, ["worked", "settled"])

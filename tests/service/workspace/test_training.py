@@ -5,16 +5,12 @@ from __future__ import annotations
 import asyncio
 import json
 import pickle
-import secrets
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -22,10 +18,10 @@ from fastapi.testclient import TestClient
 from running import RunningService
 from training_cohort import QUICK, cohort, finished, send
 
-from modalmotion.classification import CaseFile, TrainingOptions
+from modalmotion.classification import CaseFile
 from modalmotion.errors import NotFoundError
 from modalmotion.formats import read_npz
-from modalmotion.signature.making import SignatureKind, modal_signature
+from modalmotion.signature.making import modal_signature
 from modalmotion.store import ResultStore, model_from_hdf5, signature_to_hdf5
 from modalmotion.store.database import Database
 from modalmotion_service.app import create_app
@@ -33,8 +29,8 @@ from modalmotion_service.schemas.general import JobState
 from modalmotion_service.schemas.queries import LabelledSequence
 from modalmotion_service.settings import Settings
 from modalmotion_service.workspace.job_runner import JobRunner, Report
-from modalmotion_service.workspace.jobs import Jobs
-from modalmotion_service.workspace.training import find_cases, train
+from modalmotion_service.workspace.jobs import Job, Jobs
+from modalmotion_service.workspace.training import find_cases
 
 
 @pytest.fixture
@@ -127,44 +123,6 @@ def test_ten_thousand_sequences_are_looked_up_in_a_moment(tmp_path: Path) -> Non
         assert len(answer.content) < 5_000
 
 
-def test_others_are_answered_while_a_training_is_handed_on_and_it_can_be_cancelled(
-    tmp_path: Path,
-) -> None:
-    begun, go_on, work = threading.Event(), threading.Event(), Future[None]()
-
-    def run(*_: Any) -> Future[None]:
-        begun.set()
-        assert go_on.wait(10)
-        return work
-
-    async def each(*_: Any) -> list[Path]:
-        return []
-
-    state: Any = SimpleNamespace(
-        store=SimpleNamespace(root=tmp_path, model_of_training=lambda _: None),
-        spool=SimpleNamespace(new_path=lambda: tmp_path / secrets.token_hex(8)),
-        analysis=SimpleNamespace(each=each),
-        training_engine=SimpleNamespace(run=run),
-        settings=Settings(data_dir=tmp_path),
-    )
-
-    async def check() -> None:
-        options = TrainingOptions(kind=SignatureKind.MATERIAL, modes=7)
-        made = asyncio.ensure_future(train(state, "t", "m", options, [], lambda *_: None))
-        while not begun.is_set():
-            await asyncio.sleep(0.001)
-        # The loop goes on while the cases are written.
-        assert not go_on.is_set()
-        made.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await made
-        go_on.set()
-        while not work.cancelled():
-            await asyncio.sleep(0.001)
-
-    asyncio.run(asyncio.wait_for(check(), 20))
-
-
 def test_a_long_kind_of_job_keeps_the_others_from_waiting(tmp_path: Path) -> None:
     order: list[str] = []
 
@@ -180,12 +138,13 @@ def test_a_long_kind_of_job_keeps_the_others_from_waiting(tmp_path: Path) -> Non
             order.append(f"short {request}")
 
         kinds = {"long": long, "short": short}
+
+        class Runner(JobRunner):
+            async def do(self, job: Job, report: Report) -> Any:
+                await kinds[job.kind](job.request, report)
+
         table = Jobs(store.database)
-        runner = JobRunner(
-            *(table, lambda job, report: kinds[job.kind](job.request, report), lambda _: None),
-            *(1, 100),
-            apart={"long": 1},
-        )
+        runner = Runner(table, 1, 100, {"long": 1})
         jobs = [await runner.start("long", number) for number in range(3)]
         jobs += [await runner.start("short", number) for number in range(3)]
         while len(order) < 4:
@@ -222,7 +181,7 @@ def peak_memory(folder: Path, n_cases: int) -> int:
         "from modalmotion_service.work.tasks.training import train_model;"
         "a, b, c = map(Path, sys.argv[1:]);"
         "cases = pickle.loads(a.read_bytes());"
-        "train_model(cases, None, 'large', {'card': 'quick'}, 't', b, c);"
+        "train_model(cases, None, 'large', {'card': 'quick'}, 't', b, None, 1, c);"
         "sys.stdout.write(str(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024))"
     )
     files = [listed, folder / "model.h5", folder / "progress"]

@@ -19,31 +19,16 @@ from modalmotion.classification import (
     shipped_for,
 )
 from modalmotion.classification.cases import LeftOut, case_name
-from modalmotion.classification.evaluation import (
-    CaseAnswer,
-    comparison_of,
-    evaluation_of,
-)
+from modalmotion.classification.evaluation import CaseAnswer, comparison_of, evaluation_of
 from modalmotion.mesh.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.norm import (
-    Norm,
-    cohort_deviation,
-    norm_from_hdf5,
-    norm_to_hdf5,
-    train_norm,
-)
+from modalmotion.norm import Norm, cohort_deviation, norm_from_hdf5, norm_to_hdf5, train_norm
 from modalmotion.norm.norm import Reading
 from modalmotion.norm.training import Control
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion_service.http.negotiation import CSV, PNG
+from modalmotion_service.schemas import models
 from modalmotion_service.schemas.general import ReadingAnswer
-from modalmotion_service.schemas.models import (
-    CohortDeviationAnswer,
-    ComparisonAnswer,
-    EvaluationAnswer,
-    FeaturesAnswer,
-)
 from modalmotion_service.schemas.results import ClassificationAnswer, UploadClassificationAnswer
 from modalmotion_service.work.tasks.files import ProgressFile, png_of, write_whole
 from modalmotion_service.work.upload import Upload
@@ -114,7 +99,7 @@ Source = Path | str
 
 
 def measure(
-    models: Sequence[Source],
+    chosen: Sequence[Source],
     versions: Sequence[int],
     answers: Sequence[Sequence[CaseAnswer]],
     coverage: float,
@@ -123,11 +108,11 @@ def measure(
     """Measure a model's answers, as JSON, a table of the cases, or a picture; or compare two."""
     results = [
         evaluation_of(loaded(model), its, coverage)
-        for model, its in zip(models, answers, strict=True)
+        for model, its in zip(chosen, answers, strict=True)
     ]
     first, *others = results
     if others:
-        answer = ComparisonAnswer.of(comparison_of(first, others[0]), versions)
+        answer = models.ComparisonAnswer.of(comparison_of(first, others[0]), versions)
         return answer.model_dump_json().encode()
     if media_type == CSV:
         return first.as_csv().encode()
@@ -135,7 +120,7 @@ def measure(
         from modalmotion.pictures.classification import evaluation_figure
 
         return png_of(evaluation_figure(first))
-    return EvaluationAnswer.of(first, versions[0]).model_dump_json().encode()
+    return models.EvaluationAnswer.of(first, versions[0]).model_dump_json().encode()
 
 
 def held_out_table(model: Source, subjects: dict[str, str]) -> bytes:
@@ -190,7 +175,9 @@ def tabulate_features(
 
     table = feature_table(cases, SignatureFeatures(**options), on_error=on_error)
     table = table.beside(left_out)
-    text = table.as_csv() if media_type == CSV else FeaturesAnswer.of(table).model_dump_json()
+    text = (
+        table.as_csv() if media_type == CSV else models.FeaturesAnswer.of(table).model_dump_json()
+    )
     write_whole(output, text.encode())
     return len(table.left_out)
 
@@ -284,7 +271,7 @@ def ask_norm(
     if imposed:
         return b"", imposed
     found = cohort_deviation(controls, readings, level=level)
-    answer = CohortDeviationAnswer(**found.as_json())
+    answer = models.CohortDeviationAnswer(**found.as_json())
     return answer.model_dump_json().encode(), {}
 
 

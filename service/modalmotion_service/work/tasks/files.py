@@ -91,12 +91,6 @@ class Fitted:
     record: store.SequenceRecord
 
     @property
-    def files(self) -> tuple[Path, ...]:
-        """All files of it."""
-        files = (self.sequence, self.signature, self.template, self.track)
-        return tuple(file for file in files if file is not None)
-
-    @property
     def facts(self) -> Facts:
         """Facts of the sequence, which kept files lack."""
         return self.record.facts

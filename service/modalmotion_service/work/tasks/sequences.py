@@ -16,11 +16,7 @@ from modalmotion.exports.animation import modes_to_hdf5, modes_to_npz
 from modalmotion.formats import ReadLimits, write_npz, write_raw, write_vtkhdf
 from modalmotion.mesh.facts import Facts
 from modalmotion.progress import Stopwatch
-from modalmotion.signature.making import (
-    SignatureParameters,
-    resolve_parameters,
-    resolve_template,
-)
+from modalmotion.signature.making import SignatureParameters, resolve_parameters, resolve_template
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template.vibration_modes import surface_modes
 from modalmotion_service.http.negotiation import HDF5, NPZ, PNG, RAW, VTKHDF

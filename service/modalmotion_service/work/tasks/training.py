@@ -38,9 +38,9 @@ def train_model(
     options: dict[str, Any],
     training: str,
     image: Path,
+    scheduler: str | None,
+    n_threads: int,
     progress: Path,
-    scheduler: str | None = None,
-    n_threads: int = 1,
 ) -> int:
     """Train a model on kept signatures and write its HDF5 image; gives the number of cases in it.
 
@@ -56,12 +56,12 @@ def train_model(
         Name of this training, which is kept with the model.
     image : Path
         Written at the end.
-    progress : Path
-        Where `ProgressFile` tells how far it is.
-    scheduler : str, optional
+    scheduler : str or None
         Whose workers read the signatures and fit the folds; else this process does.
     n_threads : int
         Of this process. It may have no children of its own.
+    progress : Path
+        Where `ProgressFile` tells how far it is.
 
     Raises
     ------
