@@ -192,7 +192,7 @@ def frames_of_images(
         marks = with_base(stated, template, reference, base + _DESCENT * (tip - base))
     walked = _walk(surface, facets, images, marks, sight, reference, is_closed, done)
     shapes = np.stack([surface.positions(a) for a in walked])
-    if is_cup:
+    if is_cup and marks != stated:
         by_volume, _ = base_by_volume(stated, template, reference, shapes)
         marks = with_base(stated, template, reference, by_volume)
     near = _NEXT[-1][1]
