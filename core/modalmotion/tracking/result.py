@@ -296,13 +296,6 @@ class Track(FrozenArrays, Recorded):
         return deviations
 
     @cached_property
-    def amplitude_deviations(self) -> NDArray[np.float64]:
-        """Standard deviation of each amplitude, (frames, modes, 3) float64, length unit."""
-        variances = np.diagonal(self.covariances, axis1=1, axis2=2)
-        sds = np.sqrt(np.maximum(variances, 0.0))
-        return np.asarray(sds.reshape(self.n_frames, -1, 3), dtype=np.float64)
-
-    @cached_property
     def determined(self) -> NDArray[np.float64]:
         """Share of each mode that the data have set, across the surface and along it.
 
