@@ -20,26 +20,18 @@ from modalmotion_service.access.logins import logins_of
 from modalmotion_service.access.rates import Rates
 from modalmotion_service.document import completed
 from modalmotion_service.errors import NeedsStoreError
-from modalmotion_service.http import problems
+from modalmotion_service.http import middleware, problems
 from modalmotion_service.http.gate import Access, Gate, require_judged
 from modalmotion_service.http.judged_router import BODIES
-from modalmotion_service.http.middleware import (
-    API_VERSION,
-    BodyLimits,
-    Concurrency,
-    HeadAsGet,
-    Heads,
-    Prefix,
-)
 from modalmotion_service.monitoring.metrics import Metrics, StateOfThings
 from modalmotion_service.monitoring.observation import Observation, Telemetry
 from modalmotion_service.routes import (
-    files,
     models,
     operation,
     recordings,
     sequences,
     signatures,
+    uploads,
     views,
 )
 from modalmotion_service.routes.asked import EXAMPLES
@@ -78,7 +70,7 @@ async def _forget(log: AuditLog, settings: Settings) -> None:
 def judged_routes() -> list[APIRoute]:
     """Give all routes, made once for all applications of a process."""
     routers = [
-        *(sequences.router, signatures.router, files.router, recordings.router),
+        *(sequences.router, signatures.router, uploads.router, recordings.router),
         *(sequences.of_templates, models.router, models.of_norms),
         *(operation.of_jobs, operation.router, views.pages),
     ]
@@ -142,11 +134,13 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
 
     app = _App(
         title="modalmotion",
-        version=API_VERSION,
+        version=middleware.API_VERSION,
         docs_url=None,
         redoc_url=None,
         # One address for one thing; a redirect would repeat any host that the client names.
         redirect_slashes=False,
+        # The framework's own tells paths, queries and texts of errors to whoever collects.
+        telemetry={"tracing": False, "metrics": False, "logs": False},
         summary="Modal signatures and motion classes of nonrigidly moving surfaces.",
         description=INTENDED_USE,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
@@ -157,9 +151,9 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
     )
     problems.install(app)
     # The last one added is the outermost.
-    app.add_middleware(HeadAsGet)
-    app.add_middleware(BodyLimits, settings=chosen)
-    app.add_middleware(Concurrency, settings=chosen)
+    app.add_middleware(middleware.HeadAsGet)
+    app.add_middleware(middleware.BodyLimits, settings=chosen)
+    app.add_middleware(middleware.Concurrency, settings=chosen)
     rates = Rates(
         chosen.max_requests_per_minute,
         chosen.max_anonymous_per_minute,
@@ -168,7 +162,7 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
     )
     logins = logins_of(chosen)
     app.add_middleware(Gate, require_keys=chosen.require_keys, rates=rates, logins=logins)
-    app.add_middleware(Heads)
+    app.add_middleware(middleware.Heads)
     app.add_middleware(Observation, metrics=metrics, telemetry=telemetry)
     if chosen.cors_origins:
         # Before everything: a preflight request carries no key.
@@ -181,7 +175,7 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
             expose_headers=("Location", "ETag", "Retry-After", "X-Request-ID"),
         )
     if chosen.path_prefix:
-        app.add_middleware(Prefix, prefix=chosen.path_prefix)
+        app.add_middleware(middleware.Prefix, prefix=chosen.path_prefix)
     routes = judged_routes()
     app.router.routes.extend(stateless_routes(routes) if chosen.stateless else routes)
     return app

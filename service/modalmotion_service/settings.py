@@ -10,14 +10,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from pydantic import (
-    Field,
-    NonNegativeInt,
-    PositiveFloat,
-    PositiveInt,
-    ValidationError,
-    field_validator,
-)
+from pydantic import Field, PositiveFloat, PositiveInt, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from modalmotion.errors import ParameterError
@@ -38,9 +31,9 @@ class Settings(BaseSettings):
     telemetry: bool = False
     """Whether traces are sent, without any id, to the collector that OTEL_EXPORTER_OTLP_ENDPOINT
     names."""
-    reserve_bytes: NonNegativeInt = 100_000_000
+    reserve_bytes: int = Field(100_000_000, ge=0)
     """Uploads are refused while less is free on the disk."""
-    max_owner_bytes: NonNegativeInt = 0
+    max_owner_bytes: int = Field(0, ge=0)
     """Bytes that one owner's store may hold; more is answered 507. 0: all there is."""
     workers: int = Field(default_factory=lambda: os.cpu_count() or 1, ge=1, le=256)
     """Processes; one more does short work alone."""

@@ -26,8 +26,7 @@ from modalmotion.classification.outliers import OUT_OF_DOMAIN, UNREADABLE, Flag
 from modalmotion.errors import ModeCountError, ParameterError, TopologyError
 from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MEAN, MeshSequence
-from modalmotion.modes import Modes
-from modalmotion.modes.mode_set import common_count
+from modalmotion.mesh.spring_modes import Modes, common_count
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature, modal_signature, provenance
@@ -47,8 +46,9 @@ _REFERENCE_NOTE: Final = (
     "the model's signature parameters, which name the mean shape, it does not."
 )
 _TRACKING_NOTE: Final = (
-    "What the points follow is not stated, so only the surface was read, which shows no twist. "
-    "If they follow the tissue (tagging, feature tracking), state tracking=material."
+    "It is not stated whether the points follow the tissue, so the class is based on the shape of "
+    "the surface over time, which shows no twist. If they do (tagging, feature tracking), state "
+    "tracking=material."
 )
 
 Array = NDArray[np.float64]

@@ -27,7 +27,7 @@ from modalmotion.classification.motion_features import states_walls
 from modalmotion.classification.options import FEWER_MODES, OnError, TrainingOptions
 from modalmotion.errors import ModalMotionError, ParameterError, UnlikeCasesError
 from modalmotion.mesh.sequence import MEAN
-from modalmotion.modes.mode_set import common_count
+from modalmotion.mesh.spring_modes import common_count
 from modalmotion.modes.topology import MESH
 from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
 from modalmotion.signature.value import first_modes
@@ -197,7 +197,6 @@ def readable_of(signatures: Sequence[ModalSignature]) -> Readable:
         modes=min(common_count(signature.modes) for signature in signatures),
         template=None,
         landmarks=GivenLandmarks(),
-        grid=None,
         reference=MEAN if first.parameters.reference == MEAN else 0,
     )
     n = int(parameters.modes or 0)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MM_PER_UNIT
-from modalmotion.modes import Modes, wave_pairs
+from modalmotion.mesh.spring_modes import Modes, wave_pairs
 from modalmotion.modes.topology import CUP
 from modalmotion.signature.making import ModalSignature, SignatureKind
 

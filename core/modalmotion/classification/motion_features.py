@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from modalmotion.classification.motion import N_COSINES, N_HARMONICS, Column, Motion
 from modalmotion.classification.options import Timing
 from modalmotion.mesh.sequence import MM_PER_UNIT
-from modalmotion.modes import Modes, wave_pairs
+from modalmotion.mesh.spring_modes import Modes, wave_pairs
 from modalmotion.modes.topology import CLOSED
 from modalmotion.representation import shown
 

@@ -84,7 +84,7 @@ def encode(
             max_error=max_error,
             n_bytes=n_bytes,
             effort=effort,
-            progress=lambda share: show(round(100 * share), 100),
+            progress=show,
         )
     write_atomic(output, stream.data)
     names = ("n_bytes", "bits_per_vertex_and_frame", "rms", "max_error", "transform")

@@ -32,6 +32,7 @@ import click
 from modalmotion.errors import needs_extra
 from modalmotion.exports.picture_files import PICTURES as PICTURES
 from modalmotion.exports.picture_files import write_picture as write_picture
+from modalmotion.formats import ReadOptions
 from modalmotion.mesh.sequence import MEAN, Reference
 from modalmotion.representation import numeral
 from modalmotion.signature.parameters import USUAL_MODES, SignatureParameters
@@ -398,7 +399,10 @@ mode_options = options_of(
 )
 """How many modes, in one of several ways."""
 
-surface_options = options_of(SignatureParameters, "topology", "grid", group=FIT)
+surface_options = several(
+    options_of(SignatureParameters, "topology", group=FIT),
+    options_of(ReadOptions, "grid", group=FIT),
+)
 fit_options = several(
     mode_options,
     surface_options,

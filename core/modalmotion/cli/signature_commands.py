@@ -313,7 +313,7 @@ def _lines_of_tradeoff(result: Tradeoff, verbose: bool) -> Iterator[str]:
         }
     )
     notes = [] if result.noise is None else [result.noise.note(front.unit)]
-    yield from described({"notes": (*notes, *chosen.signature.notes, *chosen.notes)})
+    yield from described({"notes": (*notes, *chosen.signature.notes)})
 
 
 def describe(result: Tradeoff) -> str:

@@ -32,13 +32,7 @@ from modalmotion.codec.coder import (
     zigzag,
 )
 from modalmotion.codec.spatial_modes import OrthonormalModes
-from modalmotion.codec.temporal import (
-    Quantiser,
-    Temporal,
-    TimeBasis,
-    cosine_basis,
-    restore_basis,
-)
+from modalmotion.codec.temporal import Quantiser, Temporal, TimeBasis, cosine_basis, restore_basis
 from modalmotion.errors import MalformedFileError
 from modalmotion.mesh.checks import FloatArray
 

@@ -30,7 +30,7 @@ from modalmotion.codec.search import MOST_TRIALS, Encoded, Errors, measure, try_
 from modalmotion.codec.spatial_modes import STORED
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.progress import ShareReport, part_of, silent
+from modalmotion.progress import Progress, ShareReport, part_of, silent
 
 LONGEST_BLOCK: Final = 512
 
@@ -51,7 +51,7 @@ def encode(
     max_error: float | None = None,
     n_bytes: int | None = None,
     effort: Effort | str = Effort.BALANCED,
-    progress: ShareReport | None = None,
+    progress: Progress | None = None,
 ) -> Encoded:
     """Encode a mesh sequence at one of three targets.
 
@@ -73,7 +73,7 @@ def encode(
         more bits. Vertices keep their order and triangles their orientation; the order of the
         triangles changes.
     progress : callable, optional
-        Called with the share done so far, from 0 to 1.
+        Called with the percent that is done, and 100.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def encode(
         raise ParameterError(
             f"The effort {effort!r} is unknown.", remedy=f"Use one of {', '.join(Effort)}."
         ) from None
-    report = progress or silent
+    report = silent if progress is None else _in_percent(progress)
     report(0.0)
     choice = choose(sequence, effort)
     faces = _faces_section(sequence, RELATIONS[effort])
@@ -108,6 +108,10 @@ def encode(
         encoded = min(encoded, quick, key=lambda one: one.n_bytes)
     report(1.0)
     return encoded
+
+
+def _in_percent(progress: Progress) -> ShareReport:
+    return lambda share: progress(round(100 * share), 100)
 
 
 def _usual_error(sequence: MeshSequence) -> float:

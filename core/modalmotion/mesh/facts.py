@@ -251,7 +251,7 @@ class Facts:
             If a landmark is a vertex that does not exist, or the period is shorter than the span.
         """
         for name, value in self.landmarks.items():
-            for vertex in value if name == "corners" and isinstance(value, tuple) else (value,):
+            for vertex in value if name == CORNERS and isinstance(value, tuple) else (value,):
                 if isinstance(vertex, int) and vertex >= n_vertices:
                     raise ParameterError(
                         f"The landmark '{name}' is vertex {vertex}, but there are {n_vertices} "

@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import scipy
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import LimitError, ModeCountError, ParameterError
 from modalmotion.mesh.laplacian import graph_laplacian
 from modalmotion.mesh.triangles import connectivity_of
+from modalmotion.modes.mode_set import ModeSet, lowest_modes
 from modalmotion.modes.topology import ModeLabel, Surface
 from modalmotion.representation import FrozenArrays, shown
 
@@ -112,7 +113,7 @@ class SpringModes(FrozenArrays):
         return springs.at(surface.representatives).shapes
 
     def frequencies_on(self, surface: Surface, wave_speed: float) -> NDArray[np.float64]:
-        """Frequencies of springs that carry long waves at `wave_speed`: see `Modes`."""
+        """Frequencies of springs that carry long waves at `wave_speed`, (modes,) rad per s."""
         mesh = connectivity_of(surface.faces, len(surface.vertices))
         steps = surface.vertices[mesh.edges[:, 0]] - surface.vertices[mesh.edges[:, 1]]
         largest = float(np.abs(steps).max(initial=0.0)) or 1.0
@@ -138,6 +139,49 @@ class SpringModes(FrozenArrays):
         if not len(w) or not w[-1] > 0:
             return 1.0
         return float(wave_speed * root[-1] / w[-1])
+
+
+Modes: TypeAlias = ModeSet | SpringModes
+"""Modes in an order, by name: equal, with equal hashes, where their names are."""
+
+
+def wave_pairs(modes: Modes) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Find the cosine and the sine of each wave vector.
+
+    Returns
+    -------
+    cosines, sines : (waves,) int64
+        In the order of the cosines; the sine is -1 where there is none.
+    """
+    wavenumbers = list(map(tuple, modes.wavenumbers.tolist()))
+    cosines = np.flatnonzero(~modes.is_sine)
+    sine_of = {wavenumbers[k]: k for k in np.flatnonzero(modes.is_sine).tolist()}
+    sines = [sine_of.get(wavenumbers[k], -1) for k in cosines.tolist()]
+    return cosines, np.array(sines, dtype=np.int64)
+
+
+def whole_counts(modes: Modes) -> NDArray[np.int64]:
+    """Numbers of first modes that split no cosine-sine pair, increasing, the last one included."""
+    return np.append(np.flatnonzero(~modes.is_sine[1:]) + 1, len(modes))
+
+
+def common_count(modes: Modes) -> int:
+    """Count the first modes that every surface of the topology has, whatever its nodes.
+
+    A lattice of few nodes has no modes beyond its Nyquist wavenumbers: from there on its order
+    names others. Of one mesh, whose modes belong to no other, it is all.
+    """
+    if modes.topology is None:
+        return len(modes)
+    usual = lowest_modes(modes.topology, len(modes))
+    is_same = (usual.wavenumbers == modes.wavenumbers).all(axis=1) & (
+        usual.is_sine == modes.is_sine
+    )
+    if is_same.all():
+        return len(modes)
+    n = int(is_same.argmin())
+    # No cosine without its sine.
+    return n - int(usual.is_sine[n])
 
 
 @shown()

@@ -8,9 +8,7 @@ if TYPE_CHECKING:
     from modalmotion.modes.mode_set import ModeSet as ModeSet
     from modalmotion.modes.mode_set import all_modes as all_modes
     from modalmotion.modes.mode_set import lowest_modes as lowest_modes
-    from modalmotion.modes.mode_set import wave_pairs as wave_pairs
     from modalmotion.modes.mode_set import whole_count as whole_count
-    from modalmotion.modes.mode_set import whole_counts as whole_counts
     from modalmotion.modes.oscillators import ExactStep as ExactStep
     from modalmotion.modes.oscillators import Oscillators as Oscillators
     from modalmotion.modes.oscillators import State as State
@@ -23,7 +21,6 @@ if TYPE_CHECKING:
     from modalmotion.modes.oscillators import ramp_response as ramp_response
     from modalmotion.modes.oscillators import step_response as step_response
     from modalmotion.modes.topology import ModeLabel as ModeLabel
-    from modalmotion.modes.topology import Modes as Modes
     from modalmotion.modes.waves import dispersion as dispersion
     from modalmotion.modes.waves import dynamical_matrices as dynamical_matrices
     from modalmotion.modes.waves import group_velocity as group_velocity

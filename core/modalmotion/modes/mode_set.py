@@ -24,7 +24,6 @@ from modalmotion.modes.topology import (
     CLOSED,
     End,
     ModeLabel,
-    Modes,
     Surface,
     Topology,
     half_periods,
@@ -33,26 +32,6 @@ from modalmotion.modes.topology import (
     scales_of,
 )
 from modalmotion.representation import FrozenArrays, shown
-
-
-def wave_pairs(modes: Modes) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Find the cosine and the sine of each wave vector.
-
-    Returns
-    -------
-    cosines, sines : (waves,) int64
-        In the order of the cosines; the sine is -1 where there is none.
-    """
-    wavenumbers = list(map(tuple, modes.wavenumbers.tolist()))
-    cosines = np.flatnonzero(~modes.is_sine)
-    sine_of = {wavenumbers[k]: k for k in np.flatnonzero(modes.is_sine).tolist()}
-    sines = [sine_of.get(wavenumbers[k], -1) for k in cosines.tolist()]
-    return cosines, np.array(sines, dtype=np.int64)
-
-
-def whole_counts(modes: Modes) -> NDArray[np.int64]:
-    """Numbers of first modes that split no cosine-sine pair, increasing, the last one included."""
-    return np.append(np.flatnonzero(~modes.is_sine[1:]) + 1, len(modes))
 
 
 @shown("topology", "wavenumbers")
@@ -240,7 +219,7 @@ class ModeSet(FrozenArrays):
         return k
 
     def frequencies_on(self, surface: Surface, wave_speed: float) -> NDArray[np.float64]:
-        """Angular frequencies w = c k, (modes,) float64, rad per s: see `Modes`."""
+        """Angular frequencies w = c k, (modes,) float64, rad per s, in the limit of long waves."""
         finite = tuple(length if length > 0 else np.inf for length in surface.lengths)
         frequencies: NDArray[np.float64] = wave_speed * self.wavenumbers_on(finite)
         return frequencies
@@ -318,25 +297,6 @@ def whole_count(topology: Topology, n_modes: int, shape: tuple[int, ...] | None 
         return n_modes
     more = lowest_modes(topology, n_modes + 1, shape)
     return n_modes + int(more.is_sine[-1])
-
-
-def common_count(modes: Modes) -> int:
-    """Count the first modes that every surface of the topology has, whatever its nodes.
-
-    A lattice of few nodes has no modes beyond its Nyquist wavenumbers: from there on its order
-    names others. Of one mesh, whose modes belong to no other, it is all.
-    """
-    if modes.topology is None:
-        return len(modes)
-    usual = lowest_modes(modes.topology, len(modes))
-    is_same = (usual.wavenumbers == modes.wavenumbers).all(axis=1) & (
-        usual.is_sine == modes.is_sine
-    )
-    if is_same.all():
-        return len(modes)
-    n = int(is_same.argmin())
-    # No cosine without its sine.
-    return n - int(usual.is_sine[n])
 
 
 def all_modes(topology: Topology, shape: tuple[int, ...]) -> ModeSet:

@@ -57,31 +57,6 @@ def require_frames(array: Any, name: str, length: int, of: str) -> NDArray[Any]:
     return frames
 
 
-def require_output(out: NDArray[Any] | None, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Check or make the array that receives the answer.
-
-    Raises
-    ------
-    ShapeError
-        If it is not a writeable C-contiguous float64 array of that shape.
-    """
-    if out is None:
-        return np.empty(shape)
-    if (
-        out.shape != shape
-        or out.dtype != np.float64
-        or not out.flags.writeable
-        or not out.flags.c_contiguous
-    ):
-        raise ShapeError(
-            f"'out' cannot receive the answer: {out.dtype} of the shape {out.shape} came, and "
-            f"writeable C-contiguous float64 of the shape {shape} is needed.",
-            remedy="Give such an array, which may be mapped from a file, or none.",
-            details={"array": "out", "shape": list(out.shape)},
-        )
-    return out
-
-
 def blocks(n_frames: int, frame_size: int) -> Iterator[slice]:
     """Cut frames into blocks of at most 8 MB in float64, and of at least one frame."""
     n = max(1, _BLOCK // max(1, frame_size))
@@ -170,8 +145,6 @@ def superpose(
     lattice: Lattice,
     modes: ModeSet,
     amplitudes: NDArray[Any],
-    *,
-    out: NDArray[Any] | None = None,
 ) -> NDArray[np.float64]:
     """Displacements of modes with these amplitudes, modal superposition (2) u = Phi a.
 
@@ -180,8 +153,6 @@ def superpose(
     lattice : Lattice
     modes : ModeSet
     amplitudes : (frames, modes, directions) float32 or float64, any length unit
-    out : (frames, nodes, directions) float64, optional
-        Receives the displacements. Mapped to a file, it bounds the memory.
 
     Returns
     -------
@@ -190,17 +161,15 @@ def superpose(
     Raises
     ------
     ShapeError
-        If the amplitudes or `out` are not a real array of that shape.
+        If the amplitudes are not a real array of that shape.
     NonFiniteError
         Naming the first frame and mode that are not finite.
     TopologyError, ParameterError
         If the lattice has no such modes.
     """
     source = require_frames(amplitudes, "amplitudes", len(modes), "modes")
-    displacements = require_output(out, (len(source), lattice.n_nodes, source.shape[2]))
-    displacements[...] = 0.0
-    for frame in range(len(source)):
-        require_finite(source[frame : frame + 1], source[frame : frame + 1], frame, "mode")
+    require_finite(source, source, 0, "mode")
+    displacements = np.zeros((len(source), lattice.n_nodes, source.shape[2]))
     for some in blocks(len(modes), lattice.n_nodes):
         shapes = lattice.shapes(modes.take(some))
         for frame, values in enumerate(source[:, some]):
@@ -208,9 +177,7 @@ def superpose(
     return displacements
 
 
-def project_all(
-    lattice: Lattice, displacements: NDArray[Any], *, out: NDArray[Any] | None = None
-) -> NDArray[np.float64]:
+def project_all(lattice: Lattice, displacements: NDArray[Any]) -> NDArray[np.float64]:
     """Amplitudes of every mode of a lattice, (2) inverted: a = Phi'u / nodes.
 
     Parameters
@@ -218,8 +185,6 @@ def project_all(
     lattice : Lattice
     displacements : (frames, nodes, directions) float32 or float64, any length unit
         Read frame by frame, so that it may be mapped from a file.
-    out : (frames, nodes, directions) float64, optional
-        Receives the amplitudes. Mapped to a file, it bounds the memory.
 
     Returns
     -------
@@ -229,12 +194,12 @@ def project_all(
     Raises
     ------
     ShapeError
-        If the displacements or `out` are not a real array of that shape.
+        If the displacements are not a real array of that shape.
     NonFiniteError
         Naming the first frame and node that are not finite.
     """
     source = require_frames(displacements, "displacements", lattice.n_nodes, "nodes")
-    amplitudes = require_output(out, source.shape)
+    amplitudes = np.empty(source.shape)
     modes = lattice.all_modes()
     place, weights = _places(lattice, modes), lattice.scales(modes)[:, None] / lattice.n_nodes
     is_sine = modes.is_sine[:, None]
@@ -249,9 +214,7 @@ def project_all(
     return amplitudes
 
 
-def superpose_all(
-    lattice: Lattice, amplitudes: NDArray[Any], *, out: NDArray[Any] | None = None
-) -> NDArray[np.float64]:
+def superpose_all(lattice: Lattice, amplitudes: NDArray[Any]) -> NDArray[np.float64]:
     """Displacements of every mode of a lattice with these amplitudes, (2) u = Phi a.
 
     Parameters
@@ -259,8 +222,6 @@ def superpose_all(
     lattice : Lattice
     amplitudes : (frames, modes, directions) float32 or float64, any length unit
         In the order of `Lattice.all_modes`.
-    out : (frames, nodes, directions) float64, optional
-        Receives the displacements. Mapped to a file, it bounds the memory.
 
     Returns
     -------
@@ -269,12 +230,12 @@ def superpose_all(
     Raises
     ------
     ShapeError
-        If the amplitudes or `out` are not a real array of that shape.
+        If the amplitudes are not a real array of that shape.
     NonFiniteError
         Naming the first frame and mode that are not finite.
     """
     source = require_frames(amplitudes, "amplitudes", lattice.n_nodes, "modes")
-    displacements = require_output(out, source.shape)
+    displacements = np.empty(source.shape)
     modes = lattice.all_modes()
     place, weights = _places(lattice, modes), lattice.scales(modes)
     for axis, (ends, n) in enumerate(zip(lattice.topology.ends, lattice.shape, strict=True)):

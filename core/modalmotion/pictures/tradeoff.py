@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.pictures.view import ShownUnit, new_figure, shown_unit
 from modalmotion.signature.choice import NUMBERS, SceneKind
-from modalmotion.signature.front import Front
 from modalmotion.signature.nested_modes import n_functions
-from modalmotion.signature.tradeoff import Tradeoff
+from modalmotion.signature.tradeoff import Front, Tradeoff
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

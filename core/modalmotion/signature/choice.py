@@ -23,12 +23,7 @@ from modalmotion.signature.nested_modes import (
     required_harmonics,
 )
 from modalmotion.signature.noise import Found, Noise, estimated, modes_until_noise
-from modalmotion.signature.parameters import (
-    MOST_MODES,
-    USUAL_MODES,
-    ErrorKind,
-    SignatureParameters,
-)
+from modalmotion.signature.parameters import MOST_MODES, USUAL_MODES, ErrorKind, SignatureParameters
 from modalmotion.template import choose_modes
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh.sequence import MM_PER_UNIT
-from modalmotion.modes import Modes, wave_pairs
+from modalmotion.mesh.spring_modes import Modes, wave_pairs
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template.body_frame import Components

@@ -25,12 +25,8 @@ from modalmotion.mesh.alignment import (
     displacements_from,
 )
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes import Modes, whole_counts
-from modalmotion.numeric.scales import (
-    exceeded_by_a_twentieth,
-    orthonormal,
-    root_mean_square,
-)
+from modalmotion.mesh.spring_modes import Modes, whole_counts
+from modalmotion.numeric.scales import exceeded_by_a_twentieth, orthonormal, root_mean_square
 from modalmotion.representation import shown
 from modalmotion.signature.parameters import ErrorKind, SignatureKind, SignatureParameters
 from modalmotion.signature.superposition import Offsets, offsets_of

@@ -12,8 +12,8 @@ from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, json_text
 from modalmotion.mesh import facts_as_json, facts_from_json
 from modalmotion.mesh.alignment import Rotations
-from modalmotion.mesh.spring_modes import SpringModes
-from modalmotion.modes import Modes, ModeSet
+from modalmotion.mesh.spring_modes import Modes, SpringModes
+from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import MESH, Topology
 from modalmotion.signature.choice import ModelChoice
 from modalmotion.signature.making import ModalSignature, SignatureParameters

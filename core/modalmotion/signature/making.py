@@ -200,10 +200,10 @@ def resolve_parameters(
 
 
 def resolve_sequence(sequence: MeshSequence, parameters: SignatureParameters) -> MeshSequence:
-    """Return the sequence with the topology and grid that the parameters state over its own."""
+    """Return the sequence with the topology that the parameters state over its own."""
     stated = parameters.topology
     topology = None if stated is None or not parameters.closed_form else Topology.parse(stated)
-    return sequence.with_topology(topology, parameters.grid)
+    return sequence.with_topology(topology, None)
 
 
 def resolve_template(

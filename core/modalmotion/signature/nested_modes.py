@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
-from modalmotion.modes import whole_count, whole_counts
+from modalmotion.mesh.spring_modes import whole_counts
+from modalmotion.modes import whole_count
 from modalmotion.numeric.scales import orthonormal, power_of_two
 from modalmotion.signature.fit import Basis, Fit, Fitter, largest_sound
 from modalmotion.signature.parameters import MOST_MODES, ErrorKind

@@ -3,129 +3,265 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from modalmotion.arguments.checking import Plotted
-from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.arguments.checking import Plotted, whole
+from modalmotion.errors import InputError, ParameterError
+from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
+from modalmotion.modes.topology import CUP, CYLINDER, MESH, PLANE, Topology
 from modalmotion.progress import Stopwatch
 from modalmotion.representation import shown
-from modalmotion.signature.choice import (
-    NUMBERS,
-    SceneError,
-    SceneKind,
-    limit_of,
-    simple_motions,
-)
+from modalmotion.signature.choice import NUMBERS, SceneError, SceneKind, limit_of, simple_motions
 from modalmotion.signature.fit import Fitter, make_basis
-from modalmotion.signature.front import (
-    MOST_OF_FRONT,
-    Branch,
-    Front,
-    Price,
-    measure_front,
-    price_of,
-)
 from modalmotion.signature.making import (
     modal_signature,
     resolve_parameters,
     resolve_sequence,
     resolve_template,
 )
-from modalmotion.signature.nested_modes import required_harmonics
+from modalmotion.signature.nested_modes import (
+    energies_of,
+    harmonics_of,
+    n_functions,
+    nested_modes,
+    required_harmonics,
+)
 from modalmotion.signature.noise import Noise
-from modalmotion.signature.parameters import ErrorKind, SignatureParameters
+from modalmotion.signature.parameters import ErrorKind, SignatureKind, SignatureParameters
 from modalmotion.signature.value import ModalSignature
 from modalmotion.template import Template, choose_modes
 from modalmotion.template.body_frame import Components
+
+MOST_OF_FRONT = 111
+"""Default number of modes of a front's largest set."""
+
+
+@shown()
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """RMS errors of all whole sets of one topology and one choice of components.
+
+    Parameters
+    ----------
+    topology : str
+        Or "mesh" for the spring modes of the mesh itself.
+    components : Components
+    counts : (sets,) int64
+        Numbers of modes.
+    rms : (sets,) float64, length unit
+        Over all vertices and frames; the path of each amplitude over time as it is.
+    joint_rms : (sets, harmonics + 1) float64, length unit
+        With that path limited to 0, 1, 2, ... harmonics.
+    condition : float
+        Of the largest set.
+    ends_because : str
+        Why there is no larger set, where the surface and not the request ended it.
+    """
+
+    topology: str
+    components: Components
+    counts: NDArray[np.int64]
+    rms: NDArray[np.float64]
+    joint_rms: NDArray[np.float64]
+    condition: float
+    ends_because: str
+
+
+@shown("n_frames", "n_vertices", "motion_rms:unit", "branches")
+@dataclass(frozen=True, eq=False)
+class Front:
+    """Error of every choice of modes, harmonics, components and topology.
+
+    Parameters
+    ----------
+    branches : tuple of Branch
+        The sequence's own topology and the requested components come first.
+    n_frames, n_vertices : int
+    unit : str or None
+    motion_rms : float, length unit
+        RMS displacement over all frames: the RMS error with no modes.
+    """
+
+    branches: tuple[Branch, ...]
+    n_frames: int
+    n_vertices: int
+    unit: str | None
+    motion_rms: float
+
+    def numbers(self, modes: int, harmonics: int | None = None) -> int:
+        """Amplitudes of the whole trajectory, limited to harmonics or not."""
+        per_path = self.n_frames
+        if harmonics is not None:
+            per_path = min(n_functions(harmonics), self.n_frames)
+        return 3 * modes * per_path
+
+
+def _other_topologies(fitter: Fitter) -> tuple[Topology, ...]:
+    """Topologies besides a template's own that may fit its surface."""
+    own, grid, parameters = fitter.template.surface, fitter.sequence.grid, fitter.parameters
+    if parameters.fixes_kind or own is None:
+        return ()
+    others = {CUP: (CYLINDER,), CYLINDER: (CUP,), PLANE: (CUP,)}.get(own, ())
+    if grid is None:
+        return others
+    return tuple(one for one in others if own != PLANE and (one != CUP or grid[-1] % 2 == 0))
+
+
+def _front(fitter: Fitter, most_modes: int, components: tuple[Components, ...] | None) -> Front:
+    """Measure the RMS error of every whole set, from one factorisation for each topology."""
+    sequence, parameters = fitter.sequence, fitter.parameters
+    branches, motion = _branches(fitter, most_modes, components)
+    for topology in _other_topologies(fitter):
+        try:
+            other = sequence.with_topology(topology, None)
+            template = resolve_template(other, resolve_parameters(other, parameters))
+            fitted = Fitter.of(other, template, parameters)
+            branches += _branches(fitted, most_modes, components)[0]
+        except InputError:
+            # A surface may be laid out in one way only; the others are left out.
+            continue
+    return Front(tuple(branches), sequence.n_frames, sequence.n_vertices, sequence.unit, motion)
+
+
+def _branches(
+    fitter: Fitter, most_modes: int, components: tuple[Components, ...] | None
+) -> tuple[list[Branch], float]:
+    """Branches of one topology, the requested components first, and the RMS motion."""
+    sequence, template, parameters = fitter.sequence, fitter.template, fitter.parameters
+    wanted = components or sorted(Components, key=lambda one: one != parameters.components)
+    nested = nested_modes(template, most_modes, sequence.grid)
+    counts, functions = nested.counts, harmonics_of(sequence.n_frames, sequence.times)
+    branches, motion = [], 0.0
+    for one in wanted:
+        if one != Components.CARTESIAN and template.landmarks is None and components is None:
+            continue
+        turned = fitter.asking(components=one)
+        fit = turned.fit(nested.basis)
+        energies = energies_of(turned, fit, ErrorKind.RMS)
+        branches.append(
+            Branch(
+                topology=MESH if template.surface is None else template.surface.name,
+                components=one,
+                counts=counts,
+                rms=energies.rms(counts),
+                joint_rms=energies.joint_rms(counts, functions),
+                condition=nested.basis.condition,
+                ends_because=nested.ends_because,
+            )
+        )
+        motion = fit.motion.over_frames(ErrorKind.RMS)
+    return branches, motion
+
+
+@shown("rms_error:unit", "max_error:unit", "amplitudes_per_frame", "bytes", "compression")
+@dataclass(frozen=True)
+class Price:
+    """Cost and error of a description of a motion.
+
+    Parameters
+    ----------
+    rms_error : float, mm
+        Over all vertices and frames. All errors are in mm, or in the length unit where that is
+        unknown.
+    weighted_rms_error : float, mm
+        Over the surface and all frames.
+    p95_error : float, mm
+        95th percentile over the vertices in the worst frame.
+    max_error : float, mm
+        Of any vertex in any frame.
+    unit : str or None
+        "mm", or None where the unit of the input is unknown.
+    condition : float
+        Factor of the data's precision that the amplitudes may lose.
+    amplitudes_per_frame : int
+    numbers : int
+        Of the whole trajectory: amplitudes of all frames, or of all harmonics.
+    bytes : int
+        Of these numbers as float64, which is how they are stored.
+    bytes_float32 : int
+        Of these numbers as float32.
+    compression : float
+        Coordinates over amplitudes of one frame, as in Nastar 1994.
+    compression_of_sequence : float
+        Numbers in the sequence over those to keep: trajectory and reference.
+    milliseconds : mapping of str to float
+        By stage, where they were measured. Results do not store them.
+    """
+
+    rms_error: float
+    weighted_rms_error: float
+    p95_error: float
+    max_error: float
+    unit: str | None
+    condition: float
+    amplitudes_per_frame: int
+    numbers: int
+    bytes: int
+    bytes_float32: int
+    compression: float
+    compression_of_sequence: float
+    milliseconds: Mapping[str, float] = field(default_factory=dict)
+
+
+def price_of(signature: ModalSignature, milliseconds: Mapping[str, float] | None = None) -> Price:
+    """Give the price of a signature.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    milliseconds : mapping of str to float, optional
+        Times measured during the fit.
+    """
+    f, harmonics = signature.n_frames, signature.parameters.harmonics
+    per_path = f if harmonics is None else min(n_functions(harmonics), f)
+    numbers, coordinates = signature.n_amplitudes * per_path, 3 * signature.n_vertices
+    factor = 1.0 if signature.unit is None else MM_PER_UNIT[signature.unit]
+    return Price(
+        rms_error=factor * signature.rms_error,
+        weighted_rms_error=factor * signature.weighted_rms_error,
+        p95_error=factor * float(signature.p95_errors.max()),
+        max_error=factor * signature.max_error,
+        unit=None if signature.unit is None else "mm",
+        condition=signature.condition,
+        amplitudes_per_frame=signature.n_amplitudes,
+        numbers=numbers,
+        bytes=8 * numbers,
+        bytes_float32=4 * numbers,
+        compression=signature.compression,
+        compression_of_sequence=f * coordinates / (numbers + coordinates),
+        milliseconds=dict(milliseconds or {}),
+    )
+
+
+# Sets whose fits are timed, the largest and ever smaller ones.
+_TIMED: Final = 5
+_REPEATS: Final = 2
 
 
 @shown("kind", "price.rms_error:price.unit", "price.amplitudes_per_frame", "signature")
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """The point of a front that answers a request.
+    """The requested signature.
 
     Parameters
     ----------
     signature : ModalSignature
     price : Price
-    notes : tuple of str
-        How it differs from the signature of the same request, if it does.
+        Cost and error.
     """
 
     signature: ModalSignature
     price: Price
-    notes: tuple[str, ...] = ()
 
     @property
     def kind(self) -> SceneKind:
         """Simplest kind of motion that the scene is."""
         choice = self.signature.choice
         return SceneKind.DEFORMABLE if choice is None else choice.scene
-
-
-def _fewest_numbers(
-    sequence: MeshSequence,
-    parameters: SignatureParameters,
-    front: Front,
-    limit: float,
-    template: Template | None,
-) -> Chosen:
-    """Choose the signature that holds a limit with fewest numbers over all frames.
-
-    Of modes, harmonics, components and topology together; a largest error is known of signatures
-    only, and the requested one is taken.
-    """
-    asked = modal_signature(sequence, parameters, template=template)
-    is_static = asked.choice is not None and asked.choice.scene == SceneKind.STATIC
-    if parameters.tolerance_of == ErrorKind.MAX or is_static:
-        return Chosen(asked, price_of(asked))
-    points = []
-    for branch in front.branches:
-        is_plain = parameters.tolerance_of == ErrorKind.RMS
-        own = branch.rms if is_plain else branch.weighted_rms
-        joint = branch.joint_rms if is_plain else branch.weighted_joint_rms
-        errors: dict[int | None, np.ndarray] = {None: own, **dict(enumerate(joint.T))}
-        if parameters.harmonics is not None:
-            errors = {parameters.harmonics: errors[parameters.harmonics]}
-        is_own = branch.topology == front.branches[0].topology
-        topology = parameters.topology if is_own else branch.topology
-        for harmonics, rms in errors.items():
-            for k in np.flatnonzero(rms <= limit)[:1]:
-                modes = int(branch.counts[k])
-                point = replace(
-                    parameters,
-                    tolerance=None,
-                    modes=modes,
-                    harmonics=harmonics,
-                    components=branch.components,
-                    topology=topology,
-                )
-                points.append((front.numbers(modes, harmonics), float(rms[k]), point))
-    own_price = price_of(asked)
-    for numbers, _, point in sorted(points, key=lambda one: one[:2]):
-        if numbers >= own_price.numbers:
-            break
-        other = modal_signature(sequence, point, template=template)
-        # Errors of a front are right to rounding.
-        if (other.rms_error if is_plain else other.weighted_rms_error) <= limit:
-            ways = [f"modes={point.modes}", f"components={point.components}"]
-            ways += [f"topology={point.topology}"] if point.topology else []
-            ways += [f"harmonics={point.harmonics}"] if point.harmonics is not None else []
-            note = (
-                f"A signature with this tolerance keeps {len(asked.modes)} modes of the "
-                f"{asked.surface}, {parameters.components} components: {own_price.numbers} "
-                f"numbers. This one takes fewer, {numbers}; ask for it by {', '.join(ways)}."
-            )
-            return Chosen(other, price_of(other), (note,))
-    return Chosen(asked, own_price)
-
-
-# Sets whose fits are timed, the largest and ever smaller ones.
-_TIMED: Final = 5
-_REPEATS: Final = 2
 
 
 @shown(
@@ -137,7 +273,7 @@ _REPEATS: Final = 2
 )
 @dataclass(frozen=True, eq=False)
 class Tradeoff(Plotted):
-    """Cost and error of each choice on one sequence, and the requested choice.
+    """Cost and error of each choice on one sequence, and the requested one.
 
     Parameters
     ----------
@@ -179,24 +315,20 @@ def measure_tradeoff(
     template: Template | None = None,
     watch: Stopwatch | None = None,
 ) -> Tradeoff:
-    """Measure the front of a sequence and choose the point that parameters ask for.
-
-    A stated number of modes is taken on the sequence's own topology. A tolerance takes the
-    fewest numbers that hold it over all of the front: modes, harmonics, components and
-    topology together. `auto` takes the sequence's own topology and its path over time as it is.
+    """Measure error and cost of all sets of modes, and of the requested signature.
 
     Parameters
     ----------
     sequence : MeshSequence
     parameters : SignatureParameters, optional
-        7 modes by default.
+        7 modes by default. A topology that they state is the only one measured; otherwise all
+        that fit the surface are.
     most_modes : int
-        Modes of the front's largest set. A tolerance may reach beyond it, if nothing of the
-        front holds it.
+        Modes of the front's largest set; fewer if the surface does not tell so many apart.
     components : tuple of Components, optional
         All that the surface has by default.
     template : Template, optional
-        The one that the parameters name.
+        The one that the parameters name; made from the sequence's own reference by default.
     watch : Stopwatch, optional
         Told of the stages `template`, `front`, `scene`, `choice` and `timing`.
 
@@ -205,9 +337,17 @@ def measure_tradeoff(
     ToleranceError
         If nothing holds the tolerance.
     ParameterError
-        If a tolerance is in mm and the unit of the sequence unknown.
+        If a tolerance is in mm and the unit of the sequence unknown, or normal displacements are
+        requested.
     """
     parameters = SignatureParameters() if parameters is None else parameters
+    if parameters.kind == SignatureKind.OFFSET:
+        raise ParameterError(
+            "The trade is measured of displacements, and offsets were requested.",
+            remedy="Leave the kind out, or ask for the signature itself by tolerance: its errors "
+            "are of the offsets.",
+        )
+    most_modes = whole("most_modes", most_modes)
     limit = None if parameters.tolerance is None else limit_of(parameters, sequence)
     watch = watch or Stopwatch()
     own = resolve_sequence(sequence, parameters)
@@ -216,19 +356,13 @@ def measure_tradeoff(
         fitter = Fitter.of(own, used, parameters)
         required_harmonics(fitter)
     with watch.stage("front"):
-        front = measure_front(
-            sequence, parameters, most_modes=most_modes, components=components, template=template
-        )
+        front = _front(fitter, most_modes, components)
     with watch.stage("scene"):
         first = fitter.fit(make_basis(used, choose_modes(used, 1, own.grid)[0]))
         scene = {k: SceneError.of(each) for k, each in simple_motions(fitter, first).items()}
     with watch.stage("choice"):
-        if limit is not None:
-            chosen = _fewest_numbers(sequence, parameters, front, limit, template)
-        else:
-            signature = modal_signature(sequence, parameters, template=template)
-            chosen = Chosen(signature, price_of(signature))
-    choice = chosen.signature.choice
+        signature = modal_signature(sequence, parameters, template=template)
+    choice = signature.choice
     with watch.stage("timing"):
         times = _fit_milliseconds(fitter, front.branches[0])
     return Tradeoff(
@@ -236,9 +370,9 @@ def measure_tradeoff(
         parameters=parameters,
         front=front,
         scene=scene,
-        limit=limit if choice is None or limit is not None else choice.limit,
+        limit=limit if choice is None else choice.limit,
         noise=None if choice is None else choice.noise,
-        chosen=replace(chosen, price=replace(chosen.price, milliseconds=watch.milliseconds)),
+        chosen=Chosen(signature, price_of(signature, watch.milliseconds)),
         fit_milliseconds=times,
         milliseconds=watch.milliseconds,
     )
@@ -275,7 +409,6 @@ def as_plain(tradeoff: Tradeoff) -> dict[str, Any]:
         "n_frames": front.n_frames,
         "n_vertices": front.n_vertices,
         "motion_rms": front.motion_rms,
-        "weighted_motion_rms": front.weighted_motion_rms,
         "front": [_branch(branch, front) for branch in front.branches],
         "scene": {
             kind.value: {**asdict(error), "numbers_per_frame": NUMBERS[kind]}
@@ -297,10 +430,8 @@ def _branch(branch: Branch, front: Front) -> dict[str, Any]:
         "amplitudes_per_frame": (3 * branch.counts).tolist(),
         "bytes": [8 * front.numbers(n) for n in branch.counts.tolist()],
         "rms": branch.rms.tolist(),
-        "weighted_rms": branch.weighted_rms.tolist(),
         "harmonics": list(range(branch.joint_rms.shape[1])),
         "rms_by_harmonics": branch.joint_rms.tolist(),
-        "weighted_rms_by_harmonics": branch.weighted_joint_rms.tolist(),
         "condition": branch.condition,
         "ends_because": branch.ends_because,
     }
@@ -316,5 +447,5 @@ def _chosen(chosen: Chosen) -> dict[str, Any]:
         "modes": len(signature.modes),
         "labels": [str(label) for label in signature.modes.labels],
         "harmonics": signature.parameters.harmonics,
-        "notes": [*signature.notes, *chosen.notes],
+        "notes": list(signature.notes),
     }

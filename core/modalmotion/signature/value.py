@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from modalmotion.arguments.checking import Plotted, Saved
 from modalmotion.mesh import NO_FACTS, Facts
 from modalmotion.mesh.alignment import Rotations
-from modalmotion.modes.mode_set import whole_counts
-from modalmotion.modes.topology import MESH, Modes, Topology
+from modalmotion.mesh.spring_modes import Modes, whole_counts
+from modalmotion.modes.topology import MESH, Topology
 from modalmotion.numeric.scales import root_mean_square
 from modalmotion.representation import shown
 from modalmotion.signature.choice import ModelChoice

@@ -24,16 +24,20 @@ from modalmotion.template.axis import (
     widest_across,
 )
 from modalmotion.template.landmarks import Coordinates
-from modalmotion.template.surface import Opening, Surface, mean_of
+from modalmotion.template.surface import (
+    FAINT_AXIS,
+    Opening,
+    Surface,
+    apical_opening,
+    axis_strength,
+    base_of,
+    base_openings,
+    is_flat,
+    radius_of,
+)
 
 # s = (1 - u / max u)^(5/8): 1/2 is exact on a flat disk, 3/4 serves a long tube.
 _EXPONENT: Final = 5 / 8
-
-# A sheet whose thickness is below this share of its length has no side for an apex to be on.
-_FLAT: Final = 0.05
-
-# A base nearer to the area centroid than this gives no axis.
-FAINT_AXIS: Final = 0.02
 
 # The cap around the apex is where the torsion function is largest; this power of it is the
 # weight that the apex is the centroid of.
@@ -86,46 +90,13 @@ def cup_coordinates(
         axes,
         origin,
         apex,
-        _base(surface),
+        base_of(surface),
         {
             "apex": 1.0 if "apex" in places else roundness,
             "base": 1.0 if "base" in places else _agreement(surface),
         },
     )
     return Coordinates(CUP, np.stack([s, theta], axis=1), landmarks, tuple(notes))
-
-
-def axis_strength(surface: Surface) -> float:
-    """How far the base is from the area centroid, 0 for a flat sheet, 1 for a deep cup."""
-    # A hemisphere of the same area has its base at half this radius.
-    radius = np.sqrt(surface.area / (2 * np.pi))
-    return min(1.0, float(np.linalg.norm(_base(surface) - surface.centroid)) / float(radius))
-
-
-def apical_opening(surface: Surface) -> Opening | None:
-    """Give the narrower of two openings that are at opposite ends: where an apex was cut off."""
-    if len(surface.openings) != 2:
-        return None
-    one, other = surface.openings
-    if (one.centre - surface.centroid) @ (other.centre - surface.centroid) >= 0:
-        return None
-    return other if _radius(surface, one) >= _radius(surface, other) else one
-
-
-def base_openings(surface: Surface) -> tuple[Opening, ...]:
-    """Give the openings of a cup but for that of an apex that was cut off."""
-    cut = apical_opening(surface)
-    return tuple(opening for opening in surface.openings if opening is not cut)
-
-
-def _base(surface: Surface) -> NDArray[np.float64]:
-    return mean_of(base_openings(surface))
-
-
-def _radius(surface: Surface, opening: Opening) -> float:
-    """Mean distance of a rim from its centre: a jagged rim is longer, and no wider."""
-    arms = surface.vertices[opening.vertices] - opening.centre
-    return float(np.linalg.norm(arms, axis=1).mean())
 
 
 def _cap_of(surface: Surface, opening: Opening) -> tuple[float, float]:
@@ -153,19 +124,13 @@ def _cap_of(surface: Surface, opening: Opening) -> tuple[float, float]:
     inward -= (inward @ upward)[:, None] * upward
     inward /= np.maximum(np.linalg.norm(inward, axis=1), 1e-300)[:, None]
     w = float(np.arctan2((across @ upward).sum(), np.einsum("ij,ij->", across, inward)))
-    radius = _radius(surface, opening)
+    radius = radius_of(surface, opening)
     if w < _FLAT_CAP:
         return np.pi * radius**2, radius**2 / 4
     # A wall that opens towards its rim says nothing of a cap: half a sphere is the most.
     w = min(w, np.pi / 2)
     r = radius / np.sin(w)
     return 2 * np.pi * r**2 * (1 - np.cos(w)), float(-2 * r**2 * np.log(np.cos(w / 2)))
-
-
-def is_flat(surface: Surface) -> bool:
-    """Whether the surface is a sheet: hardly thicker than nothing in one direction."""
-    smallest, _, largest = np.maximum(np.linalg.eigh(surface.covariance)[0], 0.0)
-    return bool(smallest < _FLAT**2 * largest)
 
 
 def _torsion(surface: Surface, report: ShareReport) -> NDArray[np.float64] | None:
@@ -201,7 +166,7 @@ def cup_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
         # The base is on neither side, but the normal still is an axis.
         axis, strength = principal_axes(surface)[1][2], 0.0
     else:
-        apex, base = places.get("apex", surface.centroid), places.get("base", _base(surface))
+        apex, base = places.get("apex", surface.centroid), places.get("base", base_of(surface))
         axis = direction_between(surface, apex, base)
     return axes_about(surface, places, axis, lean(surface, axis), {"axis": strength})
 
@@ -295,9 +260,6 @@ def _ends(
     return near, far, strength
 
 
-# The poles are reported as centroids of caps, weighted by this power of s.
-
-
 def sphere_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
     """Find the longest axis of inertia towards its blunt end, and the widest direction across it.
 
@@ -361,3 +323,11 @@ def sphere_coordinates(
     )
     landmarks = landmarks_at(surface, places, axes, origin, near, far)
     return Coordinates(SPHERE, np.stack([s, theta], axis=1), landmarks, tuple(notes))
+
+
+AXIAL: Final = {
+    CUP: (cup_axes, cup_coordinates),
+    CYLINDER: (cylinder_axes, cylinder_coordinates),
+    SPHERE: (sphere_axes, sphere_coordinates),
+}
+"""Axes and coordinates by topology."""

@@ -12,48 +12,30 @@ from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.alignment import middle_positions, reference_positions
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.mesh.triangles import curve_weights
-from modalmotion.modes.topology import (
-    CUP,
-    CYLINDER,
-    PLANE,
-    SPHERE,
-    TORUS,
-    Topology,
-    lattice_coordinates,
-)
+from modalmotion.modes.topology import CYLINDER, SPHERE, Topology, lattice_coordinates
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.progress import ShareReport, part_of, silent
-from modalmotion.template.axial_coordinates import (
-    cup_axes,
-    cup_coordinates,
-    cylinder_axes,
-    cylinder_coordinates,
-    sphere_axes,
-    sphere_coordinates,
-)
+from modalmotion.representation import counted
+from modalmotion.template.axial_coordinates import AXIAL
 from modalmotion.template.axis import Placement, degree
 from modalmotion.template.landmarks import (
+    LANDMARKS_ON,
     Coordinates,
     GivenLandmarks,
     Landmarks,
     lattice_landmarks,
-    note_on_border,
-    notes_on_landmarks,
-    notes_on_merging,
-    notes_on_mesh,
-    places_wanted,
     require_used,
     resolve_places,
 )
-from modalmotion.template.other_coordinates import (
-    curve_coordinates,
-    plane_axes,
-    plane_coordinates,
-    torus_axes,
-    torus_coordinates,
+from modalmotion.template.other_coordinates import OTHERS, curve_coordinates
+from modalmotion.template.surface import (
+    Surface,
+    axis_lengths,
+    recognise,
+    require_fit,
+    steady_shape,
+    surface_of,
 )
-from modalmotion.template.recognition import recognise, require_fit
-from modalmotion.template.surface import Surface, axis_lengths, steady_shape, surface_of
 from modalmotion.template.template import (
     Template,
     is_placed_by_shape,
@@ -111,13 +93,7 @@ _BORDER = 0.1
 # Of the time on a large mesh, until it is measured, recognised, and has its coordinates.
 _MEASURED, _RECOGNISED, _SOLVED = 0.25, 0.3, 0.8
 
-_MAKERS = {
-    CUP: (cup_axes, cup_coordinates),
-    CYLINDER: (cylinder_axes, cylinder_coordinates),
-    PLANE: (plane_axes, plane_coordinates),
-    SPHERE: (sphere_axes, sphere_coordinates),
-    TORUS: (torus_axes, torus_coordinates),
-}
+_MAKERS = AXIAL | OTHERS
 
 
 def make_template(
@@ -165,7 +141,7 @@ def make_template(
     middle = middle_positions(sequence, reference)
     faces = _faces_of(sequence)
     first = sequence.representatives
-    notes = notes_on_merging(first)
+    notes = _notes_on_merging(first)
     if notes:
         faces = first[faces]
         _require_left(faces)
@@ -191,7 +167,7 @@ def make_template(
         is_isolated[surface.isolated] = True
         isolated = np.flatnonzero(is_isolated[first])
     if len(sequence.faces):
-        notes += notes_on_mesh(surface, isolated)
+        notes += _notes_on_mesh(surface, isolated)
     topology, reason = _decide(sequence, surface, closed_form, notes)
     coordinates = placement = None
     report(_RECOGNISED)
@@ -219,14 +195,14 @@ def make_template(
         cover = degree(surface, coordinates.values, topology)
         is_choice = topology == SPHERE and sequence.topology is None
         if is_choice and abs(cover - _FOLDED) < _BORDER:
-            notes.append(note_on_border(cover, _FOLDED))
+            notes.append(_note_on_border(cover, _FOLDED))
         if cover < _FOLDED and is_choice:
             coordinates = None
         elif cover < _FOLDED:
             notes.append(
                 f"The coordinates fold: they cover their range {cover:.2f} times instead of once, "
                 f"so the surface is described badly. Where the axis is wrong, state "
-                f"{places_wanted(topology)}, or another topology."
+                f"{_places_wanted(topology)}, or another topology."
             )
     if topology is not None and coordinates is None:
         topology, reason = None, f"The surface is a {topology}, but around no straight axis."
@@ -250,7 +226,7 @@ def make_template(
         notes += coordinates.notes
         if coordinates.landmarks is not None:
             placed = coordinates.landmarks.placed(corner, scale)
-            notes += notes_on_landmarks(coordinates)
+            notes += _notes_on_landmarks(coordinates)
     return Template(
         id=id_,
         surface=topology,
@@ -406,3 +382,89 @@ def _carried_over(
     values = values.copy()
     values[isolated] = values[nearest_in_use(start, isolated)]
     return values
+
+
+def _notes_on_merging(representatives: NDArray[np.int64]) -> list[str]:
+    """Say how many vertices others stand for: see `Template.representatives`."""
+    others = np.flatnonzero(representatives != np.arange(len(representatives)))
+    if not len(others):
+        return []
+    n = counted(len(others), "vertex", "vertices")
+    text = (
+        f"{n} of {len(representatives)} coincide with an earlier one in every frame (first: vertex "
+        f"{others[0]} with {representatives[others[0]]}) and were merged with it; amplitudes and "
+        "errors count all that were sent."
+    )
+    return [text]
+
+
+def _notes_on_mesh(surface: Surface, isolated: NDArray[np.int64]) -> list[str]:
+    """Name the parts of a mesh outside its surface.
+
+    Parameters
+    ----------
+    surface : Surface
+    isolated : (n,) int64
+        Vertices in no triangle.
+    """
+    degenerate, repeated = surface.connectivity.degenerate, surface.connectivity.repeated
+    notes = []
+    if len(isolated):
+        notes.append(
+            f"{len(isolated)} vertices belong to no triangle (first: {isolated[0]}); "
+            "they have no weight in the fit, and are moved as the nearest vertex of the surface."
+        )
+    if len(degenerate):
+        notes.append(
+            f"{len(degenerate)} triangles name a vertex twice (first: face "
+            f"{degenerate[0]}); they were left out."
+        )
+    if len(repeated):
+        notes.append(
+            f"{counted(len(repeated), 'triangle')} repeat an earlier one (first: face "
+            f"{repeated[0]}) and count once."
+        )
+    return notes
+
+
+def _note_on_border(cover: float, border: float) -> str:
+    """Say that the kind of a closed surface's modes is nearly the other."""
+    return (
+        f"The kind of modes is near its border: the coordinates of a sphere cover this surface "
+        f"{cover:.2f} times, and below {border:g} it has the springs of its own mesh. Another "
+        "recording of it may have the other kind; where several are compared, name one template "
+        "or state one topology, sphere or mesh, for all."
+    )
+
+
+def _notes_on_landmarks(coordinates: Coordinates) -> list[str]:
+    """Name the landmarks that the shape does not determine."""
+    if coordinates.landmarks is None:
+        return []
+    meaning = {
+        "axis": "The direction of the axis",
+        "apex": "Which end is the apex",
+        "base": "Which end is the base",
+        "theta_zero": "The zero of theta",
+        "start": "Which corner s and t start from",
+    }
+    weak = [name for name in meaning if name in coordinates.landmarks.weak]
+    notes = [
+        f"{meaning[name]} is not determined by the shape; state "
+        f"{_places_wanted(coordinates.topology, name)}."
+        for name in weak
+    ]
+    if "theta_zero" in coordinates.landmarks.weak and coordinates.topology.closed_axes:
+        notes[-1] += " Cosine and sine of a pair can only be compared together."
+    return notes
+
+
+def _places_wanted(topology: Topology, weak: str = "axis") -> str:
+    """Name the landmarks that settle a weak one, and the option that states them."""
+    used = LANDMARKS_ON.get(topology.name, ())
+    wanted = [weak] if weak in used else [name for name in used if name != "theta_zero"]
+    if weak == "axis":
+        wanted = [name for name in used if name in ("apex", "base")]
+    names = " and ".join(wanted)
+    kind = "landmark" if len(wanted) == 1 else "landmarks"
+    return f"the {kind} {names} (--landmark {wanted[0]}=PLACE)" if wanted else "another topology"

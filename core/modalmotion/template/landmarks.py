@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import Corners, Facts, Place
+from modalmotion.mesh.facts import CORNERS, landmark_of
 from modalmotion.modes.topology import CLOSED, Topology
-from modalmotion.representation import counted, shown
+from modalmotion.representation import shown
 from modalmotion.template.surface import Surface
 
 # Below this a direction from an integral turns by more than a few degrees when the same
@@ -42,6 +43,10 @@ class GivenLandmarks:
     theta_zero: Place | None = None
     corners: Corners | None = None
 
+    def __post_init__(self) -> None:
+        for name in self.names:
+            object.__setattr__(self, name, landmark_of(name, getattr(self, name)))
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the stated landmarks."""
@@ -54,7 +59,7 @@ class GivenLandmarks:
     @staticmethod
     def from_json(values: Mapping[str, Any]) -> GivenLandmarks:
         """Read the output of `as_json`, lists for tuples."""
-        return GivenLandmarks(**{name: _place_from(value) for name, value in values.items()})
+        return GivenLandmarks(**values)
 
 
 def landmarks_in(
@@ -85,10 +90,6 @@ def landmarks_in(
         return landmarks
     own = {name: getattr(landmarks, name) for name in landmarks.names}
     return GivenLandmarks(**{**stated, **own})
-
-
-def _place_from(value: Any) -> Any:
-    return tuple(_place_from(part) for part in value) if isinstance(value, list) else value
 
 
 @shown("strengths", "given", "n_loops")
@@ -156,40 +157,27 @@ LANDMARKS_ON: Final[dict[str, tuple[str, ...]]] = {
 def resolve_places(
     landmarks: GivenLandmarks, vertices: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
-    """Positions of the stated landmarks.
-
-    Parameters
-    ----------
-    landmarks : GivenLandmarks
-    vertices : (vertices, 3) float64, length unit
-        The reference frame.
-
-    Returns
-    -------
-    dict of str to (3,) or (4, 3) float64, length unit
+    """Positions of the stated landmarks in the reference frame, (3,) or (4, 3), length unit.
 
     Raises
     ------
     ParameterError
-        If a vertex does not exist, a point is not three finite numbers, or two corners
-        coincide.
+        If a vertex does not exist.
     """
     positions = {}
     for name in landmarks.names:
         value = getattr(landmarks, name)
-        if name != "corners":
-            positions[name] = _position(name, value, vertices)
-            continue
-        if not isinstance(value, tuple) or len(value) != 4:
-            raise ParameterError(
-                f"{value!r} are not four corners.",
-                remedy="Give the corners at (s, t) = (0, 0), (1, 0), (1, 1), (0, 1).",
-            )
-        positions[name] = np.stack([_position("corners", place, vertices) for place in value])
-        if len(np.unique(positions[name], axis=0)) < 4:
-            raise ParameterError(
-                "Two of the four corners are the same place.", remedy="Give four corners."
-            )
+        places = value if name == CORNERS else (value,)
+        for place in places:
+            if isinstance(place, int) and place >= len(vertices):
+                raise ParameterError(
+                    f"The landmark '{name}' is vertex {place}, but there are {len(vertices)} "
+                    f"(0 to {len(vertices) - 1}).",
+                    remedy="Name a vertex of the sequence, counted from 0, or give a point.",
+                    vertex=place,
+                )
+        found = [vertices[p] if isinstance(p, int) else np.array(p) for p in places]
+        positions[name] = np.stack(found) if name == CORNERS else found[0]
     return positions
 
 
@@ -215,30 +203,6 @@ def require_used(landmarks: GivenLandmarks, topology: Topology | None, *, is_lat
                 + " Where the sequence's facts state it, take it out of them.",
                 details={"landmark": name},
             )
-
-
-def _position(name: str, place: object, vertices: NDArray[np.float64]) -> NDArray[np.float64]:
-    if isinstance(place, int | np.integer) and not isinstance(place, bool):
-        if not 0 <= place < len(vertices):
-            raise ParameterError(
-                f"The landmark '{name}' is vertex {place}, but there are {len(vertices)} "
-                f"(0 to {len(vertices) - 1}).",
-                remedy="Name a vertex of the sequence, counted from 0, or give a point x, y, z.",
-                vertex=int(place),
-            )
-        position: NDArray[np.float64] = vertices[int(place)]
-        return position
-    try:
-        point = np.asarray(place, dtype=np.float64)
-    except (TypeError, ValueError):
-        point = np.zeros(0)
-    if point.shape != (3,) or not np.isfinite(point).all():
-        raise ParameterError(
-            f"The landmark '{name}' is {place!r}, neither a vertex nor a point.",
-            remedy="Give the index of a vertex, or three finite coordinates x, y, z in the "
-            "unit of the sequence.",
-        )
-    return point
 
 
 def lattice_landmarks(
@@ -315,89 +279,3 @@ class Coordinates:
     values: NDArray[np.float64]
     landmarks: Landmarks | None
     notes: tuple[str, ...] = ()
-
-
-def notes_on_merging(representatives: NDArray[np.int64]) -> list[str]:
-    """Say how many vertices others stand for: see `Template.representatives`."""
-    others = np.flatnonzero(representatives != np.arange(len(representatives)))
-    if not len(others):
-        return []
-    n = counted(len(others), "vertex", "vertices")
-    text = (
-        f"{n} of {len(representatives)} coincide with an earlier one in every frame (first: vertex "
-        f"{others[0]} with {representatives[others[0]]}) and were merged with it; amplitudes and "
-        "errors count all that were sent."
-    )
-    return [text]
-
-
-def notes_on_mesh(surface: Surface, isolated: NDArray[np.int64]) -> list[str]:
-    """Name the parts of a mesh outside its surface.
-
-    Parameters
-    ----------
-    surface : Surface
-    isolated : (n,) int64
-        Vertices in no triangle.
-    """
-    degenerate, repeated = surface.connectivity.degenerate, surface.connectivity.repeated
-    notes = []
-    if len(isolated):
-        notes.append(
-            f"{len(isolated)} vertices belong to no triangle (first: {isolated[0]}); "
-            "they have no weight in the fit, and are moved as the nearest vertex of the surface."
-        )
-    if len(degenerate):
-        notes.append(
-            f"{len(degenerate)} triangles name a vertex twice (first: face "
-            f"{degenerate[0]}); they were left out."
-        )
-    if len(repeated):
-        notes.append(
-            f"{counted(len(repeated), 'triangle')} repeat an earlier one (first: face "
-            f"{repeated[0]}) and count once."
-        )
-    return notes
-
-
-def note_on_border(cover: float, border: float) -> str:
-    """Say that the kind of a closed surface's modes is nearly the other."""
-    return (
-        f"The kind of modes is near its border: the coordinates of a sphere cover this surface "
-        f"{cover:.2f} times, and below {border:g} it has the springs of its own mesh. Another "
-        "recording of it may have the other kind; where several are compared, name one template "
-        "or state one topology, sphere or mesh, for all."
-    )
-
-
-def notes_on_landmarks(coordinates: Coordinates) -> list[str]:
-    """Name the landmarks that the shape does not determine."""
-    if coordinates.landmarks is None:
-        return []
-    meaning = {
-        "axis": "The direction of the axis",
-        "apex": "Which end is the apex",
-        "base": "Which end is the base",
-        "theta_zero": "The zero of theta",
-        "start": "Which corner s and t start from",
-    }
-    weak = [name for name in meaning if name in coordinates.landmarks.weak]
-    notes = [
-        f"{meaning[name]} is not determined by the shape; state "
-        f"{places_wanted(coordinates.topology, name)}."
-        for name in weak
-    ]
-    if "theta_zero" in coordinates.landmarks.weak and coordinates.topology.closed_axes:
-        notes[-1] += " Cosine and sine of a pair can only be compared together."
-    return notes
-
-
-def places_wanted(topology: Topology, weak: str = "axis") -> str:
-    """Name the landmarks that settle a weak one, and the option that states them."""
-    used = LANDMARKS_ON.get(topology.name, ())
-    wanted = [weak] if weak in used else [name for name in used if name != "theta_zero"]
-    if weak == "axis":
-        wanted = [name for name in used if name in ("apex", "base")]
-    names = " and ".join(wanted)
-    kind = "landmark" if len(wanted) == 1 else "landmarks"
-    return f"the {kind} {names} (--landmark {wanted[0]}=PLACE)" if wanted else "another topology"

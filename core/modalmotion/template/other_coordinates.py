@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -233,6 +235,10 @@ def _harmonic(
     flux = divergence(surface.vertices, surface.faces, slope)
     added = potential(surface, -flux, np.zeros(0, dtype=np.int64), np.zeros(0), report)
     return None if added is None else angle + added
+
+
+OTHERS: Final = {PLANE: (plane_axes, plane_coordinates), TORUS: (torus_axes, torus_coordinates)}
+"""Axes and coordinates by topology."""
 
 
 def curve_coordinates(

@@ -1,4 +1,4 @@
-"""A prepared reference surface: proper triangles, areas, moments, openings."""
+"""A prepared reference surface: triangles, areas, moments, openings, and its topology."""
 
 from __future__ import annotations
 
@@ -10,9 +10,20 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from modalmotion.errors import TopologyError
 from modalmotion.mesh import Connectivity, connectivity_of, oriented_faces, vertex_areas
-from modalmotion.mesh.triangles import face_areas, face_gradients, step_lengths
-from modalmotion.modes.topology import CLOSED, CLOSED_CURVE, End, Topology
+from modalmotion.mesh.triangles import corners_of, face_areas, face_gradients, step_lengths
+from modalmotion.modes.topology import (
+    CLOSED,
+    CLOSED_CURVE,
+    CUP,
+    CYLINDER,
+    PLANE,
+    SPHERE,
+    TORUS,
+    End,
+    Topology,
+)
 from modalmotion.representation import shown
 
 
@@ -273,3 +284,183 @@ def _from_steps(nodes: NDArray[np.float64], axis: int, closed: bool) -> float:
     here = nodes if closed else np.take(nodes, range(n - 1), axis=axis)
     steps = np.linalg.norm(ahead - here, axis=-1)
     return float(steps.mean() * n) if steps.size else 0.0
+
+
+# A base nearer to the area centroid than this gives no axis.
+FAINT_AXIS: Final = 0.02
+
+# A sheet whose thickness is below this share of its length has no side for an apex to be on.
+_FLAT: Final = 0.05
+
+
+def axis_strength(surface: Surface) -> float:
+    """How far the base is from the area centroid, 0 for a flat sheet, 1 for a deep cup."""
+    # A hemisphere of the same area has its base at half this radius.
+    radius = np.sqrt(surface.area / (2 * np.pi))
+    return min(1.0, float(np.linalg.norm(base_of(surface) - surface.centroid)) / float(radius))
+
+
+def apical_opening(surface: Surface) -> Opening | None:
+    """Give the narrower of two openings that are at opposite ends: where an apex was cut off."""
+    if len(surface.openings) != 2:
+        return None
+    one, other = surface.openings
+    if (one.centre - surface.centroid) @ (other.centre - surface.centroid) >= 0:
+        return None
+    return other if radius_of(surface, one) >= radius_of(surface, other) else one
+
+
+def base_openings(surface: Surface) -> tuple[Opening, ...]:
+    """Give the openings of a cup but for that of an apex that was cut off."""
+    cut = apical_opening(surface)
+    return tuple(opening for opening in surface.openings if opening is not cut)
+
+
+def base_of(surface: Surface) -> NDArray[np.float64]:
+    """Centroid of the base's openings by length, (3,)."""
+    return mean_of(base_openings(surface))
+
+
+def radius_of(surface: Surface, opening: Opening) -> float:
+    """Mean distance of a rim from its centre: a jagged rim is longer, and no wider."""
+    arms = surface.vertices[opening.vertices] - opening.centre
+    return float(np.linalg.norm(arms, axis=1).mean())
+
+
+def is_flat(surface: Surface) -> bool:
+    """Whether the surface is a sheet: hardly thicker than nothing in one direction."""
+    smallest, _, largest = np.maximum(np.linalg.eigh(surface.covariance)[0], 0.0)
+    return bool(smallest < _FLAT**2 * largest)
+
+
+# Triangles of a hemisphere miss at least this share of its area.
+_HEMISPHERE = 0.05
+
+
+@dataclass(frozen=True)
+class Recognition:
+    """Topology recognised on a mesh, and the reason.
+
+    Parameters
+    ----------
+    topology : Topology or None
+        None without known natural coordinates.
+    reason : str
+        Why none are known, or which doubt was decided; empty if there was none.
+    """
+
+    topology: Topology | None
+    reason: str = ""
+
+
+def recognise(surface: Surface) -> Recognition:
+    """Find the topology of a mesh.
+
+    Parameters
+    ----------
+    surface : Surface
+
+    Returns
+    -------
+    Recognition
+    """
+    reason = _obstacle(surface)
+    if reason:
+        return Recognition(None, reason)
+    connectivity = surface.connectivity
+    openings, genus = surface.openings, connectivity.genus
+    if not openings and genus in (0.0, 1.0):
+        return Recognition(SPHERE if genus == 0.0 else TORUS)
+    if genus != 0.0:
+        return Recognition(None, f"The surface has handles ({connectivity.describe()}).")
+    if len(openings) == 1:
+        if is_flat(surface):
+            return Recognition(
+                PLANE, "The surface is nearly flat and was taken for a plane; state cup otherwise."
+            )
+        if _is_shallow(surface):
+            return Recognition(
+                CUP,
+                "The surface is open wider than a hemisphere and was taken for a cup; state plane "
+                "if it is a sheet that encloses nothing.",
+            )
+        return Recognition(CUP)
+    towards = [opening.centre - surface.centroid for opening in openings]
+    if len(openings) == 2 and towards[0] @ towards[1] < 0:
+        return Recognition(CYLINDER)
+    base = surface.base - surface.centroid
+    if axis_strength(surface) < FAINT_AXIS or any(arm @ base <= 0 for arm in towards):
+        return Recognition(None, f"Its {len(openings)} openings are not at one end.")
+    return Recognition(CUP)
+
+
+def require_fit(surface: Surface, stated: Topology) -> None:
+    """Check that a stated topology is possible on a mesh.
+
+    Raises
+    ------
+    TopologyError
+        Naming the actual connectivity and the topologies that fit it.
+    """
+    if not len(surface.faces):
+        raise TopologyError(
+            f"A {stated} was stated, but nothing joins the {len(surface.vertices)} vertices.",
+            remedy="Send triangles, or the shape of the lattice that the vertices form (grid).",
+            details={"stated": stated.name},
+        )
+    connectivity = surface.connectivity
+    n = len(surface.openings)
+    reason = _obstacle(surface)
+    possible: tuple[Topology, ...] = ()
+    if not reason:
+        if connectivity.genus == 0.0:
+            possible = {0: (SPHERE,), 1: (CUP, PLANE), 2: (CYLINDER, CUP)}.get(n, (CUP,))
+        elif connectivity.genus == 1.0 and n == 0:
+            possible = (TORUS,)
+    if stated in possible:
+        return
+    names = " or ".join(topology.name for topology in possible)
+    raise TopologyError(
+        f"A {stated} was stated, but the mesh has {connectivity.describe()}. {reason}".strip(),
+        remedy=f"State {names}, or leave the topology out."
+        if possible
+        else "Leave the topology out: the mesh then gets the spring modes of its own connectivity.",
+        details={"stated": stated.name, **connectivity.details()},
+    )
+
+
+def _is_shallow(surface: Surface) -> bool:
+    """Whether the area is less than twice the span of the opening; a hemisphere's is twice.
+
+    An opening spans the length of its vector area, which all surfaces that fill it share.
+    """
+    wound = surface.wound_faces
+    if wound is None:
+        return False
+    a, b, c = corners_of(surface.vertices, wound)
+    twice = np.cross(b - a, c - a).sum(axis=0)
+    span = float(np.linalg.norm(twice)) / 2.0
+    return surface.area < 2.0 * span * (1.0 - _HEMISPHERE)
+
+
+def _obstacle(surface: Surface) -> str:
+    """Why a mesh is not one surface with area; empty if it is."""
+    connectivity = surface.connectivity
+    if not len(surface.faces):
+        return "There are no triangles."
+    if len(connectivity.non_manifold_edges):
+        a, b = connectivity.non_manifold_edges[0]
+        return (
+            f"{len(connectivity.non_manifold_edges)} edges belong to more than two triangles, the "
+            f"first between vertices {a} and {b}."
+        )
+    if connectivity.n_components != 1:
+        return f"The mesh falls into {connectivity.n_components} pieces."
+    if len(connectivity.pinched):
+        pinched = connectivity.pinched
+        return f"Boundaries touch in {len(pinched)} vertices, the first {pinched[0]}."
+    if connectivity.genus != int(connectivity.genus):
+        return "The surface has one side only."
+    if not surface.area > 0:
+        return "The surface has no area in the reference frame."
+    return ""

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.alignment import middle_positions, reference_positions
 from modalmotion.mesh.sequence import MeshSequence, Reference
-from modalmotion.mesh.spring_modes import spring_modes
+from modalmotion.mesh.spring_modes import Modes, spring_modes
 from modalmotion.modes.mode_set import lowest_modes, whole_count
-from modalmotion.modes.topology import CUP, CYLINDER, Modes, Topology
+from modalmotion.modes.topology import CUP, CYLINDER, Topology
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import FrozenArrays, shown
 from modalmotion.template.axis import Placement

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ModeCountError, ParameterError
 from modalmotion.mesh import connectivity_of
-from modalmotion.mesh.spring_modes import spring_modes
-from modalmotion.modes import ModeLabel, Modes, ModeSet, whole_counts
+from modalmotion.mesh.spring_modes import Modes, spring_modes, whole_counts
+from modalmotion.modes import ModeLabel, ModeSet
 from modalmotion.modes.lattice import Lattice, modes_named
 from modalmotion.modes.topology import MESH
 from modalmotion.representation import shown

@@ -1,4 +1,4 @@
-"""Forms, with one file or many in the spool."""
+"""Forms, whose files go to one file of the spool as they come."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import contextlib
 from collections.abc import AsyncIterator
 from contextlib import aclosing, asynccontextmanager
 from pathlib import Path
-from tempfile import SpooledTemporaryFile
 from typing import BinaryIO, Final, cast
 
 from starlette.datastructures import FormData, UploadFile
@@ -19,8 +18,11 @@ from modalmotion.store.disk import cannot_write
 
 FILES: Final = "files"
 """Name of the parts of a form that are many files."""
+MANIFEST: Final = "manifest"
+"""Name of the part that describes them, a field or a file."""
 
 _LONGEST_NAME: Final = 200
+_MOST_FIELDS: Final = 20
 
 
 class SentPart:
@@ -50,27 +52,29 @@ class SentPart:
         """Do nothing at its end: it is read elsewhere."""
 
 
-class ManyFiles:
+class FormFiles:
     """The file that they go to, made with the first of them.
 
     Parameters
     ----------
     path : Path
     most : int
-        Files in it.
+        Parts named `FILES`; 0 where these are not taken.
     """
 
-    def __init__(self, path: Path, most: int) -> None:
+    def __init__(self, path: Path, most: int = 0) -> None:
         self.path = path
-        self.parts: list[SentPart] = []
         self.most = most
+        self.many: list[SentPart] = []
         self._file: BinaryIO | None = None
 
-    def add(self, name: str) -> SentPart:
+    def add(self, field: str, name: str) -> SentPart:
         """Begin a file.
 
         Parameters
         ----------
+        field : str
+            Name of its part.
         name : str
             As its sender calls it; may be empty.
 
@@ -79,7 +83,8 @@ class ManyFiles:
         LimitError
             If it is one too many.
         """
-        if len(self.parts) == self.most:
+        is_of_many = field == FILES and self.most > 0
+        if is_of_many and len(self.many) == self.most:
             raise LimitError(
                 f"The form has more than {self.most} files.",
                 remedy="Send them in several requests.",
@@ -88,9 +93,16 @@ class ManyFiles:
             )
         if self._file is None:
             self._file = self.path.open("xb")
-        part = SentPart(name[:_LONGEST_NAME] or f"file {len(self.parts) + 1}", self._file)
-        self.parts.append(part)
+        part = SentPart(name[:_LONGEST_NAME] or f"file {len(self.many) + 1}", self._file)
+        if is_of_many:
+            self.many.append(part)
         return part
+
+    def read(self, part: SentPart, most: int) -> bytes:
+        """Give the bytes of a part, or the first of them."""
+        with self.path.open("rb") as file:
+            file.seek(part.start)
+            return file.read(min(part.length, most))
 
     def close(self) -> None:
         """Write what is left; it may fail as any write."""
@@ -105,32 +117,21 @@ class ManyFiles:
             self.path.unlink(missing_ok=True)
 
 
-MANIFEST: Final = "manifest"
-"""Name of the part that holds it, a field or a file."""
-
-_MOST_FIELDS = 20
-
-
 class _SpoolingParser(MultiPartParser):
-    """Puts files into a folder of ours.
+    """Puts files into the spool.
 
     Parameters
     ----------
     request : Request
     stream : async generator of bytes
-    folder : Path
-    many : ManyFiles, optional
-        Where those go that are named as many are.
+    files : FormFiles
     """
 
-    def __init__(
-        self, request: Request, stream: object, folder: Path, many: ManyFiles | None
-    ) -> None:
-        # Beside many may stand one that describes them.
-        most = 1 if many is None else many.most + 1
+    def __init__(self, request: Request, stream: object, files: FormFiles) -> None:
+        # One, or many and one that describes them.
+        most = files.most + 1
         super().__init__(request.headers, stream, max_files=most, max_fields=_MOST_FIELDS)  # type: ignore[arg-type]
-        self._folder = folder
-        self._many = many
+        self._files = files
 
     def on_part_data(self, data: bytes, start: int, end: int) -> None:
         waiting = self._file_parts_to_write
@@ -139,37 +140,27 @@ class _SpoolingParser(MultiPartParser):
         elif not waiting or waiting[-1][0] is not self._current_part:
             waiting.append((self._current_part, cast("bytes", bytearray(data[start:end]))))
         else:
-            # Each line that could be the end of the part comes by itself, and each piece that is
-            # written is a switch of threads: they are joined, up to the 64 KiB that came.
+            # Each line that could be the end of the part comes by itself: they are joined, up to
+            # the 64 KiB that came.
             cast("bytearray", waiting[-1][1]).extend(memoryview(data)[start:end])
 
     def on_headers_finished(self) -> None:
         super().on_headers_finished()
-        part = self._current_part.file
-        if part is not None:
-            part.file.close()
-            if self._many is not None and self._current_part.field_name == FILES:
-                self._current_part.file = cast("UploadFile", self._many.add(part.filename or ""))
-                return
-            # It has no name there: it goes with the process, however that ends.
-            file = SpooledTemporaryFile(max_size=self.spool_max_size, dir=str(self._folder))  # noqa: SIM115
-            self._files_to_close_on_error.append(file)
-            part.file = cast("BinaryIO", file)
+        part = self._current_part
+        if part.file is not None:
+            part.file.file.close()
+            sent = self._files.add(part.field_name, part.file.filename or "")
+            part.file = cast("UploadFile", sent)
 
 
 @asynccontextmanager
-async def received_form(
-    request: Request, folder: Path, many: ManyFiles | None = None
-) -> AsyncIterator[FormData]:
-    """Receive a form of at most one file and close it in the end.
+async def received_form(request: Request, files: FormFiles) -> AsyncIterator[FormData]:
+    """Receive a form, whose files are parts of it; they are removed if anything fails.
 
     Parameters
     ----------
     request : Request
-    folder : Path
-        Where the file is meanwhile.
-    many : ManyFiles, optional
-        Where files go that are named as many are; they are parts of the form too.
+    files : FormFiles
 
     Raises
     ------
@@ -178,18 +169,18 @@ async def received_form(
     HTTPException
         If it is not a form.
     StoreError
-        If the file cannot be written.
+        If a file cannot be written.
     """
     try:
-        async with aclosing(request.stream()) as stream:
-            form = await _SpoolingParser(request, stream, folder, many).parse()
-        if many is not None:
-            many.close()
-    except MultiPartException as error:
-        raise HTTPException(status_code=400, detail=error.message) from error
-    except OSError as error:
-        raise cannot_write(folder, error) from error
-    try:
+        try:
+            async with aclosing(request.stream()) as stream:
+                form = await _SpoolingParser(request, stream, files).parse()
+            files.close()
+        except MultiPartException as error:
+            raise HTTPException(status_code=400, detail=error.message) from error
+        except OSError as error:
+            raise cannot_write(files.path.parent, error) from error
         yield form
-    finally:
-        await form.close()
+    except BaseException:
+        files.discard()
+        raise

@@ -18,20 +18,11 @@ from starlette.types import Scope as Connection
 
 from modalmotion.errors import ModalMotionError
 from modalmotion.mesh import NAMES
+from modalmotion_service.access import scopes as scopes
 from modalmotion_service.access.audit import BEGUN, AuditLog, Event
 from modalmotion_service.access.keys import Authenticator, key_required
 from modalmotion_service.access.logins import Logins, is_login
 from modalmotion_service.access.rates import Rates, comes_by_loopback, require_same_site
-from modalmotion_service.access.scopes import (
-    LOCAL_PRINCIPAL,
-    PROBES,
-    Principal,
-    Scope,
-    Target,
-    attach,
-    principal_of,
-    target_of,
-)
 from modalmotion_service.errors import AuthenticationError, ForbiddenError, RateLimitedError
 from modalmotion_service.http.problems import problem_of
 
@@ -47,7 +38,7 @@ _DIGEST: Final = re.compile(r"[0-9a-f]{32}|[0-9a-f]{64}")
 _NAME: Final = re.compile(r"[A-Za-z0-9._-]{1,100}")
 
 # Routes that need one of these scopes change something.
-_CHANGES: Final = (Scope.WRITE, Scope.TRAIN)
+_CHANGES: Final = (scopes.Scope.WRITE, scopes.Scope.TRAIN)
 
 
 @dataclass(frozen=True)
@@ -125,7 +116,7 @@ class Gate:
             await self.app(scope, receive, send)
             return
         connection = HTTPConnection(scope)
-        target = target_of(scope["method"], scope["path"])
+        target = scopes.target_of(scope["method"], scope["path"])
         scope[_ROUTE] = None if target is None else target.template
         headers: dict[str, str] = {}
         refused: ModalMotionError | None = None
@@ -136,7 +127,11 @@ class Gate:
         is_noted = not (
             isinstance(refused, RateLimitedError)
             or (target is None and refused is None)
-            or (target is not None and target.scope in (None, Scope.METRICS) and refused is None)
+            or (
+                target is not None
+                and target.scope in (None, scopes.Scope.METRICS)
+                and refused is None
+            )
         )
         started = withheld = False
 
@@ -180,12 +175,14 @@ class Gate:
                     await self._note(connection, target, status, Headers())
             raise
 
-    async def _admit(self, connection: HTTPConnection, target: Target | None) -> dict[str, str]:
+    async def _admit(
+        self, connection: HTTPConnection, target: scopes.Target | None
+    ) -> dict[str, str]:
         scope = connection.scope
         needs_key = self.require_keys or not comes_by_loopback(scope)
         client = "" if connection.client is None else connection.client.host
         if target is not None and target.scope is None:
-            if not needs_key or target.template.startswith(PROBES):
+            if not needs_key or target.template.startswith(scopes.PROBES):
                 return {}
             return self.rates.address(client)
         try:
@@ -194,7 +191,7 @@ class Gate:
             scope[_ENDED_KEY] = error.key_id
             self.rates.failure(client)
             raise
-        attach(scope, principal)
+        scopes.attach(scope, principal)
         if target is not None and target.scope not in principal.scopes:
             raise ForbiddenError(
                 f"This key lacks the scope {target.scope}.",
@@ -207,13 +204,13 @@ class Gate:
 
     async def _recognise(
         self, connection: HTTPConnection, needs_key: bool
-    ) -> tuple[Principal, dict[str, str]]:
+    ) -> tuple[scopes.Principal, dict[str, str]]:
         token = _token(connection.headers)
         if token is None:
             if needs_key:
                 raise key_required()
             require_same_site(connection.scope)
-            return LOCAL_PRINCIPAL, {}
+            return scopes.LOCAL_PRINCIPAL, {}
         if self.logins is not None and is_login(token):
             principal = await self.logins.principal(token)
         else:
@@ -222,9 +219,9 @@ class Gate:
         return principal, self.rates.key(principal.key_id or "")
 
     async def _note(
-        self, connection: HTTPConnection, target: Target | None, status: int, answer: Headers
+        self, connection: HTTPConnection, target: scopes.Target | None, status: int, answer: Headers
     ) -> None:
-        principal = principal_of(connection.scope)
+        principal = scopes.principal_of(connection.scope)
         access: Access = connection.app.state.access
         event = Event(
             request_id=connection.scope.get("modalmotion.request_id", ""),
@@ -248,7 +245,7 @@ def _token(headers: Headers) -> str | None:
     return token.strip() if scheme.lower() == "bearer" else ""
 
 
-def _ids(connection: HTTPConnection, target: Target | None, answer: Headers) -> list[str]:
+def _ids(connection: HTTPConnection, target: scopes.Target | None, answer: Headers) -> list[str]:
     """List what a request is about: ids alone, never what a person may have written."""
     ids = []
     if target is not None:

@@ -21,17 +21,15 @@ Body = TypeVar("Body", bound=BaseModel)
 _SMALL_BYTES: Final = 64_000
 
 
-def body_of(
-    model: type[Body], *, is_optional: bool = False
-) -> Callable[[Request], Awaitable[Body]]:
-    """Make the dependency that reads the JSON body of a request.
+def body_of(model: type[Body]) -> Callable[[Request], Awaitable[Body]]:
+    """Make the dependency that reads the JSON body of a request, which may be empty or null.
 
     Parameters
     ----------
     model : type of BaseModel
-    is_optional : bool
-        Whether an empty body, or null, states nothing.
+        Where all of it may be left out, so may the body.
     """
+    is_optional = not any(field.is_required() for field in model.model_fields.values())
 
     async def read(request: Request) -> Body:
         data = await request.body()

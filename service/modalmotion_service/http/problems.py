@@ -14,17 +14,7 @@ from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
-from modalmotion.errors import (
-    CorruptFileError,
-    InputError,
-    LimitError,
-    LostFileError,
-    MalformedFileError,
-    MissingExtraError,
-    ModalMotionError,
-    NotFoundError,
-    StoreError,
-)
+from modalmotion import errors as kinds
 from modalmotion.store.disk import cannot_write, is_of_the_machine
 from modalmotion_service.access.scopes import calls_like, methods_of
 from modalmotion_service.errors import ServiceError
@@ -33,16 +23,16 @@ logger = logging.getLogger(__name__)
 
 
 # Of errors of the library, looked up along their ancestry: the nearest entry decides.
-STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
-    LimitError: 413,
-    MalformedFileError: 400,
-    InputError: 422,
-    NotFoundError: 404,
-    CorruptFileError: 500,
-    LostFileError: 409,
-    StoreError: 503,
-    MissingExtraError: 501,
-    ModalMotionError: 500,
+STATUS_OF: Final[dict[type[kinds.ModalMotionError], int]] = {
+    kinds.LimitError: 413,
+    kinds.MalformedFileError: 400,
+    kinds.InputError: 422,
+    kinds.NotFoundError: 404,
+    kinds.CorruptFileError: 500,
+    kinds.LostFileError: 409,
+    kinds.StoreError: 503,
+    kinds.MissingExtraError: 501,
+    kinds.ModalMotionError: 500,
 }
 
 # Faults of a request that its problem names, and characters of each text in it.
@@ -60,7 +50,7 @@ _HEADERS_OF: Final[dict[int, dict[str, str]]] = {
 }
 
 
-def problem_body(error: ModalMotionError) -> dict[str, object]:
+def problem_body(error: kinds.ModalMotionError) -> dict[str, object]:
     """Make the body of the problem that one of our own errors is."""
     if isinstance(error, ServiceError):
         status = error.status
@@ -74,7 +64,7 @@ def problem_body(error: ModalMotionError) -> dict[str, object]:
     return _body(status, error.code, error.message, {**error.details, **named, **remedy})
 
 
-def problem_of(error: ModalMotionError) -> Response:
+def problem_of(error: kinds.ModalMotionError) -> Response:
     """Make the problem answer of one of our own errors."""
     wait = error.details.get("retry_after_seconds")
     return _answer(problem_body(error), {"Retry-After": str(wait)} if wait else None)
@@ -126,7 +116,7 @@ def _answer(body: dict[str, object], headers: Mapping[str, str] | None = None) -
 
 def install(app: FastAPI) -> None:
     """Have the app answer every error as a problem."""
-    app.add_exception_handler(ModalMotionError, _on_own_error)
+    app.add_exception_handler(kinds.ModalMotionError, _on_own_error)
     app.add_exception_handler(OSError, _on_fault_of_the_machine)
     app.add_exception_handler(RequestValidationError, _on_invalid_request)
     app.add_exception_handler(HTTPException, _on_http_exception)
@@ -168,7 +158,7 @@ async def _on_invalid_request(request: Request, error: Any) -> Response:
 
 
 async def _on_http_exception(request: Request, error: Any) -> Response:
-    if isinstance(error.__cause__, ModalMotionError):
+    if isinstance(error.__cause__, kinds.ModalMotionError):
         # FastAPI hides what fails while it reads a JSON body behind a 400 of its own.
         return problem_of(error.__cause__)
     phrase = HTTPStatus(error.status_code).phrase

@@ -26,16 +26,8 @@ from modalmotion_service.access.keys import key_required
 from modalmotion_service.access.scopes import principal_of
 from modalmotion_service.document import is_file
 from modalmotion_service.errors import ConflictError, IdempotencyMismatchError
+from modalmotion_service.http import negotiation as media
 from modalmotion_service.http.gate import note_facts, note_ids
-from modalmotion_service.http.negotiation import (
-    FHIR,
-    JSON,
-    best_type,
-    is_known,
-    not_modified,
-    preferred_wait,
-    tag_of,
-)
 from modalmotion_service.schemas.from_core import JsonBody, read_from
 from modalmotion_service.schemas.general import JobAnswer, JobState
 from modalmotion_service.schemas.queries import CasesRequest, LabelledSequence
@@ -74,7 +66,7 @@ class Asked:
 
     def media_type(self, *offered: str) -> str:
         """Choose the media type of the answer."""
-        return best_type(self.http.headers.get("accept", "*/*"), offered)
+        return media.best_type(self.http.headers.get("accept", "*/*"), offered)
 
     def note(self, *ids: str | None) -> None:
         """Name in the audit log what the call is about, where its path does not."""
@@ -82,18 +74,18 @@ class Asked:
 
     def tagged(self, *parts: str) -> str:
         """Make the tag of an answer."""
-        return tag_of(self.http.scope["route"].path, *parts)
+        return media.tag_of(self.http.scope["route"].path, *parts)
 
     def knows(self, tag: str) -> Response | None:
         """Give the answer 304 where the client has what the tag represents."""
-        return not_modified(tag) if is_known(self.http, tag) else None
+        return media.not_modified(tag) if media.is_known(self.http, tag) else None
 
     def json(self, answer: BaseModel, headers: Mapping[str, str] | None = None) -> Response:
         """Answer with a model as JSON, and its tag."""
         body = answer.model_dump_json()
-        tag = tag_of(body)
+        tag = media.tag_of(body)
         known = self.knows(tag) if self.http.method in ("GET", "HEAD") else None
-        return known or Response(body, 200, {"ETag": tag, **(headers or {})}, JSON)
+        return known or Response(body, 200, {"ETag": tag, **(headers or {})}, media.JSON)
 
     async def do(
         self,
@@ -191,7 +183,7 @@ class Asked:
         said = request.query.model_dump_json() + json.dumps(
             None if file is None else facts_as_json(file.facts)
         )
-        mark = tag_of(what.name, "" if file is None else file.sha256, said)
+        mark = media.tag_of(what.name, "" if file is None else file.sha256, said)
         known = await asyncio.to_thread(keys.claim, key, mark)
         if known is None:
             try:
@@ -270,7 +262,7 @@ async def _waiting(
     ] = None,
     prefer: Annotated[str, Header(max_length=200, include_in_schema=False)] = "",
 ) -> Asked:
-    stated = preferred_wait(prefer)
+    stated = media.preferred_wait(prefer)
     # Of both the sooner: a job at once is one, whatever else is said.
     wait = stated if wait is None or stated == 0 else wait
     return Asked(await get_state(request), request, wait)
@@ -317,7 +309,7 @@ def accepted(job: Job) -> Response:
     answer = job_answer(job)
     headers = {"Location": answer.links["self"], "Retry-After": "1"}
     headers["Preference-Applied"] = "respond-async"
-    return Response(answer.model_dump_json(), 202, headers, JSON)
+    return Response(answer.model_dump_json(), 202, headers, media.JSON)
 
 
 def page_of(names: list[str], limit: int, cursor: str | None) -> tuple[list[str], str | None]:
@@ -365,9 +357,9 @@ def answers(
         Whether it may become a job.
     """
     content = {
-        kind: _OBJECT if kind == FHIR else _BINARY if is_file(kind) else _TEXT
+        kind: _OBJECT if kind == media.FHIR else _BINARY if is_file(kind) else _TEXT
         for kind in media_types
-        if kind != JSON
+        if kind != media.JSON
     }
     first: dict[str, Any] = {"description": "The requested content."}
     if content:

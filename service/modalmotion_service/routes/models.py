@@ -13,50 +13,22 @@ from modalmotion.errors import ParameterError
 from modalmotion.store import ModelRecord, model_to_hdf5, parse_reference, require_model_name
 from modalmotion_service.http.judged_router import JudgedRouter, body_of
 from modalmotion_service.http.negotiation import CSV, HDF5, JSON, MARKDOWN, PNG, attachment
-from modalmotion_service.routes.asked import (
-    AskedAny,
-    AskedNow,
-    IdempotencyKey,
-    answers,
-    page_of,
-)
+from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey, answers, page_of
+from modalmotion_service.schemas import models as results
+from modalmotion_service.schemas import queries
 from modalmotion_service.schemas.from_core import ModelName, ModelReference, Paging
-from modalmotion_service.schemas.models import (
-    CohortDeviationAnswer,
-    ComparisonAnswer,
-    EvaluationAnswer,
-    ModelAnswer,
-    ModelPageAnswer,
-    ModelSummary,
-    NormAnswer,
-    NormLink,
-    NormPageAnswer,
-)
-from modalmotion_service.schemas.queries import (
-    DeviationOptions,
-    DeviationRequest,
-    EvaluationOptions,
-    EvaluationRequest,
-    NormOptions,
-    NormRequest,
-    TrainingRequest,
-)
 from modalmotion_service.workspace import model_operations as operations
 from modalmotion_service.workspace import models
 from modalmotion_service.workspace.operation import Request
 from modalmotion_service.workspace.spool import SpoolFile
-from modalmotion_service.workspace.training import (
-    labelled_cases,
-    look_up,
-    write_cases,
-)
+from modalmotion_service.workspace.training import labelled_cases, look_up, write_cases
 
 router = JudgedRouter(prefix="/v1/models", tags=["models"])
 
 
 @router.post("", **answers(status=202))
 async def train_model(
-    wanted: Annotated[TrainingRequest, Depends(body_of(TrainingRequest))],
+    wanted: Annotated[queries.TrainingRequest, Depends(body_of(queries.TrainingRequest))],
     asked: AskedNow,
     idempotency_key: IdempotencyKey = None,
 ) -> Response:
@@ -83,15 +55,15 @@ async def train_model(
     return await asked.once(idempotency_key, operations.training, said, None, make)
 
 
-@router.get("", response_model=ModelPageAnswer)
-def list_models(query: Annotated[Paging, Query()], asked: AskedNow) -> ModelPageAnswer:
+@router.get("")
+def list_models(query: Annotated[Paging, Query()], asked: AskedNow) -> results.ModelPageAnswer:
     """List models by name, including shipped ones, each with its newest version."""
     records = models.records(asked.state)
     page, cursor = page_of(sorted(records), query.limit, query.cursor)
-    return ModelPageAnswer(models=[_summary(records[name]) for name in page], cursor=cursor)
+    return results.ModelPageAnswer(models=[_summary(records[name]) for name in page], cursor=cursor)
 
 
-@router.get("/{name}", **answers(JSON, PNG, HDF5, CSV, MARKDOWN, of=ModelAnswer))
+@router.get("/{name}", **answers(JSON, PNG, HDF5, CSV, MARKDOWN, of=results.ModelAnswer))
 async def describe_model(name: ModelReference, asked: AskedAny) -> Response:
     """Describe a model, in its newest version or name@version.
 
@@ -120,7 +92,7 @@ async def describe_model(name: ModelReference, asked: AskedAny) -> Response:
         return Response(page, 200, headers, f"{MARKDOWN}; charset=utf-8")
     source = model.source
     file = None if isinstance(source, str) else source.relative_to(state.store.root).as_posix()
-    answer = ModelAnswer.with_card(content, versions, file)
+    answer = results.ModelAnswer.with_card(content, versions, file)
     return Response(answer.model_dump_json(), 200, headers, JSON)
 
 
@@ -144,11 +116,11 @@ async def delete_model(name: ModelReference, asked: AskedNow) -> None:
 
 @router.post(
     "/{name}/evaluations",
-    **answers(JSON, CSV, PNG, of=EvaluationAnswer | ComparisonAnswer),
+    **answers(JSON, CSV, PNG, of=results.EvaluationAnswer | results.ComparisonAnswer),
 )
 async def evaluate_model(
     name: ModelReference,
-    wanted: Annotated[EvaluationRequest, Depends(body_of(EvaluationRequest))],
+    wanted: Annotated[queries.EvaluationRequest, Depends(body_of(queries.EvaluationRequest))],
     asked: AskedAny,
 ) -> Response:
     """Test a model on stored, labelled sequences, or two on the same.
@@ -160,7 +132,7 @@ async def evaluate_model(
     kind = asked.media_type(*((JSON,) if wanted.compare_with else (JSON, CSV, PNG)))
     names = [one for one in (name, wanted.compare_with) if one is not None]
     chosen = [await asyncio.to_thread(models.choose, asked.state, one) for one in names]
-    request = await asked.about(wanted, EvaluationOptions, labelled_cases, media_type=kind)
+    request = await asked.about(wanted, queries.EvaluationOptions, labelled_cases, media_type=kind)
     for model in chosen:
         operations.require_known_classes(request.cases, model)
     # By their versions: newer ones may exist when the job is resumed.
@@ -169,8 +141,8 @@ async def evaluate_model(
     return await asked.do(operations.evaluation, replace(request, query=options, reference=first))
 
 
-def _summary(records: list[ModelRecord]) -> ModelSummary:
-    return ModelSummary.of(records[-1], [record.version for record in records])
+def _summary(records: list[ModelRecord]) -> results.ModelSummary:
+    return results.ModelSummary.of(records[-1], [record.version for record in records])
 
 
 of_norms = JudgedRouter(prefix="/v1/norms", tags=["norms"])
@@ -178,7 +150,7 @@ of_norms = JudgedRouter(prefix="/v1/norms", tags=["norms"])
 
 @of_norms.post("", **answers(status=202))
 async def make_norm(
-    wanted: Annotated[NormRequest, Depends(body_of(NormRequest))],
+    wanted: Annotated[queries.NormRequest, Depends(body_of(queries.NormRequest))],
     asked: AskedNow,
     idempotency_key: IdempotencyKey = None,
 ) -> Response:
@@ -192,22 +164,22 @@ async def make_norm(
     async def make() -> Response:
         name = require_model_name(wanted.name)
         await asyncio.to_thread(operations.require_free_norm, asked.state, name)
-        return await asked.start(operations.norm, await asked.about(wanted, NormOptions))
+        return await asked.start(operations.norm, await asked.about(wanted, queries.NormOptions))
 
     said = Request(query=wanted)
     return await asked.once(idempotency_key, operations.norm, said, None, make)
 
 
-@of_norms.get("", response_model=NormPageAnswer)
-async def list_norms(query: Annotated[Paging, Query()], asked: AskedNow) -> NormPageAnswer:
+@of_norms.get("")
+async def list_norms(query: Annotated[Paging, Query()], asked: AskedNow) -> results.NormPageAnswer:
     """List norms by name, a page at a time."""
     names = await asyncio.to_thread(asked.store.norms)
     page, cursor = page_of(list(names), query.limit, query.cursor)
-    links = [NormLink(name=name, links={"self": f"/v1/norms/{name}"}) for name in page]
-    return NormPageAnswer(norms=links, cursor=cursor)
+    links = [results.NormLink(name=name, links={"self": f"/v1/norms/{name}"}) for name in page]
+    return results.NormPageAnswer(norms=links, cursor=cursor)
 
 
-@of_norms.get("/{name}", **answers(JSON, HDF5, of=NormAnswer, waits=False))
+@of_norms.get("/{name}", **answers(JSON, HDF5, of=results.NormAnswer, waits=False))
 async def describe_norm(name: ModelName, asked: AskedNow) -> Response:
     """Describe a norm; or give its file, which `modalmotion norm ask` reads."""
     kind = asked.media_type(JSON, HDF5)
@@ -220,7 +192,7 @@ async def describe_norm(name: ModelName, asked: AskedNow) -> Response:
         headers |= attachment(f"{name}.h5")
         path = asked.store.norm_path(name)
         return Response(await asyncio.to_thread(path.read_bytes), 200, headers, HDF5)
-    return Response(NormAnswer.of(norm).model_dump_json(), 200, headers, JSON)
+    return Response(results.NormAnswer.of(norm).model_dump_json(), 200, headers, JSON)
 
 
 @of_norms.delete("/{name}", status_code=204)
@@ -229,10 +201,10 @@ async def delete_norm(name: ModelName, asked: AskedNow) -> None:
     await asyncio.to_thread(asked.store.delete_norm, name)
 
 
-@of_norms.post("/{name}/deviations", **answers(of=CohortDeviationAnswer))
+@of_norms.post("/{name}/deviations", **answers(of=results.CohortDeviationAnswer))
 async def compare_with_norm(
     name: ModelName,
-    wanted: Annotated[DeviationRequest, Depends(body_of(DeviationRequest))],
+    wanted: Annotated[queries.DeviationRequest, Depends(body_of(queries.DeviationRequest))],
     asked: AskedAny,
 ) -> Response:
     """Compare stored sequences with a norm, each, and from five on together.
@@ -243,5 +215,5 @@ async def compare_with_norm(
     speak of that, and not of a person. No diagnosis. Missing signatures are stored on the way.
     """
     await asyncio.to_thread(asked.store.norm_path, name)
-    request = await asked.about(wanted, DeviationOptions, reference=name)
+    request = await asked.about(wanted, queries.DeviationOptions, reference=name)
     return await asked.do(operations.deviations, request)

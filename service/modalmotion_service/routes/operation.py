@@ -17,16 +17,8 @@ from modalmotion_service.http.gate import Access
 from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.monitoring.metrics import require_ready
 from modalmotion_service.routes.asked import AskedNow, answers, job_answer
+from modalmotion_service.schemas import general
 from modalmotion_service.schemas.from_core import JobId, Paging
-from modalmotion_service.schemas.general import (
-    AuditEntryAnswer,
-    AuditPageAnswer,
-    Health,
-    JobAnswer,
-    JobPageAnswer,
-    JobState,
-    Readiness,
-)
 
 of_jobs = JudgedRouter(prefix="/v1/jobs", tags=["jobs"])
 
@@ -34,19 +26,19 @@ of_jobs = JudgedRouter(prefix="/v1/jobs", tags=["jobs"])
 class JobList(Paging):
     """Which jobs to list."""
 
-    state: JobState | None = None
+    state: general.JobState | None = None
 
 
-@of_jobs.get("", response_model=JobPageAnswer)
-def list_jobs(query: Annotated[JobList, Query()], asked: AskedNow) -> JobPageAnswer:
+@of_jobs.get("")
+def list_jobs(query: Annotated[JobList, Query()], asked: AskedNow) -> general.JobPageAnswer:
     """List jobs from the newest to the oldest, a page at a time."""
     page, cursor = asked.state.jobs.list(**query.model_dump())
     jobs = [job_answer(job, asked.state.runner.text(job)) for job in page]
-    return JobPageAnswer(jobs=jobs, cursor=cursor)
+    return general.JobPageAnswer(jobs=jobs, cursor=cursor)
 
 
-@of_jobs.get("/{job_id}", response_model=JobAnswer)
-def describe_job(job_id: JobId, asked: AskedNow, response: Response) -> JobAnswer:
+@of_jobs.get("/{job_id}")
+def describe_job(job_id: JobId, asked: AskedNow, response: Response) -> general.JobAnswer:
     """Give a job's state, its progress, and the link to its result."""
     record = asked.state.jobs.get(job_id)
     if not record.is_finished:
@@ -58,7 +50,7 @@ def describe_job(job_id: JobId, asked: AskedNow, response: Response) -> JobAnswe
 def result_of_job(job_id: JobId, asked: AskedNow) -> Response:
     """Give the file of a job's result: the answer that its request would have had."""
     record = asked.state.jobs.get(job_id)
-    outcome = (record.state == JobState.SUCCEEDED and record.result) or {}
+    outcome = (record.state == general.JobState.SUCCEEDED and record.result) or {}
     if "file" not in outcome:
         raise NotFoundError(
             f"The job is {record.state.value} and has no file.",
@@ -76,8 +68,8 @@ def result_of_job(job_id: JobId, asked: AskedNow) -> Response:
     return FileResponse(path, media_type=outcome["media_type"], headers=outcome.get("headers"))
 
 
-@of_jobs.delete("/{job_id}", response_model=JobAnswer)
-async def cancel_job(job_id: JobId, asked: AskedNow) -> JobAnswer:
+@of_jobs.delete("/{job_id}")
+async def cancel_job(job_id: JobId, asked: AskedNow) -> general.JobAnswer:
     """End a job; 409 if it is finished."""
     return job_answer(await asked.state.runner.cancel(job_id))
 
@@ -87,18 +79,18 @@ router = JudgedRouter(tags=["operation"])
 _TEXT: Final = "text/plain; version=0.0.4; charset=utf-8"
 
 
-@router.get("/health/live", response_model=Health)
-def is_live() -> Health:
+@router.get("/health/live")
+def is_live() -> general.Health:
     """Return whether the process runs."""
-    return Health(version=version("modalmotion"))
+    return general.Health(version=version("modalmotion"))
 
 
-@router.get("/health/ready", response_model=Readiness)
-def is_ready(request: Request) -> Readiness:
+@router.get("/health/ready")
+def is_ready(request: Request) -> general.Readiness:
     """Return whether results can be made and stored: the store answers, and there are workers."""
     local = request.app.state.owners.local
     require_ready(local)
-    return Readiness(
+    return general.Readiness(
         version=version("modalmotion"),
         stateless=local.settings.stateless,
         parsers_confined=local.analysis.engine.are_parsers_confined,
@@ -133,8 +125,10 @@ class AuditList(Paging):
     owner: Annotated[str, Query(max_length=63)] | None = None
 
 
-@router.get("/v1/audit", response_model=AuditPageAnswer)
-async def list_audit(query: Annotated[AuditList, Query()], request: Request) -> AuditPageAnswer:
+@router.get("/v1/audit")
+async def list_audit(
+    query: Annotated[AuditList, Query()], request: Request
+) -> general.AuditPageAnswer:
     """List who did what to which id, from the newest to the oldest, a page at a time."""
     access: Access = request.app.state.access
     number = "" if query.cursor is None else from_cursor(query.cursor)[1]
@@ -142,8 +136,8 @@ async def list_audit(query: Annotated[AuditList, Query()], request: Request) -> 
     entries = await asyncio.to_thread(
         access.audit.page, limit=query.limit + 1, before=before, owner=query.owner
     )
-    page = [AuditEntryAnswer.of(entry) for entry in entries[: query.limit]]
+    page = [general.AuditEntryAnswer.of(entry) for entry in entries[: query.limit]]
     is_last = len(entries) <= query.limit
-    return AuditPageAnswer(
+    return general.AuditPageAnswer(
         entries=page, cursor=None if is_last else to_cursor("entry", str(page[-1].number))
     )

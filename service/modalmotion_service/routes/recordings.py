@@ -45,7 +45,7 @@ async def upload_images(
         )
 
 
-@router.get("/images", tags=["images"], response_model=ImagesPageAnswer)
+@router.get("/images", tags=["images"])
 def list_images(query: Annotated[Paging, Query()], asked: AskedNow) -> ImagesPageAnswer:
     """List images from the newest to the oldest, a page at a time."""
     page = asked.store.list_images(**query.model_dump())

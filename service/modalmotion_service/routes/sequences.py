@@ -13,31 +13,12 @@ from modalmotion.store import SequenceRecord
 from modalmotion_service.http.gate import note_facts
 from modalmotion_service.http.judged_router import JudgedRouter, body_of
 from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, STREAM
-from modalmotion_service.routes.asked import (
-    AskedAny,
-    AskedNow,
-    IdempotencyKey,
-    answers,
-    page_of,
-)
+from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey, answers, page_of
 from modalmotion_service.routes.uploads import Sent, receiving
+from modalmotion_service.schemas import requests, signatures
 from modalmotion_service.schemas.from_core import Paging, SequenceId
 from modalmotion_service.schemas.queries import ModesRequest, SequenceList
-from modalmotion_service.schemas.requests import (
-    SEQUENCE,
-    SIGNATURE_OF_FILE,
-    TRADE,
-    EncodingTarget,
-    SequenceChange,
-    TradeRequest,
-)
 from modalmotion_service.schemas.sequences import SequencePageAnswer, SequenceSummary
-from modalmotion_service.schemas.signatures import (
-    ModesAnswer,
-    TemplateAnswer,
-    TemplatePageAnswer,
-    TradeoffAnswer,
-)
 from modalmotion_service.workspace import recording_operations as operations
 from modalmotion_service.workspace.operation import Request
 from modalmotion_service.workspace.recording_operations import erase, restate
@@ -48,7 +29,7 @@ router = JudgedRouter(prefix="/v1/sequences", tags=["sequences"])
 @router.post("", **answers(of=SequenceSummary, is_new=True))
 async def upload_sequence(
     asked: AskedAny,
-    sent: Annotated[Sent, Depends(receiving(SEQUENCE))],
+    sent: Annotated[Sent, Depends(receiving(requests.SEQUENCE))],
     idempotency_key: IdempotencyKey = None,
 ) -> Response:
     """Upload a sequence.
@@ -68,7 +49,7 @@ async def upload_sequence(
         )
 
 
-@router.get("", response_model=SequencePageAnswer)
+@router.get("")
 def list_sequences(query: Annotated[SequenceList, Query()], asked: AskedNow) -> SequencePageAnswer:
     """List sequences from the newest to the oldest, a page at a time."""
     page = asked.store.list_sequences(**query.model_dump())
@@ -92,7 +73,7 @@ def describe_sequence(sequence_id: SequenceId, asked: AskedNow) -> Response:
 @router.patch("/{sequence_id}", response_model=SequenceSummary)
 async def change_sequence(
     sequence_id: SequenceId,
-    change: Annotated[SequenceChange, Depends(body_of(SequenceChange))],
+    change: Annotated[requests.SequenceChange, Depends(body_of(requests.SequenceChange))],
     asked: AskedNow,
 ) -> Response:
     """Change name, subject, label, facts, unit and times of a sequence.
@@ -142,10 +123,10 @@ async def delete_sequence(sequence_id: SequenceId, asked: AskedNow) -> None:
     await erase(asked.state, sequence_id)
 
 
-@router.post("/{sequence_id}/tradeoff", **answers(JSON, PNG, of=TradeoffAnswer))
+@router.post("/{sequence_id}/tradeoff", **answers(JSON, PNG, of=signatures.TradeoffAnswer))
 async def trade_sequence(
     sequence_id: SequenceId,
-    trade: Annotated[TradeRequest, Depends(body_of(TRADE, is_optional=True))],
+    trade: Annotated[requests.TradeRequest, Depends(body_of(requests.TRADE))],
     asked: AskedAny,
 ) -> Response:
     """Measure cost and error of each choice of modes on a sequence.
@@ -163,7 +144,7 @@ async def trade_sequence(
 
 @router.get("/{sequence_id}/encoded", **answers(STREAM))
 async def encode_sequence(
-    sequence_id: SequenceId, query: Annotated[EncodingTarget, Query()], asked: AskedAny
+    sequence_id: SequenceId, query: Annotated[requests.EncodingTarget, Query()], asked: AskedAny
 ) -> Response:
     """Give a sequence as a compressed stream; its size and errors are in the headers Encoded-..."""
     asked.store.sequence_path(sequence_id)
@@ -178,9 +159,9 @@ def _summary(asked: AskedNow, summary: SequenceSummary) -> Response:
 of_templates = JudgedRouter(prefix="/v1/templates", tags=["templates"])
 
 
-@of_templates.post("", **answers(of=TemplateAnswer, is_new=True))
+@of_templates.post("", **answers(of=signatures.TemplateAnswer, is_new=True))
 async def make_template(
-    sent: Annotated[Sent, Depends(receiving(SIGNATURE_OF_FILE))], asked: AskedAny
+    sent: Annotated[Sent, Depends(receiving(requests.SIGNATURE_OF_FILE))], asked: AskedAny
 ) -> Response:
     """Make the template of a sequence's reference frame, and store it.
 
@@ -191,15 +172,17 @@ async def make_template(
         return await asked.do(operations.template, Request(query=sent.query), file=file)
 
 
-@of_templates.get("", response_model=TemplatePageAnswer)
-async def list_templates(query: Annotated[Paging, Query()], asked: AskedNow) -> TemplatePageAnswer:
+@of_templates.get("")
+async def list_templates(
+    query: Annotated[Paging, Query()], asked: AskedNow
+) -> signatures.TemplatePageAnswer:
     """List the ids of templates, sorted, a page at a time."""
     ids = await asyncio.to_thread(asked.store.templates)
     page, cursor = page_of(list(ids), query.limit, query.cursor)
-    return TemplatePageAnswer(templates=page, cursor=cursor)
+    return signatures.TemplatePageAnswer(templates=page, cursor=cursor)
 
 
-@of_templates.get("/{template_id}", **answers(JSON, PNG, of=TemplateAnswer))
+@of_templates.get("/{template_id}", **answers(JSON, PNG, of=signatures.TemplateAnswer))
 async def describe_template(template_id: SequenceId, asked: AskedAny) -> Response:
     """Describe a template, or draw s and theta on its surface."""
     kind = asked.media_type(JSON, PNG)
@@ -208,7 +191,9 @@ async def describe_template(template_id: SequenceId, asked: AskedAny) -> Respons
     return await asked.do(operations.template_view, request, tag=asked.tagged(template_id, kind))
 
 
-@of_templates.get("/{template_id}/modes", **answers(JSON, NPZ, HDF5, PNG, of=ModesAnswer))
+@of_templates.get(
+    "/{template_id}/modes", **answers(JSON, NPZ, HDF5, PNG, of=signatures.ModesAnswer)
+)
 async def modes_of_template(
     template_id: SequenceId, query: Annotated[ModesRequest, Query()], asked: AskedAny
 ) -> Response:

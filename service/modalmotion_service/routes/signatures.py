@@ -29,35 +29,10 @@ from modalmotion_service.routes.asked import (
     page_of,
     temporary_file,
 )
+from modalmotion_service.schemas import queries, requests, results
+from modalmotion_service.schemas import signatures as shown
 from modalmotion_service.schemas.from_core import Paging, SequenceId, SignatureKey
 from modalmotion_service.schemas.models import FeaturesAnswer
-from modalmotion_service.schemas.queries import (
-    DistanceRequest,
-    FeatureOptions,
-    FeaturesRequest,
-    Reconstruction,
-    ReportRequest,
-    ViewRequest,
-)
-from modalmotion_service.schemas.requests import (
-    MANY_SIGNATURES,
-    SIGNATURE,
-    ClassificationRequest,
-    ManySignatures,
-    SignatureRequest,
-)
-from modalmotion_service.schemas.results import (
-    ClassificationAnswer,
-    ClassificationPageAnswer,
-    ReadoutsAnswer,
-    StrainAnswer,
-)
-from modalmotion_service.schemas.signatures import (
-    DistanceAnswer,
-    SignatureAnswer,
-    SignaturePageAnswer,
-    SignatureSummary,
-)
 from modalmotion_service.work.tasks import signatures
 from modalmotion_service.workspace import model_operations as of_models
 from modalmotion_service.workspace import models
@@ -81,11 +56,11 @@ _DICOM: Final = {
 
 @router.post(
     "/sequences/{sequence_id}/signatures",
-    **answers(*SIGNATURE_TYPES, of=SignatureAnswer, is_new=True),
+    **answers(*SIGNATURE_TYPES, of=shown.SignatureAnswer, is_new=True),
 )
 async def make_signature(
     sequence_id: SequenceId,
-    wanted: Annotated[SignatureRequest, Depends(body_of(SIGNATURE, is_optional=True))],
+    wanted: Annotated[requests.SignatureRequest, Depends(body_of(requests.SIGNATURE))],
     asked: AskedAny,
 ) -> Response:
     """Make a signature of a sequence, and store it.
@@ -101,19 +76,23 @@ async def make_signature(
     )
 
 
-@router.get("/sequences/{sequence_id}/signatures", response_model=SignaturePageAnswer)
+@router.get("/sequences/{sequence_id}/signatures")
 async def list_signatures(
     sequence_id: SequenceId, query: Annotated[Paging, Query()], asked: AskedNow
-) -> SignaturePageAnswer:
+) -> shown.SignaturePageAnswer:
     """List the stored signatures of a sequence, by their keys."""
     keys = await asyncio.to_thread(asked.store.signatures, sequence_id)
     page, cursor = page_of(list(keys), query.limit, query.cursor)
     rendered = asked.state.analysis.rendered
     texts = [await rendered(sequence_id, key) for key in page]
-    return SignaturePageAnswer(signatures=[*map(SignatureSummary.of, texts)], cursor=cursor)
+    return shown.SignaturePageAnswer(
+        signatures=[*map(shown.SignatureSummary.of, texts)], cursor=cursor
+    )
 
 
-@router.get("/sequences/{sequence_id}/signature", **answers(*SIGNATURE_TYPES, of=SignatureAnswer))
+@router.get(
+    "/sequences/{sequence_id}/signature", **answers(*SIGNATURE_TYPES, of=shown.SignatureAnswer)
+)
 async def usual_signature(sequence_id: SequenceId, asked: AskedAny) -> Response:
     """Give the usual signature of a sequence: seven modes.
 
@@ -122,7 +101,7 @@ async def usual_signature(sequence_id: SequenceId, asked: AskedAny) -> Response:
     return await show_signature(sequence_id, asked)
 
 
-@router.get("/signatures/{key}", **answers(*SIGNATURE_TYPES, of=SignatureAnswer))
+@router.get("/signatures/{key}", **answers(*SIGNATURE_TYPES, of=shown.SignatureAnswer))
 async def show_signature(key: SignatureKey, asked: AskedAny) -> Response:
     """Give a signature: amplitudes, errors, spectrum and energy.
 
@@ -140,7 +119,7 @@ async def delete_signature(key: SignatureKey, asked: AskedNow) -> None:
     await asyncio.to_thread(asked.store.delete_signature, sequence_id, own)
 
 
-@router.get("/signatures/{key}/readouts", **answers(JSON, PNG, CSV, of=ReadoutsAnswer))
+@router.get("/signatures/{key}/readouts", **answers(JSON, PNG, CSV, of=results.ReadoutsAnswer))
 async def read_signature(key: SignatureKey, asked: AskedAny) -> Response:
     """Give the clinical read-outs of a signature: volumes, rates, strain, each with its interval.
 
@@ -150,7 +129,7 @@ async def read_signature(key: SignatureKey, asked: AskedAny) -> Response:
     return await _shown(asked, operations.readouts, key)
 
 
-@router.get("/signatures/{key}/strain", **answers(of=StrainAnswer))
+@router.get("/signatures/{key}/strain", **answers(of=results.StrainAnswer))
 async def strain_of_signature(key: SignatureKey, asked: AskedAny) -> Response:
     """Give the strain of the wall that a signature describes: GLS, GCS, GAS, segments."""
     return await _shown(asked, operations.strain, key)
@@ -164,7 +143,7 @@ async def table_of_signature(key: SignatureKey, asked: AskedAny) -> Response:
 
 @router.get("/signatures/{key}/reconstruction", **answers(*SURFACES))
 async def reconstruct_signature(
-    key: SignatureKey, query: Annotated[Reconstruction, Query()], asked: AskedAny
+    key: SignatureKey, query: Annotated[queries.Reconstruction, Query()], asked: AskedAny
 ) -> Response:
     """Give the surfaces that a signature describes, at any times or phases of the cycle."""
     query.instants()
@@ -173,7 +152,7 @@ async def reconstruct_signature(
 
 @router.get("/signatures/{key}/report", **answers(*operations.report.media_types))
 async def report_signature(
-    key: SignatureKey, query: Annotated[ReportRequest, Query()], asked: AskedAny
+    key: SignatureKey, query: Annotated[queries.ReportRequest, Query()], asked: AskedAny
 ) -> Response:
     """Report on a signature: a FHIR R4 bundle, a page for people, or a row for each frame.
 
@@ -204,7 +183,7 @@ async def _instance(request: HttpRequest) -> SpoolFile:
 async def dicom_of_signature(
     key: SignatureKey,
     file: Annotated[SpoolFile, Depends(_instance)],
-    query: Annotated[ReportRequest, Query()],
+    query: Annotated[queries.ReportRequest, Query()],
     asked: AskedNow,
 ) -> Response:
     """Report on a signature as DICOM objects of a study: a zip of a report and surfaces.
@@ -246,7 +225,7 @@ async def dicom_of_signature(
 
 @router.get("/signatures/{key}/view", **answers(VIEW, HTML))
 async def view_signature(
-    key: SignatureKey, query: Annotated[ViewRequest, Query()], asked: AskedAny
+    key: SignatureKey, query: Annotated[queries.ViewRequest, Query()], asked: AskedAny
 ) -> Response:
     """Give what the page `/view/{key}` shows of a signature, or the page as one file.
 
@@ -257,9 +236,9 @@ async def view_signature(
     return await _shown(asked, operations.view, key, query=query)
 
 
-@router.get("/signatures/{key}/distance", **answers(of=DistanceAnswer))
+@router.get("/signatures/{key}/distance", **answers(of=shown.DistanceAnswer))
 async def compare_signature(
-    key: SignatureKey, query: Annotated[DistanceRequest, Query()], asked: AskedAny
+    key: SignatureKey, query: Annotated[queries.DistanceRequest, Query()], asked: AskedAny
 ) -> Response:
     """Give the distance of a signature from another: 0 for the same motion."""
     other = query.to.partition("-")[0]
@@ -268,11 +247,14 @@ async def compare_signature(
     return await _shown(asked, operations.distance, key, query=query, ids=(other,))
 
 
-@router.post("/signatures/{key}/classifications", **answers(of=ClassificationAnswer, is_new=True))
+@router.post(
+    "/signatures/{key}/classifications", **answers(of=results.ClassificationAnswer, is_new=True)
+)
 async def classify_signature(
     key: SignatureKey,
     wanted: Annotated[
-        ClassificationRequest, Depends(body_of(ClassificationRequest, is_optional=True))
+        requests.ClassificationRequest,
+        Depends(body_of(requests.ClassificationRequest)),
     ],
     asked: AskedAny,
 ) -> Response:
@@ -289,22 +271,23 @@ async def classify_signature(
     return await asked.do(operations.classification, request)
 
 
-@router.get("/signatures/{key}/classifications", response_model=ClassificationPageAnswer)
+@router.get("/signatures/{key}/classifications")
 async def list_classifications(
     key: SignatureKey, query: Annotated[Paging, Query()], asked: AskedNow
-) -> ClassificationPageAnswer:
+) -> results.ClassificationPageAnswer:
     """List the classes that models have named of a sequence's motion, by model."""
     sequence_id = _sequence_of(asked, key)
     found = await asyncio.to_thread(models.classifications, asked.state, sequence_id)
     kept = {f"{one.result.model_id} {one.path.name}": one for one in found}
     page, cursor = page_of(sorted(kept), query.limit, query.cursor)
     answers = [operations.classification_answer(asked.state, kept[name]) for name in page]
-    return ClassificationPageAnswer(classifications=answers, cursor=cursor)
+    return results.ClassificationPageAnswer(classifications=answers, cursor=cursor)
 
 
 @router.post("/signatures/query", **answers(*operations.signatures_query.media_types))
 async def pack_signatures(
-    wanted: Annotated[ManySignatures, Depends(body_of(MANY_SIGNATURES))], asked: AskedAny
+    wanted: Annotated[requests.ManySignatures, Depends(body_of(requests.MANY_SIGNATURES))],
+    asked: AskedAny,
 ) -> Response:
     """Give the signatures of many sequences in one file, in the order of their ids.
 
@@ -330,7 +313,8 @@ async def pack_signatures(
 
 @router.post("/features", **answers(JSON, CSV, of=FeaturesAnswer))
 async def tabulate_features(
-    wanted: Annotated[FeaturesRequest, Depends(body_of(FeaturesRequest))], asked: AskedAny
+    wanted: Annotated[queries.FeaturesRequest, Depends(body_of(queries.FeaturesRequest))],
+    asked: AskedAny,
 ) -> Response:
     """Give the features of stored sequences as a table: a line for each.
 
@@ -338,7 +322,7 @@ async def tabulate_features(
     the way, in modes that all the sequences share.
     """
     kind = asked.media_type(JSON, CSV)
-    request = await asked.about(wanted, FeatureOptions, media_type=kind)
+    request = await asked.about(wanted, queries.FeatureOptions, media_type=kind)
     return await asked.do(of_models.features, request)
 
 
@@ -365,24 +349,22 @@ async def _shown(
     """Answer with what an operation makes of a signature; its tag is that of all that it reads."""
     kind = media_type or asked.media_type(*what.media_types)
     sequence_id = _sequence_of(asked, key)
-    own = key.partition("-")[2]
-    usual, facts = asked.state.analysis.resolved(sequence_id, USUAL)
+    facts = asked.store.sequence_record(sequence_id).facts
+    own = named = key.partition("-")[2]
     if not own:
+        named = asked.state.analysis.resolved(sequence_id, USUAL)[0].key
         with contextlib.suppress(NotFoundError):
             # Where its file is lost it is fitted again, as if it were not stored.
-            path = asked.store.signature_path(sequence_id, usual.key)
-            own = usual.key if path.is_file() else ""
+            own = named if asked.store.signature_path(sequence_id, named).is_file() else ""
     request = Request(media_type=kind, sequence_id=sequence_id, key=own or None, ids=ids)
     if query is not None:
         request = replace(request, query=query)
     said = request.query.model_dump_json()
-    tag = asked.tagged(
-        sequence_id, own or usual.key, kind, said, json.dumps(facts_as_json(facts)), also
-    )
+    tag = asked.tagged(sequence_id, named, kind, said, json.dumps(facts_as_json(facts)), also)
     return await asked.do(what, request, tag=tag)
 
 
-async def _known(asked: Asked, key: str, query: ReportRequest) -> KeptClassification | None:
+async def _known(asked: Asked, key: str, query: queries.ReportRequest) -> KeptClassification | None:
     sequence_id = _sequence_of(asked, key)
     known = models.known_classification
     return await asyncio.to_thread(known, asked.state, sequence_id, query.model)

@@ -1,42 +1,49 @@
-"""Uploads: a file, or many, and what is stated of it in the query, in a form, or as JSON in one."""
+"""Uploads: a file, or many, and what is stated of it in the query, in a form, or as JSON in one.
+
+And signatures, classes and streams of files that are sent with the request; nothing is stored.
+"""
 
 from __future__ import annotations
 
+import asyncio
+import hashlib
 from collections import Counter
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from pathlib import Path
+from typing import Annotated, Any, Final
 
-from fastapi import Request
+from fastapi import Depends, Request, Response
 from pydantic_core import from_json
-from starlette.datastructures import FormData, QueryParams, UploadFile
+from starlette.datastructures import FormData, QueryParams
 
 from modalmotion.classification.manifest import Row, manifest_rows
 from modalmotion.errors import LimitError, MalformedFileError, ParameterError
 from modalmotion.mesh.fact_forms import column_of, facts_from_texts, is_fact
 from modalmotion.mesh.facts import NAMES, NO_FACTS, Facts
 from modalmotion.store.folder import require_name
-from modalmotion_service.http.forms import (
-    FILES,
-    MANIFEST,
-    ManyFiles,
-    received_form,
-)
-from modalmotion_service.http.judged_router import checked, described_as, invalid
-from modalmotion_service.http.negotiation import JSON, RAW
+from modalmotion_service.http.forms import FILES, MANIFEST, FormFiles, SentPart, received_form
+from modalmotion_service.http.judged_router import JudgedRouter, checked, described_as, invalid
+from modalmotion_service.http.negotiation import JSON, NDJSON, NPZ, RAW, STREAM, VTKHDF
 from modalmotion_service.http.observation import stage
-from modalmotion_service.routes.asked import get_state
+from modalmotion_service.routes.asked import Asked, AskedAny, answers, get_state
+from modalmotion_service.schemas import results
 from modalmotion_service.schemas.from_core import JsonBody, is_listed
+from modalmotion_service.schemas.queries import DecodingRequest
+from modalmotion_service.schemas.requests import CLASS_OF_FILE, ENCODING_OF_FILE, SIGNATURE_OF_FILE
+from modalmotion_service.schemas.signatures import SignatureAnswer
 from modalmotion_service.work.upload import Part
-from modalmotion_service.workspace.operation import State
+from modalmotion_service.workspace import file_operations as operations
+from modalmotion_service.workspace import models
+from modalmotion_service.workspace.operation import Operation, State
+from modalmotion_service.workspace.operation import Request as Requested
+from modalmotion_service.workspace.signature_operations import SIGNATURE_TYPES
 from modalmotion_service.workspace.spool import SpoolFile
 
 PARAMETERS: Final = "parameters"
 """Name of the part that has statements as JSON."""
 
 _MOST_BYTES: Final = 4_000_000
-# Bytes at a time when a form's part is copied.
-_PIECE: Final = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -127,21 +134,26 @@ async def _receive(
         return Sent(replace(file, facts=facts), query)
     # Before the form is received, not after.
     state.spool.require_reserve()
-    many = ManyFiles(state.spool.new_path(), state.settings.max_batch_files) if takes_many else None
-    try:
-        async with received_form(request, state.spool.folder, many) as form:
-            is_many = many is not None and bool(many.parts)
-            stated = fields_of(form, model, takes_many=is_many)
-            table = stated.pop(MANIFEST, None)
-            query, facts = statements(model, stated | _texts(request.scope["query_string"], model))
-            if many is not None and is_many:
-                return Sent(await _file_of_many(form, many, facts, table), query)
-            file = await state.spool.receive(_pieces(form), hashed=hashed)
-            return Sent(replace(file, facts=facts), query)
-    except BaseException:
-        if many is not None:
-            many.discard()
-        raise
+    most = state.settings.max_batch_files if takes_many else 0
+    files = FormFiles(state.spool.new_path(), most)
+    async with received_form(request, files) as form:
+        stated = fields_of(form, model, takes_many=bool(files.many))
+        table = stated.pop(MANIFEST, None)
+        query, facts = statements(model, stated | _texts(request.scope["query_string"], model))
+        if files.many:
+            return Sent(_file_of_many(form, files, facts, table), query)
+        if "file" not in form:
+            raise MalformedFileError(
+                "The form has no file part named 'file'.",
+                remedy="Send one part named 'file', or the bytes as the raw body.",
+            )
+        digest = await asyncio.to_thread(_digest, files.path) if hashed else ""
+        return Sent(SpoolFile(files.path, digest, facts), query)
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _texts(query: bytes, model: type[JsonBody]) -> dict[str, Any]:
@@ -239,9 +251,7 @@ def _object(text: str) -> dict[str, Any]:
     return value
 
 
-async def _file_of_many(
-    form: FormData, many: ManyFiles, facts: Facts, table: str | None
-) -> SpoolFile:
+def _file_of_many(form: FormData, files: FormFiles, facts: Facts, table: str | None) -> SpoolFile:
     """Give many files of a form as one of the spool, each with what is stated of it.
 
     Facts that are in the form are those of all; a manifest's go over them.
@@ -253,10 +263,10 @@ async def _file_of_many(
     MalformedFileError
         If the manifest cannot be read.
     """
-    parts = tuple(Part(one.name, one.start, one.length, facts=facts) for one in many.parts)
+    parts = tuple(Part(one.name, one.start, one.length, facts=facts) for one in files.many)
     described = form.get(MANIFEST)
-    if isinstance(described, UploadFile):
-        data = await described.read(_MOST_BYTES + 1)
+    if isinstance(described, SentPart):
+        data = files.read(described, _MOST_BYTES + 1)
         if len(data) > _MOST_BYTES:
             raise LimitError(
                 f"The manifest is larger than {_MOST_BYTES} bytes.",
@@ -270,7 +280,7 @@ async def _file_of_many(
                 f"The manifest is not UTF-8 text (byte {error.start}).",
                 remedy="Save the table as UTF-8 (in Excel: CSV UTF-8).",
             ) from error
-    return SpoolFile(many.path, parts=parts if table is None else _described(parts, table))
+    return SpoolFile(files.path, parts=parts if table is None else _described(parts, table))
 
 
 def _described(parts: tuple[Part, ...], table: str) -> tuple[Part, ...]:
@@ -299,12 +309,72 @@ def _stated(part: Part, row: Row) -> Part:
     return replace(part, subject=row.subject, label=row.label, facts=facts)
 
 
-async def _pieces(form: FormData) -> AsyncIterator[bytes]:
-    part = form.get("file")
-    if not isinstance(part, UploadFile):
-        raise MalformedFileError(
-            "The form has no file part named 'file'.",
-            remedy="Send one part named 'file', or the bytes as the raw body.",
+router = JudgedRouter(prefix="/v1", tags=["files"])
+
+
+@router.post(
+    "/signature",
+    **answers(*SIGNATURE_TYPES, NDJSON, of=SignatureAnswer | results.SignatureResults),
+)
+async def sign_file(
+    sent: Annotated[Sent, Depends(receiving(SIGNATURE_OF_FILE, takes_many=True))], asked: AskedAny
+) -> Response:
+    """Give the signature of a file; nothing is stored.
+
+    As JSON, HDF5, npz, a table, a picture, or the amplitudes alone as little-endian float32 (frame
+    by frame, mode by mode, three directions), by `Accept`.
+
+    Of many files, sent as parts `files` of a form: a result or a problem for each, in their order,
+    as JSON or a line of it each. A part `manifest`, a CSV table with the columns path, subject,
+    label and facts, says those of each.
+    """
+    return await _answered(asked, sent, operations.sent_signature, operations.sent_signatures)
+
+
+@router.post(
+    "/classify",
+    **answers(JSON, NDJSON, of=results.UploadClassificationAnswer | results.ClassificationResults),
+)
+async def classify_file(
+    sent: Annotated[Sent, Depends(receiving(CLASS_OF_FILE, takes_many=True))], asked: AskedAny
+) -> Response:
+    """Name the class of the motion in a file; nothing is stored.
+
+    Of many files, sent as parts `files` of a form: a class or a problem for each, in their order,
+    as JSON or a line of it each.
+    """
+    with sent.file:
+        await asyncio.to_thread(models.choose, asked.state, sent.query.model)
+        return await _answered(
+            asked, sent, operations.sent_classification, operations.sent_classifications
         )
-    while piece := await part.read(_PIECE):
-        yield piece
+
+
+@router.post("/encode", **answers(STREAM))
+async def encode_file(
+    sent: Annotated[Sent, Depends(receiving(ENCODING_OF_FILE))], asked: AskedAny
+) -> Response:
+    """Compress a file at an error you choose; nothing is stored.
+
+    Size and errors of the stream are in the headers Encoded-...
+    """
+    return await _answered(asked, sent, operations.sent_encoding)
+
+
+@router.post("/decode", **answers(NPZ, VTKHDF, RAW))
+async def decode_file(
+    sent: Annotated[Sent, Depends(receiving(DecodingRequest))], asked: AskedAny
+) -> Response:
+    """Decode a stream, or some of its frames and vertices; nothing is stored."""
+    with sent.file:
+        sent.query.ranges()
+        return await _answered(asked, sent, operations.decoding)
+
+
+async def _answered(
+    asked: Asked, sent: Sent, of_one: Operation, of_many: Operation | None = None
+) -> Response:
+    with sent.file as file:
+        what = of_many if of_many is not None and file.parts else of_one
+        kind = asked.media_type(*what.media_types)
+        return await asked.do(what, Requested(query=sent.query, media_type=kind), file=file)

@@ -8,12 +8,7 @@ from typing import Any, Final, Literal
 from modalmotion.classification import Comparison, Evaluation, FeatureTable, ModelCard
 from modalmotion.classification.evaluation import CaseAnswer, Difference
 from modalmotion.norm import Norm
-from modalmotion.norm.deviation import (
-    CohortDeviation,
-    Deviation,
-    GroupDeviation,
-    QuantityDeviation,
-)
+from modalmotion.norm.deviation import CohortDeviation, Deviation, GroupDeviation, QuantityDeviation
 from modalmotion.signature.parameters import parameters_as_json
 from modalmotion.store import KeptModel, ModelRecord
 from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from

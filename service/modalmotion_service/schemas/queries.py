@@ -9,18 +9,11 @@ from pydantic import FailFast, Field, StringConstraints
 from modalmotion.classification import TrainingOptions
 from modalmotion.errors import ParameterError
 from modalmotion.signature.parameters import MOST_MODES
-from modalmotion_service.schemas.from_core import (
-    JsonBody,
-    ModelName,
-    Paging,
-    SequenceId,
-    Stated,
-    model_of,
-)
+from modalmotion_service.schemas import from_core
 from modalmotion_service.schemas.requests import COVARIATES, LONGEST_NAME, Name
 
 
-class DecodingRequest(JsonBody):
+class DecodingRequest(from_core.JsonBody):
     """Which frames and vertices of a stream to decode."""
 
     first: int | None = Field(None, ge=0)
@@ -52,7 +45,7 @@ def _range(first: int | None, stop: int | None, what: str, names: str) -> range 
     return None if first is None or stop is None else range(first, stop)
 
 
-class SequenceList(Paging):
+class SequenceList(from_core.Paging):
     """Which sequences to list."""
 
     subject: Name | None = None
@@ -61,7 +54,7 @@ class SequenceList(Paging):
     """Only those that were tracked."""
 
 
-class Reconstruction(Stated):
+class Reconstruction(from_core.Stated):
     """At which times the surfaces are wanted: those of the frames by default."""
 
     times: str | None = Field(None, max_length=20_000)
@@ -91,7 +84,7 @@ class Reconstruction(Stated):
         return times, self.frames if self.phases is None else parse_numbers(self.phases)
 
 
-class ViewRequest(Stated):
+class ViewRequest(from_core.Stated):
     """Frames as they were sent, in place of what the page shows first."""
 
     first: int | None = Field(None, ge=0)
@@ -100,7 +93,7 @@ class ViewRequest(Stated):
     """Frame after the last; all by default."""
 
 
-class DistanceRequest(Stated):
+class DistanceRequest(from_core.Stated):
     """What is compared, and how."""
 
     to: Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}(-[0-9a-f]{16})?$")]
@@ -109,14 +102,14 @@ class DistanceRequest(Stated):
     """Both are one turn of a cycle; false for a beginning and an end."""
 
 
-class ReportRequest(Stated):
+class ReportRequest(from_core.Stated):
     """What a report says beside the signature."""
 
     model: str | None = Field(None, max_length=80)
     """Model whose kept classification is reported: a name, or name@version. None by default."""
 
 
-class TrackView(Stated):
+class TrackView(from_core.Stated):
     """What a picture of a track shows."""
 
     picture: Literal["deviations", "data", "determined", "overlay"] = "deviations"
@@ -126,16 +119,16 @@ class TrackView(Stated):
     """Of the stated error; that of the smallest volume by default."""
 
 
-class ImagesView(Stated):
+class ImagesView(from_core.Stated):
     """A frame of images, in place of their description."""
 
     frame: int | None = Field(None, ge=0)
     """From 0: its slices in 256 shades."""
-    track: SequenceId | None = None
+    track: from_core.SequenceId | None = None
     """Made of these images: its surface is sent too, and each slice's shift."""
 
 
-class ModesRequest(Stated):
+class ModesRequest(from_core.Stated):
     """Which vibration modes are requested."""
 
     modes: int = Field(7, ge=1, le=MOST_MODES)
@@ -162,13 +155,13 @@ def parse_numbers(text: str) -> list[float]:
         ) from None
 
 
-Options = TypeVar("Options", bound=JsonBody)
+Options = TypeVar("Options", bound=from_core.JsonBody)
 
 
-class LabelledSequence(JsonBody):
+class LabelledSequence(from_core.JsonBody):
     """A stored sequence, with label and subject for this request."""
 
-    id: SequenceId
+    id: from_core.SequenceId
     label: Name | None = Field(None, min_length=1)
     """Its own by default."""
     subject: Name | None = Field(None, min_length=1)
@@ -179,10 +172,10 @@ class LabelledSequence(JsonBody):
     )
 
 
-class CasesRequest(JsonBody):
+class CasesRequest(from_core.JsonBody):
     """Sequences of a request, by their ids or with what is stated of them."""
 
-    sequences: Annotated[list[SequenceId | LabelledSequence], FailFast()]
+    sequences: Annotated[list[from_core.SequenceId | LabelledSequence], FailFast()]
     """Ids; label, subject and covariates are those stored with the sequence, or stated here.
     Sequences of one subject are never on both sides of a split."""
 
@@ -200,7 +193,7 @@ class CasesRequest(JsonBody):
         return kind.model_validate(known)
 
 
-class TrainingOptionsBody(JsonBody):
+class TrainingOptionsBody(from_core.JsonBody):
     """How a model is trained."""
 
     def options(self) -> TrainingOptions:
@@ -214,7 +207,7 @@ class TrainingOptionsBody(JsonBody):
         return TrainingOptions.from_json(self.model_dump(mode="json", exclude_unset=True))
 
 
-TRAINING: Final = model_of(TrainingOptionsBody, TrainingOptions)
+TRAINING: Final = from_core.model_of(TrainingOptionsBody, TrainingOptions)
 
 
 class TrainingRequest(CasesRequest):
@@ -229,7 +222,7 @@ class TrainingRequest(CasesRequest):
         options: TRAINING = Field(default_factory=TRAINING)
 
 
-class EvaluationOptions(JsonBody):
+class EvaluationOptions(from_core.JsonBody):
     """Level of the class sets of a test, and a model beside the tested one."""
 
     coverage: float = Field(0.9, gt=0, lt=1)
@@ -242,10 +235,10 @@ class EvaluationRequest(CasesRequest, EvaluationOptions):
     """Labelled sequences to test a model on, or to compare it with another on."""
 
 
-class NormOptions(JsonBody):
+class NormOptions(from_core.JsonBody):
     """Name and modes of a norm."""
 
-    name: ModelName
+    name: from_core.ModelName
     """1 to 64 lower-case letters, digits, '.', '_' and '-', of no other norm."""
     modes: int = Field(7, ge=1, le=MOST_MODES)
     """Of the signatures."""
@@ -257,7 +250,7 @@ class NormRequest(CasesRequest, NormOptions):
     """Name, controls and modes of a norm to make; one recording of each control."""
 
 
-class DeviationOptions(JsonBody):
+class DeviationOptions(from_core.JsonBody):
     """How rare a deviation is."""
 
     level: float = Field(0.05, gt=0, le=0.5)
@@ -268,7 +261,7 @@ class DeviationRequest(CasesRequest, DeviationOptions):
     """Recordings to compare with a norm, each, and from five on together."""
 
 
-class FeatureOptions(JsonBody):
+class FeatureOptions(from_core.JsonBody):
     """Which features are read, as `SignatureFeatures` names them."""
 
     modes: int = Field(7, ge=1, le=MOST_MODES)

@@ -13,23 +13,16 @@ from modalmotion.codec import Effort
 from modalmotion.errors import ParameterError
 from modalmotion.formats import ReadLimits, ReadOptions
 from modalmotion.mesh.facts import LONGEST_MODALITY, NO_FACTS, Facts
-from modalmotion.signature.front import MOST_OF_FRONT
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.signature.parameters import MOST_MODES
+from modalmotion.signature.tradeoff import MOST_OF_FRONT
 from modalmotion.template import GivenLandmarks
 from modalmotion.template.body_frame import Components
 from modalmotion.tracking.landmarks import landmarks_of, places_of
 from modalmotion.tracking.parameters import TrackParameters
-from modalmotion_service.schemas.from_core import (
-    JsonBody,
-    SequenceId,
-    Stated,
-    descriptions,
-    model_of,
-    value_of,
-)
+from modalmotion_service.schemas import from_core
 
-_FACTS: Final = descriptions(Facts)
+_FACTS: Final = from_core.descriptions(Facts)
 
 
 COVARIATES: Final = _FACTS["covariates"]
@@ -54,7 +47,7 @@ _FACT_FIELDS: Final[dict[str, Any]] = {
 }
 
 
-class Named(JsonBody):
+class Named(from_core.JsonBody):
     """Whose recording it is, and what it shows."""
 
     subject: Name | None = None
@@ -63,7 +56,7 @@ class Named(JsonBody):
     """Known motion class."""
 
 
-class FactsChange(JsonBody):
+class FactsChange(from_core.JsonBody):
     """A change of facts: what is left out stays, null makes it unknown."""
 
     @property
@@ -72,7 +65,7 @@ class FactsChange(JsonBody):
         return {name: getattr(self, name) for name in self.model_fields_set}
 
 
-FACTS_CHANGE: Final = model_of(FactsChange, **_FACT_FIELDS)
+FACTS_CHANGE: Final = from_core.model_of(FactsChange, **_FACT_FIELDS)
 
 
 class SequenceChange(Named):
@@ -97,12 +90,12 @@ class SequenceChange(Named):
         return bool(self.model_fields_set & {"unit", "times"})
 
 
-class Reading(JsonBody):
+class Reading(from_core.JsonBody):
     """How to read a file, and statements that override its own."""
 
     def options(self, limits: ReadLimits, facts: Facts = NO_FACTS) -> ReadOptions:
         """Translate to the reader's options."""
-        return value_of(self, ReadOptions, limits=limits, facts=facts)
+        return from_core.value_of(self, ReadOptions, limits=limits, facts=facts)
 
 
 _GRID: Final = (
@@ -124,17 +117,17 @@ class SequenceStatements(Reading, Named):
     """Statements about a sequence to be stored."""
 
 
-SEQUENCE: Final = model_of(SequenceStatements, ReadOptions, **_READING)
+SEQUENCE: Final = from_core.model_of(SequenceStatements, ReadOptions, **_READING)
 
 
-class SignatureRequest(JsonBody):
+class SignatureRequest(from_core.JsonBody):
     """Which signature: its modes by number, tolerance or noise, and what they are measured from."""
 
     amplitudes: int | None = Field(
         None,
         ge=1,
         le=3 * MOST_MODES,
-        description=descriptions(SignatureParameters)["amplitudes"],
+        description=from_core.descriptions(SignatureParameters)["amplitudes"],
     )
 
     def parameters(self) -> SignatureParameters:
@@ -142,24 +135,25 @@ class SignatureRequest(JsonBody):
         # Of a file landmarks are facts, which the fit reads itself.
         given = getattr(self, "landmarks", None)
         landmarks = given if isinstance(given, GivenLandmarks) else GivenLandmarks()
-        return value_of(self, SignatureParameters, amplitudes=self.amplitudes, landmarks=landmarks)
+        return from_core.value_of(
+            self, SignatureParameters, amplitudes=self.amplitudes, landmarks=landmarks
+        )
 
 
 _SIGNATURE: Final[dict[str, Any]] = {
-    "grid": _GRID,
     "modes": {"ge": 1, "le": MOST_MODES},
     "harmonics": {"le": 10_000},
 }
 
 
-SIGNATURE: Final = model_of(SignatureRequest, SignatureParameters, **_SIGNATURE)
+SIGNATURE: Final = from_core.model_of(SignatureRequest, SignatureParameters, **_SIGNATURE)
 
 
 class SignatureOfFile(Reading, SignatureRequest):
     """How to read a file, and which signature of the sequence in it; landmarks are facts."""
 
 
-SIGNATURE_OF_FILE: Final = model_of(
+SIGNATURE_OF_FILE: Final = from_core.model_of(
     SignatureOfFile, ReadOptions, SignatureParameters, **{**_SIGNATURE, **_READING}
 )
 
@@ -178,20 +172,20 @@ class TradeRequest(SignatureRequest):
         return own if self.only is None else replace(own, components=self.only)
 
 
-TRADE: Final = model_of(TradeRequest, SignatureParameters, **_SIGNATURE)
+TRADE: Final = from_core.model_of(TradeRequest, SignatureParameters, **_SIGNATURE)
 
 
 class ManySignatures(SignatureRequest):
     """Which signatures of which sequences."""
 
-    ids: Annotated[list[SequenceId], FailFast()] = Field(min_length=1)
+    ids: Annotated[list[from_core.SequenceId], FailFast()] = Field(min_length=1)
     """Of the sequences, in order."""
 
 
-MANY_SIGNATURES: Final = model_of(ManySignatures, SignatureParameters, **_SIGNATURE)
+MANY_SIGNATURES: Final = from_core.model_of(ManySignatures, SignatureParameters, **_SIGNATURE)
 
 
-class EncodingTarget(Stated):
+class EncodingTarget(from_core.Stated):
     """At what error, or at what size, to encode: one of the three, or 0.3 % of the diagonal."""
 
     rms: float | None = Field(None, gt=0)
@@ -213,10 +207,10 @@ class EncodingOfFile(Reading, EncodingTarget):
         return EncodingTarget(**self.model_dump(include=set(EncodingTarget.model_fields)))
 
 
-ENCODING_OF_FILE: Final = model_of(EncodingOfFile, ReadOptions, **_READING)
+ENCODING_OF_FILE: Final = from_core.model_of(EncodingOfFile, ReadOptions, **_READING)
 
 
-class ClassificationRequest(JsonBody):
+class ClassificationRequest(from_core.JsonBody):
     """The model, and how sure its class set must be."""
 
     model: str = Field(
@@ -232,7 +226,7 @@ class ClassOfFile(Reading, ClassificationRequest):
     """How to read a file, the model, and how sure its class set must be."""
 
 
-CLASS_OF_FILE: Final = model_of(ClassOfFile, ReadOptions, **_READING)
+CLASS_OF_FILE: Final = from_core.model_of(ClassOfFile, ReadOptions, **_READING)
 
 
 class TrackRequest(Named):
@@ -240,10 +234,10 @@ class TrackRequest(Named):
 
     own_names: ClassVar[frozenset[str]] = frozenset({"landmarks"})
 
-    start: SequenceId | None = None
+    start: from_core.SequenceId | None = None
     """A stored sequence: the surface of its first frame is started from, and the result has its
     vertices."""
-    images: SequenceId | None = None
+    images: from_core.SequenceId | None = None
     """Images that were sent before, in place of a body."""
     keep: bool = False
     """Keep the images; they are deleted once tracked otherwise."""
@@ -284,7 +278,7 @@ class TrackRequest(Named):
         times = self.frame_interval if self.times is None else self.times
         own = {name: places_of(name, at) for name, at in (self.landmarks or {}).items()}
         landmarks = landmarks_of(facts) | own
-        return value_of(
+        return from_core.value_of(
             self,
             TrackParameters,
             landmarks=landmarks,
@@ -293,7 +287,7 @@ class TrackRequest(Named):
         )
 
 
-TRACK: Final = model_of(
+TRACK: Final = from_core.model_of(
     TrackRequest,
     TrackParameters,
     **{name: how for name, how in _FACT_FIELDS.items() if name != "landmarks"},
@@ -303,5 +297,5 @@ TRACK: Final = model_of(
 )
 
 
-class ImagesStatements(JsonBody):
+class ImagesStatements(from_core.JsonBody):
     """Nothing is stated beside images."""

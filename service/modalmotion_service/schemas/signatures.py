@@ -12,10 +12,10 @@ from modalmotion.modes import ModeLabel
 from modalmotion.modes.topology import MESH
 from modalmotion.signature.choice import SceneError, SceneKind
 from modalmotion.signature.distance import Comparison
-from modalmotion.signature.front import Branch, Front, Price, price_of
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.noise import Noise
 from modalmotion.signature.parameters import SignatureKind, parameters_as_json
+from modalmotion.signature.tradeoff import Branch, Front, Price, price_of
 from modalmotion.template import Landmarks, Template
 from modalmotion.template.body_frame import Components
 from modalmotion.template.vibration_modes import VibrationModes
@@ -30,7 +30,7 @@ class PriceAnswer(Answer):
     milliseconds: dict[str, float]
 
 
-@mirrors(Branch, without=["counts", "joint_rms", "weighted_joint_rms"])
+@mirrors(Branch, without=["counts", "joint_rms"])
 class BranchAnswer(Answer):
     """RMS errors of all whole sets of one topology and one choice of components."""
 
@@ -41,7 +41,6 @@ class BranchAnswer(Answer):
     harmonics: list[int]
     rms_by_harmonics: list[list[float]]
     """By modes, then harmonics."""
-    weighted_rms_by_harmonics: list[list[float]]
 
 
 @mirrors(SceneError)
@@ -57,7 +56,7 @@ class NoiseAnswer(Answer):
 
 
 class ChosenAnswer(Answer):
-    """The requested point of the front."""
+    """The requested signature."""
 
     kind: SceneKind
     """Simplest kind of motion that the scene is."""

@@ -13,7 +13,7 @@ from modalmotion.errors import InputError
 from modalmotion.exports.signature_pack import SurfaceFormat
 from modalmotion.formats.detect import Format, detect_format
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.signature.predicted_time import (
+from modalmotion.signature.parameters import (
     most_modes,
     reading_seconds,
     signature_seconds,

@@ -24,8 +24,8 @@ from modalmotion.errors import StoreError
 from modalmotion.hdf5.image import INTENDED_USE, contents_of
 from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence, mesh_sequence
-from modalmotion.mesh.spring_modes import SpringModes
-from modalmotion.modes import Modes, lowest_modes
+from modalmotion.mesh.spring_modes import Modes, SpringModes
+from modalmotion.modes import lowest_modes
 from modalmotion.modes.topology import CLOSED_CURVE, CUP, SPHERE, TORUS, Topology
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.store import (
@@ -88,7 +88,6 @@ def signatures(draw: st.DrawFn) -> ModalSignature:
         parameters=SignatureParameters(
             modes=draw(st.integers(1, 2000)),
             topology=draw(st.none() | st.text(max_size=9)),
-            grid=draw(st.none() | st.tuples(st.integers(1, 9), st.integers(1, 9))),
             reference=draw(st.integers(0, 9)),
             remove_rotation=draw(st.booleans()),
             components=draw(st.sampled_from(Components)),
@@ -186,7 +185,7 @@ def test_a_template_comes_back_bit_for_bit() -> None:
 def test_every_field_has_a_place_in_the_file() -> None:
     # A field that is added without one would come back as something else, or not at all.
     assert len(fields(ModalSignature)) == 27
-    assert len(fields(SignatureParameters)) == 15
+    assert len(fields(SignatureParameters)) == 14
     assert len(fields(Landmarks)) == 8
     assert len(fields(GivenLandmarks)) == 4
     assert len(fields(SpringModes)) == 2

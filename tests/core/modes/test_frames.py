@@ -37,19 +37,20 @@ def test_a_million_nodes_few_modes(topology: Topology) -> None:
     # 25 frames that take the memory of one.
     u = np.broadcast_to(np.ones((1, 10**6, 3), dtype=np.float32), (25, 10**6, 3))
     assert peak_bytes(lambda: project(lattice, modes, u)) <= LIMIT_BYTES
-    a, out = np.zeros((3, 7, 3)), np.empty((3, 10**6, 3))
-    assert peak_bytes(lambda: superpose(lattice, modes, a, out=out)) <= LIMIT_BYTES
+    a = np.zeros((3, 7, 3))
+    assert peak_bytes(lambda: superpose(lattice, modes, a)) <= LIMIT_BYTES + 3 * 24e6
 
 
 @pytest.mark.parametrize("topology", [MILLION[0], MILLION[2]], ids=str)
 def test_a_million_nodes_all_modes(topology: Topology) -> None:
     lattice = Lattice(topology, (1000, 1000))
     u = np.broadcast_to(np.ones((1, 10**6, 3), dtype=np.float32), (2, 10**6, 3))
-    out, back = np.empty(u.shape), np.empty(u.shape)
+    answers = 2 * 24e6
     # The first call finds the places of all modes too.
-    assert peak_bytes(lambda: project_all(lattice, u, out=out)) <= LIMIT_BYTES
-    assert peak_bytes(lambda: superpose_all(lattice, out, out=back)) <= LIMIT_BYTES
-    assert np.abs(back - 1.0).max() <= 1e-14
+    assert peak_bytes(lambda: project_all(lattice, u)) <= LIMIT_BYTES + answers
+    a = project_all(lattice, u)
+    assert peak_bytes(lambda: superpose_all(lattice, a)) <= LIMIT_BYTES + answers
+    assert np.abs(superpose_all(lattice, a) - 1.0).max() <= 1e-14
 
 
 @pytest.mark.parametrize("transform", [project_all, superpose_all])
@@ -63,7 +64,7 @@ def test_more_frames_take_no_more_memory(
 
     def peak(n_frames: int) -> int:
         u = np.broadcast_to(frame, (n_frames, 10**4, 3))
-        out = np.empty(u.shape)
-        return peak_bytes(lambda: transform(lattice, u, out=out))
+        # Beside the answer.
+        return peak_bytes(lambda: transform(lattice, u)) - 8 * u.size
 
     assert peak(40) <= 1.1 * peak(2)

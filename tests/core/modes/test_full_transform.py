@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from dense_lattices import MIDDLE_LATTICES, SMALL_LATTICES, SURFACES, each_of
@@ -12,7 +10,7 @@ from hypothesis import strategies as st
 
 from modalmotion.errors import NonFiniteError, ShapeError
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP, CYLINDER, PLANE, TORUS, Topology
+from modalmotion.modes.topology import CUP, CYLINDER, TORUS, Topology
 from modalmotion.modes.transform import project, project_all, superpose, superpose_all
 
 
@@ -82,27 +80,12 @@ def test_float32_is_taken_as_it_is(rng: np.random.Generator) -> None:
     assert np.array_equal(a[1], project_all(lattice, u[1:2])[0])
 
 
-def test_amplitudes_go_to_a_file_frame_by_frame(tmp_path: Path, rng: np.random.Generator) -> None:
-    lattice = Lattice(PLANE, (9, 7))
-    u = rng.standard_normal((4, 63, 3))
-    out = np.memmap(tmp_path / "a.bin", mode="w+", dtype=np.float64, shape=u.shape)
-    assert project_all(lattice, u, out=out) is out
-    out.flush()
-    written = np.fromfile(tmp_path / "a.bin").reshape(u.shape)
-    assert np.array_equal(written, project_all(lattice, u))
-    back = np.empty(u.shape)
-    assert superpose_all(lattice, written, out=back) is back
-    assert np.abs(back - u).max() <= 1e-14
-
-
 def test_what_does_not_fit_is_refused() -> None:
     lattice = Lattice(CYLINDER, (3, 4))
     with pytest.raises(ShapeError, match="displacements"):
         project_all(lattice, np.zeros((1, 11, 3)))
     with pytest.raises(ShapeError, match="amplitudes"):
         superpose_all(lattice, np.zeros((12, 3)))
-    with pytest.raises(ShapeError, match="'out'"):
-        project_all(lattice, np.zeros((1, 12, 3)), out=np.empty((2, 12, 3)))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

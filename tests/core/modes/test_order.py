@@ -13,9 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modalmotion.errors import LimitError, ModeCountError
+from modalmotion.mesh.spring_modes import common_count
 from modalmotion.modes import ModeLabel, all_modes, lowest_modes, whole_count
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.mode_set import common_count, squared_keys
+from modalmotion.modes.mode_set import squared_keys
 from modalmotion.modes.topology import (
     CLOSED,
     CLOSED_CURVE,

@@ -12,7 +12,7 @@ import modalmotion as mm
 from modalmotion.arguments.checking import one_of, real, truth, whole, whole_numbers
 from modalmotion.codec import encode
 from modalmotion.modes import whole_count
-from modalmotion.signature import measure_front
+from modalmotion.signature import measure_tradeoff
 from modalmotion.signature.parameters import ErrorKind
 
 P: Any = mm.SignatureParameters
@@ -59,7 +59,7 @@ REFUSED: dict[str, Callable[[], object]] = {
     ),
     "reference is frame 1.5": lambda: MAKE(small(), reference=1.5),
     "reference is frame True": lambda: MAKE(small(), reference=True),
-    "most_modes is 9.0": lambda: measure_front(small(), most_modes=9.0),  # type: ignore[arg-type]
+    "most_modes is 9.0": lambda: measure_tradeoff(small(), most_modes=9.0).front,  # type: ignore[arg-type]
 }
 
 

@@ -83,12 +83,11 @@ def test_a_landmark_that_is_asked_for_goes_over_the_stated_one() -> None:
     ("sequence", "asked"),
     [
         (LATTICE, {}),
-        (MESH, {"grid": (8, 16)}),
         (MESH, {"topology": "mesh"}),
         (MESH, {"template": "0" * 64}),
         (MESH, {"topology": "plane"}),
     ],
-    ids=["lattice", "asked for as a lattice", "spring modes", "named template", "another topology"],
+    ids=["lattice", "spring modes", "named template", "another topology"],
 )
 def test_what_reads_no_landmark_keeps_its_key(sequence: Any, asked: dict[str, Any]) -> None:
     facts = Facts(landmarks=READ)

@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature import measure_front
+from modalmotion.modes.topology import CUP
+from modalmotion.signature.fit import Fitter
 from modalmotion.signature.making import SignatureParameters, modal_signature
+from modalmotion.signature.nested_modes import energies_of, harmonics_of, nested_modes
+from modalmotion.signature.parameters import ErrorKind
 from modalmotion.simulate import Acquisition, simulate_ventricle
+from modalmotion.template import make_template
 from modalmotion.template.body_frame import Components
 
 
@@ -30,17 +34,21 @@ def beat() -> MeshSequence:
 def test_every_set_leaves_what_its_own_fit_leaves(
     beat: MeshSequence, components: Components, harmonics: int | None
 ) -> None:
+    cup = beat.with_topology(CUP, None)
     asked = SignatureParameters(components=components, topology="cup")
-    branch = measure_front(beat, asked, most_modes=24, components=(components,)).branches[0]
-    for k, count in enumerate(branch.counts.tolist()):
+    fitter = Fitter.of(cup, make_template(cup), asked)
+    nested = nested_modes(fitter.template, 24, None)
+    fit, functions = fitter.fit(nested.basis), harmonics_of(9, beat.times)
+    by_kind = []
+    for kind in (ErrorKind.RMS, ErrorKind.WEIGHTED_RMS):
+        energies = energies_of(fitter, fit, kind)
+        joint = energies.joint_rms(nested.counts, functions)
+        by_kind.append(energies.rms(nested.counts) if harmonics is None else joint[:, harmonics])
+    for count, plain, weighted in zip(nested.counts.tolist(), *by_kind, strict=True):
         own = SignatureParameters(
             modes=count, components=components, topology="cup", harmonics=harmonics
         )
         signature = modal_signature(beat, own)
-        plain, weighted = branch.rms[k], branch.weighted_rms[k]
-        if harmonics is not None:
-            plain = branch.joint_rms[k, harmonics]
-            weighted = branch.weighted_joint_rms[k, harmonics]
         assert plain == pytest.approx(signature.rms_error, rel=1e-10)
         assert weighted == pytest.approx(signature.weighted_rms_error, rel=1e-10)
         assert plain != pytest.approx(weighted, rel=1e-3)

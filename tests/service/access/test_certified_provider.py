@@ -154,3 +154,38 @@ def test_its_tokens_are_taken_by_audience_scope_and_key(
     # One login, one owner, whichever key has signed.
     (owner,) = (tmp_path / "data" / "owners").iterdir()
     assert CLIENT not in owner.name
+
+
+def test_a_login_goes_the_whole_way_from_an_upload_to_a_report(
+    issuer: Issuer, tmp_path: Path, beat: bytes
+) -> None:
+    issuer.begin(key("RS256", "first"))
+    settings = Settings(
+        data_dir=tmp_path,
+        workers=1,
+        require_keys=True,
+        oidc_issuer=issuer.issuer,
+        oidc_audience="modalmotion",
+    )
+    token = issuer.token("modalmotion:read modalmotion:write")
+    with TestClient(create_app(settings)) as client:
+        client.headers["Authorization"] = f"Bearer {token}"
+        uploaded = client.post("/v1/sequences", content=beat)
+        assert uploaded.status_code == 201
+        made = client.post(f"{uploaded.headers['location']}/signatures")
+        here = made.headers["location"]
+        assert (made.status_code, client.get(here).json()["key"]) == (201, made.json()["key"])
+        named = client.post(f"{here}/classifications")
+        assert named.status_code == 201
+        fhir = {"Accept": "application/fhir+json"}
+        report = client.get(f"{here}/report?model=ventricle-simulated", headers=fhir)
+        assert report.status_code == 200
+        assert named.json()["model"].partition("@")[0] == "ventricle-simulated"
+        bundle = report.json()
+        assert bundle["resourceType"] == "Bundle"
+        # The same with a token that may only read.
+        client.headers["Authorization"] = f"Bearer {issuer.token()}"
+        assert client.get(f"{here}/report?model=ventricle-simulated", headers=fhir).json() == bundle
+        assert client.post(f"{here}/classifications").status_code == 403
+    (owner,) = (tmp_path / "owners").iterdir()
+    assert len([*(owner / "classifications").rglob("*.h5")]) == 1

@@ -88,3 +88,18 @@ def test_without_an_exporter_the_extra_is_named(
     with pytest.raises(MissingExtraError) as missing:
         create_app(Settings(data_dir=tmp_path, telemetry=True))
     assert "pip install opentelemetry-sdk" in missing.value.remedy
+
+
+def test_the_framework_sends_nothing_to_a_collector_of_the_whole_process(
+    spans: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from opentelemetry import trace
+    from opentelemetry.sdk.trace import TracerProvider
+    from opentelemetry.sdk.trace.export import SimpleSpanProcessor
+
+    provider = TracerProvider(shutdown_on_exit=False)
+    provider.add_span_processor(SimpleSpanProcessor(spans))
+    monkeypatch.setattr(trace, "get_tracer_provider", lambda: provider)
+    client = TestClient(create_app(Settings(data_dir=tmp_path)))
+    assert client.get("/v1/nowhere?subject=Jane").status_code == 404
+    assert spans.get_finished_spans() == ()

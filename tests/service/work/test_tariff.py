@@ -15,7 +15,7 @@ from modalmotion.exports.signature_pack import SurfaceFormat
 from modalmotion.formats import Format, ReadOptions, write_npz
 from modalmotion.mesh import NO_FACTS
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.signature.predicted_time import reading_seconds, signature_seconds
+from modalmotion.signature.parameters import reading_seconds, signature_seconds
 from modalmotion.simulate import simulate_ventricle
 from modalmotion.store import SequenceRecord
 from modalmotion_service.http.negotiation import JSON, NPZ, PNG

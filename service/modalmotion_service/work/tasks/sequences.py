@@ -106,13 +106,14 @@ def encode_sequence(
     source: Upload | Path, target: EncodingTarget, output: Path, progress: Path
 ) -> EncodedAnswer:
     """Write an upload or a kept sequence as a compressed stream; `progress` is a `ProgressFile`."""
+    told = ProgressFile(progress)
     found = encode(
         store.sequence_from_hdf5(source) if isinstance(source, Path) else source.read().sequence,
         rms=target.rms,
         max_error=target.max_error,
         n_bytes=target.bytes,
         effort=target.effort,
-        progress=ProgressFile(progress).write,
+        progress=lambda done, of: told.write(done / of),
     )
     write_whole(output, found.data)
     return EncodedAnswer.of(found)
