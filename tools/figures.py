@@ -34,8 +34,7 @@ from modalmotion.modes.topology import (
     lattice_coordinates,
     parse_label,
 )
-from modalmotion.pictures.modes import COLOURS, draw_shape
-from modalmotion.pictures.movie import Extent, draw_moved
+from modalmotion.pictures.modes import COLOURS, Extent, draw_moved, draw_shape
 from modalmotion.pictures.signature import main_trajectories
 from modalmotion.pictures.track import overlay_figure
 from modalmotion.signature.making import SignatureParameters, modal_signature

@@ -54,9 +54,9 @@ if TYPE_CHECKING:
     from modalmotion.errors import ToleranceError as ToleranceError
     from modalmotion.errors import TopologyError as TopologyError
     from modalmotion.exports.files import load as load
+    from modalmotion.exports.files import plot as plot
     from modalmotion.exports.files import save as save
-    from modalmotion.exports.plotting import plot as plot
-    from modalmotion.exports.plotting import to_html as to_html
+    from modalmotion.exports.files import to_html as to_html
     from modalmotion.exports.reading import read as read
     from modalmotion.exports.tables import to_dataframe as to_dataframe
     from modalmotion.exports.tables import to_xarray as to_xarray

@@ -14,7 +14,7 @@ export function classSentence(answer) {
   }
   const others = answer.class_set.filter((name) => name !== answer.label);
   const rest = others.length ? `not ruled out at ${level}: ${others.join(", ")}` : `no other class remains at ${level}`;
-  return [capital(answer.label), ` with probability ${probability(answer.probability)}; ${rest}.`];
+  return [capital(answer.label), ` with probability\u00a0${probability(answer.probability)}; ${rest}.`];
 }
 
 // `classification`: answer of a model, or null; `classify()`, where it is there, asks for one;

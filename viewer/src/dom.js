@@ -35,7 +35,7 @@ export function numeral(x, digits = 3) {
 }
 
 // A probability; near 1 its bound, as no estimate is certain.
-export const probability = (p) => (p > 0.99 ? "> 0.99" : p.toFixed(2));
+export const probability = (p) => (p > 0.99 ? ">\u00a00.99" : p.toFixed(2));
 
 // A number and its interval: one decimal, or as many as tell the ends apart, two at most.
 export function interval({ value, low, high }) {

@@ -46,8 +46,9 @@ _REFERENCE_NOTE: Final = (
     "the model's signature parameters, which name the mean shape, it does not."
 )
 _TRACKING_NOTE: Final = (
-    "What the points follow is not stated, so only the surface was read, which shows no twist. "
-    "If they follow the tissue (tagging, feature tracking), state tracking=material."
+    "It is not stated whether the points follow the tissue, so the class is based on the shape of "
+    "the surface over time, which shows no twist. If they do (tagging, feature tracking), state "
+    "tracking=material."
 )
 
 Array = NDArray[np.float64]

@@ -272,7 +272,7 @@ def _write_animation(output: Path, template: Template, motion: Any, step: float)
         fields = {"displacement": np.stack([*motion.heights()])}
         write_atomic(output, write_surfaces(motion.sequence(), form, fields))
         return
-    from modalmotion.pictures.movie import Extent, draw_frames, write_gif, write_png
+    from modalmotion.pictures.modes import Extent, draw_frames, write_gif, write_png
 
     extent = Extent(template, motion.positions(), motion.heights())
     pictures = draw_frames(template, motion.positions(), motion.heights(), extent)

@@ -70,7 +70,7 @@ def torsion(
     """
     if sequence.facts.tracking != "material":
         raise ParameterError(
-            "Torsion and shear need vertices that follow the tissue; this is not stated here.",
+            "Torsion and shear need points that follow the tissue; whether these do is not stated.",
             remedy=_REMEDY,
         )
     if template.surface != CUP or template.landmarks is None:

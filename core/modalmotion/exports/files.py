@@ -1,19 +1,25 @@
-"""Values as files, in the format of the name's suffix, and back."""
+"""Values as files and pictures, in the format of the name's suffix or in a notebook, and back."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from html import escape
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from modalmotion import formats, store
 from modalmotion.arguments.checking import Plotted
-from modalmotion.classification import Classification, Model
+from modalmotion.classification import Classification, Evaluation, Model, ModelCard
+from modalmotion.clinical import ClinicalReadouts
+from modalmotion.clinical.strain import Strain
+from modalmotion.clinical.ventricle import VentricleReadouts
 from modalmotion.codec import Encoded, decode
 from modalmotion.errors import NotFoundError, ParameterError, StoreError
-from modalmotion.exports.picture_files import PICTURES
-from modalmotion.exports.plotting import to_html
+from modalmotion.exports.picture_files import PICTURES, picture_bytes, write_picture
 from modalmotion.exports.reading import read
 from modalmotion.exports.tables import amplitude_table
 from modalmotion.formats.detect import STREAM
@@ -22,10 +28,167 @@ from modalmotion.hdf5.form import form_of
 from modalmotion.hdf5.sealed import SIGNATURE
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm import Norm, norm_from_hdf5, norm_to_hdf5
-from modalmotion.representation import with_article
+from modalmotion.pictures.classification import answer_figure, card_figure, evaluation_figure
+from modalmotion.pictures.modes import template_figure
+from modalmotion.pictures.readouts import bulls_eye_figure, strain_figure, volume_figure
+from modalmotion.pictures.signature import amplitudes_figure, main_trajectories, signature_figure
+from modalmotion.pictures.track import data_figure, deviations_figure, usual_frame
+from modalmotion.pictures.tradeoff import tradeoff_figure
+from modalmotion.representation import counted, numeral, with_article
+from modalmotion.signature import Tradeoff
 from modalmotion.signature.making import ModalSignature, modal_signature
+from modalmotion.signature.mode_names import mode_colour, plain_name
 from modalmotion.template import Template
 from modalmotion.tracking import Track
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def plot(value: Any, path: str | Path | None = None) -> Figure:
+    """Draw a value.
+
+    Parameters
+    ----------
+    value : object
+        A sequence (with the superposition of its first 7 modes), a signature, read-outs, a strain,
+        a track, a class, a model, its card or its test, a trade-off or a template; or the file of
+        one.
+    path : str or Path, optional
+        File to write as well: .png, .svg or .pdf.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Notebooks show it.
+
+    Raises
+    ------
+    ParameterError
+        If the value has no picture.
+    """
+    figure = _drawn(value)
+    if path is not None:
+        write_picture(figure, Path(path))
+    # For notebooks, which display only figures of pyplot.
+    figure._repr_png_ = lambda: picture_bytes(figure, "png")  # type: ignore[attr-defined]
+    return figure
+
+
+def _drawn(value: Any) -> Figure:
+    match value:
+        case str() | Path():
+            return _drawn(load(value))
+        case MeshSequence():
+            return signature_figure(value, modal_signature(value))
+        case ModalSignature():
+            return amplitudes_figure(value)
+        case Track():
+            has_data = value.data is not None
+            return data_figure(value) if has_data else deviations_figure(value, usual_frame(value))
+        case ClinicalReadouts():
+            return volume_figure(value)
+        case VentricleReadouts() if value.regions is not None:
+            return bulls_eye_figure(value.regions)
+        case Strain():
+            return strain_figure(value)
+        case Classification():
+            return answer_figure(value)
+        case Model():
+            return card_figure(value.card, value.name)
+        case ModelCard():
+            return card_figure(value, "model")
+        case Evaluation():
+            return evaluation_figure(value)
+        case Tradeoff():
+            return tradeoff_figure(value)
+        case Template():
+            return template_figure(value)
+    raise ParameterError(
+        f"There is no picture of {with_article(type(value).__name__)}.",
+        remedy="Give a sequence (read(path)), or a result: a signature, read-outs, strain, a "
+        "track, a class, a model, a trade-off.",
+    )
+
+
+# Limits: rows and curves, points of a curve, notes, and letters of a note.
+_MOST_ROWS: Final = 7
+_MOST_POINTS: Final = 160
+_MOST_NOTES: Final = 4
+_LONGEST_NOTE: Final = 400
+
+_WIDTH: Final = 420
+_HEIGHT: Final = 130
+
+
+def to_html(signature: ModalSignature) -> str:
+    """Write a signature as HTML: its modes in words, their amplitudes over time, error and caveats.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+
+    Returns
+    -------
+    str
+        At most 30 kB for any number of frames and modes; every text is escaped.
+    """
+    unit = escape(signature.unit or "length units")
+    n = counted(signature.n_frames, "frame")
+    motion = float(signature.motion_rms.max())
+    order = np.argsort(-signature.deformation_spectrum, kind="stable")[:_MOST_ROWS]
+    rows, colours = [], []
+    for mode in order.tolist():
+        label = signature.modes.labels[mode]
+        name = plain_name(signature.topology, label, signature.parameters.components)
+        rms = numeral(float(signature.deformation_spectrum[mode]), of=motion)
+        colours.append(mode_colour(label))
+        rows.append(
+            f'<tr><td><span style="color:{colours[-1]}">■</span> {escape(name)}</td>'
+            f"<td><code>{escape(str(label))}</code></td>"
+            f'<td style="text-align:right">{rms}</td></tr>'
+        )
+    others = len(signature.modes) - len(order)
+    more = f"<p>and {counted(others, 'mode')} with less</p>" if others else ""
+    notes = "".join(
+        f"<li>{escape(note[:_LONGEST_NOTE])}</li>" for note in signature.notes[:_MOST_NOTES]
+    )
+    return (
+        f"<div><p><strong>Modal signature</strong>: {escape(signature.surface)}, {n} of "
+        f"{counted(signature.n_vertices, 'vertex', 'vertices')}, {signature.n_amplitudes} "
+        f"amplitudes per frame. Error {numeral(signature.rms_error, of=motion)} {unit} RMS, "
+        f"at most {numeral(signature.max_error, of=motion)}, of {numeral(motion)} {unit} of "
+        "motion.</p>"
+        f"{_curves(main_trajectories(signature)[:, order], colours)}"
+        f"<table><thead><tr><th>mode</th><th>label</th><th>RMS ({unit})</th></tr></thead>"
+        f"<tbody>{''.join(rows)}</tbody></table>{more}"
+        f"{f'<ul>{notes}</ul>' if notes else ''}</div>"
+    )
+
+
+def _curves(paths: NDArray[np.float64], colours: list[str]) -> str:
+    """Draw the amplitudes of some modes over time, the first ones on top."""
+    if len(paths) < 2 or not paths.size:
+        return ""
+    # Evenly spaced frames: a screen has no more columns.
+    frames = np.unique(np.linspace(0, len(paths) - 1, _MOST_POINTS).astype(np.int64))
+    shown = paths[frames]
+    low, high = float(shown.min()), float(shown.max())
+    # Divided first: a span of very large numbers overflows.
+    size = max(abs(low), abs(high)) or 1.0
+    span = (high / size - low / size) or 1.0
+    x = 4 + (_WIDTH - 8) * frames / (len(paths) - 1)
+    lines = []
+    for rank in range(shown.shape[1])[::-1]:
+        y = 4 + (_HEIGHT - 8) * (high / size - shown[:, rank] / size) / span
+        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+        lines.append(
+            f'<polyline fill="none" stroke="{colours[rank]}" stroke-width="1.6" points="{points}"/>'
+        )
+    return (
+        f'<svg width="{_WIDTH}" height="{_HEIGHT}" viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" '
+        f'aria-label="Amplitudes over time">{"".join(lines)}</svg>'
+    )
 
 
 def _page(sequence: MeshSequence) -> bytes:

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import io
 import json
-import os
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,20 +27,15 @@ from modalmotion.progress import Progress
 from modalmotion.signature.hdf5 import mode_datasets
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import at_times, reconstruct, resample
-from modalmotion.store.disk import cannot_write, sync_paths, temporary_beside
+from modalmotion.store.disk import write_atomic
 from modalmotion.template import Template
 
 if TYPE_CHECKING:
-    from modalmotion.store import ResultStore
     from modalmotion.store.folder import SequenceRecord
 
+    Packed = tuple[ModalSignature, SequenceRecord]
+
 FORM: Final = Form("export", 3)
-
-# Signatures in memory before they are written: appending one at a time takes three times as long.
-_BATCH: Final = 256
-
-# Rows of a chunk: a pack of few signatures stays small, one of many reads fast.
-_CHUNK: Final = 128
 
 
 class _Column(NamedTuple):
@@ -102,33 +94,18 @@ class PackReport:
     failures: tuple[tuple[str, str], ...] = ()
 
 
-def is_pack(source: Path | BinaryIO) -> bool:
-    """Whether a file was written by `export` or `write_pack`."""
-    import h5py
-
-    try:
-        with h5py.File(source, "r") as file:
-            return bool(file.attrs.get("schema") == FORM.header()["schema"])
-    except OSError:
-        return False
-
-
-def export(
-    root: Path, out: Path, *, replace: bool = False, progress: Progress | None = None
-) -> PackReport:
+def export(root: Path, out: Path, *, progress: Progress | None = None) -> PackReport:
     """Pack the trajectories of all signatures of a store into one HDF5 file.
 
     Signatures with the same parameters, modes and unit form a group; their frames follow one
     another, and `n_frames` says how many belong to each. A damaged signature is left out: the
-    report names it.
+    report names it. Needs memory in proportion to the file.
 
     Parameters
     ----------
     root : Path
     out : Path
-        Must not exist, except for a pack with `replace`.
-    replace : bool
-        Whether to overwrite an earlier pack; other files are never overwritten.
+        Must not exist.
     progress : callable, optional
 
     Returns
@@ -148,154 +125,87 @@ def export(
     from modalmotion.store.recovery import existing_store
 
     existing_store(root)
-    if out.exists() and not (replace and is_pack(out)):
+    if out.exists():
         raise StoreError(
             f"'{out.name}' exists already.", remedy="Choose another name, or remove it first."
         )
-    with _written(out) as file, ResultStore(root) as store:
-        return _pack_store(store, file, progress)
+    failures: list[tuple[str, str]] = []
+    with ResultStore(root) as store:
+        names = store.all_signatures()
+        if not names:
+            raise NotFoundError(
+                f"The store '{store.root.name}' has no signatures to pack.",
+                remedy="Fit signatures first: modalmotion signature, or a cohort into this folder.",
+            )
+
+        def read() -> Iterator[Packed]:
+            for number, (sequence_id, key) in enumerate(names):
+                try:
+                    pair = store.signature(sequence_id, key), store.sequence_record(sequence_id)
+                except (CorruptFileError, NotFoundError) as error:
+                    failures.append((sequence_id, str(error)))
+                else:
+                    yield pair
+                if progress is not None:
+                    progress(number + 1, len(names))
+
+        image = _image(read())
+    if len(failures) == len(names):
+        raise CorruptFileError(
+            f"None of {len(names)} signatures can be read as written. {failures[0][1]}"
+        )
+    write_atomic(out, image)
+    return PackReport(len(names) - len(failures), tuple(failures))
 
 
-@contextmanager
-def _written(out: Path) -> Iterator[Any]:
-    """Open an HDF5 file that takes its name only once it is written whole."""
-    import h5py
-
-    temporary = temporary_beside(out)
-    try:
-        with h5py.File(temporary, "w-", libver="v110") as file:
-            yield file
-        with temporary.open("rb") as written:
-            os.fsync(written.fileno())
-        temporary.replace(out)
-        sync_paths([out.parent])
-    except (OSError, RuntimeError) as error:
-        raise cannot_write(out, _as_oserror(error)) from error
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def _as_oserror(error: OSError | RuntimeError) -> OSError:
-    """Return the cause of an HDF5 error: on closing an unwritable file it is in the text only."""
-    if isinstance(error, OSError) and error.errno:
-        return error
-    number = re.search(r"errno = (\d+)", str(error))
-    if number is None and isinstance(error, RuntimeError):
-        raise error
-    code = 0 if number is None else int(number.group(1))
-    return OSError(code, os.strerror(code) if code else str(error))
-
-
-def write_pack(path: Path, signatures: Iterable[tuple[ModalSignature, SequenceRecord]]) -> None:
+def write_pack(path: Path, signatures: Iterable[Packed]) -> None:
     """Pack signatures into an HDF5 file as `export` does, without a store.
 
     Parameters
     ----------
     path : Path
-        Replaced if it exists; removed if it cannot be written completely.
+        Replaced if it exists.
     signatures : iterable of (ModalSignature, SequenceRecord)
-        Consumed a batch at a time.
 
     Raises
     ------
     StoreError
         If it cannot be written.
     """
+    write_atomic(path, _image(signatures))
+
+
+def _image(signatures: Iterable[Packed]) -> memoryview:
     import h5py
 
-    # HDF5 itself would lose the error of a full disk, and a broken file would remain.
-    image = io.BytesIO()
-    with h5py.File(image, "w", libver="v110") as file:
-        _pack(file, signatures)
-    try:
-        path.write_bytes(image.getbuffer())
-    except OSError as error:
-        path.unlink(missing_ok=True)
-        raise cannot_write(path, error) from error
-
-
-def _pack_store(store: ResultStore, file: Any, progress: Progress | None) -> PackReport:
-    names = store.all_signatures()
-    if not names:
-        raise NotFoundError(
-            f"The store '{store.root.name}' has no signatures to pack.",
-            remedy="Fit signatures first: modalmotion signature, or a cohort into this folder.",
-        )
-    failures: list[tuple[str, str]] = []
-
-    def read() -> Iterator[tuple[ModalSignature, SequenceRecord]]:
-        for number, (sequence_id, key) in enumerate(names):
-            try:
-                pair = store.signature(sequence_id, key), store.sequence_record(sequence_id)
-            except (CorruptFileError, NotFoundError) as error:
-                failures.append((sequence_id, str(error)))
-            else:
-                yield pair
-            if progress is not None:
-                progress(number + 1, len(names))
-
-    _pack(file, read())
-    if len(failures) == len(names):
-        raise CorruptFileError(
-            f"None of {len(names)} signatures can be read as written. {failures[0][1]}"
-        )
-    return PackReport(len(names) - len(failures), tuple(failures))
-
-
-def _pack(file: Any, signatures: Iterable[tuple[ModalSignature, SequenceRecord]]) -> None:
-    file.attrs.update(FORM.header())
-    # By what its signatures have in common: parameters, modes and unit.
-    groups: dict[Any, Any] = {}
-    waiting: dict[Any, list[tuple[ModalSignature, SequenceRecord]]] = {}
+    # By what its signatures have in common (parameters, modes and unit): the first, and rows.
+    groups: dict[Any, tuple[ModalSignature, list[list[Any]]]] = {}
     for signature, record in signatures:
         kind = (signature.parameters.key, signature.modes, signature.unit)
-        if kind not in groups:
-            groups[kind] = _group(file, signature, len(groups))
-        waiting.setdefault(kind, []).append((signature, record))
-        if len(waiting[kind]) == _BATCH:
-            _append(groups[kind], waiting.pop(kind))
-    for kind, rest in waiting.items():
-        _append(groups[kind], rest)
-
-
-def _group(file: Any, signature: ModalSignature, number: int) -> Any:
-    import h5py
-
-    from modalmotion.store.folder import SequenceRecord
-
-    key, unit = signature.parameters.key, signature.unit or "unknown"
-    group = file.create_group(f"{number:03d}-{key}")
-    group.attrs["parameters"] = json.dumps(asdict(signature.parameters), sort_keys=True)
-    group.attrs["parameters_key"] = key
-    group.attrs["topology"] = signature.surface
-    group.attrs["unit"] = unit
-    for mode_data in mode_datasets(signature.modes):
-        dataset = group.create_dataset(mode_data.name, data=mode_data.values)
-        dataset.attrs["unit"], dataset.attrs["axes"] = mode_data.unit, mode_data.axes
-    placeholder = SequenceRecord("", 0, 0, 0, None, None, None, False, None, None, "", False)
-    for column in _COLUMNS:
-        rows = np.asarray(column.rows(signature, placeholder))
-        # Chunks have no empty axis, and are no longer than an axis of fixed length: spring modes
-        # have no lengths.
-        dataset = group.create_dataset(
-            column.name,
-            shape=(0, *rows.shape[1:]),
-            maxshape=(None, *(n or None for n in rows.shape[1:])),
-            dtype=h5py.string_dtype() if rows.dtype.kind == "U" else rows.dtype,
-            chunks=(_CHUNK, *(n or 1 for n in rows.shape[1:])),
-        )
-        dataset.attrs["unit"] = unit if column.unit == "*" else column.unit
-        dataset.attrs["axes"] = column.axes
-    return group
-
-
-def _append(group: Any, signatures: list[tuple[ModalSignature, SequenceRecord]]) -> None:
-    for column in _COLUMNS:
-        rows = np.concatenate([np.asarray(column.rows(*pair)) for pair in signatures])
-        dataset = group[column.name]
-        start = len(dataset)
-        dataset.resize(start + len(rows), axis=0)
-        dataset[start:] = rows.astype(object) if rows.dtype.kind == "U" else rows
+        _, rows = groups.setdefault(kind, (signature, [[] for _ in _COLUMNS]))
+        for column, of in zip(_COLUMNS, rows, strict=True):
+            of.append(np.asarray(column.rows(signature, record)))
+    image = io.BytesIO()
+    with h5py.File(image, "w", libver="v110") as file:
+        file.attrs.update(FORM.header())
+        for number, (signature, rows) in enumerate(groups.values()):
+            key, unit = signature.parameters.key, signature.unit or "unknown"
+            group = file.create_group(f"{number:03d}-{key}")
+            group.attrs["parameters"] = json.dumps(asdict(signature.parameters), sort_keys=True)
+            group.attrs["parameters_key"] = key
+            group.attrs["topology"] = signature.surface
+            group.attrs["unit"] = unit
+            found = [
+                (one.name, one.values, one.unit, one.axes) for one in mode_datasets(signature.modes)
+            ]
+            for column, of in zip(_COLUMNS, rows, strict=True):
+                values = np.concatenate(of)
+                values = values.astype(h5py.string_dtype()) if values.dtype.kind == "U" else values
+                found.append((column.name, values, column.unit.replace("*", unit), column.axes))
+            for name, values, in_unit, axes in found:
+                attributes = group.create_dataset(name, data=values).attrs
+                attributes["unit"], attributes["axes"] = in_unit, axes
+    return image.getbuffer()
 
 
 def _or_nan(values: NDArray[np.float64] | None, like: NDArray[np.float64]) -> NDArray[np.float64]:

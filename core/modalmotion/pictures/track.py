@@ -12,7 +12,7 @@ from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.images.sequence import Image
 from modalmotion.mesh.normal_lines import Edges
-from modalmotion.pictures.movie import pixels_of, write_gif
+from modalmotion.pictures.modes import pixels_of, write_gif
 from modalmotion.pictures.view import new_figure, shown_unit, size_of, tilted, upright
 from modalmotion.representation import numeral
 from modalmotion.tracking.result import STRAY, Track

@@ -27,7 +27,9 @@ from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template import Template
 
-_OF_COMMANDS: Final = re.compile(r" \(--[^)]*\)|[;,] state [^.;]*--[^.;]*| by --[a-z-]+")
+_OF_COMMANDS: Final = re.compile(
+    r" \((--|theta_zero)[^)]*\)|[;,] state [^.;]*--[^.;]*| by --[a-z-]+"
+)
 _OF_FACTS: Final = re.compile(r"(the fact )?tracking=material")
 
 
@@ -79,7 +81,7 @@ class Report:
         for result in (self.deviation, self.signature, self.readouts, self.classification):
             notes += () if result is None else result.notes
         # Readers of a report have no command line.
-        plain = [_OF_FACTS.sub("this", _OF_COMMANDS.sub("", n)) for n in (*notes, *self.absent)]
+        plain = [_OF_FACTS.sub("so", _OF_COMMANDS.sub("", n)) for n in (*notes, *self.absent)]
         return tuple(dict.fromkeys(plain))
 
     @property

@@ -35,7 +35,7 @@ _A4: Final = (8.27, 11.69)
 _LONGEST_NAME: Final = 52
 
 # Letters that fit on a line of the page, and the most lines of caveats.
-_LETTERS: Final = 118
+_LETTERS: Final = 124
 _MOST_LINES: Final = 14
 
 # Heights of a title, of a line and of where the origin begins, as shares of the page.
@@ -74,8 +74,9 @@ def report_figure(report: Report) -> Figure:
     figure.text(0.07, 0.955, title, fontsize=18, color=_INK, weight="bold")
     facts = report.sequence.facts
     stated = [word for word in (facts.modality, _cavity(str(facts.cavity))) if word]
+    what = "Motion analysis, " if report.name else ""
     line = (
-        f"Motion analysis, {report.issued:%Y-%m-%d %H:%M} UTC",
+        f"{what}{report.issued:%Y-%m-%d %H:%M} UTC",
         f"recording {report.sequence_id[:12]}",
         *stated,
         _duration(report.sequence),
@@ -90,7 +91,7 @@ def report_figure(report: Report) -> Figure:
     if report.ventricle is not None and report.ventricle.regions is not None:
         axes = figure.add_axes((0.67, 0.70, 0.27, 0.20))
         scale = draw_bulls_eye(axes, report.ventricle.regions, frames[-1][0], fontsize=6.5)
-        title = "inward motion at end systole, % of the radius"
+        title = "inward motion at end systole\n(% of the radius)"
         axes.set_title(title, fontsize=9, color=_INK)
         if not report.ventricle.regions.has_segments:
             words = "rings from the base to the apex;\nwhere the anterior wall is, is not stated"
@@ -229,7 +230,7 @@ def _sections(report: Report) -> list[tuple[str, list[str], str]]:
             measured.append(f"{OWN['sdi']}: {DYSSYNCHRONY}.")
         measured.append(
             f"From frame {strain.end_diastole} (end diastole, largest volume) to frame "
-            f"{strain.end_systole} (end systole, smallest volume), from {strain.source}, "
+            f"{strain.end_systole} (end systole, smallest volume), from the {strain.source}, "
             f"{strain.layer}; with 95\N{NO-BREAK SPACE}% intervals."
         )
     compared = [] if deviation is None else list(deviation.findings)

@@ -13,7 +13,7 @@ from store_samples import sample_sequence, sample_signature
 
 from modalmotion.cli.commands import main
 from modalmotion.errors import StoreError
-from modalmotion.exports.signature_pack import export, is_pack
+from modalmotion.exports.signature_pack import export
 from modalmotion.store import ResultStore, backup
 
 
@@ -105,7 +105,7 @@ def test_a_first_backup_that_was_cut_short_is_gone_on_with(
     assert run("verify", copy).exit_code == 0
 
 
-def test_a_pack_is_replaced_if_asked_for_and_nothing_else_is(folder: Path, tmp_path: Path) -> None:
+def test_nothing_is_overwritten_by_a_pack(folder: Path, tmp_path: Path) -> None:
     out, root = tmp_path / "all.h5", folder / "owners" / "lab"
     refused = run("export", folder, out)
     assert refused.exit_code == 1
@@ -118,15 +118,6 @@ def test_a_pack_is_replaced_if_asked_for_and_nothing_else_is(folder: Path, tmp_p
     assert run("export", folder, out, "--owner", "lab").exit_code == 0
     with pytest.raises(StoreError, match="exists already"):
         export(root, out)
-    assert export(root, out, replace=True).n_signatures == 1
-    (kept,) = root.rglob("signatures/*/*.h5")
-    for other in (kept, tmp_path / "letter.h5"):
-        before = kept.read_bytes()
-        other.write_bytes(before if other == kept else b"Dear Sir")
-        assert not is_pack(other)
-        with pytest.raises(StoreError, match="exists already"):
-            export(root, other, replace=True)
-        assert kept.read_bytes() == before
 
 
 def test_an_export_names_the_owners_and_leaves_nothing_that_stands_in_the_way(

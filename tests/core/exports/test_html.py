@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from viewed_surfaces import VIEWED, viewed
 
-from modalmotion.exports.plotting import to_html
+from modalmotion.exports.files import to_html
 from modalmotion.mesh.alignment import Rotations
 
 

@@ -84,18 +84,6 @@ def test_a_pack_without_a_store_is_the_same_as_an_export(root: Path, tmp_path: P
     assert contents(tmp_path / "one.h5") == contents(tmp_path / "other.h5")
 
 
-def test_an_export_of_many_batches_is_the_same(
-    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    export(root, tmp_path / "one.h5")
-    monkeypatch.setattr("modalmotion.exports.signature_pack._BATCH", 3)
-    export(root, tmp_path / "many.h5")
-    with h5py.File(tmp_path / "one.h5", "r") as one, h5py.File(tmp_path / "many.h5", "r") as many:
-        for name, group in one.items():
-            for column, dataset in group.items():
-                np.testing.assert_array_equal(dataset[:], many[name][column][:])
-
-
 def test_an_export_that_fails_leaves_nothing_behind(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

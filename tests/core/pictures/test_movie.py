@@ -11,7 +11,7 @@ from PIL import Image, ImageSequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CLOSED_CURVE, CYLINDER, PLANE, Topology
-from modalmotion.pictures.movie import Extent, draw_frames, write_gif, write_png
+from modalmotion.pictures.modes import Extent, draw_frames, write_gif, write_png
 from modalmotion.template import make_template
 
 

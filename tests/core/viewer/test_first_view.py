@@ -12,8 +12,7 @@ from viewed_surfaces import VIEWED, viewed
 
 from modalmotion.representation import with_interval
 from modalmotion.viewer.container import read_container, write_container
-from modalmotion.viewer.first_view import first_view
-from modalmotion.viewer.page import View
+from modalmotion.viewer.page import View, first_view
 
 
 def payload_of(name: str, title: str = "") -> bytes:

@@ -265,7 +265,7 @@ def test_a_lost_context_comes_back_with_the_same_picture(chromium: Browser, beat
 def test_a_frame_of_a_large_surface_is_little_work(
     chromium: Browser, page_of: Callable[..., str]
 ) -> None:
-    still = standard_surface(Lattice(CUP, (80, 250)))
+    still = standard_surface(Lattice(CUP, (40, 100)))
     frames = np.stack([still.vertices[0] * (1.0 - 0.1 * t) for t in (0.0, 1.0, 0.5)])
     sequence = mesh_sequence(frames, grid=still.grid, topology=CUP, unit="mm")
     signature = modal_signature(sequence, SignatureParameters(modes=21))
@@ -334,7 +334,7 @@ def test_reasons_of_the_class_set_the_modes_and_a_narrow_page_has_all(
     with chromium.open(beat_page, viewport={"width": 380, "height": 800}) as opened:
         page = opened.shown().page
         sentence = page.locator(".class .sentence").text_content()
-        assert re.match(r"Normal with probability (0\.\d\d|> 0\.99); .+ at 90 %", sentence), (
+        assert re.match(r"Normal with probability\s(0\.\d\d|>\s0\.99); .+ at 90 %", sentence), (
             sentence
         )
         assert "object" not in page.locator(".class").text_content()

@@ -13,7 +13,7 @@ from modalmotion.modes.topology import CUP
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.template.body_frame import Components
-from modalmotion.viewer.wave_names import wave_name
+from modalmotion.viewer.payload import wave_name
 
 STILL = standard_surface(Lattice(CUP, (16, 24)))
 
