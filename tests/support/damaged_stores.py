@@ -7,6 +7,7 @@ from pathlib import Path
 from guest_table import visit
 from store_samples import (
     KEY,
+    put_classification,
     sample_classification,
     sample_model,
     sample_sequence,
@@ -27,7 +28,7 @@ def four_kept(folder: Path) -> Path:
             store.put_sequence(sequence, subject=f"P {number}", label="rest")
             store.put_signature(sample_signature(sequence))
             store.put_signature(sample_signature(sequence, modes=4))
-            store.put_classification(sample_classification(sequence.id), KEY)
+            put_classification(store, sample_classification(sequence.id), KEY)
         store.update_sequence(sample_sequence(0).id, label=None)
         store.put_model(sample_model(1))
         visit(store, 1)

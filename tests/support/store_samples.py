@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import struct
+import tempfile
 from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
@@ -13,13 +14,23 @@ from typing import Any
 import numpy as np
 
 from modalmotion.classification.answer import Classification, ModeContribution
+from modalmotion.classification.answer_hdf5 import classification_to_hdf5
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.signature.parameters import parameters_as_json
-from modalmotion.store import KeptModel, ModelRecord, ResultStore, SequencePage
+from modalmotion.store import (
+    KeptModel,
+    ModelRecord,
+    ResultStore,
+    SequencePage,
+    record_of,
+    track_image,
+    upload_image,
+)
 from modalmotion.store.deletion import TOMBSTONES
 from modalmotion.template import Template
+from modalmotion.tracking import Track
 
 KEY = SignatureParameters().key
 MODEL = hashlib.sha256(b"a model").hexdigest()
@@ -127,3 +138,20 @@ def all_pages(store: ResultStore, limit: int, **filters: Any) -> list[str]:
         if cursor is None:
             return ids
     raise AssertionError("the pages do not end")
+
+
+def put_classification(store: ResultStore, classification: Classification, key: str) -> Path:
+    """Keep a classification."""
+    image = classification_to_hdf5(classification, parameters_key=key)
+    ids = classification.sequence_id, classification.model_id
+    return store.put_classification_image(image, *ids, key)
+
+
+def put_track(store: ResultStore, track: Track, **names: str) -> bool:
+    """Keep a track and its sequence; return whether it was not known before."""
+    record = record_of(track.sequence, created="", has_upload=True)
+    with tempfile.TemporaryDirectory() as folder:
+        sequence, file = Path(folder) / "sequence.h5", Path(folder) / "track.h5"
+        sequence.write_bytes(upload_image(track.sequence))
+        file.write_bytes(track_image(track))
+        return store.put_track_images(sequence, file, record, **names)[1]

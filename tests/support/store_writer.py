@@ -16,6 +16,7 @@ from pathlib import Path
 from guest_table import visit
 from store_samples import (
     KEY,
+    put_classification,
     sample_classification,
     sample_model,
     sample_sequence,
@@ -40,7 +41,7 @@ def changes_of(store: ResultStore, number: int) -> dict[str, Callable[[], object
         "put": lambda: store.put_sequence(sequence, subject="before"),
         "signature": lambda: store.put_signature(signature),
         "update": lambda: store.update_sequence(sequence.id, subject="after"),
-        "classification": lambda: store.put_classification(classification, KEY),
+        "classification": lambda: put_classification(store, classification, KEY),
         "model": lambda: store.put_model(sample_model(number, name=f"m{number}")),
         "visit": lambda: visit(store, number),
     }

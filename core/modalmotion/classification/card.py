@@ -58,9 +58,8 @@ class ModelCard(Plotted):
         Likewise.
     methods : str
         How the figures and their intervals are made.
-    repetitions : tuple of dict
-        Accuracy, AUC, log loss, Brier score and calibration error of each repetition of the
-        cross-validation; the figures above are their means.
+    repetitions : int
+        Of the cross-validation; the figures above are their means.
     confounds : tuple of dict
         Conditions of the recordings, and how well each alone separates the classes.
     """
@@ -97,7 +96,7 @@ class ModelCard(Plotted):
     specificity: dict[str, Measured] = field(default_factory=dict)
     roc: dict[str, RocCurve] = field(default_factory=dict)
     methods: str = ""
-    repetitions: tuple[dict[str, float | None], ...] = ()
+    repetitions: int = 0
     confounds: tuple[dict[str, Any], ...] = ()
 
     @property

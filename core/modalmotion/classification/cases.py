@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 from modalmotion.errors import (
     CorruptFileError,
@@ -47,6 +47,9 @@ class TrainingCase:
         What errors call it, such as the path of its file.
     covariates : mapping of str to (float or str)
         Other knowledge, such as an age; over that of the recording's facts, which it becomes.
+    sequence : function, optional
+        Reads the recording that a signature was made from, for the volumes of a norm; it gives
+        None where its vertices are not kept.
     """
 
     motion: MeshSequence | ModalSignature
@@ -54,6 +57,7 @@ class TrainingCase:
     subject: str | None = None
     name: str = ""
     covariates: Mapping[str, float | str] = field(default_factory=dict)
+    sequence: Callable[[], MeshSequence | None] | None = None
 
     def __post_init__(self) -> None:
         if self.covariates:
@@ -82,6 +86,12 @@ class TrainingCase:
                 remedy="Fit it with `fitted`.",
             )
         return self.motion
+
+    def read_sequence(self) -> MeshSequence | None:
+        """Give the recording itself, where it is known."""
+        if isinstance(self.motion, MeshSequence):
+            return self.motion
+        return None if self.sequence is None else self.sequence()
 
     def fitted(self, parameters: SignatureParameters, fewer: Sequence[int] = ()) -> TrainingCase:
         """Fit a sequence; a signature stays what it is.
@@ -168,6 +178,26 @@ class CaseSource(Protocol):
 
 
 AnyCase = TrainingCase | CaseSource
+
+
+def as_case(item: Any, number: int) -> TrainingCase:
+    """Take a recording, or what reads one, for a case; what has no name is called by its number.
+
+    Raises
+    ------
+    ParameterError
+        If it is no recording.
+    """
+    case = item.read() if hasattr(item, "read") else item
+    if isinstance(case, MeshSequence | ModalSignature):
+        case = TrainingCase(case, "")
+    if not isinstance(case, TrainingCase):
+        raise ParameterError(
+            f"Case {number} is a {type(case).__name__}, not a recording.",
+            remedy="Give MeshSequences, ModalSignatures or TrainingCases.",
+            details={"case": number},
+        )
+    return case if case.name else replace(case, name=f"case {number}")
 
 
 def case_name(sequence_id: str) -> str:

@@ -36,7 +36,8 @@ _MOST_CASES: Final = 2000
 _SURE: Final = 0.05
 
 Confound = dict[str, Any]
-"""name, auc, chance (the mean AUC where classes are exchanged), p, p_holm, n_known, text."""
+"""name, share (mean probability of the true class by this condition alone), chance (its mean where
+classes are exchanged), p, p_holm, n_known, text."""
 
 
 def cohort_notes(rows: Sequence[TrainingCase], sizes: Sequence[float]) -> tuple[str, ...]:
@@ -115,9 +116,9 @@ def confounds(
 
     Notes
     -----
-    The statistic is the macro AUC of the shares of the classes among the cases of the same
-    value, or the same fifth of the values; "unknown" is a value too. Permutation test, corrected
-    by Holm, A simple sequentially rejective multiple test procedure, Scand J Stat, 1979.
+    The statistic is the mean over cases of the share that their class has among the cases of the
+    same value, or the same fifth of the values; "unknown" is a value too. Permutation test,
+    corrected by Holm, A simple sequentially rejective multiple test procedure, Scand J Stat, 1979.
     """
     names = list(dict.fromkeys(name for case in conditions for name in case))
     rng = np.random.default_rng(seed)
@@ -134,16 +135,16 @@ def confounds(
         if exchanged is None:
             exchanged = _exchanged(y[some], groups[some], rng)
         cells = place * n_classes + np.vstack([y[some][None], exchanged])
-        tables = np.stack(
-            [np.bincount(row, minlength=n_values * n_classes) for row in cells]
-        ).reshape(-1, n_values, n_classes)
-        areas = _macro_areas(tables)
+        counts = np.stack([np.bincount(row, minlength=n_values * n_classes) for row in cells])
+        tables = counts.reshape(-1, n_values, n_classes).astype(np.float64)
+        squares = (tables**2).sum(axis=2) / tables.sum(axis=2)
+        shares = squares.sum(axis=1) / len(some)
         tested.append(
             {
                 "name": name,
-                "auc": float(areas[0]),
-                "chance": float(areas[1:].mean()),
-                "p": float((areas >= areas[0] - 1e-12).mean()),
+                "share": float(shares[0]),
+                "chance": float(shares[1:].mean()),
+                "p": float((shares >= shares[0] - 1e-12).mean()),
                 "n_known": sum(value is not None for value in values),
             }
         )
@@ -167,10 +168,10 @@ def confound_notes(tests: Sequence[Confound]) -> tuple[str, ...]:
 
 
 def _in_words(test: Confound) -> str:
-    how = "tells" if test["p_holm"] < _SURE else "does not surely tell"
+    how = "separates" if test["p_holm"] < _SURE else "does not surely separate"
     return (
-        f"'{test['name']}' alone {how} the classes apart (AUC "
-        f"{test['auc']:.2f}, by chance {test['chance']:.2f}; permutation test, p = "
+        f"'{test['name']}' alone {how} the classes (it gives the true class a mean probability of "
+        f"{test['share']:.2f}, by chance {test['chance']:.2f}; permutation test, p = "
         f"{test['p_holm']:.3f} after Holm)."
     )
 
@@ -206,24 +207,3 @@ def _exchanged(
         row[:] = of_group[place]
         row[several] = y[several[np.lexsort((rng.random(len(several)), place[several]))]]
     return exchanged
-
-
-def _macro_areas(tables: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Macro AUC of the shares of the classes, (tables,), of counts (tables, values, classes)."""
-    totals = tables.sum(axis=2)
-    areas = []
-    for k in range(tables.shape[2]):
-        mine = tables[:, :, k].astype(np.float64)
-        rest = totals - mine
-        m, n = mine.sum(axis=1), rest.sum(axis=1)
-        if not m[0] or not n[0]:
-            continue
-        share = np.divide(mine, totals, out=np.zeros_like(mine), where=totals > 0)
-        order = np.argsort(share, axis=1)
-        mine, rest, share = (np.take_along_axis(a, order, axis=1) for a in (mine, rest, share))
-        below = np.cumsum(rest, axis=1) - rest
-        # The order of values of the same share does not matter: either adds what a tie does.
-        area = (mine * (below + rest / 2)).sum(axis=1)
-        areas.append(area / (m * n))
-    macro: NDArray[np.float64] = np.mean(areas, axis=0)
-    return macro

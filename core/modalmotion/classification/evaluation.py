@@ -177,44 +177,28 @@ def evaluate(
     ParameterError
         If there is no case, or one has a class that the model does not know.
     """
-    ((answers, n_trained),) = answers_of((model,), cases, coverage, progress, left_out)
-    return evaluation_of(model, answers, coverage, n_trained)
-
-
-def answers_of(
-    models: Sequence[Model],
-    cases: Iterable[AnyCase],
-    coverage: float,
-    progress: Callable[[float, str], None] | None,
-    left_out: list[LeftOut] | None,
-) -> list[tuple[list[CaseAnswer], int]]:
-    """Ask models about labelled cases; and how many each was trained on: see `evaluate`."""
-    answers: list[list[CaseAnswer]] = [[] for _ in models]
-    n_trained = [0] * len(models)
+    answers, n_trained = [], 0
     for number, source in enumerate(cases):
+        called = source.name or f"case {number}"
         try:
             case = source if isinstance(source, TrainingCase) else source.read()
-            called = case.name or f"case {number}"
-            for model in models:
-                if case.label not in model.classes:
-                    raise ParameterError(
-                        f"{called} has the class {str(case.label)[:80]!r}, which the model "
-                        f"{model.name!r} does not know.",
-                        remedy=f"Give cases of its classes: {', '.join(model.classes)}.",
-                        details={"case": number},
-                    )
-            results = [classify(case.motion, model, coverage) for model in models]
+            if case.label not in model.classes:
+                raise ParameterError(
+                    f"{called} has the class {str(case.label)[:80]!r}, which the model "
+                    f"{model.name!r} does not know.",
+                    remedy=f"Give cases of its classes: {', '.join(model.classes)}.",
+                    details={"case": number},
+                )
+            answers.append(CaseAnswer.of(case, classify(case.motion, model, coverage)))
         except UNUSABLE as error:
             if left_out is None:
                 raise
-            left_out.append(LeftOut.of(error, source.name or f"case {number}"))
+            left_out.append(LeftOut.of(error, called))
             continue
-        for k, (model, result) in enumerate(zip(models, results, strict=True)):
-            answers[k].append(CaseAnswer.of(case, result))
-            n_trained[k] += _is_known(case, model)
+        n_trained += _is_known(case, model)
         if progress is not None:
             progress(float(number + 1), "classified")
-    return list(zip(answers, n_trained, strict=True))
+    return evaluation_of(model, answers, coverage, n_trained)
 
 
 def evaluation_of(
@@ -239,6 +223,10 @@ def evaluation_of(
     covers = np.array([case.truth in case.class_set for case in answers])
 
     flags = sorted({flag for case in answers for flag in case.flags})
+    note = (
+        f"{n_trained} of the {len(answers)} cases are in the training set: the figures are too "
+        "optimistic. Test on other subjects, or read the card, whose figures are of held-out cases."
+    )
     return Evaluation(
         **vars(performance(listed, abstains=True)),
         model=model.name,
@@ -255,7 +243,7 @@ def evaluation_of(
         mean_set_size=float(np.mean([len(case.class_set) for case in answers])),
         n_empty_sets=sum(not case.class_set for case in answers),
         methods=METHODS,
-        notes=_notes(answers, n_trained),
+        notes=(note,) if n_trained else (),
         cases=tuple(answers),
     )
 
@@ -282,15 +270,6 @@ def _is_known(case: TrainingCase, model: Model) -> bool:
     if not isinstance(motion, MeshSequence):
         return motion.sequence_id in known
     return any(replace(motion, unit=unit).id in known for unit in (None, *MM_PER_UNIT) if known)
-
-
-def _notes(answers: Sequence[CaseAnswer], n_trained: int) -> tuple[str, ...]:
-    """Note the cases that the model was trained on."""
-    note = (
-        f"{n_trained} of the {len(answers)} cases are in the training set: the figures are too "
-        "optimistic. Test on other subjects, or read the card, whose figures are of held-out cases."
-    )
-    return (note,) if n_trained else ()
 
 
 COMPARISON_METHODS: Final = (
@@ -386,7 +365,7 @@ def compare_models(
         and be of other topologies.
     cases : iterable of TrainingCase or CaseSource
         Of subjects that neither was trained on; sequences, where the two read signatures of
-        different parameters. Read one by one.
+        different parameters. Read one by one, for each model.
     coverage : float
         Level of the class sets.
     progress : callable, optional
@@ -403,12 +382,10 @@ def compare_models(
     ParameterError
         As `evaluate` says.
     """
-    answers = answers_of((first, second), cases, coverage, progress, left_out)
-    evaluations = (
-        evaluation_of(model, its, coverage, n_trained)
-        for model, (its, n_trained) in zip((first, second), answers, strict=True)
-    )
-    return comparison_of(*evaluations)
+    listed = list(cases)
+    of_first = evaluate(first, listed, coverage, progress, left_out)
+    again = None if left_out is None else list(left_out)
+    return comparison_of(of_first, evaluate(second, listed, coverage, progress, again))
 
 
 def comparison_of(first: Evaluation, second: Evaluation) -> Comparison:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -59,23 +58,18 @@ class FeatureTable:
         What is unknown is empty.
         """
         lines: list[list[str]] = [[*OF_CASES, *self.columns]]
-        cases = zip(self.names, self.sequence_ids, self.labels, self.subjects, strict=True)
-        for case, values in zip(cases, self.values.tolist(), strict=True):
-            numbers = ["" if math.isnan(value) else repr(value) for value in values]
+        for case, values in self._rows():
+            numbers = ["" if value is None else repr(value) for value in values]
             lines.append([*(part or "" for part in case), *numbers])
         return csv_text(lines)
 
     def as_json(self) -> dict[str, Any]:
         """Return the table as JSON-able values; what is unknown is None."""
-        cases = zip(self.names, self.sequence_ids, self.labels, self.subjects, strict=True)
         return {
             "columns": list(self.columns),
             "cases": [
-                {
-                    **dict(zip(OF_CASES, case, strict=True)),
-                    "values": [None if math.isnan(value) else value for value in values],
-                }
-                for case, values in zip(cases, self.values.tolist(), strict=True)
+                {**dict(zip(OF_CASES, case, strict=True)), "values": values}
+                for case, values in self._rows()
             ],
             "left_out": [case._asdict() for case in self.left_out],
         }
@@ -83,19 +77,17 @@ class FeatureTable:
     @staticmethod
     def from_json(values: dict[str, Any]) -> FeatureTable:
         """Read the output of `as_json`."""
-        cases = values["cases"]
-        names, ids, labels, subjects = (tuple(case[n] for case in cases) for n in OF_CASES)
-        table = [[math.nan if v is None else v for v in case["values"]] for case in cases]
-        columns = tuple(values["columns"])
-        return FeatureTable(
-            names=names,
-            sequence_ids=ids,
-            labels=labels,
-            subjects=subjects,
-            columns=columns,
-            values=np.array(table, dtype=np.float64).reshape(len(cases), len(columns)),
-            left_out=tuple(LeftOut(**case) for case in values["left_out"]),
-        )
+        cases, columns = values["cases"], tuple(values["columns"])
+        numbers = np.array([case["values"] for case in cases], dtype=np.float64)
+        names, ids, labels, subjects = (tuple(case[name] for case in cases) for name in OF_CASES)
+        left_out = tuple(LeftOut(**case) for case in values["left_out"])
+        shape = len(cases), len(columns)
+        return FeatureTable(names, ids, labels, subjects, columns, numbers.reshape(shape), left_out)
+
+    def _rows(self) -> Iterator[tuple[tuple[str | None, ...], list[float | None]]]:
+        cases = zip(self.names, self.sequence_ids, self.labels, self.subjects, strict=True)
+        values = np.where(np.isnan(self.values), None, self.values)  # type: ignore[call-overload]
+        return zip(cases, values.tolist(), strict=True)
 
 
 def feature_table(

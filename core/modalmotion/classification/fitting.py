@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Final, NamedTuple, Protocol, runtime_checkable
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +29,7 @@ from modalmotion.classification.motion_features import (
 )
 from modalmotion.classification.options import MODE_COUNTS, TrainingOptions
 from modalmotion.errors import ParameterError
+from modalmotion.representation import counted
 from modalmotion.signature.value import whole_count
 
 # Logs of the prior where a cavity is read: few hearts are told apart by the parts about the axis
@@ -57,11 +56,17 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 
-class TableFit(NamedTuple):
-    """One table, the score of its features, and its share in the whole."""
+class Table(NamedTuple):
+    """One table of the features of all cases, (cases, features)."""
 
     extractor: Extractor
     X: Array
+
+
+class TableFit(NamedTuple):
+    """One table, the score of its features, and its share in the whole."""
+
+    table: Table
     linear: Linear
     weight: float
 
@@ -85,74 +90,48 @@ class Fit:
 
     def scores(self, rows: Rows) -> Array:
         """Scores of some cases of the cohort, (cases, classes)."""
-        parts = [table.linear.scores(table.X[rows]) for table in self.tables]
-        return np.asarray(np.sum(parts, axis=0))
-
-    @property
-    def choices(self) -> tuple[tuple[str, float], ...]:
-        """Tables in words, with their weights."""
-        return tuple((table.extractor.description, table.weight) for table in self.tables)
+        return np.asarray(sum(one.linear.scores(one.table.X[rows]) for one in self.tables))
 
 
-class Tables:
-    """Tables of features that may be weighed on a cohort, each read once.
-
-    Parameters
-    ----------
-    cohort : Cohort
-    options : TrainingOptions
-    """
-
-    def __init__(self, cohort: Cohort, options: TrainingOptions) -> None:
-        self.cohort = cohort
-        self._options = options
-        self._values: dict[Extractor, Array] = {}
-
-    @cached_property
-    def read(self) -> tuple[Extractor, ...]:
-        """Tables of the motion, the simplest first, then of cavities that of their volume."""
-        cohort = self.cohort
-        motions, walls = cohort.motions, cohort.walls
-        modes, most = motions[0].modes, cohort.readable.n_modes
-        usual = {whole_count(modes, n) for n in MODE_COUNTS if n <= most}
-        found = []
-        for n in sorted({n for n in usual if n <= most} | {most}):
-            for is_cycle in timings_of(motions, self._options.timing):
-                kinds = kinds_of(motions, n, is_cycle=is_cycle, walls=walls)
-                found += [Extractor(kind, is_cycle, n, walls) for kind in kinds]
-        if all(motion.volumes is not None for motion in motions):
-            found.append(Extractor(VOLUME, found[0].is_cycle, found[0].n_modes, walls))
-        return tuple(found)
-
-    def values(self, extractor: Extractor) -> Array:
-        """Features of all cases, (cases, features)."""
-        if extractor not in self._values:
-            values = [extractor.values(motion) for motion in self.cohort.motions]
-            self._values[extractor] = np.stack(values)
-        return self._values[extractor]
+def tables_of(cohort: Cohort, options: TrainingOptions) -> tuple[Table, ...]:
+    """Read tables of the motion, the simplest first, then of cavities that of their volume."""
+    motions, walls = cohort.motions, cohort.walls
+    modes, most = motions[0].modes, cohort.readable.n_modes
+    usual = {whole_count(modes, n) for n in MODE_COUNTS if n <= most}
+    found = []
+    for n in sorted({n for n in usual if n <= most} | {most}):
+        for is_cycle in timings_of(motions, options.timing):
+            kinds = kinds_of(motions, n, is_cycle=is_cycle, walls=walls)
+            found += [Extractor(kind, is_cycle, n, walls) for kind in kinds]
+    if all(motion.volumes is not None for motion in motions):
+        found.append(replace(found[0], what=VOLUME))
+    return tuple(Table(one, np.stack([one.values(motion) for motion in motions])) for one in found)
 
 
-def fit_rows(tables: Tables, rows: Rows) -> Fit:
+def fit_rows(cohort: Cohort, tables: Sequence[Table], rows: Rows) -> Fit:
     """Fit to some cases with at most five tables, weighed by how well they predict cases left out.
 
     The motion is read in several tables, and the volume in another: evidence of both adds up.
     """
-    cohort = tables.cohort
-    compared = _some(cohort, rows)
-    y, n_classes, groups = cohort.y[compared], len(cohort.classes), cohort.groups[compared]
-    tried = [_Tried.of(tables, one, compared) for one in tables.read]
-    known = _weights(tried, groups)
+    compared, n_classes = _some(cohort, rows), len(cohort.classes)
+    y, groups = cohort.y[compared], cohort.groups[compared]
+    left_out, temperatures = [], []
+    for table in tables:
+        scores = left_out_scores(table.X[compared], y, n_classes, groups)
+        temperatures.append(temperature_of(scores, y))
+        left_out.append(scores / temperatures[-1])
+    losses = np.array([log_losses(scores, y) for scores in left_out])
+    known = _weights([table.extractor.what for table in tables], losses, groups)
     order = np.argsort(-known, kind="stable")[:_MOST_TABLES]
     order = order[known[order] >= min(_LEAST_WEIGHT, known[order[0]])]
     weights = known[order] / known[order].sum()
-    scores = np.sum([w * tried[k].scores for w, k in zip(weights, order, strict=True)], axis=0)
+    scores = np.asarray(sum(w * left_out[k] for w, k in zip(weights, order, strict=True)))
     temperature = temperature_of(scores, y) if len(order) > 1 else 1.0
     found = []
     for weight, k in zip(weights.tolist(), order.tolist(), strict=True):
-        one = tried[k]
-        linear = discriminant(one.X[rows], cohort.y[rows], n_classes)
-        factor = weight / (one.temperature * temperature)
-        found.append(TableFit(one.extractor, one.X, linear.times(factor), weight))
+        linear = discriminant(tables[k].X[rows], cohort.y[rows], n_classes)
+        factor = weight / (temperatures[k] * temperature)
+        found.append(TableFit(tables[k], linear.times(factor), weight))
     return Fit(tuple(found), log_losses(scores / temperature, y), groups)
 
 
@@ -167,35 +146,23 @@ def better(fits: Sequence[Fit]) -> int:
     return best
 
 
-class _Tried(NamedTuple):
-    """A table on some cases: reliable scores of each, left out, and their losses."""
-
-    extractor: Extractor
-    X: Array
-    scores: Array
-    temperature: float
-    losses: Array
-
-    @classmethod
-    def of(cls, tables: Tables, extractor: Extractor, rows: Rows) -> _Tried:
-        cohort = tables.cohort
-        X, y = tables.values(extractor), cohort.y[rows]
-        scores = left_out_scores(X[rows], y, len(cohort.classes), cohort.groups[rows])
-        temperature = temperature_of(scores, y)
-        scores = scores / temperature
-        return cls(extractor, X, scores, temperature, log_losses(scores, y))
-
-
 def _some(cohort: Cohort, rows: Rows) -> Rows:
     """Take at most so many cases of each class."""
     parts = [rows[cohort.y[rows] == k] for k in np.unique(cohort.y[rows])]
     return np.sort(np.concatenate([mine[:: -(-len(mine) // _MOST_COMPARED)] for mine in parts]))
 
 
-def _weights(tried: Sequence[_Tried], groups: Rows) -> Array:
+def _weights(kinds: Sequence[str], losses: Array, groups: Rows) -> Array:
     """Weigh tables by the losses of cases left out, (tables,) float64.
 
     Two whose losses differ by less than chance share their weight.
+
+    Parameters
+    ----------
+    kinds : sequence of str
+        What each reads.
+    losses : (tables, cases) float64, nats
+    groups : (cases,) int64
 
     Notes
     -----
@@ -203,14 +170,11 @@ def _weights(tried: Sequence[_Tried], groups: Rows) -> Array:
     Using stacking to average Bayesian predictive distributions, Bayesian Analysis, 2018.
     """
     _, place, counts = np.unique(groups, return_inverse=True, return_counts=True)
-    losses = np.zeros((len(tried), len(counts)))
-    for k, one in enumerate(tried):
-        np.add.at(losses[k], place, np.minimum(one.losses, 30.0))
+    of_groups = np.array([np.bincount(place, np.minimum(own, 30.0)) for own in losses])
     rng = np.random.default_rng(0)
     draws = rng.dirichlet(np.ones(len(counts)), _N_DRAWS) * len(counts)
-    reads_cavity = any(one.extractor.what == VOLUME for one in tried)
-    prior = np.array([_PRIOR[one.extractor.what] * reads_cavity for one in tried])
-    logs = prior - _POWER * draws @ losses.T
+    prior = np.array([_PRIOR[kind] * (VOLUME in kinds) for kind in kinds])
+    logs = prior - _POWER * draws @ of_groups.T
     shares = np.exp(logs - logs.max(axis=1, keepdims=True))
     return np.asarray((shares / shares.sum(axis=1, keepdims=True)).mean(axis=0))
 
@@ -221,22 +185,8 @@ Fold = tuple[NDArray[np.int64], NDArray[np.int64]]
 # Of groups of which each is held out by itself.
 _MOST_GROUPS: Final = 20
 
-_HOW: Final = (
-    "Give a splitter of scikit-learn that predicts each case once, such as StratifiedGroupKFold or "
-    "LeaveOneGroupOut, or a list of pairs (cases to fit to, cases to predict) of indices from 0."
-)
-
-
-@runtime_checkable
-class Splitter(Protocol):
-    """What scikit-learn calls a cross-validation generator."""
-
-    def split(self, X: Any, y: Any, groups: Any) -> Iterable[tuple[Any, Any]]:
-        """Give the indices of the cases to fit to and to predict, for each fold."""
-
-
-Folds = Splitter | Iterable[tuple[Any, Any]]
-"""Folds of the user's own."""
+Folds = Sequence[int] | Rows
+"""For each case the number of the fold in which it is predicted."""
 
 
 class Splits(NamedTuple):
@@ -267,15 +217,10 @@ def split_cases(cohort: Cohort, options: TrainingOptions, cv: Folds | None = Non
     if cv is not None:
         own = _own_folds(cv, cohort)
         return Splits([own], not _torn(own, cohort.groups), _notes_on_own(own, cohort))
-    first, is_grouped, notes = _drawn(cohort, options, 0)
-    repetitions = [first] if first else []
-    for number in range(1, options.repetitions):
-        again = _drawn(cohort, options, number)[0]
-        # Folds that the seed does not change say nothing new.
-        if not first or _held_out(again) == _held_out(first):
-            break
-        repetitions.append(again)
-    return Splits(repetitions, is_grouped, notes)
+    drawn = [_drawn(cohort, options, number) for number in range(options.repetitions)]
+    # Folds that the seed does not change say nothing new.
+    repetitions = {_held_out(folds): folds for folds, _, _ in drawn if folds}
+    return Splits(list(repetitions.values()), *drawn[0][1:])
 
 
 def _drawn(
@@ -332,51 +277,25 @@ def _better_folds(folds: list[Fold], cohort: Cohort, options: TrainingOptions) -
     return folds
 
 
-def _held_out(folds: Sequence[Fold]) -> set[tuple[int, ...]]:
-    return {tuple(outer.tolist()) for _, outer in folds}
+def _held_out(folds: Sequence[Fold]) -> frozenset[tuple[int, ...]]:
+    return frozenset(tuple(outer.tolist()) for _, outer in folds)
 
 
 def _own_folds(cv: Folds, cohort: Cohort) -> list[Fold]:
     """Take the user's own folds of the cases that count; those left out or repeated are missing."""
-    n, rows = cohort.n_given, np.full(cohort.n_given, -1)
-    rows[cohort.numbers] = np.arange(len(cohort))
-    try:
-        with warnings.catch_warnings():
-            # A splitter that does not look at groups says so.
-            warnings.simplefilter("ignore", UserWarning)
-            if isinstance(cv, Splitter):
-                labels = np.array([cohort.classes[k] for k in cohort.y])
-                pairs = cv.split(np.arange(len(cohort))[:, None], labels, cohort.groups)
-                rows, n = np.arange(len(cohort)), len(cohort)
-            else:
-                pairs = cv
-            found = [
-                [np.array([range(n).index(k) for k in part], dtype=np.int64) for part in pair]
-                for pair in pairs
-            ]
-        sides = [(rows[inner], rows[outer]) for inner, outer in found]
-    except (TypeError, ValueError, IndexError) as error:
+    numbers, n = np.asarray(cv), cohort.n_given
+    if numbers.shape != (n,):
         raise ParameterError(
-            f"'cv' gives no folds of cases numbered 0 to {n - 1}: {error}.", remedy=_HOW
-        ) from error
-    folds = [(inner[inner >= 0], outer[outer >= 0]) for inner, outer in sides]
-    folds = [(inner, outer) for inner, outer in folds if len(outer)]
-    counts = np.zeros(len(cohort), dtype=np.int64)
-    faults = []
-    for k, (inner, outer) in enumerate(folds):
-        np.add.at(counts, outer, 1)
-        if len(both := np.intersect1d(inner, outer)):
-            faults.append(
-                f"fold {k + 1} both fits to and predicts the case {cohort.numbers[both[0]]}"
-            )
-        elif len(np.unique(cohort.y[inner])) < 2:
-            faults.append(f"fold {k + 1} leaves fewer than two classes to fit to")
-    faults += [
-        f"the case {cohort.numbers[row]} is predicted {counts[row]} times"
-        for row in np.flatnonzero(counts != 1)
-    ]
-    if faults:
-        raise ParameterError(f"'cv' cannot be used: {faults[0]}.", remedy=_HOW)
+            f"'cv' has the shape {numbers.shape}, for {counted(n, 'case')}.",
+            remedy="Give for each case the number of the fold in which it is predicted.",
+        )
+    own = numbers[cohort.numbers]
+    folds = [(np.flatnonzero(own != k), np.flatnonzero(own == k)) for k in np.unique(own)]
+    if len(folds) < 2 or _least_classes(folds, cohort.y) < 2:
+        raise ParameterError(
+            "'cv' leaves fewer than two classes to fit to in one fold.",
+            remedy="Spread the cases of each class over the folds.",
+        )
     return folds
 
 

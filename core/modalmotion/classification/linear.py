@@ -15,8 +15,6 @@ _N_FOLDS: Final = 10
 _LIMITS: Final = (0.05, 400.0)
 # What is constant has no variance, and would make the covariance singular.
 _LEAST: Final = 1e-9
-# Share of its deviation that a feature is taken to have within the classes, at least.
-_LEAST_WITHIN: Final = 0.1
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -46,8 +44,7 @@ class Linear(NamedTuple):
 def discriminant(X: Array, y: Labels, n_classes: int) -> Linear:
     """Log p(k | x) up to a constant, by classes of one shrunk covariance.
 
-    z' S^-1 m_k - m_k' S^-1 m_k / 2 + log prior_k, of features z of unit variance within the classes
-    and class means m_k.
+    z' S^-1 m_k - m_k' S^-1 m_k / 2 + log prior_k, of scaled features z and class means m_k.
 
     Parameters
     ----------
@@ -65,15 +62,17 @@ def discriminant(X: Array, y: Labels, n_classes: int) -> Linear:
 
     Features are scaled by their deviation within the classes. Scaled by that of all cases, one that
     separates the classes would vary little about their means, and shrinkage, which makes variances
-    alike, would take most of its weight.
+    alike, would take most of its weight. The degrees of freedom that the means of K classes take
+    from n cases are taken to vary as all cases do: scale^2 = ((n - K) within^2 + (K - 1) overall^2)
+    / (n - 1).
     """
-    centre, spread = X.mean(axis=0), X.std(axis=0)
-    within = (X - class_means(X, y, n_classes)[y]).std(axis=0)
-    scale = np.where(
-        spread > 1e-12 * np.abs(X).max(axis=0), np.maximum(within, _LEAST_WITHIN * spread), np.inf
-    )
-    z = (X - centre) / scale
     counts = np.bincount(y, minlength=n_classes)
+    centre, variances = X.mean(axis=0), X.var(axis=0)
+    within = (X - class_means(X, y, n_classes)[y]).var(axis=0)
+    share = ((counts > 0).sum() - 1) / (len(y) - 1)
+    constant = variances <= (1e-12 * np.abs(X).max(axis=0)) ** 2
+    scale = np.where(constant, np.inf, np.sqrt(within + share * (variances - within)))
+    z = (X - centre) / scale
     means = class_means(z, y, n_classes)
     W = _solved(z - means[y], means.T)
     prior = np.maximum(counts, 1e-3)

@@ -7,11 +7,17 @@ import json
 import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 from modalmotion.classification.card import ModelCard
 from modalmotion.classification.intervals import Interval
 from modalmotion.classification.model_files import DEFAULT_MODEL, OFFSET_MODEL
+
+# Facts for registries, in YAML.
+_HEAD: Final = """---
+library_name: modalmotion
+tags: [modalmotion, motion, mesh, medical, not-a-medical-device]
+---"""
 
 # What would be read as Markdown or as a table, in texts of others.
 _MARKS: Final = re.compile(r"([\\`*_{}\[\]|#~$])")
@@ -25,7 +31,7 @@ def card_markdown(
     version: int | None = None,
     file: str | None = None,
 ) -> str:
-    """Write a card as Markdown with a YAML head (`model-index`), for people and for registries.
+    """Write a card as Markdown with a YAML head, for people and for registries.
 
     Parameters
     ----------
@@ -43,7 +49,7 @@ def card_markdown(
     """
     reference = name if version is None else f"{name}@{version}"
     parts = [
-        _head(name, card),
+        _HEAD,
         f"# {_plain(reference)}",
         f"Classifies the motion of a surface: {_listed(card.classes)}. Model id `{model_id}`.",
         "## Intended use",
@@ -86,46 +92,17 @@ def _use(name: str, version: int | None, file: str | None) -> list[str]:
     return [f"```sh\nmodalmotion classify beat.npz --model {shlex.quote(place)}\n```", words]
 
 
-def _head(model: str, card: ModelCard) -> str:
-    """Facts for machines; JSON is YAML too, so that no text can break out of its place."""
-    facts: dict[str, Any] = {
-        "library_name": "modalmotion",
-        "tags": ["modalmotion", "motion", "mesh", "medical", "not-a-medical-device"],
-    }
-    measured = [
-        {"type": kind, "name": name, "value": value} for kind, name, value, _ in _metrics(card)
-    ]
-    if measured:
-        facts["model-index"] = [
-            {
-                "name": model,
-                "results": [
-                    {
-                        "task": {"type": "other", "name": "Motion classification"},
-                        "dataset": {
-                            "type": card.training_set,
-                            "name": "Training cases, cross-validated",
-                        },
-                        "metrics": measured,
-                    }
-                ],
-            }
-        ]
-    lines = [f"{key}: {json.dumps(value, allow_nan=False)}" for key, value in facts.items()]
-    return "\n".join(["---", *lines, "---"])
-
-
-def _metrics(card: ModelCard) -> list[tuple[str, str, float, Interval | None]]:
-    """Kinds of figures, as registries call them, with their names, values and intervals."""
+def _metrics(card: ModelCard) -> list[tuple[str, float, Interval | None]]:
+    """Names of figures, with their values and intervals."""
     every = [
-        ("accuracy", "Accuracy", card.accuracy, card.accuracy_interval),
-        ("balanced_accuracy", "Balanced accuracy", card.balanced_accuracy, None),
-        ("roc_auc", "AUC, macro", card.auc, card.auc_interval),
-        ("log_loss", "Log loss", card.log_loss, card.log_loss_interval),
-        ("brier_score", "Brier score", card.brier, card.brier_interval),
-        ("calibration_error", "Expected calibration error", card.calibration_error, None),
+        ("Accuracy", card.accuracy, card.accuracy_interval),
+        ("Balanced accuracy", card.balanced_accuracy, None),
+        ("AUC, macro", card.auc, card.auc_interval),
+        ("Log loss", card.log_loss, card.log_loss_interval),
+        ("Brier score", card.brier, card.brier_interval),
+        ("Expected calibration error", card.calibration_error, None),
     ]
-    return [(kind, name, value, ends) for kind, name, value, ends in every if value is not None]
+    return [(name, value, ends) for name, value, ends in every if value is not None]
 
 
 def _evaluation(card: ModelCard) -> list[str]:
@@ -134,10 +111,10 @@ def _evaluation(card: ModelCard) -> list[str]:
     apart = (
         "No subject was on both sides" if card.is_grouped else "Cases were kept apart, subjects not"
     )
-    rows = [(name, *_figure((value, *(ends or ())))) for _, name, value, ends in _metrics(card)]
+    rows = [(name, *_figure((value, *(ends or ())))) for name, value, ends in _metrics(card)]
     by_class = (card.sensitivity, card.specificity, card.class_auc)
     return [
-        f"Cross-validation, {max(len(card.repetitions), 1)} times. {apart}.",
+        f"Cross-validation, {max(card.repetitions, 1)} times. {apart}.",
         _table(("figure", "value", "95 % interval"), rows),
         _table(
             ("class", "sensitivity", "specificity", "AUC"),

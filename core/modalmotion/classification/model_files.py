@@ -31,7 +31,7 @@ from modalmotion.mesh import Facts
 from modalmotion.representation import shown
 from modalmotion.signature.parameters import parameters_from_json
 
-FORM: Final = Form("model", 10)
+FORM: Final = Form("model", 11)
 
 _LARGEST: Final = 512 * 2**20
 

@@ -13,7 +13,7 @@ from modalmotion.modes.topology import MESH, Topology
 from modalmotion.representation import shown
 from modalmotion.signature.making import MOST_MODES, SignatureKind, SignatureParameters
 
-MODE_COUNTS: Final = (7, 12, 18)
+MODE_COUNTS: Final = (7, 18)
 """Numbers of modes that training weighs, where none is stated."""
 
 _RANGES: Final = {
@@ -50,8 +50,8 @@ class TrainingOptions:
     Parameters
     ----------
     modes : int or None
-        Of the signatures; see `SignatureParameters`. Features of the first 7 and 12 of them are
-        weighed, too. None for 18, or as many as every recording can resolve.
+        Of the signatures; see `SignatureParameters`. Features of the first 7 of them are weighed,
+        too. None for 18, or as many as every recording can resolve.
     topology : str or None
         Of the signatures: None lets the cases decide, all together. "mesh" for spring modes.
     kind : SignatureKind or None

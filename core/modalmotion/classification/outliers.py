@@ -47,6 +47,9 @@ _LARGEST_STEP: Final = 0.6
 # Where the image of a class is nearer to another than this share of its distance from the class
 # itself, the one is the image of the other, and an image is no fault.
 _IMAGE: Final = 1.0 / 3.0
+# Standard deviations by which a mirror image, and reversed time, must fit better to be named: sound
+# time courses may be nearly symmetric, and then neither order of frames fits.
+_NEARER: Final = (0.0, 1.0)
 # A motion so small has no kind; its logarithm is still a number.
 _NO_MOTION: Final = 1e-12
 
@@ -209,14 +212,18 @@ class OutlierDetector:
 
     def scores(self, inputs: Inputs) -> Array:
         """Scores of `CHECKS`, (cases, checks): the larger, the stranger."""
-        nearest = self.distances(inputs.kinds).min(axis=1)
-        apart = (inputs.kinds[:, None] - self.means) @ self.directions.T
-        beside = np.take_along_axis(apart, np.abs(apart).argmin(axis=1)[:, None], axis=1)[:, 0]
-        # What is no nearer to a class turned round is as it should be.
+        nearest, found = self.distances(inputs.kinds).min(axis=1), []
         for k, signs in enumerate(self.signs):
-            is_upright = self.distances(inputs.kinds * signs).min(axis=1) >= nearest
-            beside[is_upright, k] = np.maximum(beside[is_upright, k], 0.0)
-        return np.stack([nearest, self._from_places(inputs.places), *-beside.T], axis=1)
+            as_it_is, turned = (self._short(x, k) for x in (inputs.kinds, inputs.kinds * signs))
+            is_image = as_it_is - np.maximum(turned, 0.0) > _NEARER[k]
+            found.append(np.where(is_image, as_it_is, np.minimum(as_it_is, 0.0)))
+        return np.stack([nearest, self._from_places(inputs.places), *found], axis=1)
+
+    def _short(self, kinds: Array, k: int) -> Array:
+        """Give how far kinds fall short of the nearest class along a direction, (cases,)."""
+        apart = (self.means - kinds[:, None]) @ self.directions[k]
+        nearest = np.abs(apart).argmin(axis=1)
+        return np.asarray(np.take_along_axis(apart, nearest[:, None], axis=1)[:, 0])
 
     def flags(self, motion: Motion) -> tuple[Flag, ...]:
         """Flag a recording for what speaks against an answer."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -187,24 +187,6 @@ def performance(answers: Answers, *, abstains: bool = False) -> Performance:
         ),
         calibration_error=float(np.mean([calibration_error(curve) for curve in curves])),
     )
-
-
-def spread(answers: Answers) -> tuple[dict[str, float | None], ...]:
-    """Give the figures of each repetition alone: accuracy, AUC, log loss, Brier score, ECE."""
-    figures = []
-    for shares, labels in zip(answers.probabilities, answers.labels, strict=True):
-        alone = replace(answers, probabilities=shares[None], labels=labels[None])
-        curve, area = calibration_curve(shares.max(axis=1), alone.right[0]), macro_area(alone)[0]
-        figures.append(
-            {
-                "accuracy": float(alone.right.mean()),
-                "auc": area and area.value,
-                "log_loss": float(alone.log_losses.mean()),
-                "brier": float(alone.briers.mean()),
-                "calibration_error": calibration_error(curve),
-            }
-        )
-    return tuple(figures)
 
 
 def _by_class(

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.feature_extraction import DictVectorizer
 from sklearn.utils.validation import check_is_fitted
 
 from modalmotion.classification.answer import fitted_in, unlike
-from modalmotion.classification.cases import TrainingCase, named
+from modalmotion.classification.cases import TrainingCase, as_case, named
 from modalmotion.classification.cohort import alike, readable_of
 from modalmotion.classification.model import Readable
 from modalmotion.classification.motion import Motion
@@ -43,6 +43,11 @@ ALL: Final = "all"
 
 # A covariate of more words is a name or a remark.
 _MOST_WORDS: Final = 20
+
+# Between a covariate and a word that it is: no name contains it.
+_WORD: Final = "\0"
+
+Covariates = Mapping[str, float | str]
 
 Array = NDArray[np.float64]
 
@@ -146,8 +151,10 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         """Names of the columns, (features,) object."""
         del input_features
         check_is_fitted(self)
-        names = [*self._names, *(_column_name(column) for column in self._covariates)]
-        return np.array(names, dtype=object)
+        covariates = [
+            f"covariate {name.replace(_WORD, '=')}" for name in self._words.feature_names_
+        ]
+        return np.array([*self._names, *covariates], dtype=object)
 
     @property
     def signature_parameters(self) -> SignatureParameters:
@@ -174,7 +181,10 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         self.extractor_ = self._chosen(motions)
         self._names = [column.name for column in self.extractor_.columns(motions[0])]
         covariates = [signature.facts.covariates for signature in signatures]
-        self._covariates = _covariate_columns(covariates, self.covariates)
+        self._covariates = _chosen_covariates(covariates, self.covariates)
+        self._words = DictVectorizer(separator=_WORD, sparse=False).fit(
+            map(self._stated, signatures)
+        )
         return signatures
 
     def _chosen(self, motions: list[Motion]) -> Extractor:
@@ -192,28 +202,20 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         return Extractor(kind, is_cycle, n, walls)
 
     def _table(self, signatures: list[ModalSignature]) -> Array:
-        n, rows = self.readable_.n_modes, []
-        for signature in signatures:
-            own = self.extractor_.values(Motion(first_modes(signature, n)))
-            stated = signature.facts.covariates
-            rows.append([*own, *(_covariate(column, stated) for column in self._covariates)])
-        return np.array(rows).reshape(len(rows), len(self._names) + len(self._covariates))
+        n, stated = self.readable_.n_modes, list(map(self._stated, signatures))
+        own = [self.extractor_.values(Motion(first_modes(one, n))) for one in signatures]
+        columns = [name.split(_WORD)[0] for name in self._words.feature_names_]
+        is_known = [[name in case for name in columns] for case in stated]
+        values = np.where(is_known, self._words.transform(stated), np.nan)
+        return np.concatenate([np.array(own), values.reshape(len(own), -1)], axis=1)
+
+    def _stated(self, signature: ModalSignature) -> Covariates:
+        stated = signature.facts.covariates
+        return {name: stated[name] for name in self._covariates if name in stated}
 
 
 def _cases(X: Iterable[Any]) -> list[TrainingCase]:
-    """Take recordings for cases; what has no name is called by its number."""
-    cases: list[TrainingCase] = []
-    for number, item in enumerate(X):
-        one = item.read() if hasattr(item, "read") else item
-        if isinstance(one, MeshSequence | ModalSignature):
-            one = TrainingCase(one, "")
-        if not isinstance(one, TrainingCase):
-            raise ParameterError(
-                f"Item {number} is a {type(one).__name__}, which is no recording.",
-                remedy="Give ModalSignatures, MeshSequences or TrainingCases.",
-                details={"case": number},
-            )
-        cases.append(one if one.name else replace(one, name=f"Item {number}"))
+    cases = [as_case(item, number) for number, item in enumerate(X)]
     if not cases:
         raise ParameterError("There is no recording to read.", remedy="Give at least one.")
     return cases
@@ -237,17 +239,19 @@ def _in_basis(case: TrainingCase, readable: Readable) -> ModalSignature:
     return signature
 
 
-def _covariate_columns(
-    cases: Sequence[Mapping[str, float | str]], wanted: str | Sequence[str] | None
-) -> list[tuple[str, str | None]]:
-    """Choose the columns of covariates: a name, and the word that it is where it is a word."""
-    known: dict[str, list[float | str]] = {}
+def _chosen_covariates(
+    cases: Sequence[Covariates], wanted: str | Sequence[str] | None
+) -> tuple[str, ...]:
+    """Choose covariates; of all of them none that is a name or a remark."""
+    known: dict[str, set[str]] = {}
     for case in cases:
         for name, value in case.items():
-            known.setdefault(name, []).append(value)
+            known.setdefault(name, set()).update([value] if isinstance(value, str) else [])
     if wanted is None:
-        return []
-    names = sorted(known) if wanted == ALL else [wanted] if isinstance(wanted, str) else wanted
+        return ()
+    if wanted == ALL:
+        return tuple(sorted(name for name, words in known.items() if len(words) <= _MOST_WORDS))
+    names = (wanted,) if isinstance(wanted, str) else tuple(wanted)
     unknown = [str(name) for name in names if name not in known]
     if unknown:
         raise ParameterError(
@@ -255,27 +259,4 @@ def _covariate_columns(
             remedy=f"Use {ALL!r}, or some of: {', '.join(sorted(known)) or 'there is none'}.",
             details={"covariates": sorted(known)},
         )
-    columns: list[tuple[str, str | None]] = []
-    for name in names:
-        words = sorted({str(value) for value in known[name]})
-        if not any(isinstance(value, str) for value in known[name]):
-            columns.append((name, None))
-        elif wanted != ALL or len(words) <= _MOST_WORDS:
-            columns += [(name, word) for word in words]
-    return columns
-
-
-def _column_name(column: tuple[str, str | None]) -> str:
-    name, word = column
-    return f"covariate {name}" + ("" if word is None else f"={word}")
-
-
-def _covariate(column: tuple[str, str | None], stated: Mapping[str, float | str]) -> float:
-    """Value of a case; NaN where the covariate is unknown, or is a word and no number."""
-    name, word = column
-    value = stated.get(name)
-    if value is None:
-        return float("nan")
-    if word is not None:
-        return float(str(value) == word)
-    return float("nan") if isinstance(value, str) else float(value)
+    return names

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from contextlib import contextmanager
@@ -21,17 +22,17 @@ from modalmotion.classification.fitting import (
     Fold,
     Folds,
     Splits,
-    Tables,
     better,
     fit_rows,
     split_cases,
+    tables_of,
 )
 from modalmotion.classification.linear import softmax
 from modalmotion.classification.model import Model, holds, share_ranges, strangeness_of
 from modalmotion.classification.motion_features import AXIS, WAVES, volume_share
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.outliers import OutlierDetector, detector_for
-from modalmotion.classification.performance import METHODS, CrossValidation, performance, spread
+from modalmotion.classification.performance import METHODS, CrossValidation, performance
 from modalmotion.errors import ParameterError, needs_extra
 from modalmotion.hdf5.image import INTENDED_USE
 
@@ -71,8 +72,8 @@ def train(
     options : TrainingOptions, optional
     progress : callable, optional
         Called with the share that is done, 0 to 1, and the current step.
-    cv : splitter of scikit-learn or iterable of (indices, indices), optional
-        Folds of your own that predict each case once; indices count the cases from 0.
+    cv : sequence of int, optional
+        Folds of your own: for each case the number of the fold in which it is predicted.
     offsets : iterable of TrainingCase or CaseSource, optional
         The same cases with their signatures of the kind offset, where `cases` are signatures and
         both kinds are to be weighed. Sequences are fitted in both by themselves.
@@ -191,7 +192,7 @@ class _Result(NamedTuple):
     ----------
     final : Fit
     folds : list of (Fit, (cases, classes) float64)
-        Of all repetitions, with the scores of the cases that are predicted.
+        Of all repetitions, without their tables, and the scores of the cases that are predicted.
     detector : OutlierDetector
         With its limits.
     """
@@ -202,13 +203,11 @@ class _Result(NamedTuple):
 
 
 def _fitted(cohort: Cohort, splits: Splits, options: TrainingOptions) -> _Result:
-    tables, folds = Tables(cohort, options), []
-    for inner, outer in _all_folds(splits):
-        fit = fit_rows(tables, inner)
-        # The features of a fold's tables are not kept.
-        slim = tuple(table._replace(X=np.zeros((0, 0))) for table in fit.tables)
-        folds.append((replace(fit, tables=slim), fit.scores(outer)))
-    simplest = tables.read[0]
+    tables, folds = tables_of(cohort, options), []
+    for inner, outer in itertools.chain(*splits.repetitions):
+        fit = fit_rows(cohort, tables, inner)
+        folds.append((replace(fit, tables=()), fit.scores(outer)))
+    simplest = tables[0].extractor
     what = AXIS if simplest.what == AXIS else WAVES
     detector = detector_for(
         cohort.motions,
@@ -217,11 +216,7 @@ def _fitted(cohort: Cohort, splits: Splits, options: TrainingOptions) -> _Result
         splits.repetitions[0] if splits.repetitions else (),
         cohort.groups if splits.is_grouped else np.arange(len(cohort)),
     )
-    return _Result(fit_rows(tables, np.arange(len(cohort))), folds, detector)
-
-
-def _all_folds(splits: Splits) -> list[Fold]:
-    return [fold for repetition in splits.repetitions for fold in repetition]
+    return _Result(fit_rows(cohort, tables, np.arange(len(cohort))), folds, detector)
 
 
 def _held_out(results: Sequence[_Result], splits: Splits, cohort: Cohort) -> CrossValidation | None:
@@ -259,12 +254,12 @@ def _model(
     notes: tuple[str, ...],
 ) -> Model:
     tables, example, n = result.final.tables, cohort.motions[0], len(cohort.classes)
-    X = np.concatenate([table.X for table in tables], axis=1)
+    X = np.concatenate([one.table.X for one in tables], axis=1)
     shares = np.array([volume_share(motion) for motion in cohort.motions])
     strangeness: tuple[Array, ...] = tuple(np.zeros(0) for _ in cohort.classes)
     if held_out is not None:
         strangeness = strangeness_of(held_out.probabilities[0], cohort.y)
-    extractors = tuple(table.extractor for table in tables)
+    extractors = tuple(one.table.extractor for one in tables)
     return Model(
         name=name,
         classes=cohort.classes,
@@ -306,7 +301,7 @@ def _card(
     people = dict.fromkeys(zip(labels, cohort.subjects, strict=True))
     counts = Counter(labels), Counter(label for label, _ in people)
     n_cases, n_subjects = (dict(sorted(count.items())) for count in counts)
-    features = tuple((name, round(weight, 3)) for name, weight in fit.choices)
+    features = tuple((one.table.extractor.description, round(one.weight, 3)) for one in fit.tables)
     card = ModelCard(
         classes=cohort.classes,
         training_set=cohort.hash,
@@ -334,8 +329,7 @@ def _card(
     )
     if held_out is None:
         return card, ()
-    answers = held_out.answers()
-    figures = performance(answers)
+    figures = performance(held_out.answers())
     persons = np.unique(cohort.subjects, return_inverse=True)[1]
     tests = confounds(cohort.conditions, cohort.y, persons, options.seed)
     held, sizes = _cross_sets(cohort, splits.repetitions[0], held_out.probabilities[0])
@@ -349,7 +343,7 @@ def _card(
         card,
         **vars(figures),
         methods=METHODS,
-        repetitions=spread(answers),
+        repetitions=len(held_out.probabilities),
         confounds=tests,
         notes=(*card.notes, *confound_notes(tests)),
         class_coverage={
@@ -391,7 +385,7 @@ def _notes_on_few(n_cases: dict[str, int]) -> tuple[str, ...]:
 
 def _always(cohort: Cohort, fit: Fit) -> tuple[str, ...]:
     """Note in every answer what a user must know of what the model reads."""
-    if not any(table.extractor.reads_motion for table in fit.tables):
+    if not any(one.table.extractor.reads_motion for one in fit.tables):
         return ("The model reads the volume alone, not the motion of the surface.",)
     topology = cohort.motions[0].modes.topology
     if topology is not None and topology.closed_axes and not cohort.walls:
@@ -405,18 +399,14 @@ def _weighed_note(
     cohorts: Sequence[Cohort], results: Sequence[_Result], final: int
 ) -> tuple[str, ...]:
     """Note which basis a model reads if several were compared."""
-    if len(cohorts) < 2:
-        return ()
-    losses = ", ".join(
-        f"{cohort.basis} {result.final.losses.mean():.3f}"
-        for cohort, result in zip(cohorts, results, strict=True)
+    losses = (
+        f"{c.basis} {r.final.losses.mean():.3f}" for c, r in zip(cohorts, results, strict=True)
     )
     note = (
         f"The model reads {cohorts[final].basis}, weighed inside each fold by log losses within "
-        f"training ({losses}), which do not compare with the card's. State kind or topology to "
-        "decide otherwise."
+        f"training ({', '.join(losses)}). State kind or topology to decide otherwise."
     )
-    return (note,)
+    return (note,) if len(cohorts) > 1 else ()
 
 
 def _silent(share: float, text: str) -> None:

@@ -156,38 +156,20 @@ class Member(click.Choice[E]):
         return super().normalize_choice(text, ctx)
 
 
-class GridShape(click.ParamType[tuple[int, ...]]):
-    """A lattice shape such as 32,64."""
-
-    name = "N,N'"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, ...]:
-        """Read the numbers between commas."""
-        if isinstance(value, tuple):
-            return value
-        try:
-            return tuple(int(n) for n in str(value).split(","))
-        except ValueError:
-            self.fail(f"{value!r} is not a lattice shape; write it as 32,64.", param, ctx)
+def grid_shape(value: Any) -> tuple[int, ...]:
+    """Read a lattice shape such as 32,64."""
+    try:
+        return value if isinstance(value, tuple) else tuple(map(int, str(value).split(",")))
+    except ValueError:
+        raise click.BadParameter(f"{value!r} is not a lattice shape; write it as 32,64.") from None
 
 
-class ReferenceShape(click.ParamType[Reference]):
-    """A frame's number, or the mean shape."""
-
-    name = "FRAME|mean"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> Reference:
-        """Read a number or `MEAN`."""
-        if value == MEAN:
-            return MEAN
-        try:
-            return int(str(value))
-        except ValueError:
-            self.fail(f"{value!r} is not a frame; give its number, or {MEAN}.", param, ctx)
+def _reference(value: Any) -> Reference:
+    """Read a frame's number, or the mean shape."""
+    try:
+        return MEAN if value == MEAN else int(str(value))
+    except ValueError:
+        raise click.BadParameter(f"{value!r} is not a frame; give its number, or {MEAN}.") from None
 
 
 class Grouped(click.Option):
@@ -372,7 +354,7 @@ def _kind_of(hint: Any, *, is_repeated: bool = False) -> dict[str, Any]:
             kind |= one if isinstance(one, dict) else {"type": one}
         return kind
     if hint == Reference:
-        return {"type": ReferenceShape()}
+        return {"type": _reference, "metavar": "FRAME|mean"}
     if get_origin(hint) in (Union, UnionType):
         hint = next(one for one in get_args(hint) if one is not NoneType)
     if is_repeated:
@@ -384,7 +366,7 @@ def _kind_of(hint: Any, *, is_repeated: bool = False) -> dict[str, Any]:
     if get_origin(hint) is Literal:
         return {"type": click.Choice(get_args(hint), case_sensitive=False)}
     if get_origin(hint) is tuple:
-        return {"type": GridShape()}
+        return {"type": grid_shape, "metavar": "N,N'"}
     if isinstance(hint, type) and issubclass(hint, Enum):
         return {"type": Member(hint)}
     return {"type": hint if hint in (int, float) else str}

@@ -14,7 +14,6 @@ from modalmotion.cli.files import progress_bar
 from modalmotion.cli.options import (
     SEQUENCE,
     VENTRICLE,
-    GridShape,
     OutputFile,
     OutputFolder,
     command,
@@ -47,7 +46,7 @@ def simulate(
     output: Annotated[Path, OutputFile()],
     frames: int = 25,
     noise: float = 0.0,
-    grid: Annotated[Any, GridShape(), {"default": "32,64"}] = None,
+    grid: Annotated[tuple[int, ...] | None, {"default": "32,64"}] = None,
     vertices: int | None = None,
     seed: int = 0,
     image: ImageKind | None = None,
@@ -75,7 +74,7 @@ def simulate(
     image
         Images instead of a surface: a zip of NIfTI, with the true surface and landmarks.
     """
-    if len(grid) != 2:
+    if grid is None or len(grid) != 2:
         raise click.BadParameter("A ventricle's lattice has two axes.", param_hint="--grid")
     if image is not None:
         parts = _write_images(output, image, VentricleParameters(**parameters), frames, seed)

@@ -66,12 +66,14 @@ class Form:
         return sealed_image({**self.header(**more), **ids}, datasets)
 
     @contextmanager
-    def read(self, source: bytes | Path) -> Iterator[Contents]:
+    def read(self, source: bytes | Path, *, is_mapped: bool = False) -> Iterator[Contents]:
         """Read a sealed file; what is wrong with it inside the block becomes a CorruptFileError.
 
         Parameters
         ----------
         source : bytes or Path
+        is_mapped : bool
+            Whether datasets stay where they are, as maps of a file too large for memory.
 
         Raises
         ------
@@ -80,38 +82,28 @@ class Form:
         CorruptFileError
             If it is damaged, foreign, of another kind or written by another version.
         """
-        name, data = load_sealed(source)
-        with self._read(name, data) as contents:
-            yield contents
-
-    @contextmanager
-    def mapped(self, path: Path) -> Iterator[Contents]:
-        """Read a file too large for memory: its datasets are maps of it; errors as of `read`."""
-        require_sealed(path)
-        with self._read(f"'{path.name}'", path) as contents:
-            yield contents
-
-    @contextmanager
-    def _read(self, name: str, source: bytes | Path) -> Iterator[Contents]:
+        data: bytes | Path
+        if is_mapped and isinstance(source, Path):
+            require_sealed(source)
+            name, data = f"'{source.name}'", source
+        else:
+            name, data = load_sealed(source)
         with _explained(name, self.kind):
-            contents = contents_of(name, source)
-            self._require(contents)
+            contents = contents_of(name, data)
+            form = _form(contents)
+            if form.kind != self.kind:
+                raise CorruptFileError(
+                    f"{name} contains {form.kind[:80]!r}, not a {self.kind} of modalmotion.",
+                    remedy=f"Name a file that contains a {self.kind}.",
+                )
+            if form.version != self.version:
+                raise CorruptFileError(
+                    f"{name} has version {form.version} of its schema; this program reads "
+                    f"{self.version}.",
+                    remedy="Read it with the modalmotion that wrote it, or make it again.",
+                    details={"schema_version": form.version, "known": self.version},
+                )
             yield contents
-
-    def _require(self, contents: Contents) -> None:
-        form = _form(contents)
-        if form.kind != self.kind:
-            raise CorruptFileError(
-                f"{contents.name} contains {form.kind[:80]!r}, not a {self.kind} of modalmotion.",
-                remedy=f"Name a file that contains a {self.kind}.",
-            )
-        if form.version != self.version:
-            raise CorruptFileError(
-                f"{contents.name} has version {form.version} of its schema; this program reads "
-                f"{self.version}.",
-                remedy="Read it with the modalmotion that wrote it, or make it again.",
-                details={"schema_version": form.version, "known": self.version},
-            )
 
 
 def form_of(path: Path) -> Form:

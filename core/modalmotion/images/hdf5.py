@@ -72,7 +72,7 @@ def read_images_file(path: Path) -> ImageSequence:
     CorruptFileError
         If it is damaged, or no file of images.
     """
-    with FORM.mapped(path) as contents:
+    with FORM.read(path, is_mapped=True) as contents:
         return _images_in(contents)
 
 

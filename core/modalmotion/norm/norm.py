@@ -329,25 +329,25 @@ def covariate_table(covariates: Sequence[Mapping[str, float | str]], names: Sequ
 
 def _accounted_for(controls: Sequence[Reading], own: Reading) -> tuple[list[str], list[str]]:
     """Covariates that all controls state and that are accounted for, and why others are not."""
-    names, reasons = [], {}
-    for name in sorted(set.intersection(*(set(one.covariates) for one in controls))):
-        theirs, mine = {one.covariates[name] for one in controls}, own.covariates.get(name)
+    bag, names, notes = [one.covariates for one in (*controls, own)], list[str](), []
+    most = max(len(controls) // _PER_COLUMN - 1, 0)
+    for name in sorted(set.intersection(*(set(one) for one in bag[:-1]))):
+        theirs, mine = {one[name] for one in bag[:-1]}, bag[-1].get(name)
+        words = {isinstance(one, str) for one in {*theirs, mine}}
         if len(theirs) < 2:
             continue
         if mine is None:
-            reasons[name] = "it is not stated"
-        elif len({isinstance(one, str) for one in {*theirs, mine}}) > 1:
-            reasons[name] = "it is a word here and a number there"
-        elif isinstance(mine, str) and mine not in theirs:
-            reasons[name] = f"no control has {name} = {mine}"
+            reason = "it is not stated"
+        elif len(words) > 1 or (True in words and mine not in theirs):
+            reason = f"no control has {name} = {mine}"
+        elif covariate_table(bag, [*names, name]).shape[1] > most:
+            known = counted(len(controls), "control")
+            reason = f"{known} are enough for {most} columns of covariates"
         else:
             names.append(name)
-    most = max(len(controls) // _PER_COLUMN - 1, 0)
-    bag = [one.covariates for one in (*controls, own)]
-    while covariate_table(bag, names).shape[1] > most:
-        enough = f"{counted(len(controls), 'control')} are enough for {most} columns of covariates"
-        reasons[names.pop()] = enough
-    return names, [f"{name} is not accounted for: {why}." for name, why in reasons.items()]
+            continue
+        notes.append(f"{name} is not accounted for: {reason}.")
+    return names, notes
 
 
 def _quantities(bag: Sequence[Reading], covariates: Array) -> tuple[QuantityDeviation, ...]:

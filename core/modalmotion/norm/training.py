@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any, Final
 
 from modalmotion.classification.card import require_model_name
-from modalmotion.classification.cases import TrainingCase
+from modalmotion.classification.cases import TrainingCase, as_case
 from modalmotion.classification.cohort import alike
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import Facts
@@ -15,41 +15,11 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm.deviation import LEVEL, fewest_controls
 from modalmotion.norm.norm import Norm, reading_of
 from modalmotion.progress import Progress
-from modalmotion.representation import counted, shown
-from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
+from modalmotion.representation import counted
+from modalmotion.signature.making import SignatureKind, SignatureParameters
 
 FEWEST_CONTROLS: Final = 9
 """With fewer no p-value is as small as 1/10."""
-
-
-@shown("name", "subject")
-@dataclass(frozen=True, eq=False)
-class Control:
-    """A recording of somebody who is taken as usual.
-
-    Parameters
-    ----------
-    motion : MeshSequence or ModalSignature
-        From a signature alone no volume can be read.
-    subject : str or None
-        Who was recorded: a norm takes one recording of each.
-    name : str
-        What errors call it, such as the path of its file.
-    sequence : function, optional
-        Reads the recording that a signature was made from, for its volumes; None where its
-        vertices are not kept.
-    """
-
-    motion: MeshSequence | ModalSignature
-    subject: str | None = None
-    name: str = ""
-    sequence: Callable[[], MeshSequence | None] | None = None
-
-    def read_sequence(self) -> MeshSequence | None:
-        """Give the recording itself, where it is known."""
-        if isinstance(self.motion, MeshSequence):
-            return self.motion
-        return None if self.sequence is None else self.sequence()
 
 
 def train_norm(
@@ -68,10 +38,10 @@ def train_norm(
 
     Parameters
     ----------
-    controls : iterable of Control, TrainingCase, MeshSequence or ModalSignature
-        One recording of each person, or a source that reads one; labels are not read. From
-        signatures no volumes are read. Those with points that slide (`tracking="offset"`) are
-        read by their normal displacements.
+    controls : iterable of TrainingCase, CaseSource, MeshSequence or ModalSignature
+        One recording of each person; labels are not read. Volumes are read of sequences, and of
+        signatures whose case names its sequence. Those with points that slide
+        (`tracking="offset"`) are read by their normal displacements.
     name : str
         As models are named.
     modes : int
@@ -94,14 +64,13 @@ def train_norm(
     from modalmotion.classification.scikit_learn import SignatureFeatures
 
     require_model_name(name)
-    cases = [_control(number, one) for number, one in enumerate(controls)]
+    cases = [as_case(one, number) for number, one in enumerate(controls)]
     _require_people(cases)
     transformer = SignatureFeatures(modes=modes, topology=topology)
     parameters = parameters_of_controls(
         transformer.signature_parameters, (case.motion.facts for case in cases)
     )
-    recordings = [TrainingCase(case.motion, "", name=case.name) for case in cases]
-    signatures = alike(recordings, parameters)[0].signatures
+    signatures = alike(cases, parameters)[0].signatures
     transformer.fit(signatures)
     readings = []
     for number, (case, signature) in enumerate(zip(cases, signatures, strict=True)):
@@ -136,22 +105,7 @@ def parameters_of_controls(
     return parameters
 
 
-def _control(number: int, item: Any) -> Control:
-    one = item.read() if hasattr(item, "read") else item
-    if isinstance(one, TrainingCase):
-        one = Control(one.motion, one.subject, one.name)
-    if isinstance(one, MeshSequence | ModalSignature):
-        one = Control(one)
-    if not isinstance(one, Control):
-        raise ParameterError(
-            f"Item {number} is a {type(one).__name__}, which is no recording.",
-            remedy="Give Controls, MeshSequences, ModalSignatures or TrainingCases.",
-            details={"case": number},
-        )
-    return one if one.name else replace(one, name=f"control {number}")
-
-
-def _require_people(cases: list[Control]) -> None:
+def _require_people(cases: list[TrainingCase]) -> None:
     if len(cases) < FEWEST_CONTROLS:
         raise ParameterError(
             f"A norm of {counted(len(cases), 'control')} is too small.",

@@ -155,7 +155,7 @@ def _figure(
     panels = figure.subplots(
         n_rows, 2, squeeze=False, width_ratios=[side, 4.2], height_ratios=heights
     )
-    n_repetitions = max(1, len(measured.repetitions)) if isinstance(measured, ModelCard) else 1
+    n_repetitions = max(1, measured.repetitions) if isinstance(measured, ModelCard) else 1
     _draw_confusion(panels[0, 0], classes, measured.confusion)
     if n_repetitions > 1:
         panels[0, 0].set_title(
@@ -204,8 +204,8 @@ def _accuracy(card: ModelCard) -> str:
         low, high = card.accuracy_interval
         interval = f" (95 % interval {100 * low:.1f} to {100 * high:.1f})"
     how = "cross-validation by subject" if card.is_grouped else "cross-validation"
-    if len(card.repetitions) > 1:
-        how = f"{len(card.repetitions)} times {how}"
+    if card.repetitions > 1:
+        how = f"{card.repetitions} times {how}"
     return f"accuracy {100 * card.accuracy:.1f} %{interval}, {how}, {n_cases} cases"
 
 

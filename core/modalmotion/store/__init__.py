@@ -26,23 +26,17 @@ if TYPE_CHECKING:
     from modalmotion.mesh.hdf5 import sequence_to_hdf5 as sequence_to_hdf5
     from modalmotion.signature.hdf5 import signature_from_hdf5 as signature_from_hdf5
     from modalmotion.signature.hdf5 import signature_to_hdf5 as signature_to_hdf5
-    from modalmotion.store.backups import BackupReport as BackupReport
-    from modalmotion.store.backups import RestoreReport as RestoreReport
     from modalmotion.store.backups import backup as backup
     from modalmotion.store.backups import backup_time as backup_time
     from modalmotion.store.backups import restore as restore
     from modalmotion.store.disk import write_atomic as write_atomic
     from modalmotion.store.folder import UNSET as UNSET
     from modalmotion.store.folder import SequenceRecord as SequenceRecord
-    from modalmotion.store.folder import Unset as Unset
     from modalmotion.store.folder import record_of as record_of
     from modalmotion.store.folder import record_to_json as record_to_json
-    from modalmotion.store.images import ImagesPage as ImagesPage
     from modalmotion.store.images import ImagesRecord as ImagesRecord
     from modalmotion.store.images import images_record_of as images_record_of
     from modalmotion.store.index import SequencePage as SequencePage
-    from modalmotion.store.recovery import Fault as Fault
-    from modalmotion.store.recovery import Reconciliation as Reconciliation
     from modalmotion.store.recovery import VerifyReport as VerifyReport
     from modalmotion.store.recovery import rebuild as rebuild
     from modalmotion.store.recovery import verify as verify

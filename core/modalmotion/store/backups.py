@@ -24,13 +24,14 @@ from modalmotion.store.disk import (
     temporary_beside,
     write_atomic,
 )
-from modalmotion.store.folder import FOLDERS, Folder
+from modalmotion.store.folder import FOLDERS, RENDERED, Folder
 from modalmotion.store.index import now
 from modalmotion.store.recovery import existing_store
 
 FORM: Final = JsonForm("backup", 1, "Make a backup to the same folder once more.")
 
 _NOTE: Final = "backup.json"
+_NOT_COPIED: Final = (("sequences", ".deleted"), ("signatures", RENDERED))
 # Bytes at the end of a file among which its own digest is: the seal of HDF5, or of a record.
 _END: Final = 100
 
@@ -255,14 +256,14 @@ def _bring_up_to_date(
 def _files_of(folder: Path) -> list[PurePath]:
     """List what a backup has of a folder, sorted: its databases, and all files but a store's own.
 
-    Its own are locks, logs of databases, temporary files, and marks of deletions under way, which
-    hold records.
+    Its own are locks, logs of databases, temporary files, marks of deletions under way, which
+    contain records, and texts that are made of signatures again when they are missing.
     """
     return sorted(
         PurePath(path.relative_to(folder))
         for path in folder.rglob("*")
         if _is_copied(path.name)
-        and not (path.suffix == ".deleted" and path.parent.parent.name == "sequences")
+        and (path.parent.parent.name, path.suffix) not in _NOT_COPIED
         and path.is_file()
     )
 
@@ -294,8 +295,9 @@ def _copied(source: Path, copy: Path) -> bool:
         if not _is_same(source, copy):
             _copy(source, copy)
             return True
-        # It may have been deleted and put again: its time says so.
-        shutil.copystat(source, copy)
+        if source.stat().st_mtime_ns != copy.stat().st_mtime_ns:
+            # Deleted, perhaps, and put again since: only its time says so.
+            shutil.copystat(source, copy)
     except FileNotFoundError:
         # Deleted while the copy was made, or done with.
         if source.exists():

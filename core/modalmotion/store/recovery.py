@@ -212,50 +212,58 @@ def verify(root: Path, *, progress: Progress | None = None) -> VerifyReport:
             for place, (path_of, _) in _FILES.items()
             for name in getattr(scan, place)
         ]
-        unfinished = [folder.short(path) for path in scan.temporaries]
-        unfinished += [folder.short(folder.deletion(deleted)) for deleted in scan.deletions]
-        unfinished += [folder.short(folder.images(n)) for n in scan.images - scan.image_records]
-        orphans = [folder.short(path) for path in scan.foreign]
         n_bytes = 0
+        unfinished: list[Path] = []
         for number, (path, place, name) in enumerate(sorted(files, key=lambda file: file[0])):
             try:
                 n_bytes += path.stat().st_size
-                row = _FILES[place][1](path, name)
-                problem, is_certain = "", is_clean
-                if place == "uploads" and not (name in scan.records or name in scan.deletions):
-                    problem, is_certain = "Its record is missing.", True
-                elif place == "records" and row.has_upload and name not in scan.uploads:
-                    problem = "The vertices that it says are kept are missing."
-                elif place == "results" and name.sequence_id in scan.deletions:
-                    pass
-                elif place == "results" and name.sequence_id not in scan.records:
-                    orphans.append(folder.short(path))
-                elif place == "models" and name in scan.deleted_models:
-                    # What is noted as deleted and still there is removed by the next `open`.
-                    unfinished.append(folder.short(path))
-                elif place in known and known[place](name) != row:
-                    problem = "The index does not know it, or knows it otherwise."
-                if problem and is_certain:
+                problem = _problem(scan, known, place, name, _FILES[place][1](path, name))
+                if problem and (is_clean or place == "uploads"):
                     faults.append(Fault(folder.short(path), problem))
                 elif problem:
                     # A crash between two files, or file and index: it was never confirmed.
-                    unfinished.append(folder.short(path))
+                    unfinished.append(path)
             except StoreError as error:
                 faults.append(Fault(folder.short(path), error.message))
             except OSError as error:
                 faults.append(Fault(folder.short(path), str(error.strerror)))
             if progress is not None:
                 progress(number + 1, len(files))
+    unfinished += [
+        *scan.temporaries,
+        *map(folder.deletion, scan.deletions),
+        *map(folder.images, scan.images - scan.image_records),
+        *map(folder.model, scan.models & scan.deleted_models),
+    ]
+    known_ids = scan.records | scan.deletions
+    orphans = [folder.result(name) for name in scan.results if name.sequence_id not in known_ids]
     lost = "It is missing, though the index knows it."
     return VerifyReport(
         n_sequences=len(scan.records),
         n_results=len(scan.results),
         n_bytes=n_bytes,
         faults=(*faults, *(Fault(file, lost) for file in missing)),
-        unfinished=tuple(sorted(unfinished)),
-        orphans=tuple(sorted(orphans)),
+        unfinished=tuple(sorted(map(folder.short, unfinished))),
+        orphans=tuple(sorted(map(folder.short, [*scan.foreign, *orphans]))),
         n_models=len(scan.models),
     )
+
+
+def _problem(
+    scan: Scan, known: dict[str, Callable[[Any], Any]], place: str, name: Any, row: Any
+) -> str:
+    """Say what is wrong with a file that reads, among the others and in the index."""
+    if place == "uploads" and not (name in scan.records or name in scan.deletions):
+        return "Its record is missing."
+    if place == "records" and row.has_upload and name not in scan.uploads:
+        return "The vertices that it says are kept are missing."
+    is_listed = not (
+        (place == "results" and name.sequence_id not in scan.records)
+        or (place == "models" and name in scan.deleted_models)
+    )
+    if place in known and is_listed and known[place](name) != row:
+        return "The index does not know it, or knows it otherwise."
+    return ""
 
 
 def _index_faults(folder: Folder, index: Index, scan: Scan) -> tuple[list[str], list[str]]:

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from modalmotion.classification.answer import Classification
-from modalmotion.classification.answer_hdf5 import classification_to_hdf5, read_classification
+from modalmotion.classification.answer_hdf5 import read_classification
 from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
 from modalmotion.mesh import NO_FACTS
@@ -23,12 +23,11 @@ from modalmotion.store.folder import (
     SequenceRecord,
     is_id,
     is_key,
-    record_of,
     track_name,
 )
 from modalmotion.store.images import ImageStore
 from modalmotion.store.models import ModelStore, NormStore, TemplateStore
-from modalmotion.store.sequences import SequenceStore, upload_image
+from modalmotion.store.sequences import SequenceStore
 from modalmotion.tracking.hdf5 import read_track, track_to_hdf5
 from modalmotion.tracking.result import Track
 
@@ -38,36 +37,6 @@ class TrackStore(SequenceStore):
 
     Whoever deletes the sequence deletes the track, and the other way round: `delete_sequence`.
     """
-
-    def put_track(
-        self, track: Track, *, subject: str | None = None, label: str | None = None
-    ) -> bool:
-        """Keep a track and its sequence; of one sequence the first track stays.
-
-        Parameters
-        ----------
-        track : Track
-            With the facts of its sequence.
-        subject, label : str, optional
-            As for `put_sequence`.
-
-        Returns
-        -------
-        bool
-            True if the track was not known before.
-
-        Raises
-        ------
-        ParameterError
-            If subject or label cannot be kept.
-        StoreError
-            If it cannot be written; the store is as it was.
-        """
-        record = record_of(
-            track.sequence, created="", has_upload=True, subject=subject, label=label
-        )
-        images = {track_name(record.id): lambda: track_image(track)}
-        return self._put(record, lambda: upload_image(track.sequence), images)[1]
 
     def put_track_images(
         self,
@@ -93,12 +62,14 @@ class TrackStore(SequenceStore):
         record : SequenceRecord
             The stored one.
         is_new : bool
-            As `put_track` returns.
+            True if the track was not known before; of one sequence the first track stays.
 
         Raises
         ------
-        ParameterError, StoreError
-            As `put_track` does.
+        ParameterError
+            If subject or label cannot be kept.
+        StoreError
+            If it cannot be written; the store is as it was.
         CorruptFileError
             If an image has no sound seal.
         """
@@ -318,19 +289,17 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
         names = self._open_index().results()
         return [(one.sequence_id, one.key) for one in names if one.kind == "signature"]
 
-    def put_classification(self, classification: Classification, key: str) -> Path:
-        """Keep a classification; a stored one is not written again.
+    def put_classification_image(
+        self, image: bytes, sequence_id: str, model_id: str, key: str
+    ) -> Path:
+        """Keep a classification as `classification_to_hdf5` writes it; a stored one stays.
 
         Parameters
         ----------
-        classification : Classification
+        image : bytes
+        sequence_id, model_id : str
         key : str
             Of the parameters of the signature that was classified.
-
-        Returns
-        -------
-        Path
-            Of its HDF5 file.
 
         Raises
         ------
@@ -338,21 +307,6 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
             If its sequence is not known.
         StoreError
             If it cannot be written; the store is as it was.
-        """
-        image = classification_to_hdf5(classification, parameters_key=key)
-        return self.put_classification_image(
-            image, classification.sequence_id, classification.model_id, key
-        )
-
-    def put_classification_image(
-        self, image: bytes, sequence_id: str, model_id: str, key: str
-    ) -> Path:
-        """Keep a classification that another process has written with `classification_to_hdf5`.
-
-        Raises
-        ------
-        NotFoundError, StoreError
-            As `put_classification` does.
         """
         return self._put_result(ResultName("classification", sequence_id, model_id, key), image)
 

@@ -33,13 +33,7 @@ def test_the_head_is_as_registries_read_it(card: ModelCard) -> None:
     assert page == card_markdown("mine", "0" * 64, card, version=3)
     head = head_of(page)
     assert head["library_name"] == "modalmotion"
-    (index,) = head["model-index"]
-    (result,) = index["results"]
-    assert index["name"] == "mine"
-    assert {"task", "dataset", "metrics"} <= result.keys()
-    values = {one["type"]: one["value"] for one in result["metrics"]}
-    assert values["accuracy"] == card.accuracy
-    assert values["roc_auc"] == card.auc
+    assert f"| Accuracy | {card.accuracy:.3f} |" in page
     assert "# mine@3" in page
 
 

@@ -11,6 +11,7 @@ from classify_samples import curve, curves_model
 
 import modalmotion as mm
 from modalmotion.classification import Model, classify, load_model
+from modalmotion.classification.motion import Motion
 from modalmotion.classification.outliers import CHECKS, KNOWN_SHARE, with_limits
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.simulate import MotionClass, simulate_cohort
@@ -106,6 +107,16 @@ def test_frames_missing_within_a_cycle_are_noticed() -> None:
     assert share_flagged(lambda b: without_systole(b, rng), "incomplete cycle") >= 0.9
     every_second = share_flagged(lambda b: replace(b, vertices=b.vertices[::2], times=None))
     assert every_second <= 0.125
+
+
+def test_a_time_course_that_is_nearly_symmetric_is_not_reversed() -> None:
+    detector, asked = model().outliers, model().signature_parameters
+    for beat, _ in beats(1, seed=3):
+        inputs = detector.read(Motion(mm.modal_signature(beat, asked)))
+        for share, is_reversed in ((1.0, False), (-0.05, False), (-1.0, True)):
+            kinds = inputs.kinds * np.where(detector.signs[1] < 0, share, 1.0)
+            scores = detector.scores(inputs._replace(kinds=kinds))[0]
+            assert (scores > detector.limits)[CHECKS.index("reversed")] == is_reversed
 
 
 def test_classes_that_are_images_of_one_another_are_no_sign_of_an_image() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -18,7 +20,7 @@ from modalmotion.classification.intervals import (
 )
 from modalmotion.classification.intervals import roc_curve as our_roc_curve
 from modalmotion.classification.linear import softmax
-from modalmotion.classification.performance import Answers, performance, spread
+from modalmotion.classification.performance import Answers, performance
 
 CLASSES = ("a", "b", "c")
 
@@ -57,10 +59,14 @@ def test_figures_are_those_of_scikit_learn() -> None:
 
 def test_of_repetitions_the_figures_are_means_and_the_confusion_is_the_sum() -> None:
     given = answers(repetitions=3)
-    whole, alone = performance(given), spread(given)
+    whole = performance(given)
+    alone = [
+        performance(replace(given, probabilities=shares[None], labels=labels[None]))
+        for shares, labels in zip(given.probabilities, given.labels, strict=True)
+    ]
     for name in ("accuracy", "auc", "log_loss", "brier", "calibration_error"):
-        figures = [each[name] for each in alone]
-        assert getattr(whole, name) == pytest.approx(np.mean(np.array(figures, dtype=float)))
+        figures = [getattr(each, name) for each in alone]
+        assert getattr(whole, name) == pytest.approx(np.mean(figures))
     assert sum(map(sum, whole.confusion)) == 3 * len(given.y)
     trace = sum(whole.confusion[k][k] for k in range(3))
     assert whole.accuracy == pytest.approx(trace / (3 * len(given.y)))

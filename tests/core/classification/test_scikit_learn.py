@@ -53,9 +53,9 @@ def test_features_that_recordings_have_not_are_refused() -> None:
         SignatureFeatures(kind="terms").fit(cohort(4))
     with pytest.raises(ParameterError, match="'kind'"):
         SignatureFeatures(kind="pieces").fit(curves(3))
-    with pytest.raises(UnlikeCasesError, match="Item 0"):
+    with pytest.raises(UnlikeCasesError, match="case 0"):
         SignatureFeatures().fit(cohort(4)).transform(curves(1))
-    with pytest.raises(ParameterError, match="Item 1 is a str"):
+    with pytest.raises(ParameterError, match="Case 1 is a str"):
         SignatureFeatures().fit([curves(1)[0], "beat"])
 
 

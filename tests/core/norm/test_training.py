@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 from norm_controls import beat
 
+from modalmotion.classification import TrainingCase
 from modalmotion.errors import ModalMotionError, ParameterError
 from modalmotion.norm import Norm, train_norm
-from modalmotion.norm.training import Control
 from modalmotion.simulate import MotionClass
 
 BEATS = [beat(seed) for seed in range(9)]
@@ -17,7 +17,9 @@ BEATS = [beat(seed) for seed in range(9)]
 
 def test_any_form_of_a_recording_is_a_control() -> None:
     plain = train_norm(BEATS, "volunteers")
-    named = train_norm([Control(one, f"S{k}", f"{k}.npz") for k, one in enumerate(BEATS)], "named")
+    named = train_norm(
+        [TrainingCase(one, "", f"S{k}", f"{k}.npz") for k, one in enumerate(BEATS)], "named"
+    )
     assert isinstance(plain, Norm)
     assert [c.subject for c in named.controls] == [f"S{k}" for k in range(9)]
     assert plain.as_json()["groups"] == named.as_json()["groups"]
@@ -29,15 +31,15 @@ def test_too_few_or_one_person_twice_are_refused() -> None:
     with pytest.raises(ParameterError, match="A norm of 8 controls") as few:
         train_norm(BEATS[:8], "few")
     assert "at least 9" in few.value.remedy
-    with pytest.raises(ParameterError, match="control 9 and control 0 are recordings of one"):
+    with pytest.raises(ParameterError, match="case 9 and case 0 are recordings of one"):
         train_norm([*BEATS, BEATS[0]], "twice")
-    twice = [Control(one, f"S{k // 2}") for k, one in enumerate(BEATS)]
-    with pytest.raises(ParameterError, match="control 1 and control 0"):
+    twice = [TrainingCase(one, "", f"S{k // 2}") for k, one in enumerate(BEATS)]
+    with pytest.raises(ParameterError, match="case 1 and case 0"):
         train_norm(twice, "twice")
 
 
 def test_what_is_no_recording_is_named() -> None:
-    with pytest.raises(ParameterError, match="Item 3 is a str"):
+    with pytest.raises(ParameterError, match="Case 3 is a str"):
         train_norm([*BEATS[:3], "beat.npz"], "words")
     with pytest.raises(ParameterError, match="cannot be called"):
         train_norm(BEATS, "Our Norm")

@@ -11,6 +11,7 @@ from small_disk import small_disk
 from store_samples import (
     KEY,
     assert_same,
+    put_classification,
     sample_classification,
     sample_sequence,
     sample_signature,
@@ -147,7 +148,7 @@ def _put_signature(store: ResultStore) -> None:
 
 
 def _put_classification(store: ResultStore) -> None:
-    store.put_classification(sample_classification(sample_sequence(1).id), "0" * 16)
+    put_classification(store, sample_classification(sample_sequence(1).id), "0" * 16)
 
 
 def _update(store: ResultStore) -> None:

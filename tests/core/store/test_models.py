@@ -14,7 +14,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from norm_controls import drawn, norm_of
-from store_samples import KEY, sample_classification, sample_model, sample_sequence, tree
+from store_samples import (
+    KEY,
+    put_classification,
+    sample_classification,
+    sample_model,
+    sample_sequence,
+    tree,
+)
 
 from modalmotion.classification import Model, load_model
 from modalmotion.classification.model_files import read_kept_model
@@ -181,7 +188,7 @@ def test_what_a_deleted_model_said_stays(root: Path) -> None:
     with ResultStore(root) as store:
         record = store.model_record("wall-motion", 3)
         store.put_sequence(sequence)
-        store.put_classification(sample_classification(sequence.id, record.id), KEY)
+        put_classification(store, sample_classification(sequence.id, record.id), KEY)
         store.delete_model("wall-motion", 3)
         assert store.classifications(sequence.id) == ((record.id, KEY),)
         assert store.classification(sequence.id, record.id, KEY).label == "normal"

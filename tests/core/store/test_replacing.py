@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -84,10 +85,12 @@ def killed_before_step(number: int, root: Path, image: Path) -> bool:
 
 def test_a_process_that_is_killed_at_any_step_leaves_one_of_the_two(tmp_path: Path) -> None:
     found, number, is_killed = [], 0, True
+    made = tmp_path / "made" / "store"
+    made.parent.mkdir()
+    image = stored(made)
     while is_killed:
         root = tmp_path / str(number) / "store"
-        root.parent.mkdir()
-        image = stored(root)
+        shutil.copytree(made.parent, root.parent)
         is_killed = killed_before_step(number, root, image)
         found.append(the_one_that_is_there(root).id)
         number += 1
@@ -103,10 +106,12 @@ def test_a_disk_that_fails_at_any_step_leaves_the_store_as_it_was(
     tmp_path: Path, step: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     own, number, has_failed = getattr(os, step), 0, True
+    made = tmp_path / "made" / "store"
+    made.parent.mkdir()
+    image = stored(made)
     while has_failed:
         root = tmp_path / str(number) / "store"
-        root.parent.mkdir()
-        image = stored(root)
+        shutil.copytree(made.parent, root.parent)
         left = [number]
 
         def failing(*arguments: Any, left: list[int] = left, **options: Any) -> Any:

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from store_samples import (
+    put_classification,
     sample_classification,
     sample_sequence,
     sample_signature,
@@ -136,7 +137,7 @@ def test_numbers_and_tracks_follow_the_rows(root: Path) -> None:
         check(N, N + 1, [4, 1])
         store.delete_sequence(sample_sequence(4).id)
         check(N - 1, N - 1, [1])
-        store.put_classification(sample_classification(sample_sequence(1).id), "b" * 16)
+        put_classification(store, sample_classification(sample_sequence(1).id), "b" * 16)
         assert store.count()["classification"] == 1
         for number in (0, 1, 2, 3, 5):
             store.delete_sequence(sample_sequence(number).id)

@@ -17,6 +17,7 @@ from store_samples import (
     KEY,
     MODEL,
     assert_same,
+    put_classification,
     sample_classification,
     sample_sequence,
     sample_signature,
@@ -93,9 +94,9 @@ class StoreAndTwin(RuleBasedStateMachine):
         kept = self.twin.get(classification.sequence_id)
         if kept is None:
             with pytest.raises(NotFoundError):
-                self.store.put_classification(classification, KEY)
+                put_classification(self.store, classification, KEY)
         else:
-            self.store.put_classification(classification, KEY)
+            put_classification(self.store, classification, KEY)
             kept.classifications[MODEL, KEY] = classification
 
     @rule(which=WHICH, subject=NAMES | st.just(UNSET), label=NAMES | st.just(UNSET))

@@ -41,7 +41,7 @@ def test_a_trained_model_is_described_with_its_card(trained: Trained) -> None:
     assert len(card["training_set"]) == 64
     low, high = card["accuracy_interval"]
     assert 0 <= low <= card["accuracy"] <= high <= 1
-    assert len(card["repetitions"]) == 2
+    assert card["repetitions"] == 2
     assert sum(map(sum, card["confusion"])) == 2 * 2 * N_PER_CLASS
     assert set(card["sensitivity"]) == set(card["specificity"]) == set(model["classes"])
     for figure in (*card["sensitivity"].values(), *card["class_auc"].values()):

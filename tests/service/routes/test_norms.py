@@ -14,11 +14,11 @@ from norm_controls import beat
 from training_cohort import finished
 
 import modalmotion as mm
+from modalmotion.classification import TrainingCase
 from modalmotion.client import Client, RemoteError
 from modalmotion.formats import write_npz
 from modalmotion.mesh import Facts
 from modalmotion.norm import cohort_deviation, norm_from_hdf5, train_norm
-from modalmotion.norm.training import Control
 from modalmotion.simulate import MotionClass
 
 N_CONTROLS = 10
@@ -59,7 +59,9 @@ def kept(shared_client: TestClient, shared_data_dir: Path) -> Kept:
 
 
 def test_a_norm_of_kept_controls_is_the_librarys_own(kept: Kept) -> None:
-    own = train_norm([Control(one, f"v-{k}") for k, one in enumerate(CONTROLS)], "volunteers")
+    own = train_norm(
+        [TrainingCase(one, "", f"v-{k}") for k, one in enumerate(CONTROLS)], "volunteers"
+    )
     assert kept.norm == {**own.as_json(), "links": {"self": "/v1/norms/volunteers"}}
     assert kept.norm["has_volumes"]
     assert kept.norm["covariates"] == ["age"]

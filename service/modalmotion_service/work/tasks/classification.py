@@ -18,13 +18,12 @@ from modalmotion.classification import (
     load_model,
     shipped_for,
 )
-from modalmotion.classification.cases import LeftOut, case_name
+from modalmotion.classification.cases import LeftOut, TrainingCase, case_name
 from modalmotion.classification.evaluation import CaseAnswer, comparison_of, evaluation_of
 from modalmotion.mesh.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm import Norm, cohort_deviation, norm_from_hdf5, norm_to_hdf5, train_norm
 from modalmotion.norm.norm import Reading
-from modalmotion.norm.training import Control
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion_service.http.negotiation import CSV, PNG
 from modalmotion_service.schemas import models
@@ -229,8 +228,9 @@ def make_norm(
         report(done / total, f"control {done} of {total}")
 
     controls = [
-        Control(
+        TrainingCase(
             one.read_signature(),
+            "",
             one.subject,
             case_name(one.sequence_id),
             # Read one after another, when its turn comes.
