@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,11 +71,20 @@ def volume(
 
 
 def planes(
-    radius: float = RADIUS, look: Look | None = None, shifts: Floats | None = None, seed: int = 0
+    radius: float = RADIUS,
+    look: Look | None = None,
+    shifts: Floats | None = None,
+    seed: int = 0,
+    thickness: float = 6.0,
 ) -> PlaneSet:
-    """Take six planes across the axis and two along it, 1.5 mm, each showing all `shifts` aside."""
+    """Take six planes across the axis and two along it, 1.5 mm, each showing all `shifts` aside.
+
+    A pixel is the mean through the slice.
+    """
     rng = np.random.default_rng(seed)
-    n, width = 60, 1.5
+    n, width, look = 60, 1.5, look or Look()
+    still = replace(look, noise=0.0)
+    through = thickness * (np.arange(6) - 2.5) / 6
     u, v, w = AXES.T
     middles = [(u, v, MIDDLE + h * w) for h in np.linspace(-34.0, 24.0, 6)]
     middles += [(u, w, MIDDLE), (v, w, MIDDLE)]
@@ -86,8 +95,10 @@ def planes(
         points = index @ affine[:, :2].T + affine[:, 2]
         if shifts is not None:
             points = points - shifts[k]
-        values = brightness(points, radius, look or Look(), rng)
-        found.append(Plane(values.reshape(n, n), affine, 6.0))
+        across = np.cross(a, b)
+        layers = [brightness(points + y * across, radius, still, rng) for y in through]
+        values = np.mean(layers, axis=0) + rng.normal(0.0, look.noise, len(points))
+        found.append(Plane(values.reshape(n, n), affine, thickness))
     return PlaneSet(tuple(found))
 
 

@@ -28,7 +28,7 @@ DIRECTIONS: Final = (LONGITUDINAL, CIRCUMFERENTIAL, AREA)
 # simulators, 0.4 of a real one.
 _UNEVEN: Final = 0.1
 
-# Strain around that modes omit, waves of a line that they do not follow, of the strain: 0.04 to
+# Strain around of waves of the tissue's lines, which a track does not see, of the strain: 0.04 to
 # 0.08 and 0.01 of ventricles of two simulators.
 _OMITTED: Final = 0.04
 

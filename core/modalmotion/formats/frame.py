@@ -97,16 +97,15 @@ class Triangles:
     notes: tuple[str, ...]
 
 
-def triangulate(
-    offsets: NDArray[np.int64], corners: NDArray[np.int64], limits: ReadLimits = NO_LIMITS
-) -> Triangles:
+def triangulate(sizes: Integers, corners: Integers, limits: ReadLimits = NO_LIMITS) -> Triangles:
     """Split each polygon into a fan from its first corner; drop those of fewer than three.
 
     Parameters
     ----------
-    offsets : (polygons + 1,) int64
-        Where each polygon begins in `corners`, and where the last one ends.
-    corners : (corners,) int64
+    sizes : (polygons,) int
+        Number of corners of each polygon.
+    corners : (corners,) int
+        Of one polygon after the other.
     limits : ReadLimits, optional
 
     Returns
@@ -119,7 +118,7 @@ def triangulate(
     LimitError
         If they are more faces than `limits` accept.
     """
-    sizes = np.diff(offsets)
+    sizes, corners = (np.asarray(values, dtype=np.int64) for values in (sizes, corners))
     notes = []
     if (n_fans := int((sizes > 3).sum())) > 0:
         notes.append(
@@ -133,21 +132,13 @@ def triangulate(
     counts = np.maximum(sizes - 2, 0)
     # A byte of a file may be a corner, and a hundred bytes here.
     limits.require("faces", int(counts.sum()))
-    first = np.repeat(offsets[:-1], counts)
+    first = np.repeat(np.cumsum(sizes) - sizes, counts)
     # Place of each triangle within its fan: 0, 1, ... for each polygon.
     place = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
     faces = np.stack(
         [corners[first], corners[first + place + 1], corners[first + place + 2]], axis=1
     )
     return Triangles(faces, tuple(notes))
-
-
-def triangulate_sizes(
-    sizes: Integers, corners: Integers, limits: ReadLimits = NO_LIMITS
-) -> Triangles:
-    """Split polygons as `triangulate` does, by the number of corners of each."""
-    ends = np.cumsum(np.asarray(sizes, dtype=np.int64))
-    return triangulate(np.concatenate([[0], ends]), np.asarray(corners, dtype=np.int64), limits)
 
 
 @dataclass(frozen=True, eq=False)

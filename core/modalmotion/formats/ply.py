@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
-from modalmotion.formats.frame import Frame, space_in, triangulate_sizes
+from modalmotion.formats.frame import Frame, space_in, triangulate
 from modalmotion.formats.text_meshes import lines_of
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.checks import FloatArray
@@ -139,7 +139,7 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
         raise _malformed("The PLY file's faces have no vertex_indices.")
     none = np.zeros(0, dtype=np.int64)
     sizes, corners = (none, none) if listed is None else _whole(faces[listed])
-    polygons = triangulate_sizes(sizes, corners, limits)
+    polygons = triangulate(sizes, corners, limits)
     used = {*(("vertex", axis) for axis in "xyz"), ("face", listed)}
     every = [(e.name, p.name) for e in header.elements for p in e.properties]
     return Frame(

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
-from modalmotion.formats.frame import Frame, space_in, triangulate_sizes
+from modalmotion.formats.frame import Frame, space_in, triangulate
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.checks import FloatArray
 from modalmotion.mesh.triangles import face_normals, oriented_faces
@@ -269,7 +269,7 @@ def read_obj(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
         limits.require("faces", len(sizes))
     if not positions:
         raise _malformed_obj("The OBJ file contains no vertex.")
-    polygons = triangulate_sizes(sizes, corners, limits)
+    polygons = triangulate(sizes, corners, limits)
     return Frame(
         np.array(positions).reshape(-1, 3),
         polygons.faces,
@@ -355,6 +355,6 @@ def read_off(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
             f"The OFF file declares {n_vertices} vertices and {n_faces} polygons, but "
             f"{'more' if are_more else 'fewer'} lines follow."
         )
-    polygons = triangulate_sizes(sizes, corners, limits)
+    polygons = triangulate(sizes, corners, limits)
     vertices = np.array(positions).reshape(-1, 3)
     return Frame(vertices, polygons.faces, notes=polygons.notes, statements=space_in(data[:1024]))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
-from modalmotion.formats.frame import Frame, space_in, triangulate_sizes
+from modalmotion.formats.frame import Frame, space_in, triangulate
 from modalmotion.limits import NO_LIMITS, ReadLimits
 
 malformed: Final = partial(
@@ -171,7 +171,7 @@ def surface_of(
             )
         corners, sizes = corners[np.repeat(are_faces, sizes)], sizes[are_faces]
         skipped = [] if are_faces.all() else ["vertices or lines"]
-    polygons = triangulate_sizes(sizes, corners, limits)
+    polygons = triangulate(sizes, corners, limits)
     return Frame(
         points if points.dtype == np.float32 else points.astype(np.float64),
         polygons.faces,

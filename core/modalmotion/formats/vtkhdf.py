@@ -219,7 +219,7 @@ def _same_faces(surface: _Surface, limits: ReadLimits) -> Triangles:
             raise ConnectivityError(
                 f"Frame {frame} has other faces than frame 0.", remedy=ONE_MESH, frame=frame
             )
-    return triangulate(first[0], first[1], limits)
+    return triangulate(np.diff(first[0]), first[1], limits)
 
 
 def _positions(surface: _Surface, limits: ReadLimits) -> NDArray[Any]:

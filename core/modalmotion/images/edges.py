@@ -70,8 +70,13 @@ class Levels:
         """Likeness of thin and bright layers, too, as there are where trabeculae are."""
         return self._above_noise(_FAINT)
 
+    @property
+    def is_labelled(self) -> bool:
+        """Whether values are labels, which have no noise and are not means over a slice."""
+        return self.contrast > _LABELLED
+
     def _above_noise(self, layer: float) -> float:
-        if self.contrast > _LABELLED:
+        if self.is_labelled:
             return -np.inf
         # Noise of one sample, as likeness.
         return min(layer, 1.0 - _NOISES * 2.0 / max(self.contrast, 1e-300))

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from modalmotion.mesh.facts import Facts as Facts
     from modalmotion.mesh.facts import Place as Place
     from modalmotion.mesh.laplacian import cotangent_laplacian as cotangent_laplacian
-    from modalmotion.mesh.laplacian import divergence as divergence
     from modalmotion.mesh.laplacian import graph_laplacian as graph_laplacian
     from modalmotion.mesh.laplacian import solve_positive_definite as solve_positive_definite
     from modalmotion.mesh.standard_surfaces import lattice_faces as lattice_faces

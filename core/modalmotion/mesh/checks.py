@@ -66,9 +66,7 @@ def _unmasked(array: Any, name: str) -> Any:
     masked = np.argwhere(np.ma.getmaskarray(array))  # type: ignore[no-untyped-call]
     if len(masked):
         place = [int(i) for i in masked[0]]
-        where = "".join(
-            f"{word} {i}, " for word, i in zip(("frame", "vertex"), place, strict=False)
-        ).removesuffix(", ")
+        where = ", ".join(map("{} {}".format, ("frame", "vertex"), place))
         raise NonFiniteError(
             f"'{name}' is masked at {where}: {len(masked)} of its numbers are missing.",
             remedy="Repair or leave out the frame; missing points are not guessed.",

@@ -79,37 +79,6 @@ def graph_laplacian(edges: NDArray[np.int64], n_vertices: int) -> scipy.sparse.c
     return _symmetric(n_vertices, edges[:, 0], edges[:, 1], np.full(len(edges), -1.0))
 
 
-def divergence(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64], field: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Flux of a field out of each vertex's cell: the stiffness applied to its potential.
-
-    Parameters
-    ----------
-    vertices : (vertices, 3) float64, length unit
-    faces : (faces, 3) int64
-    field : (faces, 3) float64, value per length unit
-        Constant on each triangle; where it is the gradient of f, the result is
-        cotangent_laplacian @ f.
-
-    Returns
-    -------
-    (vertices,) float64, value
-    """
-    total = np.zeros(len(vertices))
-    normals = face_normals(vertices, faces)
-    twice_area = np.sqrt(np.einsum("ij,ij->i", normals, normals))
-    unit = normals / np.where(twice_area > 0, twice_area, np.inf)[:, None]
-    for k in range(3):
-        a, b, c = faces[:, k], faces[:, (k + 1) % 3], faces[:, (k + 2) % 3]
-        # area * grad(hat of a) = n x (c - b) / 2
-        turned = np.cross(unit, vertices[c] - vertices[b])
-        total += np.bincount(
-            a, weights=0.5 * np.einsum("ij,ij->i", turned, field), minlength=len(vertices)
-        )
-    return total
-
-
 def _symmetric(
     n: int,
     rows: NDArray[np.int64],

@@ -298,10 +298,10 @@ def _decide(
             remedy="Send triangles, or the lattice as grid and topology, or say that the "
             "points are an open curve or a closed curve.",
         )
-    recognition = recognise(surface)
-    if recognition.topology is not None and recognition.reason:
-        notes.append(recognition.reason)
-    return recognition.topology, recognition.reason
+    topology, reason = recognise(surface)
+    if topology is not None and reason:
+        notes.append(reason)
+    return topology, reason
 
 
 def _of_lattice(

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
-from modalmotion.mesh import divergence, face_gradients
 from modalmotion.mesh.triangles import curve_weights, step_lengths
 from modalmotion.modes.topology import CLOSED_CURVE, PLANE, TORUS, Topology
 from modalmotion.progress import ShareReport, part_of, silent
@@ -27,7 +26,7 @@ from modalmotion.template.axis import (
     widest_across,
 )
 from modalmotion.template.landmarks import Coordinates, Landmarks
-from modalmotion.template.surface import Surface, corner_steps
+from modalmotion.template.surface import Surface
 
 
 def plane_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
@@ -175,9 +174,9 @@ def torus_coordinates(
     surface: Surface,
     places: dict[str, NDArray[np.float64]],
     axes: Axes,
-    report: ShareReport = silent,
+    _: ShareReport = silent,
 ) -> Coordinates | None:
-    """Angle around the tube and angle around the hole, both smoothed to be harmonic.
+    """Angle around the tube and angle around the hole.
 
     The tube's angle is 0 on the outside and grows towards the axis' end.
 
@@ -188,8 +187,6 @@ def torus_coordinates(
     places : dict of str to (3,) float64
     axes : Axes
         From `torus_axes`.
-    report : callable, optional
-        Told the share that is done.
 
     Returns
     -------
@@ -206,35 +203,11 @@ def torus_coordinates(
     if n_vortices(theta, surface.faces) or n_vortices(tube, surface.faces):
         return None
     # The two angles must name every place once.
-    if not np.isclose(degree(surface, np.stack([tube, theta], axis=1), TORUS), 1.0, atol=1e-6):
+    values = np.stack([tube, theta], axis=1)
+    if not np.isclose(degree(surface, values, TORUS), 1.0, atol=1e-6):
         return None
-    smooth = [
-        _harmonic(surface, angle, part_of(report, k / 2, (k + 1) / 2))
-        for k, angle in enumerate((tube, theta))
-    ]
-    notes = []
-    if any(angle is None for angle in smooth):
-        notes.append("The triangles are too thin to solve on; the angles are not smoothed.")
-    values = np.stack(
-        [
-            before if after is None else after
-            for before, after in zip((tube, theta), smooth, strict=True)
-        ],
-        axis=1,
-    )
     landmarks = landmarks_at(surface, places, axes, origin, origin, origin)
-    return Coordinates(TORUS, values, landmarks, tuple(notes))
-
-
-def _harmonic(
-    surface: Surface, angle: NDArray[np.float64], report: ShareReport
-) -> NDArray[np.float64] | None:
-    """Find the smoothest angle that winds as `angle` does, with the same mean."""
-    slope = face_gradients(surface.vertices, surface.faces, corner_steps(angle, surface.faces))
-    # Laplace f = -div(grad angle): the correction that makes the angle harmonic.
-    flux = divergence(surface.vertices, surface.faces, slope)
-    added = potential(surface, -flux, np.zeros(0, dtype=np.int64), np.zeros(0), report)
-    return None if added is None else angle + added
+    return Coordinates(TORUS, values, landmarks)
 
 
 OTHERS: Final = {PLANE: (plane_axes, plane_coordinates), TORUS: (torus_axes, torus_coordinates)}

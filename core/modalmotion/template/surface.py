@@ -337,61 +337,36 @@ def is_flat(surface: Surface) -> bool:
 _HEMISPHERE = 0.05
 
 
-@dataclass(frozen=True)
-class Recognition:
-    """Topology recognised on a mesh, and the reason.
-
-    Parameters
-    ----------
-    topology : Topology or None
-        None without known natural coordinates.
-    reason : str
-        Why none are known, or which doubt was decided; empty if there was none.
-    """
-
-    topology: Topology | None
-    reason: str = ""
-
-
-def recognise(surface: Surface) -> Recognition:
-    """Find the topology of a mesh.
-
-    Parameters
-    ----------
-    surface : Surface
-
-    Returns
-    -------
-    Recognition
-    """
+def recognise(surface: Surface) -> tuple[Topology | None, str]:
+    """Find the topology of a mesh, and the reason if there is none or it may be another."""
     reason = _obstacle(surface)
     if reason:
-        return Recognition(None, reason)
+        return None, reason
     connectivity = surface.connectivity
     openings, genus = surface.openings, connectivity.genus
     if not openings and genus in (0.0, 1.0):
-        return Recognition(SPHERE if genus == 0.0 else TORUS)
+        return (SPHERE if genus == 0.0 else TORUS), ""
     if genus != 0.0:
-        return Recognition(None, f"The surface has handles ({connectivity.describe()}).")
+        return None, f"The surface has handles ({connectivity.describe()})."
     if len(openings) == 1:
         if is_flat(surface):
-            return Recognition(
-                PLANE, "The surface is nearly flat and was taken for a plane; state cup otherwise."
+            return (
+                PLANE,
+                "The surface is nearly flat and was taken for a plane; state cup otherwise.",
             )
         if _is_shallow(surface):
-            return Recognition(
-                CUP,
+            return CUP, (
                 "The surface is open wider than a hemisphere and was taken for a cup; state plane "
-                "if it is a sheet that encloses nothing.",
+                "if it is a sheet that encloses nothing."
             )
-        return Recognition(CUP)
+        return CUP, ""
     towards = [opening.centre - surface.centroid for opening in openings]
     if len(openings) == 2 and towards[0] @ towards[1] < 0:
-        return Recognition(CYLINDER)
+        return CYLINDER, ""
     base = surface.base - surface.centroid
     if axis_strength(surface) < FAINT_AXIS or any(arm @ base <= 0 for arm in towards):
-        return Recognition(None, f"Its {len(openings)} openings are not at one end.")
-    return Recognition(CUP)
+        return None, f"Its {len(openings)} openings are not at one end."
+    return CUP, ""
 
 
 def require_fit(surface: Surface, stated: Topology) -> None:

@@ -23,7 +23,7 @@ from modalmotion.template.axis import Placement
 from modalmotion.template.landmarks import GivenLandmarks, Landmarks, landmarks_in
 
 # Changes with everything that changes coordinates, so that no old template answers for a new one.
-_SCHEMA = 3
+_SCHEMA = 4
 
 
 @shown("topology", "n_vertices", "lengths", "reason", "id")

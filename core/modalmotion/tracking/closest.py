@@ -68,7 +68,7 @@ def closest_points(
     if cells.shape[1] == 2:
         normals = across(own[:, 1] - own[:, 0])
     else:
-        normals = _unit(np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0]))[:, None]
+        normals = unit_vectors(np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0]))[:, None]
     return Matches(corners, shares, feet, normals, np.sqrt(away[rows, best]))
 
 
@@ -124,7 +124,8 @@ def _on_triangle(
     return shares, squared
 
 
-def _unit(v: NDArray[np.float64]) -> NDArray[np.float64]:
+def unit_vectors(v: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Vectors (..., 3) of length 1; zero where they have none."""
     size = np.linalg.norm(v, axis=-1, keepdims=True)
     unit: NDArray[np.float64] = v / np.where(size > 0, size, 1.0)
     return unit
@@ -132,6 +133,6 @@ def _unit(v: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def across(tangents: NDArray[np.float64]) -> NDArray[np.float64]:
     """Two unit vectors across each tangent, (..., 3): (..., 2, 3)."""
-    t = _unit(tangents)
-    one = _unit(np.cross(t, np.eye(3)[np.abs(t).argmin(axis=-1)]))
+    t = unit_vectors(tangents)
+    one = unit_vectors(np.cross(t, np.eye(3)[np.abs(t).argmin(axis=-1)]))
     return np.stack([one, np.cross(t, one)], axis=-2)

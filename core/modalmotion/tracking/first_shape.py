@@ -37,8 +37,7 @@ _CURVE: Final = (128,)
 _CUP_END: Final = 0.7 * np.pi
 
 # Semi-axis over the standard deviation of points spread over an ellipsoid, an ellipse, a line.
-_ELLIPSOID: Final = 3.0**0.5
-_ELLIPSE: Final = 2.0**0.5
+_FACTORS: Final = {SPHERE: 3.0**0.5, CLOSED_CURVE: 2.0**0.5}
 _LINE: Final = 3.0**0.5
 
 # Points farther out than this times the median, by Mahalanobis, are strays.
@@ -105,7 +104,7 @@ def start_shape(
         axes = np.vstack([axis, across(axis)])
         middle, extents = (apex + base) / 2, np.array([length / 2, radius, radius])
     else:
-        extents = spread * _factor(topology)
+        extents = spread * _FACTORS.get(topology, _LINE)
         # Nothing is quite flat but sheets and curves.
         if topology == SPHERE:
             extents = np.maximum(extents, 0.05 * extents.max())
@@ -115,12 +114,6 @@ def start_shape(
     return mesh_sequence(x[None], faces, grid=shape, topology=topology)
 
 
-def _factor(topology: Topology) -> float:
-    if topology == SPHERE:
-        return _ELLIPSOID
-    return _ELLIPSE if topology == CLOSED_CURVE else _LINE
-
-
 def _unit_shape(
     topology: Topology, s: NDArray[np.float64], theta: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -128,21 +121,19 @@ def _unit_shape(
     if topology == CUP:
         polar = _CUP_END * s
         along = 2.0 * (1.0 - np.cos(polar)) / (1.0 - np.cos(_CUP_END)) - 1.0
-        return _columns(along, np.sin(polar) * np.cos(theta), np.sin(polar) * np.sin(theta))
+        return np.column_stack(
+            [along, np.sin(polar) * np.cos(theta), np.sin(polar) * np.sin(theta)]
+        )
     if topology == SPHERE:
         r = np.sin(np.pi * s)
-        return _columns(-np.cos(np.pi * s), r * np.cos(theta), r * np.sin(theta))
+        return np.column_stack([-np.cos(np.pi * s), r * np.cos(theta), r * np.sin(theta)])
     if topology == CYLINDER:
-        return _columns(2.0 * s - 1.0, np.cos(theta), np.sin(theta))
+        return np.column_stack([2.0 * s - 1.0, np.cos(theta), np.sin(theta)])
     if topology == PLANE:
-        return _columns(2.0 * s - 1.0, theta / np.pi - 1.0, 0.0 * s)
+        return np.column_stack([2.0 * s - 1.0, theta / np.pi - 1.0, 0.0 * s])
     if topology == CLOSED_CURVE:
-        return _columns(np.cos(theta), np.sin(theta), 0.0 * s)
-    return _columns(2.0 * s - 1.0, 0.0 * s, 0.0 * s)
-
-
-def _columns(*columns: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.stack(columns, axis=1)
+        return np.column_stack([np.cos(theta), np.sin(theta), 0.0 * s])
+    return np.column_stack([2.0 * s - 1.0, 0.0 * s, 0.0 * s])
 
 
 def _ellipsoid(

@@ -109,7 +109,6 @@ def track_to_hdf5(track: Track) -> bytes:
         *_written(track.modes, _MODES, unit),
         *([] if track.data is None else _written(track.data, _DATA, unit, "data_")),
         Dataset("across_covariances", across, f"{unit}^2", _TRACK["covariances"][1]),
-        Dataset("amplitude_deviations", track.amplitude_deviations, unit, _TRACK["amplitudes"][1]),
         Dataset("determined", track.determined, "1", "mode, normal and tangential"),
         Dataset("unseen", np.array(track.unseen, dtype="<i8"), "1", "frame"),
         Dataset("lengths", np.array(template.lengths, dtype=np.float64), unit, "axis"),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ShapeError
-from modalmotion.images import PlaneSet, Volume
+from modalmotion.images import Plane, Volume
 from modalmotion.images.edges import Levels
 from modalmotion.images.sequence import Image
 from modalmotion.tracking.closest import across
@@ -191,38 +191,26 @@ def _spread(view: View) -> float:
 def _rays(
     image: Image, apex: Floats, base: Floats, offsets: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Sample rays from the axis: starts and directions (n, 3) and profiles (n, samples)."""
-    axis = (base - apex) / np.linalg.norm(base - apex)
+    """Sample rays from the axis: starts and directions (n, 3) and profiles (n, samples).
+
+    In planes that the axis goes through they start from there.
+    """
+    axis, cuts = base - apex, list[tuple[float, Floats, Volume | Plane]]()
+    across = axis / np.linalg.norm(axis)
     if isinstance(image, Volume):
-        starts = np.repeat([apex + h * (base - apex) for h in _HEIGHTS], _N_TURNS, axis=0)
-        directions = np.tile(_around(axis), (len(_HEIGHTS), 1))
-        points = starts[:, None] + offsets[:, None] * directions[:, None]
-        return starts, directions, image.sample(points.reshape(-1, 3)).reshape(len(starts), -1)
-    return _rays_in(image, apex, base, offsets)
-
-
-def _rays_in(
-    planes: PlaneSet, apex: Floats, base: Floats, offsets: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Rays within planes that the axis goes through, each at its own height."""
-    axis = base - apex
-    starts, directions, profiles = [], [], []
-    for plane in planes.planes:
-        low, high = plane.heights(np.stack([apex, base]))
-        along = float(plane.normal @ axis) / float(np.linalg.norm(axis))
-        share = low / (low - high) if low != high else -1.0
-        if abs(along) < 0.7 or not 0.1 <= share <= 0.9:
-            continue
-        around = _around(plane.normal)
-        start = np.tile(apex + share * axis, (len(around), 1))
-        points = start[:, None] + offsets[:, None] * around[:, None]
-        starts.append(start)
-        directions.append(around)
-        profiles.append(plane.sample(points.reshape(-1, 3)).reshape(len(start), -1))
-    if not starts:
-        none = np.zeros((0, 3))
-        return none, none, np.zeros((0, len(offsets)))
-    return np.concatenate(starts), np.concatenate(directions), np.concatenate(profiles)
+        cuts = [(share, across, image) for share in _HEIGHTS]
+    else:
+        for plane in image.planes:
+            low, high = plane.heights(np.stack([apex, base]))
+            share = low / (low - high) if low != high else -1.0
+            if abs(float(plane.normal @ across)) >= 0.7 and 0.1 <= share <= 0.9:
+                cuts.append((share, plane.normal, plane))
+    starts = np.repeat([apex + share * axis for share, *_ in cuts] or np.zeros((0, 3)), _N_TURNS, 0)
+    directions = np.concatenate([np.zeros((0, 3)), *(_around(normal) for _, normal, _ in cuts)])
+    points = starts[:, None] + offsets[:, None] * directions[:, None]
+    points = points.reshape(len(cuts), _N_TURNS * len(offsets), 3)
+    values = [part.sample(own) for (*_, part), own in zip(cuts, points, strict=True)]
+    return starts, directions, np.reshape(values, (len(starts), len(offsets)))
 
 
 def _around(axis: Floats) -> Floats:

@@ -25,6 +25,9 @@ _N_PROFILES: Final = 1000
 # Least share of a normal that is in a plane: others meet the surface too flatly.
 _STEEP: Final = 0.5
 
+# mm that a thick slice may show an edge aside: beyond, a surface is no longer nearly flat in it.
+_MOST_DRAWN: Final = 1.5
+
 # Of the finest voxel: distance of samples on a profile, in mm no finer and no coarser.
 _SAMPLES: Final = (0.5, 0.4, 1.0)
 
@@ -37,6 +40,10 @@ _NEAR: Final = 6.0
 # mm beyond the edge, and within it, that say how bright each side is.
 _BEYOND: Final = (1.5, 4.5)
 _WITHIN: Final = (-6.0, -2.0)
+
+# Voxels that an edge is blurred over, on each side; mm that it may be, for walls are not thicker.
+_BLUR: Final = 1.2
+_MOST_BLUR: Final = 1.5
 
 # Within it where trabeculae are next to it: blood is beyond them.
 _DEEP: Final = (-10.0, -6.0)
@@ -74,6 +81,20 @@ class Facets:
         """Outward unit normals at vertices."""
         normals: Floats = self.outward * vertex_normals(x, self.faces)
         return normals
+
+    def turning(self, x: Floats, normals: Floats) -> Floats:
+        """How normals turn along the surface, dn = S dx, by least squares: (vertices, 3, 3)."""
+        ends = self.edges.ends
+        d, turned = (np.diff(y[ends], axis=1)[:, 0] for y in (x, normals))
+        squares, products = np.zeros((2, len(x), 3, 3))
+        for k in range(2):
+            np.add.at(squares, ends[:, k], d[:, :, None] * d[:, None])
+            np.add.at(products, ends[:, k], turned[:, :, None] * d[:, None])
+        size = np.trace(squares, axis1=1, axis2=2)[:, None, None]
+        squares += np.where(size > 0, size, 1.0) * (
+            normals[:, :, None] * normals[:, None] + 1e-3 * np.eye(3)
+        )
+        return np.asarray(products @ np.linalg.inv(squares), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +158,8 @@ class View:
         By the surface that each represents.
     extents : (n,) float64, mm
         Of a voxel along each.
+    drawn : (n,) float64, mm
+        How far inward a thick slice shows the edge of a curved surface.
     profiles : (n, samples) float64
     offsets : (samples,) float64, mm
     edges : Edges
@@ -150,6 +173,7 @@ class View:
     planes: NDArray[np.int64]
     weights: Floats
     extents: Floats
+    drawn: Floats
     profiles: Floats
     offsets: Floats
     edges: Edges
@@ -175,9 +199,12 @@ class View:
         """Mean brightness within and beyond each edge that was found, within far from it or not."""
         k = self.edges.is_found
         away = self.offsets[None] - self.edges.offsets[k, None]
-        own = self.profiles[k]
+        own, blurred = (
+            self.profiles[k],
+            np.clip(_BLUR * self.extents[k, None] - _BEYOND[0], 0.0, _MOST_BLUR),
+        )
         within = _DEEP if is_deep else _WITHIN
-        return _mean_in(own, away, *within), _mean_in(own, away, *_BEYOND)
+        return _mean_in(own, away + blurred, *within), _mean_in(own, away - blurred, *_BEYOND)
 
 
 def view_of(
@@ -210,6 +237,8 @@ def view_of(
     layer = sight.levels.layer if layers == "distinct" else sight.levels.faint_layer
     layer = layer if sight.has_layers else -np.inf
     edges = find_edges(like, step, reach, view.extents, sight.crossing, layer)
+    if not sight.levels.is_labelled:
+        edges = edges._replace(offsets=edges.offsets + view.drawn)
     # Most of what an edge is judged by must be in the field of view.
     near = np.abs(view.offsets[None] - edges.offsets[:, None]) < 3.0
     seen = (np.isfinite(view.profiles) | ~near).all(axis=1)
@@ -233,6 +262,7 @@ def _through_volume(volume: Volume, facets: Facets, x: Floats, reach: float) -> 
         np.zeros(n, dtype=np.int64),
         np.ones(n),
         volume.extents(normals),
+        np.zeros(n),
         _sampled(volume, x[v], normals, offsets),
         offsets,
         _none(n),
@@ -241,6 +271,7 @@ def _through_volume(volume: Volume, facets: Facets, x: Floats, reach: float) -> 
 
 def _in_planes(planes: PlaneSet, facets: Facets, x: Floats, shifts: Floats, reach: float) -> View:
     normals_at = facets.normals(x)
+    turning = facets.turning(x, normals_at)
     offsets = offsets_of(_step([min(plane.spacing) for plane in planes.planes]), reach)
     parts = []
     for k, plane in enumerate(planes.planes):
@@ -253,7 +284,13 @@ def _in_planes(planes: PlaneSet, facets: Facets, x: Floats, shifts: Floats, reac
         corners, shares = cut.corners[kept], cut.shares[kept]
         starts = (shares[:, :, None] * x[corners]).sum(axis=1)
         directions = inside[kept] / size[kept, None]
-        n = len(starts)
+        n, b = len(starts), size[kept]
+        # A slice of the thickness h is the mean over y across it. The surface n . p + p'Sp / 2 = 0
+        # is at t = -y a / b - y^2 v'Sv / 2 b along its direction e, a = n . m, b = n . e,
+        # v = m - e a / b; and y^2 is h^2 / 12 in the mean.
+        S = (shares[:, :, None, None] * turning[corners]).sum(axis=1)
+        along = plane.normal - directions * ((normals[kept] @ plane.normal) / b)[:, None]
+        drawn = plane.thickness**2 / 24.0 * np.einsum("ni,nij,nj->n", along, S, along) / b
         parts.append(
             (
                 np.concatenate([corners, corners[:, :1]], axis=1),
@@ -264,6 +301,7 @@ def _in_planes(planes: PlaneSet, facets: Facets, x: Floats, shifts: Floats, reac
                 np.full(n, k),
                 cut.lengths[kept],
                 np.full(n, max(plane.spacing)),
+                np.clip(drawn, -_MOST_DRAWN, _MOST_DRAWN),
                 _sampled(plane, starts + shifts[k], directions, offsets),
             )
         )

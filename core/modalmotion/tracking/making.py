@@ -24,8 +24,7 @@ from modalmotion.tracking.deformable import Deformable, require_unfolded, requir
 from modalmotion.tracking.deviations import across_of, stated_deviations, uncertainty_of
 from modalmotion.tracking.ends_of_data import with_endings
 from modalmotion.tracking.first_shape import shape_in
-from modalmotion.tracking.image_frames import ImageFrames, frames_of_images
-from modalmotion.tracking.imaged import with_images
+from modalmotion.tracking.image_frames import ImageFrames, frames_of_images, with_images
 from modalmotion.tracking.iterations import (
     again,
     both_ways,

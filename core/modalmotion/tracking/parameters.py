@@ -314,6 +314,7 @@ def segment(
         )
     one = ImageSequence((sequence.frames[frame],), notes=sequence.notes)
     places = {name: np.asarray(value, np.float64) for name, value in (landmarks or {}).items()}
-    marks = {name: own[frame] if own.ndim == 2 else own for name, own in places.items()}
+    each = (sequence.n_frames, 3)
+    marks = {name: own[frame] if own.shape == each else own for name, own in places.items()}
     parameters = TrackParameters(landmarks=marks, time="open", **options)
     return parameters.follow(recorded_images(one), start=start)

@@ -179,32 +179,31 @@ def axis_notes(result: Track, stated: Sequence[Frame]) -> list[str]:
     """Say what in the first frame with apex and base speaks against them."""
     known = [ends_in(frame) for frame in stated]
     k = next((k for k, ends in enumerate(known) if {"apex", "base"} <= ends.keys()), None)
-    if k is None:
+    if k is None or result.template.topology != CUP:
         return []
     x, ends = result.sequence.vertices[k].astype(np.float64), known[k]
     axis = ends["base"] - ends["apex"]
     heights = (x - ends["apex"]) @ axis / (axis @ axis)
-    across = x - ends["apex"] - np.outer(heights, axis)
-    parts = [across[np.abs(heights - middle) < half] for middle, half in _PARTS]
-    if min(map(len, parts)) < _FEWEST:
+    away = x - ends["apex"] - np.outer(heights, axis)
+    middle, low, high = (away[np.abs(heights - at) < half] for at, half in _PARTS)
+    if len(middle) < _FEWEST:
         return ["Hardly any of the surface is between apex and base: check both."]
-    middles = [part.mean(axis=0) for part in parts]
-    radius, low, high = (
-        float(np.linalg.norm(part - middle, axis=1).mean())
-        for part, middle in zip(parts, middles, strict=True)
-    )
-    notes, aside = [], float(np.linalg.norm(middles[0]))
+    notes, aside, radius = [], float(np.linalg.norm(middle.mean(axis=0))), _radius(middle)
     if aside > _ASIDE * radius:
         notes.append(
             f"The axis from apex to base is {aside:.3g} beside the middle of the surface, whose "
             f"radius is {radius:.3g}: check both landmarks."
         )
-    if low > _SWAPPED * high:
+    if min(len(low), len(high)) >= _FEWEST and _radius(low) > _SWAPPED * _radius(high):
         notes.append(
-            f"The surface is wider near the apex ({low:.3g}) than near the base ({high:.3g}): are "
-            "the two swapped?"
+            f"The surface is wider near the apex ({_radius(low):.3g}) than near the base "
+            f"({_radius(high):.3g}): are the two swapped?"
         )
     return notes
+
+
+def _radius(section: NDArray[np.float64]) -> float:
+    return float(np.linalg.norm(section - section.mean(axis=0), axis=1).mean())
 
 
 def _frames(which: Sequence[int] | NDArray[np.int64]) -> str:

@@ -21,6 +21,7 @@ from modalmotion.modes.topology import PLANE
 from modalmotion.representation import FrozenArrays, shown
 from modalmotion.template.body_frame import affine_shapes
 from modalmotion.template.template import Template, shapes_of
+from modalmotion.tracking.closest import unit_vectors
 from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.normal_equations import NormalEquations
 from modalmotion.tracking.observation import Frame
@@ -295,13 +296,6 @@ class Track(FrozenArrays, Recorded):
         return deviations
 
     @cached_property
-    def amplitude_deviations(self) -> NDArray[np.float64]:
-        """Standard deviation of each amplitude, (frames, modes, 3) float64, length unit."""
-        variances = np.diagonal(self.covariances, axis1=1, axis2=2)
-        sds = np.sqrt(np.maximum(variances, 0.0))
-        return np.asarray(sds.reshape(self.n_frames, -1, 3), dtype=np.float64)
-
-    @cached_property
     def determined(self) -> NDArray[np.float64]:
         """Share of each mode that the data have set, across the surface and along it.
 
@@ -367,15 +361,9 @@ def normals_of(template: Template, x: NDArray[np.float64]) -> NDArray[np.float64
     if len(template.faces):
         return vertex_normals(x, template.faces)
     tangents = np.gradient(x, axis=0)
-    t = _unit(tangents)
+    t = unit_vectors(tangents)
     r = x - x.mean(axis=0)
-    return _unit(r - (r * t).sum(axis=1, keepdims=True) * t)
-
-
-def _unit(v: NDArray[np.float64]) -> NDArray[np.float64]:
-    size = np.linalg.norm(v, axis=1, keepdims=True)
-    unit: NDArray[np.float64] = v / np.where(size > 0, size, 1.0)
-    return unit
+    return unit_vectors(r - (r * t).sum(axis=1, keepdims=True) * t)
 
 
 def cavity_in(template: Template) -> Cavity | None:

@@ -99,7 +99,8 @@ class AuditEntry(Event):
             agent["altId"] = self.key_id
         return {
             "resourceType": "AuditEvent",
-            "id": f"{log}-{self.number}",
+            # The time, for a log host may have lines of several services.
+            "id": f"{log}-{self.number}-{self.time.replace(':', '')}",
             "type": {
                 "system": "http://terminology.hl7.org/CodeSystem/audit-event-type",
                 "code": "rest",

@@ -302,15 +302,15 @@ class WorkerPool(Engine):
 
     def explain(self, error: BaseException, task: Task) -> BaseException:
         """Say what the error of a task means to whoever sent it."""
+        remedy = "Send fewer frames or a coarser mesh, or have the limit raised."
         if isinstance(error, DeadlineError):
-            most = self._task_seconds
-            return LimitError(
-                f"The work took longer than {most:g} s and was ended.",
-                remedy="Send fewer frames or a coarser mesh, ask for fewer modes, or have the "
-                "limit raised.",
-                limit=self._seconds_limit,
-                details={"most": most},
-            )
+            text = f"The work took longer than {self._task_seconds:g} s and was ended."
+            limit, most = self._seconds_limit, self._task_seconds
+            return LimitError(text, remedy=remedy, limit=limit, details={"most": most})
+        if isinstance(error, MemoryError):
+            text = f"The work needs more memory than the {self.memory_bytes} bytes it may take."
+            limit, most = "task_memory_bytes", self.memory_bytes
+            return LimitError(text, remedy=remedy, limit=limit, details={"most": most})
         if isinstance(error, SpentError):
             most = round(task.terms.most_seconds, 1)
             return CostError(
@@ -320,14 +320,6 @@ class WorkerPool(Engine):
                 "such as npz.",
                 limit="task_cost_factor",
                 details={"most": most},
-            )
-        if isinstance(error, MemoryError):
-            memory_bytes = self.memory_bytes
-            return LimitError(
-                f"The work needs more memory than the {memory_bytes} bytes it may take.",
-                remedy="Send fewer frames or a coarser mesh, or have the limit raised.",
-                limit="task_memory_bytes",
-                details={"most": memory_bytes},
             )
         if isinstance(error, (ProcessLostError, AnswerError)):
             is_lost = isinstance(error, ProcessLostError)

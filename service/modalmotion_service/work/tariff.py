@@ -47,6 +47,7 @@ _RULES: Final[dict[Callable[..., Any], tuple[float, float]]] = {
     signatures.tabulate: (0.0, _READ_OUT),
     signatures.read_out: (0.0, _READ_OUT),
     signatures.make_report: (_PICTURE, _READ_OUT),
+    signatures.make_whole_report: (2 * _PICTURE, 4 * _READ_OUT + _SURFACE),
     # highdicom is imported.
     signatures.make_dicom: (3.0, _READ_OUT),
     signatures.make_view: (_PICTURE, _READ_OUT + _SURFACE),

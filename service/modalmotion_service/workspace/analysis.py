@@ -32,6 +32,7 @@ from modalmotion_service.work.engine import Engine
 from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.work.tasks import signatures
 from modalmotion_service.work.tasks.files import Fitted, followed
+from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.spool import Quota, Spool, remove_with_beside
 
 T = TypeVar("T")
@@ -41,6 +42,15 @@ A = TypeVar("A")
 def split_stage(milliseconds: Mapping[str, float]) -> None:
     """Name parts of the time that a request has waited for a worker."""
     add_milliseconds({**milliseconds, "worker": -sum(milliseconds.values())})
+
+
+def part_of(report: StageReport, part: float, start: float = 0.0) -> Report:
+    """Report progress as a part of the whole, which begins at `start`."""
+
+    def tell(share: float, text: str = "", /) -> None:
+        report(start + part * share, text)
+
+    return tell
 
 
 def unheard(_share: float, _text: str = "") -> None:
@@ -118,7 +128,8 @@ class Analysis:
         self,
         items: Sequence[A],
         work: Callable[[A], Awaitable[T]],
-        told: Callable[[int, int], None],
+        report: StageReport,
+        what: str,
     ) -> list[T]:
         """Do something for each of many, as many at a time as there are workers.
 
@@ -127,8 +138,9 @@ class Analysis:
         items : sequence
         work : async function
             The first that fails ends the others.
-        told : callable
-            Called with the number that is done, and that of all.
+        report : callable
+            Called with the share that is done, and "signature 3 of 9" where `what` is a signature.
+        what : str
         """
         done: dict[int, T] = {}
         waiting = iter(enumerate(items))
@@ -136,7 +148,7 @@ class Analysis:
         async def take() -> None:
             for number, item in waiting:
                 done[number] = await work(item)
-                told(len(done), len(items))
+                report(len(done) / len(items), f"{what} {len(done)} of {len(items)}")
 
         try:
             async with asyncio.TaskGroup() as takers:
@@ -144,6 +156,9 @@ class Analysis:
                     takers.create_task(take())
         except BaseExceptionGroup as failed:
             raise failed.exceptions[0] from None
+        if len(done) < len(items):
+            # Given up by the engine, as at the end of the service.
+            raise asyncio.CancelledError
         return [done[number] for number in range(len(items))]
 
     @contextmanager

@@ -28,7 +28,7 @@ from modalmotion_service.schemas import queries
 from modalmotion_service.work.tasks import classification
 from modalmotion_service.work.tasks.classification import KeptRecording
 from modalmotion_service.workspace import models
-from modalmotion_service.workspace.analysis import in_one_basis, unheard
+from modalmotion_service.workspace.analysis import in_one_basis, part_of, unheard
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Case, Outcome, Request, State, operation
 from modalmotion_service.workspace.training import case_file, fit_each, read_cases, train
@@ -110,10 +110,8 @@ async def evaluation(state: State, request: Request, report: Report) -> Outcome:
     async def answered(case: Case) -> list[CaseAnswer]:
         return [await _answer(state, case, model, query.coverage) for model in chosen]
 
-    def tell(done: int, total: int) -> None:
-        report(_CLASSIFYING * done / total, f"sequence {done} of {total}")
-
-    by_case = await state.analysis.each(request.cases, answered, tell)
+    tell = part_of(report, _CLASSIFYING)
+    by_case = await state.analysis.each(request.cases, answered, tell, "sequence")
     report(_CLASSIFYING, "figures")
     answers = [list(its) for its in zip(*by_case, strict=True)]
     sources, versions = [one.source for one in chosen], [one.version for one in chosen]
@@ -162,8 +160,7 @@ async def norm(state: State, request: Request, report: Report) -> Outcome:
     own = TrainingOptions(modes=query.modes, topology=query.topology).signature_parameters
     parameters = parameters_of_controls(own, [_facts(state, case) for case in cases])
 
-    def tell(share: float, text: str) -> None:
-        report(_FITTING + (1 - _FITTING) * share, text)
+    tell = part_of(report, 1 - _FITTING, _FITTING)
 
     async def make_with(wanted: SignatureParameters) -> Norm:
         controls = await _recordings(state, cases, wanted, report)

@@ -30,7 +30,7 @@ from modalmotion.store import (
 from modalmotion_service.errors import ConflictError
 from modalmotion_service.schemas.requests import ClassificationRequest
 from modalmotion_service.work.tasks.classification import name_class
-from modalmotion_service.workspace.analysis import unheard
+from modalmotion_service.workspace.analysis import part_of, unheard
 from modalmotion_service.workspace.operation import State
 
 # A model that comes with the package has one version.
@@ -169,11 +169,8 @@ async def classification(
     tracking = facts.tracking if model.name == OFFSET_MODEL else UNKNOWN
     key = classification_key(parameters, coverage, tracking, facts.handedness, facts.cavity)
 
-    def tell(share: float, text: str) -> None:
-        report(_SIGNING * share, text)
-
     async def named(asked: SignatureParameters) -> tuple[bytes, str | None]:
-        signature = await analysis.signature(sequence_id, asked, tell)
+        signature = await analysis.signature(sequence_id, asked, part_of(report, _SIGNING))
         report(_SIGNING, "class")
         topology = store.sequence_record(sequence_id).topology
         return await analysis.work(

@@ -338,8 +338,10 @@ class Performance(JobRunner):
     def ending(self, job: Job) -> Ending | None:
         """Give what the operation of a job ends with, if anything."""
         what = self._operations[job.kind]
-        settle, request = what.settle, Request.from_json(job.request, what.query)
-        return settle and (lambda result: settle(self.state, request, result["link"]))
+        if (settle := what.settle) is None:
+            return None
+        request = Request.from_json(job.request, what.query)
+        return lambda result: settle(self.state, request, result["link"])
 
     def clean_up(self, request: Any) -> None:
         """Remove the upload of a job."""

@@ -49,15 +49,15 @@ def lay_out(source: Path, root: Path) -> None:
     StoreError
         If the folder cannot be read.
     """
-
-    def link(file: str, place: str) -> None:
-        if not Path(place).is_symlink():
-            Path(place).symlink_to(file)
-
     try:
         for name in _SERVED:
-            if (folder := source.absolute() / name).is_dir():
-                shutil.copytree(folder, root / name, copy_function=link, dirs_exist_ok=True)
+            for file in (source / name).rglob("*") if (source / name).is_dir() else ():
+                if not file.is_file():
+                    continue
+                link = root / file.relative_to(source)
+                link.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+                if not link.is_symlink():
+                    link.symlink_to(file.absolute())
     except OSError as error:
         raise StoreError(
             f"Models and templates of '{source.name}' cannot be read: {error.strerror}.",

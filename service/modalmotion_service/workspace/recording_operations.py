@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import zipfile
 from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -23,10 +22,11 @@ from modalmotion_service.schemas.sequences import ImagesSummary, SequenceSummary
 from modalmotion_service.work.tasks import sequences, signatures, tracks
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace import models
+from modalmotion_service.workspace.analysis import part_of
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.jobs import Job, gone, results_of
 from modalmotion_service.workspace.operation import Outcome, Request, State, made, operation
-from modalmotion_service.workspace.spool import SpoolFile, remove_with_beside
+from modalmotion_service.workspace.spool import SpoolFile
 
 SAMPLE: Final = "Sample heart (simulated)"
 """Name of the simulated heart."""
@@ -155,10 +155,6 @@ async def template_modes(state: State, request: Request, _: Report) -> Outcome:
 
 # Part of a tracked report that the track is counted as.
 _TRACKING: Final = 0.8
-_FORMS: Final = {"report.pdf": media.PDF, "report.fhir.json": media.FHIR, "frames.csv": media.CSV}
-_PAGE: Final = "view.html"
-# A zip knows no time before.
-_NO_DATE: Final = (1980, 1, 1, 0, 0, 0)
 
 
 @operation()
@@ -270,7 +266,7 @@ async def track_view(state: State, request: Request, _: Report) -> Outcome:
 @operation(media.ZIP, query=requests.TRACK, settle=settle)
 async def tracked_report(state: State, request: Request, report: Report) -> Outcome:
     """Track a surface, name the class of its motion, and write each form of a report to a zip."""
-    done = await track.work(state, request, lambda share, text="": report(_TRACKING * share, text))
+    done = await track.work(state, request, part_of(report, _TRACKING))
     track_id = (done.link or "").rpartition("/")[2]
     report(_TRACKING, "report")
     path = await _whole_report(state, track_id, request.query.model)
@@ -286,27 +282,8 @@ async def _whole_report(state: State, sequence_id: str, model: str | None) -> Pa
         coverage = requests.ClassificationRequest().coverage
         known, _ = await models.classification(state, sequence_id, chosen, coverage)
     kept = None if known is None else known.path
-    analysis, page = state.analysis, state.spool.new_path()
-    try:
-        with analysis.output() as output:
-            async with analysis.fitted(sequence_id, None) as one:
-                forms = {
-                    name: await analysis.work(signatures.make_report, one, media_type, kept)
-                    for name, media_type in _FORMS.items()
-                }
-                await analysis.work(signatures.make_view, one, True, page)
-            await asyncio.to_thread(_zip, output, forms, page)
-    finally:
-        remove_with_beside(page)
-    return output
-
-
-def _zip(output: Path, forms: dict[str, bytes], page: Path) -> None:
-    with zipfile.ZipFile(output, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, data in (*forms.items(), (_PAGE, page.read_bytes())):
-            archive.writestr(
-                zipfile.ZipInfo(name, _NO_DATE), data, compress_type=zipfile.ZIP_DEFLATED
-            )
+    async with state.analysis.fitted(sequence_id, None) as one:
+        return await state.analysis.written(signatures.make_whole_report, one, kept)
 
 
 async def erase(state: State, sequence_id: str) -> None:

@@ -17,7 +17,7 @@ from modalmotion_service.schemas.results import ClassificationAnswer
 from modalmotion_service.schemas.signatures import DistanceAnswer
 from modalmotion_service.work.tasks import signatures
 from modalmotion_service.workspace import models
-from modalmotion_service.workspace.analysis import USUAL, unheard, with_facts
+from modalmotion_service.workspace.analysis import USUAL, part_of, unheard, with_facts
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import (
     Outcome,
@@ -189,10 +189,10 @@ async def signatures_query(state: State, request: Request, report: Report) -> Ou
     analysis, ids = state.analysis, list(request.ids)
     parameters = request.query.parameters()
 
-    def tell(done: int, total: int) -> None:
-        report(done / (total + 1), f"signature {done} of {total}")
-
-    paths = await analysis.each(ids, lambda one: analysis.signature(one, parameters), tell)
+    paths = await analysis.each(
+        *(ids, lambda one: analysis.signature(one, parameters)),
+        *(part_of(report, len(ids) / (len(ids) + 1)), "signature"),
+    )
     records = [state.store.sequence_record(sequence_id) for sequence_id in ids]
     paths = await analysis.of_one_kind(ids, parameters, paths)
     if request.media_type == media.CSV:

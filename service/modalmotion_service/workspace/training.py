@@ -33,7 +33,7 @@ from modalmotion.store.folder import require_name
 from modalmotion_service.errors import CostError
 from modalmotion_service.schemas.queries import LabelledSequence
 from modalmotion_service.work.tasks.training import Cases, Unfitted, train_model
-from modalmotion_service.workspace.analysis import in_one_basis
+from modalmotion_service.workspace.analysis import in_one_basis, part_of
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Case, State
 from modalmotion_service.workspace.spool import SpoolFile, remove_with_beside
@@ -227,14 +227,12 @@ async def train(
                 paths = [two if isinstance(two, LeftOut) else one for one, two in both]
                 offsets = [one if isinstance(one, LeftOut) else two for one, two in both]
 
-        def report_training(share: float, text: str) -> None:
-            report(_FITTING + (1 - _FITTING) * share, text)
-
+        tell = part_of(report, 1 - _FITTING, _FITTING)
         own = _cases(cases, paths), None if offsets is None else _cases(cases, offsets)
         settings = state.settings
         try:
             return await trainer.followed(
-                *(report_training, train_model, *own, name, options.as_json(), training, image),
+                *(tell, train_model, *own, name, options.as_json(), training, image),
                 *(settings.scheduler, settings.workers),
             )
         except ModalMotionError as error:
@@ -307,10 +305,7 @@ async def fit_each(
                 return LeftOut.of(about, case_name(case.id))
             raise about from error
 
-    def tell(done: int, total: int) -> None:
-        report(share * done / total, f"signature {done} of {total}")
-
-    return await state.analysis.each(cases, fitted, tell)
+    return await state.analysis.each(cases, fitted, part_of(report, share), "signature")
 
 
 def _about(state: State, error: ModalMotionError, sequence_id: object) -> ModalMotionError:

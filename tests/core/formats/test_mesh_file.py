@@ -26,7 +26,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modalmotion.errors import InputError, LimitError, MalformedFileError
-from modalmotion.formats.frame import Frame, triangulate_sizes
+from modalmotion.formats.frame import Frame, triangulate
 from modalmotion.formats.ply import read_ply, write_ply
 from modalmotion.formats.text_meshes import read_obj, read_off, read_stl
 from modalmotion.formats.vtk_legacy import read_vtk_legacy
@@ -103,7 +103,7 @@ def test_fans_are_those_of_a_loop(sizes: list[int]) -> None:
         for start, size in zip(offsets, sizes, strict=False)
         for i in range(1, size - 1)
     ]
-    faces = triangulate_sizes(sizes, corners).faces
+    faces = triangulate(sizes, corners).faces
     assert faces.shape == (len(expected), 3)
     assert np.array_equal(faces, np.array(expected).reshape(-1, 3))
 

@@ -126,9 +126,9 @@ def test_torus_on_a_round_one() -> None:
         ring, faces, landmarks=GivenLandmarks(theta_zero=(4.0, 0.0, 0.0), base=(0.0, 0.0, 9.0))
     )
     tube, theta = template.coordinates.T
-    # d(harmonic tube angle) is da / (R + r cos a), made to one turn.
-    half = np.sqrt((R - r) / (R + r)) * np.tan(((a + np.pi) % (2 * np.pi) - np.pi) / 2)
-    assert turns_between(tube, np.arctan(half) / np.pi) < 0.003
+    # About the mean distance from the axis by area, R + r^2 / 2R: there is more of it outside.
+    angle = np.arctan2(r * np.sin(a), r * np.cos(a) - r**2 / (2 * R))
+    assert turns_between(tube, angle / (2 * np.pi)) < 0.003
     assert turns_between(theta, b / (2 * np.pi)) < 0.002
 
 

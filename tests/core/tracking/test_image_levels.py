@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ellipsoid_images import MIDDLE, Look, spheroid, uneven, volume
+import scipy
+from ellipsoid_images import MIDDLE, Look, planes, spheroid, uneven, volume
 
 from modalmotion.images import Volume
 from modalmotion.images.edges import Levels
@@ -52,3 +53,28 @@ def test_blood_is_looked_for_beyond_a_dark_layer() -> None:
     layered = replace(SIGHT, has_layers=True)
     assert renewed(layered, dark).levels.inside == pytest.approx(100.0, abs=2.0)
     assert renewed(SIGHT, dark).levels.inside < 90.0
+
+
+@pytest.mark.parametrize("thickness", [1.5, 12.0])
+def test_a_thick_slice_shows_edges_where_the_surface_is(thickness: float) -> None:
+    # Drawn inward by h^2 / 24 R: 0.3 mm and more along the axis of slices of 12 mm.
+    sight = replace(SIGHT, shifts=np.zeros((8, 3)))
+    images = planes(look=Look(noise=0.0), thickness=thickness)
+    view = view_of(images, FACETS, TEMPLATE.vertices, sight.within(4.0), 4.0)
+    k = view.edges.is_found & (view.planes >= 6)
+    normal = (view.normals * view.directions).sum(axis=1)
+    assert k.sum() > 60
+    assert np.mean((view.edges.offsets * normal)[k]) == pytest.approx(0.0, abs=0.1)
+    is_thick = thickness > 6.0
+    assert (np.mean(((view.edges.offsets - view.drawn) * normal)[k]) < -0.25) == is_thick
+
+
+def test_levels_are_those_beyond_the_blur_of_an_edge() -> None:
+    shape = (28, 28, 36)
+    affine = np.column_stack([3.0 * np.eye(3), MIDDLE - 1.5 * (np.array(shape) - 1)])
+    sharp = volume(look=Look(noise=0.0), affine=affine, shape=shape)
+    blurred = replace(sharp, values=scipy.ndimage.gaussian_filter(sharp.values, 0.5))
+    levels = renewed(SIGHT, seen(blurred)).levels
+    contrast = LOOK.blood - LOOK.wall
+    assert levels.outside == pytest.approx(LOOK.wall, abs=0.05 * contrast)
+    assert levels.inside == pytest.approx(LOOK.blood, abs=0.03 * contrast)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
 import socket
 from dataclasses import asdict
 from pathlib import Path
@@ -108,6 +109,7 @@ def test_a_line_may_be_an_audit_event_of_fhir(
     with AuditLog(None, Lines(str(path), "fhir")) as stream:
         stream.append([done])
     line = json.loads(path.read_text())
+    assert re.fullmatch(r"[0-9a-f]{16}-1-[A-Za-z0-9.-]{1,40}", line["id"])
     # What R4 requires: type, recorded, agent with requestor, source with observer.
     assert (line["resourceType"], line["type"]["code"]) == ("AuditEvent", "rest")
     assert (line["action"], line["outcome"]) == (action, outcome)

@@ -177,7 +177,7 @@ class Leaver:
 @contextmanager
 def stopped_workers(app: Any) -> Iterator[Callable[[], list[bool]]]:
     """Have all work take for ever: nothing that is sent to a worker begins."""
-    lanes = app.state.owners.local.analysis.engine._lanes
+    lanes = app.state.owners.local.analysis.engine.lanes
     submitted: list[Any] = []
 
     def put(task: Any) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
@@ -33,7 +34,7 @@ from modalmotion.signature.tradeoff import as_plain, measure_tradeoff
 from modalmotion.template.body_frame import Components
 from modalmotion.viewer.page import View, view_page
 from modalmotion.viewer.payload import frames_payload
-from modalmotion_service.http.negotiation import CSV, HDF5, JSON, NPZ, PDF, PNG, RAW
+from modalmotion_service.http.negotiation import CSV, FHIR, HDF5, JSON, NPZ, PDF, PNG, RAW
 from modalmotion_service.schemas.results import ReadoutsAnswer
 from modalmotion_service.schemas.signatures import SignatureAnswer, TradeoffAnswer
 from modalmotion_service.work.tasks.files import (
@@ -327,11 +328,29 @@ def _report(one: Fitted, classification: Path | None) -> Report:
 MOST_FRAME_BYTES: Final = 64_000_000
 
 
+NO_DATE: Final = (1980, 1, 1, 0, 0, 0)
+"""Of files in a zip, which knows no time before."""
+
+
+def make_whole_report(one: Fitted, classification: Path | None, output: Path) -> None:
+    """Write each form of a report on a signature, and its page, to a zip."""
+    forms = {"report.pdf": PDF, "report.fhir.json": FHIR, "frames.csv": CSV}
+    files = {name: make_report(one, kind, classification) for name, kind in forms.items()}
+    files["view.html"] = _view(one, as_page=True)
+    with whole_file(output) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        for name, data in files.items():
+            archive.writestr(zipfile.ZipInfo(name, NO_DATE), data, zipfile.ZIP_DEFLATED)
+
+
 def make_view(one: Fitted, as_page: bool, output: Path) -> None:
     """Write what a page needs first of a kept signature; or the whole page, as one file.
 
     A page of one file is shown without a service: it holds the data of a track itself.
     """
+    write_whole(output, _view(one, as_page=as_page))
+
+
+def _view(one: Fitted, *, as_page: bool) -> bytes:
     view = View(
         store.signature_from_hdf5(one.signature),
         one.read_sequence(),
@@ -340,10 +359,9 @@ def make_view(one: Fitted, as_page: bool, output: Path) -> None:
     )
     track = one.track
     if not as_page:
-        write_whole(output, replace(view, is_tracked=track is not None).payload())
-        return
+        return replace(view, is_tracked=track is not None).payload()
     data = None if track is None else store.track_from_hdf5(track).data
-    write_whole(output, view_page([replace(view, data=data)]).encode())
+    return view_page([replace(view, data=data)]).encode()
 
 
 def make_frames(one: Fitted, first: int, stop: int | None, output: Path) -> None:
