@@ -25,6 +25,10 @@ _INSTANTS: Final = np.arange(1000) / 1000
 _DRAWS: Final = 100
 _SEED: Final = 16
 
+# Harmonics of a cycle at most, and the least variance of a volume, of its mean square.
+_HARMONICS: Final = 25
+_LEAST: Final = 1e-10
+
 
 def segment_volumes(motion: WallMotion, segment: NDArray[np.int64], n: int) -> NDArray[np.float64]:
     """Measure the volume between each segment of the wall and the middle line of the cavity.
@@ -106,12 +110,11 @@ def dyssynchrony(
 
     Notes
     -----
-    Volumes are periodic cubic splines through the frames, of which each harmonic counts by the
-    share of its power that is not noise (Wiener): that of the parts which follow the whole volume,
-    and that of the rest. What noise remains increases the spread, most where curves are flat: the
-    spread that it gives segments that all follow the whole volume is subtracted from the square.
-    The interval includes the noise, what both take off, the difference from straight lines
-    between the frames, and the spacing of the frames.
+    Each segment follows the whole volume in its share, plus a rest. The index is the mean over
+    curves drawn given the data (see `_curves`): the likeliest curves alone would be too much alike,
+    and those of the data too little. The interval includes the deviation of these draws, what they
+    add to the likeliest curves, the difference from straight lines between the frames, and the
+    spacing of the frames.
     """
     phases = phases - phases[0]
     is_first = phases < 1.0 - 1e-9  # of the cycle, without a repeated first frame
@@ -123,34 +126,93 @@ def dyssynchrony(
     by_frame = np.eye(len(phases))[np.arange(len(closed)) % len(phases)]
     splines = scipy.interpolate.CubicSpline(closed, by_frame, bc_type="periodic")(_INSTANTS)
     lines = scipy.interpolate.interp1d(closed, by_frame, axis=0)(_INSTANTS)
-    harmonics = np.fft.rfft(splines, axis=0)
-    noise = np.abs(harmonics) ** 2 @ variances.sum(axis=1) * (not is_smooth)
-
-    def kept(parts: NDArray[np.float64]) -> NDArray[np.float64]:
-        power = (np.abs(harmonics @ parts) ** 2).sum(axis=1)
-        share = 1.0 - np.divide(noise, power, out=np.ones_like(power), where=power > noise)
-        return np.asarray(np.fft.irfft(share[:, None] * harmonics, len(_INSTANTS), axis=0))
-
-    alike, rest = _parts(volumes)
-    of_alike, of_rest = kept(alike), kept(rest)
-
-    def spread(values: NDArray[np.float64]) -> float:
-        alike, rest = _parts(values)
-        return _apart(of_alike @ alike + of_rest @ rest)
-
     rng = np.random.default_rng(_SEED)
-    draws = rng.normal(size=(_DRAWS, *volumes.shape)) * np.sqrt(variances)
-    by_noise = np.array([spread(alike + draw) for draw in draws])
-    own = spread(volumes)
-    without = np.sqrt(max(own**2 - (by_noise**2).mean(), 0.0))
-    whole = _apart(splines @ volumes)
-    by_lines = _apart(lines @ volumes) - whole
+    if is_smooth:
+        smooth = volumes
+        drawn = volumes + rng.normal(size=(_DRAWS, *volumes.shape)) * np.sqrt(variances)
+    else:
+        smooth, drawn = _curves(volumes, phases, variances, rng)
+    by_noise = np.array([_apart(splines @ each) for each in drawn])
+    likeliest = _apart(splines @ smooth)
+    value = likeliest if is_smooth else by_noise.mean()
+    by_lines = _apart(lines @ smooth) - likeliest
     # Of the deviation of n times that are each uniform between two frames.
     by_frames = gaps.mean() / np.sqrt(12.0 * 2.0 * (volumes.shape[1] - 1))
-    squares = by_noise.var() + (whole - without) ** 2 + by_lines**2 + by_frames**2
-    reach, value = TWO_DEVIATIONS * np.sqrt(squares), own if is_smooth else without
+    squares = ((by_noise - value) ** 2).mean() + (value - likeliest) ** 2
+    squares += by_lines**2 + by_frames**2
+    reach = TWO_DEVIATIONS * np.sqrt(squares)
     value, low, high = 100.0 * np.maximum([value, value - reach, value + reach], 0.0)
     return float(value), float(low), float(high)
+
+
+def _curves(
+    volumes: NDArray[np.float64],
+    phases: NDArray[np.float64],
+    variances: NDArray[np.float64],
+    rng: np.random.Generator,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Estimate volumes without noise: their mean given the data, and draws, (draws, ...).
+
+    Amplitudes of harmonics are normal. Their covariance is what the data have beyond noise: for the
+    rest of each segment the few directions in which segments vary by more than noise does (shrunk
+    eigenvalues, as of a spiked covariance), and a power that is not larger in a higher harmonic.
+    """
+    n = min(len(phases) // 2, _HARMONICS)
+    turns = 2.0 * np.pi * phases[:, None] * np.arange(1, n + 1)
+    waves = np.sqrt(2.0) * np.concatenate([np.cos(turns), np.sin(turns)], axis=1)
+    inverse = np.linalg.pinv(waves)
+    alike, rest = _parts(volumes)
+    whole = alike.sum(axis=1, keepdims=True)
+    shares = whole.T @ alike / ((whole**2).sum() or 1.0)
+
+    def tail(
+        y: NDArray[np.float64], noise: NDArray[np.float64], known: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Covariance of amplitudes that are independent, beyond noise and what is known."""
+        power = ((inverse @ y) ** 2).mean(axis=1) - inverse**2 @ noise.mean(axis=1) - known
+        power = scipy.optimize.isotonic_regression(power.reshape(2, n).mean(0), increasing=False).x
+        return np.diag(np.tile(np.maximum(power, 0.0), 2))
+
+    def given(
+        y: NDArray[np.float64], noise: NDArray[np.float64], covariance: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        values, directions = np.linalg.eigh(covariance)
+        basis = waves @ (directions * np.sqrt(np.maximum(values, 0.0)))
+        # An exact volume would have an infinite weight.
+        weights = 1.0 / np.maximum(noise.T, _LEAST * (y**2).mean() or 1.0)[:, :, None]
+        factors = np.linalg.cholesky(np.eye(2 * n) + basis.T @ (weights * basis))
+        mean = np.linalg.solve(factors, basis.T @ (weights * y.T[:, :, None]))
+        drawn = mean + rng.normal(size=(len(mean), 2 * n, _DRAWS))
+        both = np.concatenate([mean, drawn], axis=2)
+        curves = np.moveaxis(basis @ np.linalg.solve(factors.swapaxes(1, 2), both), 0, 2)
+        return curves[:, 0], np.moveaxis(curves[:, 1:], 1, 0)
+
+    of_whole = variances.sum(axis=1, keepdims=True)
+    mean, drawn = given(whole, of_whole, tail(whole, of_whole, np.zeros(2 * n)))
+    spikes = _spikes(inverse @ rest, np.sqrt(inverse**2 @ variances.mean(axis=1)))
+    covariance = spikes + tail(rest, variances, np.diag(spikes))
+    more, drawn_more = given(rest, variances, covariance)
+    return mean * shares + more, drawn * shares + drawn_more
+
+
+def _spikes(
+    amplitudes: NDArray[np.float64], deviations: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Covariance of amplitudes, (amplitudes, segments), in directions beyond noise.
+
+    Of eigenvalues above the largest that noise alone has; each counts by what of it is in the
+    direction found (Donoho, Gavish, Johnstone, Ann Stat, 2018).
+    """
+    deviations = np.maximum(deviations, np.sqrt(_LEAST * (amplitudes**2).mean()) or 1.0)
+    n = amplitudes.shape[1] - 1  # a sum of rests is zero
+    ratio = len(amplitudes) / n
+    found, directions = np.linalg.eigh(np.cov(amplitudes / deviations[:, None], bias=False))
+    is_beyond = found > (1.0 + np.sqrt(ratio)) ** 2
+    by = found[is_beyond] - 1.0 - ratio
+    true = (by + np.sqrt(by**2 - 4.0 * ratio)) / 2.0
+    true *= (1.0 - ratio / true**2) / (1.0 + ratio / true)
+    directions = directions[:, is_beyond] * deviations[:, None]
+    return np.asarray((directions * true) @ directions.T, dtype=np.float64)
 
 
 def _parts(volumes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
