@@ -114,12 +114,11 @@ def draw_strain(axes: Axes, strain: Strain, times: NDArray[np.float64] | None) -
         place = strain.names.index(name)
         curve, reach = strain.curves[:, place], 2.0 * strain.deviations[:, place]
         axes.fill_between(at, curve - reach, curve + reach, color=colour, alpha=0.22, lw=0)
-        axes.plot(at, curve, lw=1.2, ls=style, color=colour)
-        axes.annotate(
-            name, (at[-1], curve[strain.end_systole]), fontsize=7, color=colour, ha="right"
-        )
+        axes.plot(at, curve, lw=1.2, ls=style, color=colour, label=name)
+    axes.legend(fontsize=7, frameon=False, handlelength=1.8, borderaxespad=0.0)
     mark_moments(axes, at, strain.end_diastole, strain.end_systole)
     axes.set(xlabel="frame" if times is None else "time (s)", ylabel="strain (%)")
+    axes.locator_params(axis="x", integer=times is None)
     lighten(axes)
 
 
