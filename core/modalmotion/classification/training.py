@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib.metadata import version
@@ -35,6 +35,7 @@ from modalmotion.classification.outliers import OutlierDetector, detector_for
 from modalmotion.classification.performance import METHODS, CrossValidation, performance
 from modalmotion.errors import ParameterError, needs_extra
 from modalmotion.hdf5.image import INTENDED_USE
+from modalmotion.progress import Progress, as_share, in_percent, part_of
 
 # Share of the progress that reading the cases is counted as.
 _READ: Final = 0.4
@@ -58,7 +59,7 @@ def train(
     cases: Iterable[AnyCase],
     name: str,
     options: TrainingOptions | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
     cv: Folds | None = None,
     offsets: Iterable[AnyCase] | None = None,
 ) -> Model:
@@ -71,7 +72,7 @@ def train(
     name : str
     options : TrainingOptions, optional
     progress : callable, optional
-        Called with the share that is done, 0 to 1, and the current step.
+        Called with the percentage that is done, and 100.
     cv : sequence of int, optional
         Folds of your own: for each case the number of the fold in which it is predicted.
     offsets : iterable of TrainingCase or CaseSource, optional
@@ -99,13 +100,8 @@ def train(
     """
     from joblib import Parallel, delayed
 
-    chosen, report = options or TrainingOptions(), progress or _silent
-    n_cases = len(cases) if isinstance(cases, Sized) else 0
-
-    def reading(number: int) -> None:
-        share = min(1.0, number / n_cases) if n_cases else 0.0
-        report(_READ * share, f"reading case {number}" + (f" of {n_cases}" if n_cases else ""))
-
+    chosen, report = options or TrainingOptions(), in_percent(progress)
+    reading = as_share(part_of(report, 0.0, _READ))
     cohorts = collect_cohorts(cases, offsets, chosen, reading)
     splits = split_cases(cohorts[0], chosen, cv)
     # Those of a basis have its motions in memory, so each is one piece of work.
@@ -113,7 +109,7 @@ def train(
     results = []
     for number, result in enumerate(Parallel(return_as="generator", batch_size=1)(works)):
         results.append(result)
-        report(_READ + (1.0 - _READ) * (number + 1) / len(cohorts), f"basis {number + 1}")
+        report(_READ + (1.0 - _READ) * (number + 1) / len(cohorts))
     final = better([result.final for result in results])
     held_out = _held_out(results, splits, cohorts[final])
     cohort, fit = cohorts[final], results[final].final
@@ -121,9 +117,7 @@ def train(
     weighed = _weighed_note(cohorts, results, final)
     card = replace(card, notes=(*cohort.notes, *weighed, *splits.notes, *card.notes, *doubt))
     always = (*doubt, *_always(cohort, fit))
-    model = _model(cohort, name, results[final], held_out, card, always)
-    report(1.0, "trained")
-    return model
+    return _model(cohort, name, results[final], held_out, card, always)
 
 
 @contextmanager
@@ -407,8 +401,3 @@ def _weighed_note(
         f"training ({', '.join(losses)}). State kind or topology to decide otherwise."
     )
     return (note,) if len(cohorts) > 1 else ()
-
-
-def _silent(share: float, text: str) -> None:
-    """Report nothing."""
-    del share, text

@@ -12,7 +12,7 @@ import click
 
 from modalmotion.classification.manifest import LabelledSequence, labelled_files
 from modalmotion.classification.options import OnError, TrainingOptions
-from modalmotion.cli.files import counting, progress_bar, read, sequence_argument
+from modalmotion.cli.files import counting, read, sequence_argument
 from modalmotion.cli.options import (
     Cases,
     Coverage,
@@ -104,8 +104,8 @@ def _asked(
     files = labelled_files(sources, skip_unreadable=skips)
     cases = [LabelledSequence(file, {"unit": unit}) for file in files]
     left_out: list[LeftOut] = []
-    with progress_bar(cases, label="cases") as bar:
-        result = ask(bar, coverage, left_out=left_out if skips else None)
+    with counting("cases") as show:
+        result = ask(cases, coverage, progress=show, left_out=left_out if skips else None)
     return result, list(left_out_notes(left_out))
 
 
@@ -275,7 +275,7 @@ def features(
             [LabelledSequence(file, {}) for file in files],
             transformer,
             on_error="leave out" if skip_unreadable else "raise",
-            progress=lambda done: show(done, len(files)),
+            progress=show,
         )
     write_atomic(out, table.as_csv().encode())
     n, m = table.values.shape
@@ -325,7 +325,7 @@ def train(
     files = labelled_files(sources, skip_unreadable=skip_unreadable)
     with counting("training") as show:
         cases = [LabelledSequence(file, {"unit": unit}) for file in files]
-        model = fit(cases, name, training_options, lambda share, _: show(round(1000 * share), 1000))
+        model = fit(cases, name, training_options, show)
     write_atomic(out, model_to_hdf5(model))
     if plot is not None:
         from modalmotion.pictures.classification import card_figure

@@ -352,7 +352,7 @@ class Performance(JobRunner):
         """Raise StoreError while the spool has no room."""
         require_room(self.state.spool.folder)
 
-    def _tell(self, name: str, share: float, text: str = "", /) -> None:
+    def _tell(self, name: str, share: float, text: str) -> None:
         if (listener := self._listeners.get(name)) is not None:
             listener(share, text)
 
