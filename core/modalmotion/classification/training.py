@@ -113,10 +113,10 @@ def train(
     final = better([result.final for result in results])
     held_out = _held_out(results, splits, cohorts[final])
     cohort, fit = cohorts[final], results[final].final
-    card, doubt = _card(cohort, chosen, splits, held_out, fit)
+    card, warning = _card(cohort, chosen, splits, held_out, fit)
     weighed = _weighed_note(cohorts, results, final)
-    card = replace(card, notes=(*cohort.notes, *weighed, *splits.notes, *card.notes, *doubt))
-    always = (*doubt, *_always(cohort, fit))
+    card = replace(card, notes=(*cohort.notes, *weighed, *splits.notes, *card.notes, *warning))
+    always = (*warning, *_always(cohort, fit))
     return _model(cohort, name, results[final], held_out, card, always)
 
 
@@ -290,7 +290,7 @@ def _card(
     held_out: CrossValidation | None,
     fit: Fit,
 ) -> tuple[ModelCard, tuple[str, ...]]:
-    """Card of a trained model, and a doubt that every answer says, where there is one."""
+    """Card of a trained model, and the warning that every answer carries, if any."""
     labels = [cohort.classes[k] for k in cohort.y]
     people = dict.fromkeys(zip(labels, cohort.subjects, strict=True))
     counts = Counter(labels), Counter(label for label, _ in people)
@@ -327,12 +327,12 @@ def _card(
     persons = np.unique(cohort.subjects, return_inverse=True)[1]
     tests = confounds(cohort.conditions, cohort.y, persons, options.seed)
     held, sizes = _cross_sets(cohort, splits.repetitions[0], held_out.probabilities[0])
-    doubt: tuple[str, ...] = ()
+    warning: tuple[str, ...] = ()
     if figures.auc_interval is not None and figures.auc_interval[0] <= 0.5:
         low, high = figures.auc_interval
         text = f"AUC {figures.auc:.2f}, 95 % interval {low:.2f} to {high:.2f}"
         text = f"Its answers to cases left out are no better than chance ({text}): "
-        doubt = (f"{text}do not rely on this model.",)
+        warning = (f"{text}do not rely on this model.",)
     return replace(
         card,
         **vars(figures),
@@ -344,7 +344,7 @@ def _card(
             label: float(held[cohort.y == k].mean()) for k, label in enumerate(cohort.classes)
         },
         mean_set_size=float(sizes.mean()),
-    ), doubt
+    ), warning
 
 
 def _cross_sets(

@@ -17,7 +17,7 @@ _OF_A_BACKUP: Final = (
     "This is a backup: what was deleted since is in it. `modalmotion store restore` looks for "
     "deletions."
 )
-_OF_A_CRASH: Final = "What is unfinished was left by a crash; opening the store settles it."
+_OF_A_CRASH: Final = "What is unfinished was left by a crash; opening the store repairs it."
 
 
 @click.group()

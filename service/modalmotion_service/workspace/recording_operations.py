@@ -202,7 +202,7 @@ async def start_path(state: State, start: str | None) -> Path | None:
     return await asyncio.to_thread(state.store.sequence_path, start)
 
 
-async def settle(state: State, request: Request, link: str) -> None:
+async def keep_or_delete_images(state: State, request: Request, link: str) -> None:
     """Keep the images of a track for its pictures, or delete them.
 
     Once nothing needs them any more: a job that is done again after a crash starts from them.
@@ -221,7 +221,7 @@ async def settle(state: State, request: Request, link: str) -> None:
         await asyncio.to_thread(end)
 
 
-@operation(query=requests.TRACK, settle=settle)
+@operation(query=requests.TRACK, on_stored=keep_or_delete_images)
 async def track(state: State, request: Request, report: Report) -> Outcome:
     """Track a surface through an upload or stored images, and store what is found."""
     query, analysis, store = request.query, state.analysis, state.store
@@ -263,7 +263,7 @@ async def track_view(state: State, request: Request, _: Report) -> Outcome:
     return Outcome(body, kind)
 
 
-@operation(media.ZIP, query=requests.TRACK, settle=settle)
+@operation(media.ZIP, query=requests.TRACK, on_stored=keep_or_delete_images)
 async def tracked_report(state: State, request: Request, report: Report) -> Outcome:
     """Track a surface, name the class of its motion, and write each form of a report to a zip."""
     done = await track.work(state, request, part_of(report, 0.0, _TRACKING))
