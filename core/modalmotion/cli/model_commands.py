@@ -38,7 +38,7 @@ _HELP: Final = {
     "topology": "cup, sphere, ..., or mesh for spring modes; found from all cases by default.",
     "kind": "material: points follow the tissue; offset: normal displacement, for points that may "
     "slide over it; by default what all recordings state, and else the better of both.",
-    "timing": "cycle: one turn of a cycle; transient: a movement with a beginning and an end.",
+    "timing": "cycle: one period of a cycle; transient: a movement with a beginning and an end.",
     "folds": "Folds of the grouped cross-validation.",
     "repetitions": "Repetitions of the cross-validation, each with folds of its own.",
     "groups": "Column of the manifest, such as site, whose cases are never divided by a split.",
@@ -69,7 +69,7 @@ def evaluate(
     unit
         Length unit of all files; overrides their own.
     coverage
-        Probability that the class set holds the true class.
+        Probability that the class set contains the true class.
     plot
         Picture to write (.png, .svg, .pdf).
     cases_file
@@ -131,7 +131,7 @@ def compare_models(
     unit
         Length unit of all files; overrides their own.
     coverage
-        Probability that the class set holds the true class.
+        Probability that the class set contains the true class.
     """
     from modalmotion.classification import compare_models as compare
 
@@ -159,7 +159,7 @@ def classify(
         Model: the name of an included one, or a file. The default reads displacements if
         the file states tracking=material, the surface's offsets otherwise.
     coverage
-        Probability that the class set holds the true class.
+        Probability that the class set contains the true class.
     plot
         Picture to write (.png, .svg, .pdf).
     """
@@ -197,7 +197,7 @@ def card(
     Parameters
     ----------
     markdown
-        As Markdown with a YAML head, as the Hugging Face Hub has it.
+        As Markdown with a YAML head, as on the Hugging Face Hub.
     out
         File to write.
     """
@@ -256,7 +256,7 @@ def features(
         axis: parts about the axis; modes: modes and their products; summary: the same in
         few numbers; terms: modes and their terms, of a transient.
     timing
-        cycle: one turn of a cycle; transient: a movement with a beginning and an end.
+        cycle: one period of a cycle; transient: a movement with a beginning and an end.
     covariates
         Column of the manifest to add; repeat for more. all: every one, long lists of words
         apart.

@@ -91,7 +91,7 @@ def verify(folder: Path, owner: str | None = None) -> Any:
 def export(folder: Path, out: Path, owner: str | None = None) -> Any:
     """Pack all signatures of the store in FOLDER, its own if no owner is named, into one file.
 
-    The exit code is 1 if a signature is damaged; the others are packed all the same.
+    The exit code is 1 if a signature is damaged; the others are packed nevertheless.
 
     Parameters
     ----------

@@ -323,7 +323,7 @@ class Client(Recordings):
             As for `train`.
         norm : str
         level : float
-            Level: share of recordings like the controls that are called a deviation.
+            Level: share of recordings like the controls that are reported as deviating.
 
         Returns
         -------

@@ -51,7 +51,7 @@ class TrackParameters:
     time : {"cycle", "open"}
         Whether the frames are one period, or part of a motion.
     reference : int or None
-        Frame that it starts from.
+        Frame in which tracking starts.
     contours : tuple of str
         Of typed contours: parts of the names of those to read.
     landmarks : mapping of str to array
