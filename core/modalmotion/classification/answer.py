@@ -16,7 +16,7 @@ from modalmotion.arguments.checking import Plotted, Saved
 from modalmotion.classification.model import Model, Readable
 from modalmotion.classification.model_files import (
     DEFAULT_MODEL,
-    OFFSET_MODEL,
+    NORMAL_DISPLACEMENT_MODEL,
     load_model,
     shipped_for,
 )
@@ -307,7 +307,10 @@ def _unreadable(signature: ModalSignature, model: Model) -> Flag | None:
     """Flag and reason why the signature cannot be read by the model at all."""
     reason = unlike(signature, model.readable)
     if reason is not None:
-        if model.name == OFFSET_MODEL and signature.kind != model.signature_parameters.kind:
+        if (
+            model.name == NORMAL_DISPLACEMENT_MODEL
+            and signature.kind != model.signature_parameters.kind
+        ):
             text = ", or state tracking=material if its points follow the tissue"
             reason = reason._replace(words=reason.words + text)
         return reason
@@ -329,7 +332,7 @@ def _unreadable(signature: ModalSignature, model: Model) -> Flag | None:
 def _notes(signature: ModalSignature, model: Model) -> list[str]:
     """Note what a user should know of the recording."""
     notes = []
-    if model.name == OFFSET_MODEL and signature.facts.tracking == UNKNOWN:
+    if model.name == NORMAL_DISPLACEMENT_MODEL and signature.facts.tracking == UNKNOWN:
         notes.append(_TRACKING_NOTE)
     share = signature.deviation_share
     if share:

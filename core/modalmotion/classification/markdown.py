@@ -11,7 +11,7 @@ from typing import Final
 
 from modalmotion.classification.card import ModelCard
 from modalmotion.classification.intervals import Interval
-from modalmotion.classification.model_files import DEFAULT_MODEL, OFFSET_MODEL
+from modalmotion.classification.model_files import DEFAULT_MODEL, NORMAL_DISPLACEMENT_MODEL
 
 # Facts for registries, in YAML.
 _HEAD: Final = """---
@@ -80,7 +80,7 @@ def card_markdown(
 
 def _use(name: str, version: int | None, file: str | None) -> list[str]:
     """Show a command that works: with a file, unless the model comes with the package."""
-    if file is None and version is None and name in (DEFAULT_MODEL, OFFSET_MODEL):
+    if file is None and version is None and name in (DEFAULT_MODEL, NORMAL_DISPLACEMENT_MODEL):
         return [f"```sh\nmodalmotion classify beat.npz --model {name}\n```"]
     own = f"{name}.h5" if version is None else f"{name}-{version}.h5"
     # No path may end the block.

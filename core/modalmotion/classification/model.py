@@ -122,7 +122,7 @@ class Readable:
 
         Of normal displacements on cups, which do not depend on where the surface ends.
         """
-        return self.parameters.kind == SignatureKind.OFFSET and self.topology == CUP.name
+        return self.parameters.kind != SignatureKind.MATERIAL and self.topology == CUP.name
 
 
 @shown("name", "classes", "readable.topology", "readable.n_modes", "id")

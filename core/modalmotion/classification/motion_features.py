@@ -53,8 +53,8 @@ def axis_parts(terms: NDArray[np.complex128], modes: Modes, *, walls: bool) -> A
     Parameters
     ----------
     terms : (harmonics, modes, 3 or 1) complex128
-        In the frame of the body: towards the zero of theta, across it, along the axis; of offsets
-        outwards.
+        In the frame of the body: towards the zero of theta, across it, along the axis; of normal
+        displacements outwards.
     modes : Modes
     walls : bool
         Whether the zero of theta is a known place on the body, so that parts without a sign have
@@ -71,7 +71,7 @@ def axis_parts(terms: NDArray[np.complex128], modes: Modes, *, walls: bool) -> A
     - tilt p, c3 - i s3 of p' = 1: rings that tilt;
     - lobe, wave and side (p, p'): these three of p' > 1.
 
-    Of offsets they are radial p, of (p, 0), and side p, oval p and lobe (p, p') of the pairs.
+    Along normals they are radial p, of (p, 0), and side p, oval p and lobe (p, p') of the pairs.
     Phases count from the height of the contraction. What has a sign is given by cosine and sine
     of each harmonic; of the others, whose direction is arbitrary, the roots of the lengths in
     phase and out of phase with it. A start angle turns c and s into one another and changes none.
@@ -106,7 +106,7 @@ def axis_parts(terms: NDArray[np.complex128], modes: Modes, *, walls: bool) -> A
 
 @lru_cache(maxsize=64)
 def axis_columns(
-    modes: Modes, n_harmonics: int, *, is_offset: bool, walls: bool
+    modes: Modes, n_harmonics: int, *, along_normal: bool, walls: bool
 ) -> tuple[Column, ...]:
     """Columns of the values of `axis_parts`."""
     flat, c, s, n = _places(modes)
@@ -115,7 +115,7 @@ def axis_columns(
     levels = [(int(k), int(modes.wavenumbers[k, 0])) for k in flat]
     signed: list[tuple[str, tuple[int, ...]]]
     others: list[tuple[str, tuple[int, ...]]]
-    if is_offset:
+    if along_normal:
         whole = int(np.flatnonzero(~modes.wavenumbers.any(axis=1))[0])
         signed = [(f"radial {p}", (k,)) for k, p in [(whole, 0), *levels]]
         names = {1: "side {0}", 2: "oval {0}"}
@@ -429,7 +429,7 @@ class Extractor:
         if self.what == VOLUME:
             return Column("log largest volume / 3"), Column("share of volume lost")
         if self.what == AXIS:
-            return axis_columns(modes, n_terms, is_offset=n == 1, walls=self.walls)
+            return axis_columns(modes, n_terms, along_normal=n == 1, walls=self.walls)
         columns = [Column("log motion", tuple(range(self.n_modes)))]
         if self.what == SUMMARY:
             columns += summary_columns(waves, n_terms, n, is_cycle=self.is_cycle)

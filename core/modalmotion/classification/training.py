@@ -60,7 +60,7 @@ def train(
     options: TrainingOptions | None = None,
     progress: Callable[[float, str], None] | None = None,
     cv: Folds | None = None,
-    offsets: Iterable[AnyCase] | None = None,
+    normal_displacements: Iterable[AnyCase] | None = None,
 ) -> Model:
     """Train a model on labelled recordings.
 
@@ -74,9 +74,9 @@ def train(
         Called with the share that is done, 0 to 1, and the current step.
     cv : sequence of int, optional
         Folds of your own: for each case the number of the fold in which it is predicted.
-    offsets : iterable of TrainingCase or CaseSource, optional
-        The same cases with their signatures of the kind offset, where `cases` are signatures and
-        both kinds are to be weighed. Sequences are fitted in both by themselves.
+    normal_displacements : iterable of TrainingCase or CaseSource, optional
+        The same cases with their signatures of normal displacements, where `cases` are signatures
+        and both kinds are to be weighed. Sequences are fitted in both by themselves.
 
     Returns
     -------
@@ -106,7 +106,7 @@ def train(
         share = min(1.0, number / n_cases) if n_cases else 0.0
         report(_READ * share, f"reading case {number}" + (f" of {n_cases}" if n_cases else ""))
 
-    cohorts = collect_cohorts(cases, offsets, chosen, reading)
+    cohorts = collect_cohorts(cases, normal_displacements, chosen, reading)
     splits = split_cases(cohorts[0], chosen, cv)
     # Those of a basis have its motions in memory, so each is one piece of work.
     works = (delayed(_fitted)(cohort, splits, chosen) for cohort in cohorts)

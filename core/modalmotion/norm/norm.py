@@ -174,8 +174,8 @@ class Norm(Saved):
         theirs = {str(one.conditions["tracking"]) for one in self.controls}
         if UNKNOWN not in {*theirs, own} and own not in theirs:
             raise ParameterError(
-                f"The points of this recording follow {own}, those of the controls "
-                f"{' and '.join(sorted(theirs))}.",
+                f"The tracking of this recording is {own}, that of the controls "
+                f"{' or '.join(sorted(theirs))}.",
                 remedy="Compare it with controls that were made in the same way.",
                 details={"tracking": own},
             )
