@@ -24,13 +24,10 @@ BEAT = simulate_ventricle(
 ALONG_NORMALS = SignatureParameters(kind=SignatureKind.NORMAL_DISPLACEMENT)
 
 
-def test_the_kind_is_part_of_the_key_and_the_default_leaves_it_as_it_was() -> None:
+def test_the_kind_is_part_of_the_key() -> None:
     assert SignatureParameters(kind=SignatureKind.MATERIAL).key == SignatureParameters().key
     assert ALONG_NORMALS.key != SignatureParameters().key
     assert parameters_from_json(parameters_as_json(ALONG_NORMALS)) == ALONG_NORMALS
-    older = parameters_as_json(SignatureParameters())
-    del older["kind"]
-    assert parameters_from_json(older).kind == SignatureKind.MATERIAL
 
 
 def test_a_normal_displacement_is_one_amplitude_of_a_mode() -> None:
