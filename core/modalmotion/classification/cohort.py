@@ -96,8 +96,7 @@ class Cohort:
     @property
     def basis(self) -> str:
         """Its modes and their kind, in words."""
-        kind = self.readable.parameters.kind
-        return f"{kind.replace('_', ' ')}, {self.readable.topology}"
+        return f"{self.readable.parameters.kind.replace('_', ' ')}, {self.readable.topology}"
 
 
 def collect_cohorts(

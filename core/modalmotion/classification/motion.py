@@ -133,11 +133,9 @@ class Motion:
         free = n - 1 - 2 * _N_SMOOTH
         if free < 2 or total == 0.0:
             return 1.0
-        time = self.cycle[1] if is_cycle and len(self.cycle[1]) == n else self._elapsed
-        is_cycle_time = time is not self._elapsed
-        explained = (
-            _design(time.tobytes(), _N_SMOOTH * (1 if is_cycle_time else 2), is_cycle_time).span @ x
-        )
+        is_cycle = is_cycle and len(self.cycle[1]) == n
+        time, count = (self.cycle[1], _N_SMOOTH) if is_cycle else (self._elapsed, 2 * _N_SMOOTH)
+        explained = _design(time.tobytes(), count, is_cycle).span @ x
         rest = max(0.0, total - float(np.vdot(explained, explained)))
         return max(0.0, 1.0 - rest / free * (n - 1) / total)
 

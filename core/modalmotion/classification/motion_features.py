@@ -39,9 +39,7 @@ class _Places(NamedTuple):
 def has_axis(modes: Modes) -> bool:
     """Whether motions in these modes have parts about an axis."""
     topology = modes.topology
-    if topology is None or topology.n_axes != 2:
-        return False
-    if topology.ends[1] != CLOSED or topology.ends[0] == CLOSED:
+    if topology is None or [end == CLOSED for end in topology.ends] != [False, True]:
         return False
     places = _places(modes)
     return len(places.flat) > 0 and places.n_rings > 0
@@ -465,20 +463,18 @@ def first(modes: Modes, n: int) -> Modes:
     return modes if n >= len(modes) else modes.take(np.arange(n))
 
 
-def reads_about_axis(motion: Motion, n_modes: int) -> bool:
-    """Whether parts about an axis can be read of a motion."""
-    return motion.signature.landmarks is not None and has_axis(first(motion.modes, n_modes))
-
-
 def kinds_of(
     motions: Sequence[Motion], n_modes: int, *, is_cycle: bool, walls: bool
 ) -> tuple[str, ...]:
     """Give the kinds of features of the motion that all recordings have, the simplest first."""
-    has_axis = is_cycle and all(reads_about_axis(motion, n_modes) for motion in motions)
+    is_about_axis = is_cycle and all(
+        motion.signature.landmarks is not None and has_axis(first(motion.modes, n_modes))
+        for motion in motions
+    )
     # Terms of modes mean nothing where a cycle or theta may start anywhere.
     waves = waves_of(first(motions[0].modes, n_modes), walls=walls)
     has_terms = not is_cycle and all(len(group) == 1 for group in waves.modes)
-    return (*((AXIS,) if has_axis else ()), SUMMARY, WAVES, *((TERMS,) if has_terms else ()))
+    return (*((AXIS,) if is_about_axis else ()), SUMMARY, WAVES, *((TERMS,) if has_terms else ()))
 
 
 def states_walls(motions: Sequence[Motion]) -> bool:

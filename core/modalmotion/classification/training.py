@@ -11,6 +11,7 @@ from importlib.metadata import version
 from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from modalmotion.classification.card import ModelCard
@@ -27,7 +28,6 @@ from modalmotion.classification.fitting import (
     split_cases,
     tables_of,
 )
-from modalmotion.classification.linear import softmax
 from modalmotion.classification.model import Model, holds, share_ranges, strangeness_of
 from modalmotion.classification.motion_features import AXIS, WAVES, volume_share
 from modalmotion.classification.options import TrainingOptions
@@ -99,7 +99,7 @@ def train(
     """
     from joblib import Parallel, delayed
 
-    chosen, report = options or TrainingOptions(), progress or _silent
+    chosen, report = options or TrainingOptions(), progress or (lambda *_: None)
     n_cases = len(cases) if isinstance(cases, Sized) else 0
 
     def reading(number: int) -> None:
@@ -230,7 +230,8 @@ def _held_out(results: Sequence[_Result], splits: Splits, cohort: Cohort) -> Cro
     for r, repetition in enumerate(splits.repetitions):
         for k, (_, outer) in enumerate(repetition):
             fits = [result.folds[place] for result in results]
-            probabilities[r, outer] = softmax(fits[better([fit for fit, _ in fits])][1])
+            scores = fits[better([fit for fit, _ in fits])][1]
+            probabilities[r, outer] = scipy.special.softmax(scores, axis=1)
             numbers[r, outer] = k
             place += 1
     return CrossValidation(
@@ -407,8 +408,3 @@ def _weighed_note(
         f"training ({', '.join(losses)}). State kind or topology to decide otherwise."
     )
     return (note,) if len(cohorts) > 1 else ()
-
-
-def _silent(share: float, text: str) -> None:
-    """Report nothing."""
-    del share, text
