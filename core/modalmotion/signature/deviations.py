@@ -93,8 +93,8 @@ def amplitude_deviations(
     rest, parts = uncertainty.rest / unit, None
     for f, R in enumerate(rotations):
         if parts is None or along_normal:
-            own = sequence.vertices[f] @ R
-            x = own if along_normal else reference_positions(sequence, reference)
+            turned = sequence.vertices[f] @ R
+            x = turned if along_normal else reference_positions(sequence, reference)
             x = x / unit
             q = _answers(x, template, directions, along_normal=along_normal)
             rigid = _rigid(

@@ -52,7 +52,7 @@ def test_kinds_do_not_compare() -> None:
     a, b = modal_signature(BEAT, ALONG_NORMALS), modal_signature(BEAT)
     assert compare(a, a).distance == 0.0
     with pytest.raises(
-        ParameterError, match="normal displacement, the other of material"
+        ParameterError, match="normal_displacement, the other of material"
     ) as caught:
         compare(a, b)
     assert "kind=normal_displacement" in str(caught.value.remedy)
