@@ -113,8 +113,8 @@ def dyssynchrony(
     Each segment follows the whole volume in its share, plus a rest. The index is the mean over
     curves drawn given the data (see `_curves`): the likeliest curves alone would be too much alike,
     and those of the data too little. The interval includes the deviation of these draws, what they
-    add to the likeliest curves, the difference from straight lines between the frames, and the
-    spacing of the frames.
+    add to the likeliest curves (of a track, what its errors could), the difference from straight
+    lines between the frames, and the spacing of the frames.
     """
     phases = phases - phases[0]
     is_first = phases < 1.0 - 1e-9  # of the cycle, without a repeated first frame
@@ -129,17 +129,18 @@ def dyssynchrony(
     rng = np.random.default_rng(_SEED)
     if is_smooth:
         smooth = volumes
-        drawn = volumes + rng.normal(size=(_DRAWS, *volumes.shape)) * np.sqrt(variances)
+        drawn = _parts(volumes)[0] + rng.normal(size=(_DRAWS, *volumes.shape)) * np.sqrt(variances)
     else:
         smooth, drawn = _curves(volumes, phases, variances, rng)
     by_noise = np.array([_apart(splines @ each) for each in drawn])
     likeliest = _apart(splines @ smooth)
     value = likeliest if is_smooth else by_noise.mean()
+    # Of a track what its errors make of segments that all follow the whole volume.
+    less = np.sqrt(max(value**2 - (by_noise**2).mean(), 0.0)) if is_smooth else likeliest
     by_lines = _apart(lines @ smooth) - likeliest
     # Of the deviation of n times that are each uniform between two frames.
     by_frames = gaps.mean() / np.sqrt(12.0 * 2.0 * (volumes.shape[1] - 1))
-    squares = ((by_noise - value) ** 2).mean() + (value - likeliest) ** 2
-    squares += by_lines**2 + by_frames**2
+    squares = by_noise.var() + (value - less) ** 2 + by_lines**2 + by_frames**2
     reach = TWO_DEVIATIONS * np.sqrt(squares)
     value, low, high = 100.0 * np.maximum([value, value - reach, value + reach], 0.0)
     return float(value), float(low), float(high)
