@@ -89,7 +89,7 @@ def offset_reference(
     Raises
     ------
     TopologyError
-        As `offsets_of` says.
+        As in `offsets_of`.
     """
     centre = template.weights @ start
     rest = start - centre
