@@ -245,8 +245,8 @@ def fitted_in(readable: Readable, sequence: MeshSequence) -> ModalSignature:
             imposed = readable.imposed_on(signature.surface, sequence.topology)
     except ModeCountError as error:
         raise ModeCountError(
-            f"The model reads {readable.n_modes} modes, and this recording's vertices do not determine "
-            f"as many apart. {error.message}",
+            f"The model reads {readable.n_modes} modes, and these vertices determine "
+            f"fewer. {error.message}",
             remedy="Send a finer mesh, or train a model on recordings like this one: it reads as "
             "many modes as they have.",
             details=error.details,

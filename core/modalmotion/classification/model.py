@@ -202,7 +202,7 @@ class Model(FrozenArrays, Saved, Plotted):
 
     @property
     def walls(self) -> bool:
-        """Whether walls are told apart, so that the zero of theta must be known."""
+        """Whether walls are distinguished, so that the zero of theta must be known."""
         return any(table.walls and table.reads_motion for table in self.tables)
 
     @property
@@ -233,7 +233,7 @@ class Model(FrozenArrays, Saved, Plotted):
         return np.asarray((share < low) | (share > high))
 
     def holds(self, probabilities: Array, coverage: float) -> NDArray[np.bool_]:
-        """Which classes are in the set that holds the true one with the requested frequency.
+        """Which classes are in the set that contains the true one with the requested frequency.
 
         Parameters
         ----------
