@@ -411,6 +411,7 @@ class IdempotencyKeys:
             Of name, subject, label and facts.
         *places : str
         """
+        self.settle()
         members = "".join(
             f", '$.{of}{name}', json(?)" for of in ("", "sequence.") for name in values
         )
