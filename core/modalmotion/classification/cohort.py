@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
@@ -29,6 +29,7 @@ from modalmotion.errors import ModalMotionError, ParameterError, UnlikeCasesErro
 from modalmotion.mesh.sequence import MEAN
 from modalmotion.mesh.spring_modes import common_count
 from modalmotion.modes.topology import MESH
+from modalmotion.progress import Progress
 from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
 from modalmotion.signature.value import first_modes
 from modalmotion.template import GivenLandmarks
@@ -40,7 +41,6 @@ _IN_ONE_PIECE: Final = 16
 # Cases that an error names.
 _MOST_NAMED: Final = 3
 
-Progress = Callable[[int], None]
 Conditions = Mapping[str, float | str]
 Groups = NDArray[np.int64]
 
@@ -122,7 +122,7 @@ def collect_cohorts(
     options : TrainingOptions
         A topology and a kind that they state are the only ones.
     progress : callable, optional
-        Called with the number of readings that are done.
+        Called with the number of cases read, in each basis anew, and of all as far as known.
 
     Raises
     ------
@@ -255,7 +255,7 @@ def alike(
     leaves_out : bool
         Whether to go on without cases that cannot be used, in the basis of most.
     progress : callable, optional
-        Called with the number of readings that are done.
+        Called with the number of cases read, in each basis anew, and of all as far as known.
 
     Raises
     ------
@@ -316,7 +316,7 @@ def _read(
     """Read cases wherever joblib works, in their order."""
     from joblib import Parallel, delayed
 
-    numbered = enumerate(cases)
+    numbered, n_cases = enumerate(cases), len(cases) if isinstance(cases, Sized) else 0
     pieces = iter(lambda: tuple(itertools.islice(numbered, _IN_ONE_PIECE)), ())
     works = (delayed(_read_piece)(piece, parameters, fewer, leaves_out) for piece in pieces)
     results = Parallel(return_as="generator", batch_size=1)(works)
@@ -328,7 +328,7 @@ def _read(
         else:
             kept[number] = case
         if progress is not None:
-            progress(number + 1)
+            progress(number + 1, max(n_cases, number + 1))
     return Alike(tuple(kept.values()), tuple(kept), tuple(left_out))
 
 

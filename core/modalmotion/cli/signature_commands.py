@@ -231,7 +231,7 @@ def resample(
             kind = _SUFFIXES[output.suffix.lower()]
             fields = {"deviation": result.deviations} if kind == SurfaceFormat.VTKHDF else None
             write_atomic(output, write_surfaces(result.sequence, kind, fields))
-    names = ("phases", "rms_deviations", "course", "sequence.unit")
+    names = ("phases", "rms_deviations", "interpolation", "sequence.unit")
     return {**members(result, *names), "notes": [reconstruction.note_on(result)]}
 
 

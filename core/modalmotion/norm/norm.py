@@ -192,7 +192,7 @@ class Norm(Saved):
             A sequence is fitted in the controls' modes; a signature has no volumes. One of the
             controls is compared with the others.
         level : float
-            Level: share of recordings like the controls that are called a deviation.
+            Level: share of recordings like the controls that are reported as deviating.
 
         Returns
         -------

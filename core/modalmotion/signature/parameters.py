@@ -81,10 +81,10 @@ class SignatureParameters:
     template : str or None
         Id of a template to use in place of one made from the sequence's own reference.
     tolerance : float or None, mm
-        Error that is not exceeded, with the fewest modes that hold it.
+        Largest error allowed: the fewest modes within it are taken.
     tolerance_of : ErrorKind
-        Error that a tolerance limits: the RMS over all frames and vertices, the one by the
-        vertices' shares of the surface, or the largest of any vertex.
+        Error that a tolerance limits: the RMS over all frames and vertices, the same
+        weighted by area, or the largest of any vertex.
     auto : bool
         Stop where the residual looks like the noise of the measurement.
     harmonics : int or None

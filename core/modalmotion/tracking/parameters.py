@@ -1,4 +1,4 @@
-"""What is asked of a track beside its observations, the same at every door."""
+"""Parameters of a track, the same in Python, for the command line and over HTTP."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.tracking.hdf5 import kept_track
-from modalmotion.tracking.label_maps import doubts_of_places, from_labels
+from modalmotion.tracking.label_maps import from_labels, notes_on_landmarks
 from modalmotion.tracking.label_values import is_label_map
 from modalmotion.tracking.landmarks import Proposed, landmarks_of
 from modalmotion.tracking.making import Start, Time
@@ -51,7 +51,7 @@ class TrackParameters:
     time : {"cycle", "open"}
         Whether the frames are one period, or part of a motion.
     reference : int or None
-        Frame that it starts from.
+        Frame in which tracking starts.
     contours : tuple of str
         Of typed contours: parts of the names of those to read.
     landmarks : mapping of str to array
@@ -161,8 +161,8 @@ class TrackParameters:
             )
         made = from_labels(images, self.labels)
         stated = {**recorded.landmarks, **self.landmarks}
-        doubts = doubts_of_places(images, stated, self.reference or 0)
-        notes = (*made.images.notes, *doubts)
+        outside = notes_on_landmarks(images, stated, self.reference or 0)
+        notes = (*made.images.notes, *outside)
         return replace(recorded, images=made.images, notes=notes), made.landmarks
 
 

@@ -141,7 +141,7 @@ def test_tracks_alone_are_listed_by_page_and_filter(client: TestClient, link: st
 
 
 def test_a_form_states_facts_and_landmarks(client: TestClient) -> None:
-    """A cup needs its ends, which any door may state; later ones override earlier ones."""
+    """A cup needs its ends, which any route may state; later ones override earlier ones."""
     beat = breathing_spheroid(2)
     clouds = [x[x[:, 2] < 20.0][::5].astype(np.float64) for x in beat.vertices]
     form = {"landmark:apex": "0,0,-40", "covariate:age": "61", "subject": "P 2"}

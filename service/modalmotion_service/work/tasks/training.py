@@ -70,7 +70,7 @@ def train_model(
     ClusterError
         If the scheduler or its workers are lost.
     """
-    report, chosen = ProgressFile(progress).write, TrainingOptions.from_json(options)
+    report, chosen = ProgressFile(progress).of("training"), TrainingOptions.from_json(options)
 
     def work() -> Model:
         return train(cases, name, chosen, report, offsets=offsets)
