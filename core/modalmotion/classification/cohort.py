@@ -96,14 +96,12 @@ class Cohort:
     @property
     def basis(self) -> str:
         """Its modes and their kind, in words."""
-        kind = self.readable.parameters.kind
-        what = "normal displacement" if kind == SignatureKind.OFFSET else str(kind)
-        return f"{what}, {self.readable.topology}"
+        return f"{self.readable.parameters.kind.replace('_', ' ')}, {self.readable.topology}"
 
 
 def collect_cohorts(
     cases: Iterable[AnyCase],
-    offsets: Iterable[AnyCase] | None,
+    normal_displacements: Iterable[AnyCase] | None,
     options: TrainingOptions,
     progress: Progress | None = None,
 ) -> tuple[Cohort, ...]:
@@ -117,8 +115,8 @@ def collect_cohorts(
     ----------
     cases : iterable of TrainingCase or CaseSource
         Sequences are fitted; signatures are taken as they are.
-    offsets : iterable of TrainingCase or CaseSource, or None
-        The same cases with their signatures of the kind offset, where `cases` are signatures.
+    normal_displacements : iterable of TrainingCase or CaseSource, or None
+        The same cases with their signatures of normal displacements, where `cases` are signatures.
     options : TrainingOptions
         A topology and a kind that they state are the only ones.
     progress : callable, optional
@@ -145,18 +143,18 @@ def collect_cohorts(
 
     cohorts = in_each(cohort, first)
     trackings = {str(motion.signature.facts.tracking) for motion in cohorts[0].motions}
-    others = cohort if offsets is None else offsets
-    is_fitted = offsets is not None or any(
+    others = cohort if normal_displacements is None else normal_displacements
+    is_fitted = normal_displacements is not None or any(
         not isinstance(getattr(case, "motion", None), ModalSignature) for case in others
     )
     if options.kind is not None or trackings == {"material"} or not is_fitted:
         return tuple(cohorts)
     try:
-        second = in_each(others, replace(first, kind=SignatureKind.OFFSET))
+        second = in_each(others, replace(first, kind=SignatureKind.NORMAL_DISPLACEMENT))
     except ModalMotionError:
         return tuple(cohorts)
-    second = [one for one in second if one.readable.parameters.kind == SignatureKind.OFFSET]
-    if second and trackings == {"offset"}:
+    second = [one for one in second if one.readable.parameters.kind != SignatureKind.MATERIAL]
+    if second and trackings == {"normal_displacement"}:
         return tuple(second)
     same = [one for one in second if np.array_equal(one.numbers, cohorts[0].numbers)]
     return (*cohorts, *same)

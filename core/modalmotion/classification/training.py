@@ -11,6 +11,7 @@ from importlib.metadata import version
 from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from modalmotion.classification.card import ModelCard
@@ -27,7 +28,6 @@ from modalmotion.classification.fitting import (
     split_cases,
     tables_of,
 )
-from modalmotion.classification.linear import softmax
 from modalmotion.classification.model import Model, holds, share_ranges, strangeness_of
 from modalmotion.classification.motion_features import AXIS, WAVES, volume_share
 from modalmotion.classification.options import TrainingOptions
@@ -61,7 +61,7 @@ def train(
     options: TrainingOptions | None = None,
     progress: Progress | None = None,
     cv: Folds | None = None,
-    offsets: Iterable[AnyCase] | None = None,
+    normal_displacements: Iterable[AnyCase] | None = None,
 ) -> Model:
     """Train a model on labelled recordings.
 
@@ -75,9 +75,9 @@ def train(
         Called with the percentage that is done, and 100.
     cv : sequence of int, optional
         Folds of your own: for each case the number of the fold in which it is predicted.
-    offsets : iterable of TrainingCase or CaseSource, optional
-        The same cases with their signatures of the kind offset, where `cases` are signatures and
-        both kinds are to be weighed. Sequences are fitted in both by themselves.
+    normal_displacements : iterable of TrainingCase or CaseSource, optional
+        The same cases with their signatures of normal displacements, where `cases` are signatures
+        and both kinds are to be weighed. Sequences are fitted in both by themselves.
 
     Returns
     -------
@@ -102,7 +102,7 @@ def train(
 
     chosen, report = options or TrainingOptions(), in_percent(progress)
     reading = as_share(part_of(report, 0.0, _READ))
-    cohorts = collect_cohorts(cases, offsets, chosen, reading)
+    cohorts = collect_cohorts(cases, normal_displacements, chosen, reading)
     splits = split_cases(cohorts[0], chosen, cv)
     # Those of a basis have its motions in memory, so each is one piece of work.
     works = (delayed(_fitted)(cohort, splits, chosen) for cohort in cohorts)
@@ -224,7 +224,8 @@ def _held_out(results: Sequence[_Result], splits: Splits, cohort: Cohort) -> Cro
     for r, repetition in enumerate(splits.repetitions):
         for k, (_, outer) in enumerate(repetition):
             fits = [result.folds[place] for result in results]
-            probabilities[r, outer] = softmax(fits[better([fit for fit, _ in fits])][1])
+            scores = fits[better([fit for fit, _ in fits])][1]
+            probabilities[r, outer] = scipy.special.softmax(scores, axis=1)
             numbers[r, outer] = k
             place += 1
     return CrossValidation(

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 _HELP: Final = {
     "modes": "Modes of the signatures; 3 amplitudes per frame each.",
     "topology": "cup, sphere, ..., or mesh for spring modes; found from all cases by default.",
-    "kind": "material: points follow the tissue; offset: normal displacement, for points that may "
+    "kind": "material: points follow the tissue; normal_displacement: for points that may "
     "slide over it; by default what all recordings state, and else the better of both.",
     "timing": "cycle: one period of a cycle; transient: a movement with a beginning and an end.",
     "folds": "Folds of the grouped cross-validation.",
@@ -157,7 +157,7 @@ def classify(
     ----------
     model
         Model: the name of an included one, or a file. The default reads displacements if
-        the file states tracking=material, the surface's offsets otherwise.
+        the file states tracking=material, the surface's normal displacements otherwise.
     coverage
         Probability that the class set contains the true class.
     plot

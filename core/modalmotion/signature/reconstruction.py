@@ -33,8 +33,8 @@ def reconstruct(
 ) -> NDArray[np.float64]:
     """Positions that the signature's modes and rotations represent.
 
-    Offsets move the reference along its normals: the vertices are then points of the surface, and
-    not those of the sequence.
+    Normal displacements move the reference along its normals: the vertices are then points of the
+    surface, and not those of the sequence.
 
     Parameters
     ----------
@@ -58,8 +58,8 @@ def reconstruct(
     parameters = signature.parameters
     used = fitted_on(signature, sequence, template)
     shapes, reference = shapes_of(signature.modes, used), parameters.reference
-    if parameters.kind == SignatureKind.OFFSET:
-        on = Superposition.of_offsets(sequence, used, shapes, reference=reference)
+    if parameters.kind == SignatureKind.NORMAL_DISPLACEMENT:
+        on = Superposition.of_normal_displacements(sequence, used, shapes, reference=reference)
     else:
         components = parameters.components
         on = Superposition.on(sequence, used, shapes, reference=reference, components=components)

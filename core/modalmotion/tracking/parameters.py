@@ -82,11 +82,11 @@ class TrackParameters:
     facts: Facts = NO_FACTS
 
     def __post_init__(self) -> None:
-        if self.facts.tracking not in ("offset", "unknown"):
+        if self.facts.tracking not in ("normal_displacement", "unknown"):
             raise ParameterError(
                 f"The fact 'tracking' is {self.facts.tracking!r}: what is tracked follows the "
                 "surface, and not its tissue.",
-                remedy="Leave it out; it becomes offset.",
+                remedy="Leave it out; it becomes normal_displacement.",
                 details={"fact": "tracking"},
             )
 
@@ -172,7 +172,8 @@ def sequence_of(
     """Read a recording as a sequence; what holds no one mesh is tracked.
 
     A track's own file is its sequence, with the errors that it states. Clouds and contours are
-    tracked as they come; meshes of changing connectivity where the facts state `tracking` offset,
+    tracked as they come; meshes of changing connectivity only where the facts state
+    `tracking` normal_displacement,
     for a mesh that ought to have been one is a mistake. Landmarks of the facts, apex and base as
     points, place the start.
 
@@ -201,8 +202,10 @@ def sequence_of(
         if TRACK not in error.remedy:
             raise
         is_mesh = isinstance(error, ShapeError | ConnectivityError)
-        if is_mesh and options.facts.tracking != "offset":
-            error.remedy += " In a table of files state tracking offset in its row to have it done."
+        if is_mesh and options.facts.tracking != "normal_displacement":
+            error.remedy += (
+                " In a table of files state tracking normal_displacement in its row to track it."
+            )
             raise
     parameters = TrackParameters(
         topology=options.topology,

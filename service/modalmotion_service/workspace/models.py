@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.classification import (
-    OFFSET_MODEL,
+    NORMAL_DISPLACEMENT_MODEL,
     Classification,
     available_models,
     load_model,
@@ -165,7 +165,7 @@ async def classification(
     """Classify a stored sequence, and tell whether the result is new."""
     analysis, store = state.analysis, state.store
     parameters, facts = analysis.resolved(sequence_id, model.parameters)
-    tracking = facts.tracking if model.name == OFFSET_MODEL else UNKNOWN
+    tracking = facts.tracking if model.name == NORMAL_DISPLACEMENT_MODEL else UNKNOWN
     key = classification_key(parameters, coverage, tracking, facts.handedness, facts.cavity)
 
     async def named(asked: SignatureParameters) -> tuple[bytes, str | None]:

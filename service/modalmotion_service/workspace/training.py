@@ -217,19 +217,19 @@ async def train(
 
     async def train_with(asked: SignatureParameters, image: Path) -> int:
         paths = await fit_each(state, cases, asked, report, _FITTING, leaves_out=leaves_out)
-        offsets: list[Path | LeftOut] | None = None
+        along_normals: list[Path | LeftOut] | None = None
         if weighs_kinds:
             # Curves and volumes have none.
             with contextlib.suppress(ModalMotionError):
-                other = replace(asked, kind=SignatureKind.OFFSET)
+                other = replace(asked, kind=SignatureKind.NORMAL_DISPLACEMENT)
                 found = await fit_each(state, cases, other, report, _FITTING, leaves_out=leaves_out)
                 # What lacks one of them has neither.
                 both = list(zip(paths, found, strict=True))
                 paths = [two if isinstance(two, LeftOut) else one for one, two in both]
-                offsets = [one if isinstance(one, LeftOut) else two for one, two in both]
+                along_normals = [one if isinstance(one, LeftOut) else two for one, two in both]
 
         tell = part_of(report, _FITTING, 1.0)
-        own = _cases(cases, paths), None if offsets is None else _cases(cases, offsets)
+        own = _cases(cases, paths), along_normals and _cases(cases, along_normals)
         settings = state.settings
         try:
             return await trainer.followed(
