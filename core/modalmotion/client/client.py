@@ -23,6 +23,7 @@ from modalmotion.client.values import (
     form_of,
     info_of,
 )
+from modalmotion.errors import StoreError
 from modalmotion.progress import Progress
 
 if TYPE_CHECKING:
@@ -418,7 +419,13 @@ class Client(Recordings):
     def _save(self, path: str | Path, asked: Call, progress: Share | None = None) -> None:
         from modalmotion.store import write_atomic
 
-        write_atomic(Path(path), self._awaited(asked, _content, progress))
+        place = Path(path)
+        if not place.parent.is_dir():  # before minutes of work are asked for
+            raise StoreError(
+                f"'{place.name}' cannot be written: there is no folder '{place.parent}'.",
+                remedy="Make the folder, or name a file in another one.",
+            )
+        write_atomic(place, self._awaited(asked, _content, progress))
 
 
 def _content(answer: Answer) -> bytes:

@@ -86,7 +86,7 @@ def with_contour_ends(
     -------
     tuple of Frame
         With points of the rim half a step beyond the ends of open arcs, as `end="base"`, and the
-        level of the base along the normal of a stack of slices, as a landmark. Frames that
+        levels of base and apex along the normal of a stack of slices, as landmarks. Frames that
         state an end keep to that, and all are as they were where points are not in planes that
         stay.
     """
@@ -119,6 +119,8 @@ def with_contour_ends(
     for k, own in ends.items():
         if not any(p.end == "base" or "base" in (p.places or ()) for p in frames[k]):
             full[k] = (*frames[k], *own, *([levels[k]] if k in levels else ()))
+    for k, tip in _tips(frames, drawn, planes, stack).items():
+        full[k] = (*full[k], tip)
     return tuple(full)
 
 
@@ -282,3 +284,48 @@ def _levels(
                 place[None], sd=variance**0.5, normals=normal[None], places=("base",)
             )
     return levels
+
+
+def _tips(
+    frames: Sequence[Frame],
+    drawn: dict[int, dict[int, _Contour]],
+    planes: _Planes,
+    stack: Ints,
+) -> dict[int, Observation]:
+    """Take the level of the apex between the first slice with a contour and the one before.
+
+    Small sections are not drawn, so that it may be farther off, in all frames alike: by how much is
+    known where it is stated. Contours along the axis show it better.
+    """
+    if not len(stack) or any(set(own) - set(stack.tolist()) for own in drawn.values()):
+        return {}
+    normal, heights = planes.normals[stack[0]], planes.offsets[stack]
+    spacing = float(np.median(np.diff(heights)))
+    found, off = {}, []
+    for k, own in drawn.items():
+        first = min((j for j, plane in enumerate(stack) if plane in own), default=0)
+        before = heights[first - 1] if first else heights[0] - spacing
+        level, sd = (heights[first] + before) / 2.0, (heights[first] - before) / 12**0.5
+        stated = [
+            point @ normal - level
+            for part in frames[k]
+            for place, point in zip(part.places or (), part.points, strict=False)
+            if place == "apex"
+        ]
+        off += stated
+        if not stated and stack[first] in own:
+            place = own[stack[first]].points.mean(axis=0)
+            found[k] = place + (level - place @ normal) * normal, sd
+    # Prior s, and s / 12^1/2 of each statement.
+    share = 12.0 * len(off) / (12.0 * len(off) + 1.0)
+    offset = share * float(np.mean(off)) if off else 0.0
+    left = spacing**2 * (1.0 - share)
+    return {
+        k: Observation(
+            (place + offset * normal)[None],
+            sd=(sd**2 + left) ** 0.5,
+            normals=normal[None],
+            places=("apex",),
+        )
+        for k, (place, sd) in found.items()
+    }

@@ -68,6 +68,17 @@ def test_a_rim_without_arcs_is_between_the_last_slice_and_the_next() -> None:
     assert level.sd[0] > SPACING / 12**0.5
 
 
+def test_an_apex_without_slices_is_below_the_first_by_as_much_as_where_it_is_stated() -> None:
+    high = (
+        Observation(slices(8.0, 0.0, -45.0)),
+        Observation(np.array([[0.0, 0.0, 8.0]]), places=("base",)),
+    )
+    _, own = added([frame_of(slices(8.0, 0.0), 8.0), high])
+    (tip,) = [part for part in own if part.places == ("apex",)]
+    # It is stated as far below the first slice as slices are apart, less the 5 mm of their middle.
+    assert tip.points[0, 2] == pytest.approx(-50.0, abs=0.5)
+
+
 def test_a_gap_below_a_closed_contour_is_no_rim() -> None:
     points = slices(8.0, 0.0)
     gap = (points[:, 2] == -15.0) & (points[:, 0] > 18.0)
