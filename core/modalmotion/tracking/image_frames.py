@@ -196,9 +196,8 @@ def frames_of_images(
     template = make_template(shape)
     surface = Deformable.of(template, modes)
     facets = Facets.of(template.faces, template.vertices, template.weights)
-    tips, is_cup = stated, template.surface == CUP
-    marks = stated
-    if is_cup:
+    tips = marks = stated
+    if is_cup := template.surface == CUP:
         tip, base = ends_of_cup(template)
         tips = with_end(stated, reference, "apex", tip, _TIP)
         marks = with_end(tips, reference, "base", base + _DESCENT * (tip - base), HELD)
@@ -225,9 +224,9 @@ def frames_of_images(
     if sight.has_layers:
         views, closed = with_trabeculae(views, looks, surface, shapes, reference)
     frames: list[Frame] = []
-    for view, share, known, own in zip(views, shares, stated, tips, strict=True):
+    for view, share, known, marked in zip(views, shares, stated, tips, strict=True):
         is_seen = view is not None and share >= LEAST_FOUND
-        held = own[len(known) :]
+        held = marked[len(known) :]
         frames.append((view.observation(), *held) if view is not None and is_seen else ())
     return ImageFrames(
         tuple(frames),

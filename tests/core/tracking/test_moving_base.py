@@ -1,4 +1,4 @@
-"""Ends that few frames state: the tip stays, the base is where valves go, nothing beyond it seen."""
+"""Ends that few frames state: the tip stays, the base follows the valve, beyond it are no edges."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_the_tip_stays_where_blood_leaves_it_unless_an_apex_is_stated() -> None:
         marks = {"apex": apex, "base": np.tile(BASE, (3, 1))}
         result = track(images, landmarks=marks, modes=18, time="open")
         x = result.sequence.vertices[:, :64].mean(axis=1)
-        rises.append(float(((x[2] - x[0]) @ AXES[:, 2])))
+        rises.append(float((x[2] - x[0]) @ AXES[:, 2]))
     assert rises[0] < 8.0
     assert rises[1] > 11.0
 
