@@ -1,7 +1,7 @@
 """GLB in: morph targets whose weights move, on nodes that may move as well (glTF 2.0).
 
-Positions are evaluated at the keyframes of the animation. What a file names is counted as it is
-used: a few bytes may name the same part again and again.
+Positions are evaluated at the keyframes of what moves a mesh. What a file names is counted as it
+is used: a few bytes may name the same part again and again.
 """
 
 from __future__ import annotations
@@ -274,7 +274,7 @@ Channels = dict[tuple[int, str], Channel]
 
 
 def _channels(file: File, name: str | None) -> tuple[Channels, list[str]]:
-    """Read the channels of an animation by node and property; give the names of the others."""
+    """Read what moves a mesh in an animation, by node and property; name the other animations."""
     animations = file.document.get("animations", [])
     names = [str(a.get("name", i)) for i, a in enumerate(animations)]
     if name is not None and name not in names:
@@ -287,14 +287,27 @@ def _channels(file: File, name: str | None) -> tuple[Channels, list[str]]:
     index = 0 if name is None else names.index(name)
     animation, read = file.item("animations", index), dict[tuple[int, str], Channel]()
     channels: Channels = {}
+    movers = _movers(file.document["nodes"])
     for listed in animation["channels"]:
         sampler, path = listed["sampler"], listed["target"].get("path")
-        if path in _COMPONENTS and "node" in listed["target"]:
+        if path in _COMPONENTS and listed["target"].get("node") in movers:
             if (sampler, path) not in read:
                 # Many nodes may move by the same numbers.
                 read[sampler, path] = _channel(file, animation["samplers"][sampler], path)
             channels[listed["target"]["node"], path] = read[sampler, path]
     return channels, [other for i, other in enumerate(names) if i != index]
+
+
+def _movers(nodes: list[dict[str, Any]]) -> set[int]:
+    """Find the nodes with meshes and those above them; cameras and lights have frames of no use."""
+    above = {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
+    movers = set[int]()
+    for i, node in enumerate(nodes):
+        index: int | None = i if "mesh" in node else None
+        while index is not None and index not in movers:
+            movers.add(index)
+            index = above.get(index)
+    return movers
 
 
 def _channel(file: File, sampler: dict[str, Any], path: str) -> Channel:
@@ -388,7 +401,9 @@ def _shown(
         if index in seen:
             raise _malformed(f"Node {index} of the GLB file has two parents, or is part of itself.")
         seen.add(index)
-        world = above @ _local(file, node, index, channels, times)
+        local = _local(node, index, channels, times)
+        world = above @ local
+        file.hold(local.nbytes + world.nbytes)
         if "mesh" in node:
             if "skin" in node:
                 raise MalformedFileError(
@@ -400,7 +415,10 @@ def _shown(
         waiting += [(world, child) for child in reversed(node.get("children", []))]
 
 
-def _local(file: File, node: dict[str, Any], index: int, channels: Channels, times: Array) -> Array:
+def _local(node: dict[str, Any], index: int, channels: Channels, times: Array) -> Array:
+    if "matrix" in node:
+        # Column by column.
+        return _numbers(node, "matrix", [0.0] * 16).reshape(1, 4, 4).transpose(0, 2, 1)
     parts = {
         path: channels[index, path].at(times)
         if (index, path) in channels
@@ -412,10 +430,6 @@ def _local(file: File, node: dict[str, Any], index: int, channels: Channels, tim
         )
     }
     local = np.zeros((max(map(len, parts.values())), 4, 4))
-    file.hold(2 * local.nbytes)
-    if "matrix" in node:
-        # Column by column.
-        return _numbers(node, "matrix", [0.0] * 16).reshape(1, 4, 4).transpose(0, 2, 1)
     # M = T R S
     turns = scipy.spatial.transform.Rotation.from_quat(parts["rotation"])
     local[:, :3, :3] = turns.as_matrix() * parts["scale"][:, None, :]
@@ -511,7 +525,7 @@ def _placed(mesh: _Mesh, weights: Array, M: Array) -> Array:
 def _notes(positions: NDArray[Any], n_targets: int, channels: Channels) -> list[str]:
     notes = []
     if not channels:
-        notes.append("The file contains no animation: there is one frame.")
+        notes.append("No animation in the file moves a mesh: there is one frame.")
     elif n_targets == 0:
         notes.append("The mesh has no morph targets: it moves as a rigid body.")
     n_twice = len(positions) - len(np.unique(positions, axis=0))

@@ -204,7 +204,7 @@ def dynamical_matrices(
     ------
     ParameterError
         If a matrix is not (3, 3) and finite, an offset and its opposite are both given, or the
-        mass is not positive.
+        mass or a number of nodes is not positive.
     ShapeError
         If the wavenumbers are not integers of shape (waves, axes).
     """
@@ -217,6 +217,10 @@ def dynamical_matrices(
             )
     if not (math.isfinite(mass) and mass > 0):
         raise ParameterError(f"The mass M is {mass}.", remedy="Use a finite mass above zero.")
+    if min(shape, default=0) < 1:
+        raise ParameterError(
+            f"A lattice has no shape {shape}.", remedy="Give a node or more along each axis."
+        )
     p = np.asarray(wavenumbers)
     if p.ndim != 2 or p.shape[1] != len(shape) or p.dtype.kind not in "iu":
         raise ShapeError(

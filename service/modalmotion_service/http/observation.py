@@ -37,11 +37,12 @@ def _sum() -> float:
 
 
 def add_milliseconds(milliseconds: Mapping[str, float]) -> None:
-    """Add times measured elsewhere, such as by a worker."""
+    """Add times measured elsewhere, such as by a worker; those below 0 name parts of a stage."""
     collected = _stages.get()
     if collected is not None:
         for name, spent in milliseconds.items():
-            collected[name] = collected.get(name, 0.0) + spent
+            # Tasks that run at the same time may have more parts than their stage has waited.
+            collected[name] = max(0.0, collected.get(name, 0.0) + spent)
 
 
 def server_timing(spent_in: Mapping[str, float], total: float) -> str:

@@ -140,19 +140,21 @@ class StateOfThings(Collector):
         yield _gauge("jobs", "Jobs stored, by kind and state.", jobs, "kind", "state")
         stored = _sum(state.store.count() for state in states)
         yield _gauge("stored", "Things in the stores.", stored, "kind")
-        waiting = engine.n_waiting
+        n_workers, n_tasks = engine.n_workers, self._metrics.tasks_under_way
+        # An engine that does not know the lanes does as many at once as it has workers.
+        waiting = engine.n_waiting or {"short": 0, "long": max(0, n_tasks - n_workers)}
         yield _gauge(
             "tasks_waiting",
             "Tasks without a process yet: short work, and all other.",
             {(lane,): length for lane, length in waiting.items()},
             "lane",
         )
-        busy = max(0, self._metrics.tasks_under_way - sum(waiting.values()))
+        busy = max(0, n_tasks - sum(waiting.values()))
         for name, meaning, value in (
             ("ready", "Whether results can be made and stored: 1 or 0.", self._is_ready()),
             ("owners", "Stores that are open.", len(states)),
             ("owners_failed", "Stores that cannot be opened.", self._owners.n_failed),
-            ("workers", "Worker processes, but for that of the short lane.", engine.n_workers),
+            ("workers", "Worker processes, but for that of the short lane.", n_workers),
             ("workers_busy", "Processes with a task, that of the short lane too.", busy),
             ("disk_free_bytes", "Free space of the data folder.", self._owners.free_bytes()),
         ):

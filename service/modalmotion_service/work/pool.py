@@ -105,8 +105,9 @@ class Keeper(threading.Thread):
     def _give_up(self, task: Task | None) -> None:
         """End the process that is at work on a task, if it still is; else a look ends the wait."""
         with self._changing:
-            if task is not None and self._task is task and self._process is not None:
-                self._process.kill()
+            # It may be replaced meanwhile.
+            if task is not None and self._task is task and (process := self._process) is not None:
+                process.kill()
 
     def _do(self, task: Task) -> None:
         """Run a task; its future is settled when this returns, or it is in the queue again."""

@@ -162,7 +162,7 @@ def test_a_file_without_animation_is_one_frame() -> None:
     read = read_sequence(glb(scene(animations=[]), *ARRAYS))
     assert read.sequence.n_frames == 1
     assert read.sequence.times is None
-    assert "no animation" in read.notes[0]
+    assert "No animation" in read.notes[0]
 
 
 def test_trimesh_finds_the_same_base(tmp_path: Path) -> None:
@@ -355,3 +355,47 @@ def test_many_targets_from_one_accessor_are_no_way_around_the_limits() -> None:
     )
     with pytest.raises(LimitError):
         read_sequence(data, ReadOptions(limits=ReadLimits(decompressed_bytes=10_000_000)))
+
+
+def test_a_camera_that_moves_adds_no_frames() -> None:
+    document = scene()
+    document["nodes"] += [{"camera": 0}]
+    document["scenes"][0]["nodes"] += [2]
+    document["accessors"] += [
+        {"bufferView": 7, "componentType": 5126, "count": 4, "type": "SCALAR"},
+        {"componentType": 5126, "count": 4, "type": "VEC3"},
+    ]
+    document["animations"][0]["samplers"] += [{"input": 6, "output": 7}]
+    document["animations"][0]["channels"] += [
+        {"sampler": 1, "target": {"node": 2, "path": "translation"}}
+    ]
+    keys = np.array([-1, 0.1, 0.2, 9], "<f4")
+    read = read_sequence(glb(document, *ARRAYS, keys)).sequence
+    alone = read_sequence(glb(scene(), *ARRAYS)).sequence
+    assert read.times is not None
+    assert np.array_equal(read.times, np.array(TIMES, "<f4"))
+    assert np.array_equal(read.vertices, alone.vertices)
+
+
+def test_nodes_below_one_that_moves_are_counted_with_their_frames() -> None:
+    n_nodes, n_frames = 2_000, 2_000
+    chain = [{"children": [k, n_nodes + k]} for k in range(1, n_nodes)]
+    document = {
+        "scenes": [{"nodes": [0]}],
+        "nodes": [*chain, {"mesh": 0}, *({} for _ in range(n_nodes))],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 2}}]}],
+        "animations": [
+            {
+                "channels": [{"sampler": 0, "target": {"node": 0, "path": "translation"}}],
+                "samplers": [{"input": 0, "output": 1}],
+            }
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": n_frames, "type": "SCALAR"},
+            {"componentType": 5126, "count": n_frames, "type": "VEC3"},
+            {"componentType": 5126, "count": 3, "type": "VEC3"},
+        ],
+    }
+    with pytest.raises(LimitError) as caught:
+        read_sequence(glb(document, np.arange(n_frames, dtype="<f4")))
+    assert caught.value.limit == "unfolded_bytes"

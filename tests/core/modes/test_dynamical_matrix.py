@@ -221,6 +221,9 @@ def test_other_wrong_input_is_refused() -> None:
     for mass in (0.0, -1.0, np.nan):
         with pytest.raises(ParameterError, match="mass"):
             dynamical_matrices((4,), {(1,): -np.eye(3)}, np.array([[1]]), mass)
+    for n in (0, -4):
+        with pytest.raises(ParameterError, match="shape"):
+            dynamical_matrices((n,), {(1,): -np.eye(3)}, np.array([[1]]))
     wrong: list[NDArray[Any]] = [np.zeros((3, 2), int), np.zeros((3, 1)), np.zeros(3, int)]
     for wavenumbers in wrong:
         with pytest.raises(ShapeError):

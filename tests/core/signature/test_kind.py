@@ -24,13 +24,10 @@ BEAT = simulate_ventricle(
 OFFSET = SignatureParameters(kind=SignatureKind.OFFSET)
 
 
-def test_the_kind_is_part_of_the_key_and_the_default_leaves_it_as_it_was() -> None:
+def test_the_kind_is_part_of_the_key() -> None:
     assert SignatureParameters(kind=SignatureKind.MATERIAL).key == SignatureParameters().key
     assert OFFSET.key != SignatureParameters().key
     assert parameters_from_json(parameters_as_json(OFFSET)) == OFFSET
-    older = parameters_as_json(SignatureParameters())
-    del older["kind"]
-    assert parameters_from_json(older).kind == SignatureKind.MATERIAL
 
 
 def test_an_offset_is_one_amplitude_of_a_mode() -> None:

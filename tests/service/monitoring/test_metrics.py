@@ -10,6 +10,8 @@ from fastapi.testclient import TestClient
 from prometheus_client.parser import text_string_to_metric_families
 
 from modalmotion_service.access.scopes import Scope
+from modalmotion_service.monitoring.metrics import Metrics
+from modalmotion_service.work.pool import WorkerPool
 
 Samples = dict[tuple[str, frozenset[tuple[str, str]]], float]
 
@@ -54,6 +56,17 @@ def test_figures_count_what_happened(client: TestClient, beat: bytes) -> None:
     assert [value(found, "workers_busy"), *waiting] == [0, 0, 0]
     assert value(found, "workers") >= 1
     assert value(found, "disk_free_bytes") > 0
+
+
+def test_tasks_of_an_engine_without_lanes_wait_beyond_its_workers(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(WorkerPool, "n_waiting", {})
+    monkeypatch.setattr(Metrics, "tasks_under_way", 700)
+    found = samples(client.get("/metrics").text)
+    n_workers = value(found, "workers")
+    waiting = [value(found, "tasks_waiting", lane=lane) for lane in ("short", "long")]
+    assert [value(found, "workers_busy"), *waiting] == [n_workers, 0, 700 - n_workers]
 
 
 def test_refusals_are_counted_and_stores_added_up(tmp_path: Path, beat: bytes) -> None:

@@ -20,8 +20,9 @@ from worker_tasks import answer_twice, hang, is_running, short, slow_mark
 
 from modalmotion.errors import LimitError
 from modalmotion_service.errors import ClusterError, NoWorkerError, WorkerDiedError
+from modalmotion_service.work.engine import Task
 from modalmotion_service.work.forks import FORKS, WorkerProcess, is_stopped
-from modalmotion_service.work.pool import WorkerPool
+from modalmotion_service.work.pool import Keeper, WorkerPool
 from modalmotion_service.work.worker import answer as send_answer
 
 MEMORY = 3_000_000_000
@@ -193,3 +194,21 @@ def test_a_worker_that_adds_to_its_answer_is_replaced() -> None:
         pid = pool.submit(os.getpid).result(timeout=60)
         assert pool.submit(answer_twice).result(timeout=60) == 2
         assert pool.submit(os.getpid).result(timeout=60) != pid
+
+
+def test_a_task_is_given_up_at_the_moment_at_which_its_process_is_replaced(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with WorkerPool(1, 20.0, MEMORY) as pool:
+        assert pool.submit(os.getpid).result(timeout=60) > 0
+        (keeper,) = pool._keepers
+        process = keeper._process
+        assert process is not None
+        looks = iter([process])
+        replaced = property(lambda _: next(looks, None))
+        monkeypatch.setattr(Keeper, "_process", replaced, raising=False)
+        task = keeper._task = Task(Future(), hang, bytes, 1, 1.0)
+        keeper._give_up(task)
+        monkeypatch.undo()
+        keeper._task = None
+        assert pool.submit(os.getpid).result(timeout=60) != process.pid
